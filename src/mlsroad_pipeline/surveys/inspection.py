@@ -269,13 +269,10 @@ def _facts(
 
 
 def _trajectory_warnings(trajectory: str, quality: QualityReport, crs: str | None, options: ReadOptions) -> list[str]:
+    path = read_trajectory(trajectory, crs=crs, factors=options.factors)
     first, last = quality.time_start, quality.time_end
-    if not np.isfinite(first):
-        return []
-    note = coverage_note(
-        in_weeks_of(read_trajectory(trajectory, crs=crs, factors=options.factors), first, last), first, last
-    )
-    return [note] if note else []
+    covered = coverage_note(in_weeks_of(path, first, last), first, last) if np.isfinite(first) else ""
+    return [note for note in (path.note, covered) if note]
 
 
 def _column_facts(summary: ColumnSummary) -> dict[str, Any]:

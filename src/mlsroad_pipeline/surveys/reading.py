@@ -201,7 +201,7 @@ def find_corridor(
         path = read_trajectory(trajectory, crs=samples[0].crs if samples else None, factors=factors)
         times = _times_of(samples)
         path = in_weeks_of(path, *times)
-        return _with_note(path, coverage_note(path, *times))
+        return _with_note(path, "; ".join(filter(None, (path.note, coverage_note(path, *times)))))
     if not along:
         return _with_note(None)
     filled = [part for part in windows if len(part)]

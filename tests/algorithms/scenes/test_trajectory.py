@@ -108,3 +108,41 @@ def test_bad_positions_name_the_source():
             Trajectory.from_positions(positions, source="run.csv")
     with pytest.raises(DataError, match="NaN or infinite"):
         Trajectory.from_positions(bends()).locate([[0, 0, np.inf]])
+
+
+def drive(n=200, seconds=0.1):
+    """Return positions 1 m apart on a bent road, and their times."""
+    s = np.arange(n, dtype=float)
+    return np.column_stack([s, 20 * np.sin(s / 60), 0 * s]) + UTM, np.arange(n) * seconds + 4e5
+
+
+@pytest.mark.parametrize("timed", [True, False])
+@pytest.mark.parametrize("row", [0, 1, 100, 198, 199])
+@pytest.mark.parametrize("wrong", [[1e5, 0, 0], [1e300, -1e300, 0], [0, 5000, 0]])
+def test_an_absurd_position_is_left_out_and_named(timed, row, wrong):
+    xyz, time = drive()
+    xyz[row] += wrong
+    path = Trajectory.from_positions(xyz, time if timed else None, source="drive.csv")
+    right = Trajectory.from_positions(*(np.delete(values, row, axis=0) for values in drive()))
+    np.testing.assert_allclose(path.station, right.station)
+    assert path.note.startswith(f"1 position that no vehicle can reach was left out of the trajectory: row {row} is at")
+
+
+def test_a_row_of_absurd_positions_is_left_out_and_many_are_an_error():
+    xyz, time = drive(1000)
+    xyz[500:504, 0] += 7e4
+    path = Trajectory.from_positions(xyz, time)
+    assert len(path.xyz) == 996 and path.note.startswith("4 positions out of reach were left out")
+    xyz[::5, 1] += 7e4
+    with pytest.raises(DataError, match=r"drive\.csv: 20\d of 1000 positions cannot be reached from the others: row 0"):
+        Trajectory.from_positions(xyz, time, source="drive.csv")
+
+
+def test_gaps_that_a_vehicle_drove_and_passes_without_times_stay():
+    xyz, time = drive()
+    away = xyz + [3000, 0, 0]
+    later = Trajectory.from_positions(np.concatenate([xyz, away]), np.concatenate([time, time + 120]))
+    passes = Trajectory.from_positions(np.concatenate([xyz, away]))
+    coarse = Trajectory.from_positions(xyz[::25], time[::25] / 3600)  # hours
+    assert (len(later.xyz), len(passes.xyz), len(coarse.xyz)) == (400, 400, 8)
+    assert later.note == passes.note == coarse.note == ""

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_column, check_xyz
 from mlsroad_pipeline.algorithms.geometry import polyline
+from mlsroad_pipeline.algorithms.scenes.trajectory_jumps import without_jumps
 
 _CHUNK = 1 << 20
 
@@ -29,12 +30,15 @@ class Trajectory:
         Station: length travelled in plan, metres; 0 at the first position, constant while the vehicle stands still.
     source : str
         Name in messages, usually the path of the file.
+    note : str
+        Sentence on positions that were left out; empty if none was.
     """
 
     time: NDArray[np.float64] | None
     xyz: NDArray[np.float64]
     station: NDArray[np.float64]
     source: str = field(default="trajectory", compare=False)
+    note: str = field(default="", compare=False)
 
     @classmethod
     def from_positions(
@@ -44,7 +48,7 @@ class Trajectory:
 
         Positions are sorted by time; the first of several positions with the same time is kept. Movements of less than
         `minimum_step` in plan since the last kept position do not increase the station, so that the jitter of a
-        standing vehicle adds no length.
+        standing vehicle adds no length. Single positions that no vehicle can have reached are left out (`note`).
 
         Parameters
         ----------
@@ -65,24 +69,27 @@ class Trajectory:
         Raises
         ------
         DataError
-            If `xyz` is not (m, 3), a coordinate or time is NaN or infinite, the lengths differ, or fewer than two
-            positions are `minimum_step` apart.
+            If `xyz` is not (m, 3), a coordinate or time is NaN or infinite, the lengths differ, more than one position
+            in a hundred cannot be reached from the others, or fewer than two positions are `minimum_step` apart.
         """
         positions = check_xyz(xyz, name=f"{source}: positions").astype(np.float64)
-        seconds = None
+        seconds, rows = None, np.arange(len(positions))
         if time is not None:
             seconds = check_column(time, len(positions), f"{source}: time").astype(np.float64)
             if not np.isfinite(seconds).all():
                 row = int(np.flatnonzero(~np.isfinite(seconds))[0])
                 raise DataError(f"{source}: time at row {row} is {seconds[row]}")
-            seconds, first = np.unique(seconds, return_index=True)
-            positions = positions[first]
+            seconds, rows = np.unique(seconds, return_index=True)
+            positions = positions[rows]
+        kept, note = without_jumps(positions, seconds, rows, source)
+        positions = positions[kept]
+        seconds = None if seconds is None else seconds[kept]
         station = _stations(positions[:, :2], minimum_step)
         if len(station) == 0 or station[-1] == 0.0:
             raise DataError(
                 f"{source}: the {len(positions)} positions are less than {minimum_step} m apart: there is no movement"
             )
-        return cls(seconds, positions, station, source)
+        return cls(seconds, positions, station, source, note)
 
     @property
     def length(self) -> float:
