@@ -14,6 +14,7 @@ from kedro.config import OmegaConfigLoader
 from omegaconf import DictConfig, OmegaConf
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.execution.path_parameters import check_paths
 from mlsroad_pipeline.execution.run_identity import absolute, run_folder, run_settings
 
 SETTINGS = ("default_pipeline", "execution", "stage_costs")
@@ -130,6 +131,7 @@ class ParameterConfigLoader(OmegaConfigLoader):
         if key == "parameters":
             if self._parameters is None:
                 self._parameters = super().__getitem__(key)
+                check_paths(self._parameters, self.runtime_params or {})
             return deepcopy(self._parameters)
         if key == "catalog":
             parameters = self["parameters"]  # read first, since resolvers hide the cause of an error

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.execution.path_parameters import with_text_of_paths
 
 SUFFIX = "_mlsroad"
 """Ending of the folder of results beside a survey."""
@@ -110,7 +111,7 @@ def nested(pairs: Sequence[str], *, given: Mapping[str, str] | None = None) -> d
             raise typer.BadParameter(f"{pair!r} is no YAML value: {reason}", param_hint="--params") from error
     values = OmegaConf.to_container(OmegaConf.from_dotlist(list(pairs)), resolve=False)
     assert isinstance(values, dict)
-    return {str(key): value for key, value in values.items()}
+    return with_text_of_paths({str(key): value for key, value in values.items()}, pairs)
 
 
 def merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:

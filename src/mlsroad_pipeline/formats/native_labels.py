@@ -21,7 +21,8 @@ from mlsroad_pipeline.formats.native_tables import SINKS, can_hold
 from mlsroad_pipeline.formats.ply.format import PlyFormat, vertex_rows
 from mlsroad_pipeline.formats.ply.header import PlyHeader, read_ply_header
 from mlsroad_pipeline.formats.text.format import TextFormat
-from mlsroad_pipeline.formats.text.layout import open_table
+from mlsroad_pipeline.formats.text.layout import TextTable, open_table
+from mlsroad_pipeline.formats.text.names import decoded
 from mlsroad_pipeline.formats.text.rows import TextRows
 from mlsroad_pipeline.formats.text.values import WHITESPACE
 
@@ -121,16 +122,20 @@ class _TextSink:
         table = open_table(source, options)
         self._rows, self._out = table.rows, out
         self._delimiter = " " if table.delimiter == WHITESPACE else table.delimiter
-        head = table.head
+        lines = list(table.head.lines)
         if table.has_names:
-            comments, _, line = head.rstrip(b"\r\n").rpartition(b"\n")
-            names = line.decode("utf-8-sig", "replace").rstrip("\r")
-            for name in RESULTS:
-                if name in table.names:
-                    names = re.sub(rf"\b{name}\b", kept_name(name, table.names), names)
-            names = self._delimiter.join([names, *RESULTS])
-            head = comments + (b"\n" if comments else b"") + names.encode() + b"\n"
-        self._out.write(head)
+            lines[table.head.names_at] = self._with_results(lines[table.head.names_at], table)
+        self._out.write(b"".join(lines))
+
+    def _with_results(self, line: bytes, table: TextTable) -> bytes:
+        """Return the line of the names with those of the results, in its own separator and encoding."""
+        names, encoding = decoded(line)
+        separator = next((mark for mark in "\t;," if mark in names), self._delimiter)
+        for name in RESULTS:
+            if name in table.names:
+                names = re.sub(rf"\b{name}\b", kept_name(name, table.names), names)
+        blank = [""] * (table.names[-1] == "" and not names.rstrip().endswith(separator))
+        return (separator.join([names, *blank, *RESULTS]) + "\n").encode(encoding)
 
     def write(self, start: int, labels: PointLabels) -> None:
         """Write the points from row `start`."""

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import logging
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from glob import glob, has_magic
 from pathlib import Path
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.formats.registry import format_of_name, known_extensions
+
+logger = logging.getLogger(__name__)
 
 
 def find_point_files(root: str | Path, patterns: Sequence[str] | None = None) -> list[Path]:
@@ -27,7 +30,7 @@ def find_point_files(root: str | Path, patterns: Sequence[str] | None = None) ->
         ]
     else:
         raise ReadError(f"{root} does not exist")
-    files = sorted({m for m in matches if m.is_file() and format_of_name(m) is not None and not _hidden(m, path)})
+    files = _once({m for m in matches if format_of_name(m) is not None and not _hidden(m, path)})
     if not files:
         searched = f"{root} with {', '.join(patterns)}" if patterns else str(root)
         raise ReadError(f"no point cloud found in {searched} (extensions: {', '.join(known_extensions())})")
@@ -44,11 +47,37 @@ def _matching(folder: Path, pattern: str) -> list[Path]:
 
 
 def _below(folder: Path) -> Iterator[Path]:
-    """Yield the files below a folder; links to folders are followed, except those to a folder that holds the link."""
-    for here, folders, names in os.walk(folder, followlinks=True):
-        real = Path(os.path.realpath(here))
-        folders[:] = [name for name in folders if not real.is_relative_to(os.path.realpath(Path(here, name)))]
-        yield from (Path(here, name) for name in names)
+    """Yield the files below a folder, each folder once; links are followed after the folders themselves."""
+    folders, links, seen = [folder], list[Path](), set[str]()
+    while folders or links:
+        here = folders.pop(0) if folders else links.pop(0)
+        real = os.path.realpath(here)
+        if real in seen or (here != folder and Path(os.path.realpath(here.parent)).is_relative_to(real)):
+            continue
+        seen.add(real)
+        try:
+            entries = sorted(os.scandir(here), key=lambda entry: entry.name)
+        except OSError as error:
+            logger.warning("%s cannot be read: %s: skipped", here, error.strerror)
+            continue
+        for entry in entries:
+            if Path(entry.path).is_dir():
+                (links if entry.is_symlink() else folders).append(Path(entry.path))
+            else:
+                yield Path(entry.path)
+
+
+def _once(paths: Iterable[Path]) -> list[Path]:
+    """Return existing files, each once whatever links lead to it; the path without links is kept."""
+    found: dict[tuple[int, int], tuple[bool, int, Path]] = {}
+    for path in paths:
+        if not path.is_file():
+            continue
+        status = path.stat()
+        rank = (os.path.realpath(path) != os.path.abspath(path), len(path.parts), path)
+        key = (status.st_dev, status.st_ino)
+        found[key] = min(found.get(key, rank), rank)
+    return sorted(path for _, _, path in found.values())
 
 
 def _has_point_files(folder: Path) -> bool:

@@ -13,7 +13,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadErro
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart, check_splits_along, check_splits_sectors
 from mlsroad_pipeline.formats.registry import format_of_name
 from mlsroad_pipeline.surveys.discovery import find_point_files, find_split_files
-from mlsroad_pipeline.surveys.probing import no_points_reason
+from mlsroad_pipeline.surveys.probing import copies_beside, no_points_reason
 
 RESULTS = ".mlsroad"
 """Folder that marks an output folder of `label`: `execution.run_identity.STATE`."""
@@ -121,6 +121,8 @@ class Survey:
                 tables = _tables_beside(below)
                 reasons |= {path: TABLE for path in tables if path.name != trajectory}
                 below = [path for path in below if path not in tables]
+            copies = {path: f"{reason}: skipped" for path, reason in copies_beside(below).items()}
+            reasons |= {path: reason for path, reason in copies.items() if path.absolute() not in named}
             for path in (path for path in below if path.absolute() not in named and path.name != trajectory):
                 reason = no_points_reason(path, text=text)
                 reasons |= {path: f"{reason}: skipped"} if reason else {}

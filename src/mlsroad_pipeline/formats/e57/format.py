@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -20,8 +20,9 @@ from mlsroad_pipeline.formats.e57.pages import E57Pages
 from mlsroad_pipeline.formats.e57.scans import NAMESPACE, E57Scan, parse_xml, read_scans
 from mlsroad_pipeline.formats.e57.values import read_field
 from mlsroad_pipeline.formats.e57.writer import write_e57
-from mlsroad_pipeline.formats.files import FileKey, atomic_file, file_key
+from mlsroad_pipeline.formats.files import FileKey, atomic_file, file_key, spread_starts
 from mlsroad_pipeline.formats.flat_table import scalar_columns
+from mlsroad_pipeline.formats.intensity import FULL, ORIGINAL
 from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES
 from mlsroad_pipeline.formats.tables import PointTable, TableFormat
 
@@ -31,6 +32,8 @@ INVALID = ("cartesianInvalidState", "sphericalInvalidState")
 NAMES = {"colorRed": "red", "colorGreen": "green", "colorBlue": "blue", "timeStamp": "gps_time"}
 SCAN = "scan"
 CHUNK = 1_000_000
+SAMPLES, SAMPLE_SIZE = 8, 2000
+"""Number and length of the runs of points whose intensities are compared with the stated limits."""
 
 logger = logging.getLogger(__name__)
 
@@ -84,6 +87,9 @@ class _Scan:
         self._kept = self._valid()
         self.n_points = scan.n_points if self._kept is None else len(self._kept)
         self.n_invalid = scan.n_points - self.n_points
+        self.notes = [*scan.notes]
+        self._widened = False
+        self._intensities = self._intensity_limits()
         self.types = self._types()
 
     def _valid(self) -> NDArray[np.int64] | None:
@@ -107,6 +113,8 @@ class _Scan:
             if name not in hidden:
                 given = NAMES.get(name, name)
                 types[given] = self.column(given, 0, 0).dtype if name in ("intensity", *NAMES) else field.dtype
+        if self._widened:
+            types[ORIGINAL] = self._fields["intensity"].dtype
         if not (set(CARTESIAN) <= self._fields.keys() or set(SPHERICAL) <= self._fields.keys()):
             have = ", ".join(self._fields) or "none"
             raise ReadError(f"{self._pages.path}: scan {self._number} has no coordinates (fields: {have})")
@@ -128,7 +136,7 @@ class _Scan:
                 + (self._scan.translation[COORDINATES.index(name)])
             )
         field = next((key for key, given in NAMES.items() if given == name), name)
-        values = self._raw(field, start, stop)
+        values = self._raw("intensity" if name == ORIGINAL and self._widened else field, start, stop)
         if name == "gps_time":
             return values.astype(np.float64) + self._scan.start
         if name in COLOURS:
@@ -151,12 +159,41 @@ class _Scan:
             values = np.rint(values * 255)
         return values.astype(np.uint8 if greatest <= 255 else np.uint16)
 
-    def _intensity(self, values: NDArray, start: int, stop: int) -> NDArray:
+    def _intensity_limits(self) -> tuple[float, float] | None:
+        """Return the values that become 0 and 1: the stated limits, or wider ones where intensities exceed these."""
+        if "intensity" not in self._fields or not self._limits:
+            return None
         spec, limits = self._fields["intensity"], self._scan.limits
         scaled = spec.kind != "Integer"
         low = limits.get("intensityMinimum", spec.minimum * spec.scale + spec.offset if scaled else spec.minimum)
         high = limits.get("intensityMaximum", spec.maximum * spec.scale + spec.offset if scaled else spec.maximum)
-        if self._limits and np.isfinite([low, high]).all() and high > low:
+        if not (np.isfinite([low, high]).all() and high > low):
+            return None
+        found = self._intensity_extremes(spread_starts(self._scan.n_points, SAMPLES, SAMPLE_SIZE), SAMPLE_SIZE)
+        slack = (high - low) * 1e-6
+        if low - slack <= found[0] and found[1] <= high + slack:
+            return low, high
+        found = self._intensity_extremes(range(0, self._scan.n_points, CHUNK), CHUNK)
+        self._widened = True
+        wider = (min(low, found[0]), next((full for full in FULL if found[1] <= full), found[1]))
+        self.notes.append(
+            f"scan {self._number} states intensities from {low:g} to {high:g} and has {found[0]:g} to {found[1]:g}: "
+            f"{wider[0]:g} to {wider[1]:g} are mapped to 0 to 1"
+        )
+        return wider
+
+    def _intensity_extremes(self, starts: Iterable[int], size: int) -> tuple[float, float]:
+        low, high = np.inf, -np.inf
+        for start in starts:
+            values = self._raw("intensity", start, min(start + size, self._scan.n_points))
+            values = values[np.isfinite(values)]
+            if len(values):
+                low, high = min(low, float(values.min())), max(high, float(values.max()))
+        return low, high
+
+    def _intensity(self, values: NDArray, start: int, stop: int) -> NDArray:
+        if self._intensities is not None:
+            low, high = self._intensities
             values = np.clip((values.astype(np.float64) - low) / (high - low), 0.0, 1.0)
         if "isIntensityInvalid" in self._fields:
             flags = self._raw("isIntensityInvalid", start, stop)
@@ -183,7 +220,8 @@ def _open(key: FileKey, limits: bool) -> PointTable:
         return {name: _joined(scans, ends, name, types[name], (start, max(start, stop))) for name in names}
 
     details = {"scans": len(scans), "invalid": n_invalid, "guid": root.findtext(NAMESPACE + "guid")}
-    return PointTable(tuple(types), int(ends[-1]), rows, _crs(root), details)
+    notes = tuple(note for scan in scans for note in scan.notes)
+    return PointTable(tuple(types), int(ends[-1]), rows, _crs(root), details, notes)
 
 
 def _joined_types(scans: Sequence[_Scan], path: Path) -> dict[str, np.dtype]:

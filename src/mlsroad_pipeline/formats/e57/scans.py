@@ -17,6 +17,8 @@ NAMESPACE = "{http://www.astm.org/COMMIT/E57/2010-e57-v1.0}"
 SECTION = struct.Struct("<B7xQQQ")
 COMPRESSED_VECTOR, DATA_PACKET = 1, 1
 LARGEST_XML = 1 << 28
+LEAST_NORM = 1e-9
+"""Smallest norm of a quaternion with a direction."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,8 @@ class E57Scan:
         Time that time stamps count from.
     streams : tuple of (ndarray, ndarray)
         Per field: offsets of its pieces in the content, and the number of bytes before each; the last is the sum.
+    notes : tuple of str
+        Sentences on repairs.
     """
 
     name: str
@@ -89,6 +93,7 @@ class E57Scan:
     limits: Mapping[str, float]
     start: float
     streams: tuple[tuple[NDArray[np.int64], NDArray[np.int64]], ...] = field(default=(), repr=False)
+    notes: tuple[str, ...] = ()
 
 
 def parse_xml(pages: E57Pages) -> ET.Element:
@@ -170,8 +175,12 @@ def _scan(pages: E57Pages, node: ET.Element, number: int) -> E57Scan:
         raise ValueError(f"recordCount {n_points}")
     quaternion = [_number(node, f"pose/rotation/{k}", float(k == "w")) for k in "wxyz"]
     translation = [_number(node, f"pose/translation/{k}", 0.0) for k in "xyz"]
-    if not np.isfinite([*quaternion, *translation]).all() or not any(quaternion):
+    if not np.isfinite([*quaternion, *translation]).all():
         raise ValueError(f"pose {quaternion}, {translation}")
+    notes = tuple[str, ...]()
+    if np.linalg.norm(quaternion) < LEAST_NORM:
+        quaternion = [1.0, 0.0, 0.0, 0.0]
+        notes = (f"scan {number} has a rotation without a direction (a zero quaternion): it is not rotated",)
     limits = {}
     for group in ("intensityLimits", "colorLimits"):
         for child in node.find(NAMESPACE + group) or ():
@@ -180,7 +189,8 @@ def _scan(pages: E57Pages, node: ET.Element, number: int) -> E57Scan:
     streams = _streams(pages, fields, n_points, at, number) if n_points else ()
     name = node.findtext(NAMESPACE + "name") or str(number)
     start = _number(node, "acquisitionStart/dateTimeValue", 0.0)
-    return E57Scan(*(name, n_points, fields, _rotation(quaternion), np.array(translation), limits, start, streams))
+    pose = (_rotation(quaternion), np.array(translation))
+    return E57Scan(name, n_points, fields, *pose, limits, start, streams, notes)
 
 
 def _rotation(quaternion: list[float]) -> NDArray[np.float64]:

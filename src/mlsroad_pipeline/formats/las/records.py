@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
@@ -16,10 +17,12 @@ from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.content import open_content
 from mlsroad_pipeline.formats.files import clip_range
 from mlsroad_pipeline.formats.las.chunks import VariableChunks, check_chunk_table, check_layers
+from mlsroad_pipeline.formats.las.counts import POINTWISE
 from mlsroad_pipeline.formats.las.header import (
     LASZIP,
     LasHeader,
 )
+from mlsroad_pipeline.formats.las.pointwise import PointwisePoints
 
 SELECT_ALL = int(lazrs.SELECTIVE_DECOMPRESS_ALL)
 
@@ -96,10 +99,14 @@ class RecordReader:
         self._stream = self._file.stream()
         self._position = 0
         self._decompressor = None
-        self._octree: VariableChunks | None = None
+        self._other: VariableChunks | PointwisePoints | None = None
         try:
             if header.compressed and header.n_points:
-                self._decompressor = self._open_laz(n_threads, select)
+                laszip = header.find(LASZIP)
+                if laszip is not None and laszip.data[:1] == bytes([POINTWISE]):
+                    self._other = self._open_pointwise(laszip.data)
+                else:
+                    self._decompressor = self._open_laz(n_threads, select)
             else:
                 self._check_size()
         except BaseException:
@@ -136,8 +143,8 @@ class RecordReader:
         buffer = bytearray((stop - start) * self.header.record_size)
         if not buffer:
             return np.empty(0, dtype=self.dtype)
-        if self._octree is not None:
-            return self._octree.read(start, stop).view(self.dtype)
+        if self._other is not None:
+            return self._other.read(start, stop).view(self.dtype)
         if self._decompressor is None:
             self._stream.seek(self.header.point_offset + start * self.header.record_size)
             if self._stream.readinto(buffer) != len(buffer):
@@ -195,6 +202,12 @@ class RecordReader:
             have = (size - header.point_offset) // header.record_size
             raise ReadError(f"{self.path} is truncated: its header states {header.n_points} points, it holds {have}")
 
+    def _open_pointwise(self, record: bytes) -> PointwisePoints:
+        try:
+            return PointwisePoints(self._stream, self.header, self.path, record)
+        except (lazrs.LazrsError, struct.error) as error:
+            raise ReadError(f"{self.path} is damaged: {error}") from error
+
     def _open_laz(self, n_threads: int, select: int) -> lazrs.LasZipDecompressor | lazrs.ParLasZipDecompressor:
         vlr = self.header.find(LASZIP)
         assert vlr is not None
@@ -208,7 +221,7 @@ class RecordReader:
                 )
             chunks = check_chunk_table(self._stream, self.header, laz, self.path)
             if laz.uses_variable_size_chunks():
-                self._octree = VariableChunks(self._stream, self.header, self.path, vlr.data, chunks, select)
+                self._other = VariableChunks(self._stream, self.header, self.path, vlr.data, chunks, select)
             self._chunk_size, self._unchecked = laz.chunk_size(), dict(enumerate(chunks))
             self._begins = self.header.point_offset + 8 + np.cumsum([0, *(n_bytes for _, n_bytes in chunks)])
             self._stream.seek(self.header.point_offset)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -15,14 +16,16 @@ from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.formats.content import first_bytes, open_content, unpacked_name
 from mlsroad_pipeline.formats.files import FileKey, file_key
+from mlsroad_pipeline.formats.text.delimiters import numeric_columns, numeric_share, sniffed
+from mlsroad_pipeline.formats.text.names import OPTIONS, checked_names, decoded, names_in_comments, split_names
 from mlsroad_pipeline.formats.text.rows import TextRows, index_rows
 from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, is_number, parse_rows, split_row
 
 LAYOUTS = {".xyz_label_conf": ("x", "y", "z", "label", "confidence")}
 """Columns of files without a row of names, by file extension (Oakland 3-D)."""
 
-COUNTED = (".pts",)
-"""Extensions of files whose first line is the number of points (Leica)."""
+BOM = b"\xef\xbb\xbf"
+"""Mark of UTF-8 at the start of a file."""
 
 HEAD = 1 << 20
 SAMPLE = 20
@@ -31,6 +34,22 @@ logger = logging.getLogger(__name__)
 
 LAST_LINES = 20
 """Number of lines among which `holds_rows` searches a row of numbers."""
+
+
+@dataclass(frozen=True)
+class TextHead:
+    """Lines of a text file before its first row of points.
+
+    Parameters
+    ----------
+    lines : tuple of bytes
+        Comments, names and the number of points, with their line ends.
+    names_at : int
+        Index of the line with the names, -1 without names.
+    """
+
+    lines: tuple[bytes, ...]
+    names_at: int
 
 
 @dataclass(frozen=True)
@@ -45,18 +64,20 @@ class TextTable:
         Names of the columns: of the file, else of `LAYOUTS` or x, y, z, column_3, ...
     form : RowForm
         Layout of a row.
-    head : bytes
-        The lines before the first row: comments, and the names if there are any.
+    head : TextHead
+        The lines before the first row.
     has_names : bool
-        Whether the file has a row of names.
+        Whether the file has names, in a row or in a comment.
     guess : mapping of str to Any
         Detected mapping of unnamed columns, as in `ReadOptions.columns`; used where that is not set.
+    notes : tuple of str
+        Sentences for the user.
     """
 
     rows: TextRows
     names: tuple[str, ...]
     form: RowForm
-    head: bytes
+    head: TextHead
     has_names: bool
     guess: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
@@ -101,35 +122,72 @@ def _open_table(
 ) -> TextTable:
     path = Path(key[0])
     text = open_content(path)
-    lines = text.read(HEAD).splitlines(keepends=True)
+    lines = _lines(text.read(HEAD), path)
     n_head = next((i for i, line in enumerate(lines) if line.strip() and not _is_comment(line, comment)), len(lines))
-    if n_head < len(lines) - 1 and _is_count(lines[n_head : n_head + 2], path):
-        n_head += 1
-    if n_head == len(lines):
+    n_counted, stated = _skip_count(lines, n_head)
+    if n_counted == len(lines):
         raise ReadError(f"{path} has no rows of points")
-    sample = [_decoded(line) for line in lines[n_head : n_head + SAMPLE] if line.strip()]
-    found, mark = _sniffed(sample, delimiter, decimal)
-    first = split_row(sample[0].lstrip("/"), found)
-    numbers = [is_number(value, mark) for value in first]
-    has_names = header if header is not None else not all(numbers)
-    if header is None and has_names and any(numbers):
-        raise ReadError(f"{path}, line {n_head + 1}: neither numbers nor names: {sample[0]!r}")
-    if has_names and n_head + 1 == len(lines):
-        raise ReadError(f"{path} has no rows of points")
-    row_line = n_head + int(has_names)
+    sample = [decoded(line)[0] for line in lines[n_counted : n_counted + SAMPLE] if line.strip()]
+    sample = [row for i, row in enumerate(sample) if i != 1 or len(sample) == 2 or not row.strip().isdigit()]
+    found, mark = sniffed(sample, delimiter, decimal)
+    has_names = header if header is not None else _is_names(sample[0], found, mark, path, n_counted + 1)
+    row_line = n_counted + int(has_names)
+    if has_names:
+        row_line, stated = max((row_line, stated), _skip_count(lines, row_line))
+        if row_line == len(lines):
+            raise ReadError(f"{path} has no rows of points")
     begin = sum(len(line) for line in lines[:row_line])
-    if n_head == 0 and not has_names and lines[0].startswith(b"\xef\xbb\xbf"):
-        begin = 3
-    body = sample[int(has_names and len(sample) > 1) :]
+    if row_line == 0 and lines[0].startswith(BOM):
+        begin = len(BOM)
+    body = [decoded(line)[0] for line in lines[row_line : row_line + SAMPLE] if line.strip()]
     width = len(split_row(body[0], found))
-    names = _names(first, width, path, n_head + 1) if has_names else _default_names(path, width)
-    kept = _numeric(body, found, mark, width) if has_names else None
+    blank = int(width > 3 and found in ",;" and all(row.rstrip().endswith(found) for row in body))
+    at, names = n_counted, tuple[str, ...]()
+    if has_names:
+        values = split_names(sample[0].lstrip("/"), width - blank, found)
+        names = checked_names(values, width - blank, path, n_counted + 1, sample[0])
+    elif header is None and not path_layout(path, width):
+        at, names = names_in_comments(lines[:n_head], comment, width - blank, found)
+    named = bool(names)
+    names = (names or _default_names(path, width - blank)) + ("",) * blank
+    kept = numeric_columns(body, found, mark, width) if named else None
+    if "" in names:  # rows that end with a delimiter
+        kept = tuple(i for i in (range(width) if kept is None else kept) if names[i])
     form = RowForm(width, found, mark, kept, any('"' in row for row in body))
     rows = index_rows(path, text, begin, row_line + 1)
-    guess = {} if has_names or path_layout(path, width) else _guessed(rows, form)
-    table = TextTable(rows, names, form, b"".join(lines[:row_line]), has_names, guess)
+    guess = {} if named or path_layout(path, width) else _guessed(rows, form)
+    note = f"it states {stated} points and holds {rows.n_rows}: all are read"
+    notes = (note,) if stated not in (-1, rows.n_rows) else ()
+    head = TextHead(tuple(lines[:row_line]), at if named else -1)
+    table = TextTable(rows, names, form, head, named, guess, notes)
     _log(table, path)
     return table
+
+
+def _lines(data: bytes, path: Path) -> list[bytes]:
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise ReadError(f"{path} is text in UTF-16; save it as UTF-8")
+    if b"\r" in data and b"\n" not in data:
+        raise ReadError(f"{path}: its lines end with carriage returns alone; save it with line feeds")
+    return data.splitlines(keepends=True)
+
+
+def _skip_count(lines: Sequence[bytes], at: int) -> tuple[int, int]:
+    """Return the index after a line with the number of points, and the number, -1 without one."""
+    if at >= len(lines) - 1 or not lines[at].strip().isdigit() or len(re.split(rb"[\s,;]+", lines[at + 1].strip())) < 3:
+        return at, -1
+    return at + 1, int(lines[at])
+
+
+def _is_names(line: str, delimiter: str, decimal: str, path: Path, number: int) -> bool:
+    """Return whether a row holds names; one of numbers and words is neither names nor a point."""
+    numbers = [is_number(value, decimal) for value in split_row(line.lstrip("/"), delimiter) if value]
+    if all(numbers):
+        return False
+    tabbed = [is_number(value, decimal) for value in line.lstrip("/").split("\t")]
+    if any(numbers) and (len(tabbed) == 1 or any(tabbed)):
+        raise ReadError(f"{path}, line {number}: neither numbers nor names: {line!r}; {OPTIONS}")
+    return True
 
 
 def looks_like_table(path: Path) -> bool:
@@ -149,8 +207,8 @@ def looks_like_table(path: Path) -> bool:
     lines = [line for line in data.splitlines()[: None if len(data) < 1 << 16 else -1] if line.strip()]
     if b"\0" in data or not lines:
         return False
-    row = [_decoded(lines[-1])]
-    return _numeric_share(row, *_sniffed(row, None, None)) > 0.5
+    row = [decoded(lines[-1])[0]]
+    return numeric_share(row, *sniffed(row, None, None)) > 0.5
 
 
 def holds_rows(path: Path) -> bool:
@@ -167,8 +225,8 @@ def holds_rows(path: Path) -> bool:
         Whether one of the last lines of its first 64 KiB is such a row.
     """
     data = first_bytes(path, 1 << 16)
-    lines = [_decoded(line) for line in data.splitlines()[: None if len(data) < 1 << 16 else -1] if line.strip()]
-    return any(_numeric_share([line], *_sniffed([line], None, None)) > 0.5 for line in lines[-LAST_LINES:])
+    lines = [decoded(line)[0] for line in data.splitlines()[: None if len(data) < 1 << 16 else -1] if line.strip()]
+    return any(numeric_share([line], *sniffed([line], None, None)) > 0.5 for line in lines[-LAST_LINES:])
 
 
 def _log(table: TextTable, path: Path) -> None:
@@ -182,56 +240,8 @@ def _log(table: TextTable, path: Path) -> None:
     logger.info("%s: %s", path, "; ".join(words))
 
 
-def _decoded(line: bytes) -> str:
-    return line.decode("utf-8-sig", "replace").rstrip("\r\n")
-
-
 def _is_comment(line: bytes, comment: str) -> bool:
     return line.lstrip(b"\xef\xbb\xbf \t").startswith(comment.encode())
-
-
-def _is_count(lines: Sequence[bytes], path: Path) -> bool:
-    name = unpacked_name(path).lower()
-    return name.endswith(COUNTED) and lines[0].strip().isdigit() and len(lines[1].split()) > 1
-
-
-def _sniffed(sample: Sequence[str], delimiter: str | None, decimal: str | None) -> tuple[str, str]:
-    """Return the delimiter and the decimal mark for which most values are numbers, equally many in each row."""
-    row = sample[-1 if len(sample) < 3 else 1]
-    blanks = WHITESPACE if "  " in row or row != row.strip() else " "
-    delimiters = [delimiter] if delimiter else [*(d for d in (";", ",", "\t") if d in row), blanks]
-    marks = [decimal] if decimal else [".", ","]
-    candidates = [(d, m) for d in delimiters for m in marks if d != m]
-    for rows in (sample, sample[1:]):  # the first row may be names
-        shares = [_numeric_share(rows, *candidate) for candidate in candidates]
-        if rows and (max(shares) == 1.0 or (rows is not sample and max(shares) > 0)):
-            return candidates[int(np.argmax(shares))]  # of several the first: sorted by reliability
-    return candidates[0]
-
-
-def _numeric_share(rows: Sequence[str], delimiter: str, decimal: str) -> float:
-    values = [split_row(line, delimiter) for line in rows]
-    width = len(values[0]) if values else 0
-    if width < 3 or any(len(found) != width for found in values):
-        return 0.0
-    good = np.array([[is_number(value, decimal) for value in found] for found in values]).mean(axis=0)
-    return float(good.mean()) if (good >= 0.5).sum() >= 3 else 0.0
-
-
-def _numeric(body: Sequence[str], delimiter: str, decimal: str, width: int) -> tuple[int, ...] | None:
-    """Return the indices of columns with a number in some row of the sample; None if all have."""
-    rows = [found for found in (split_row(line, delimiter) for line in body) if len(found) == width]
-    kept = tuple(i for i in range(width) if any(is_number(found[i], decimal) for found in rows) or not rows)
-    return None if len(kept) == width else kept
-
-
-def _names(values: Sequence[str], width: int, path: Path, line: int) -> tuple[str, ...]:
-    names = tuple(value.strip('"') for value in values)
-    if len(names) != width:
-        raise ReadError(f"{path}, line {line}: {len(names)} names for {width} values")
-    if len(set(names)) < len(names):
-        raise ReadError(f"{path}, line {line}: a name is duplicated: {', '.join(names)}")
-    return names
 
 
 def path_layout(path: Path, width: int) -> tuple[str, ...]:

@@ -1,0 +1,73 @@
+"""Parameters that are paths: their text on the command line stays text, whatever YAML makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+
+PLACES = ("label.survey", "label.output", "inspect.survey", "inspect.output")
+"""Parameters that are files or folders."""
+
+SCORED = ("score.inventory", "score.truth", "score.output")
+
+PATHS = (*PLACES, "label.trajectory", "label.images", *SCORED, "inspect.trajectory", "survey.root", "survey.trajectory")
+"""Parameters that are paths or names of files; those that are no places may be null."""
+
+
+def with_text_of_paths(parameters: dict[str, Any], pairs: Iterable[str]) -> dict[str, Any]:
+    """Return nested parameters in which paths that YAML took for numbers or dates have the text that was given.
+
+    Parameters
+    ----------
+    parameters : dict
+        Nested parameters; changed in place.
+    pairs : iterable of str
+        The same as ``section.key=value``.
+
+    Returns
+    -------
+    dict
+        The parameters.
+
+    Examples
+    --------
+    >>> with_text_of_paths({"label": {"output": 461}}, ["label.output=0715"])
+    {'label': {'output': '0715'}}
+    """
+    for pair in pairs:
+        name, _, text = pair.partition("=")
+        section, _, key = name.strip().partition(".")
+        values = parameters.get(section)
+        if name.strip() in PATHS and isinstance(values, dict) and isinstance(values.get(key), int | float):
+            values[key] = text
+    return parameters
+
+
+def check_paths(parameters: Mapping[str, Any], given: Mapping[str, Any]) -> None:
+    """Check that paths are text.
+
+    Parameters
+    ----------
+    parameters : mapping
+        All parameters.
+    given : mapping
+        Those of the command line.
+
+    Raises
+    ------
+    ParameterError
+        If a path is a number, or a place is null or empty on the command line.
+    """
+    for name in PATHS:
+        section, _, key = name.partition(".")
+        values, own = parameters.get(section), given.get(section)
+        value = values.get(key, "") if isinstance(values, Mapping) else ""
+        for item in value if isinstance(value, list | tuple) else [value]:
+            if isinstance(item, int | float):
+                raise ParameterError(f"{name} is {item!r}, not text: write a name such as 0715 or 2024_05_01 in quotes")
+        empty = value is None or (isinstance(own, Mapping) and own.get(key) == "")
+        if name in PLACES and empty:
+            what = "null" if value is None else "empty"
+            raise ParameterError(f"{name} is {what}: name a file or folder, or leave the parameter out")

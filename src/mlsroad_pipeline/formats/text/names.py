@@ -1,0 +1,130 @@
+"""Names of the columns of a text file: in a row above the points, or in a comment."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.formats.standard_columns import ALIASES, COORDINATES
+from mlsroad_pipeline.formats.text.values import is_number, split_row
+
+SEPARATORS = (r"\t", r"\s*;\s*", r"\s*,\s*", r"\s{2,}", r"\s+")
+"""Patterns that may separate names, whatever separates the values."""
+
+OPTIONS = "set header: false if it is a point, comment to skip it, or columns by index"
+
+
+def decoded(line: bytes) -> tuple[str, str]:
+    """Return a line as text, with the encoding: UTF-8, or Latin-1 where it is none.
+
+    Parameters
+    ----------
+    line : bytes
+        The line.
+
+    Returns
+    -------
+    text, encoding : str
+        The line without its end, and the encoding.
+    """
+    bare = line.removeprefix(b"\xef\xbb\xbf").rstrip(b"\r\n")
+    try:
+        return bare.decode("utf-8"), "utf-8"
+    except UnicodeDecodeError:
+        return bare.decode("latin-1"), "latin-1"
+
+
+def split_names(line: str, width: int, delimiter: str) -> list[str]:
+    """Return the names of a row; values may have another delimiter than names.
+
+    Parameters
+    ----------
+    line : str
+        The row, without the mark of a comment.
+    width : int
+        Number of values of a row of points.
+    delimiter : str
+        Delimiter of the values.
+
+    Returns
+    -------
+    list of str
+        As many as values where one of the usual separators gives so many, or all but an empty one at the end; else
+        those that the delimiter gives.
+    """
+    own = [value.strip() for value in split_row(line, delimiter)]
+    for names in (own, *([name.strip() for name in re.split(p, line.strip(" \r\n"))] for p in SEPARATORS)):
+        whole = names[:-1] if len(names) == width + 1 and not names[-1] else names
+        if len(whole) == width and not any(name.endswith((",", ";")) for name in whole):
+            return whole
+    return own
+
+
+def names_in_comments(lines: Sequence[bytes], comment: str, width: int, delimiter: str) -> tuple[int, tuple[str, ...]]:
+    """Return the names in a comment above the points, as `numpy.savetxt` writes them.
+
+    Parameters
+    ----------
+    lines : sequence of bytes
+        Lines above the points.
+    comment : str
+        Prefix of comments.
+    width : int
+        Number of values of a row.
+    delimiter : str
+        Delimiter of the values.
+
+    Returns
+    -------
+    index : int
+        Index of the line, -1 where none has names.
+    names : tuple of str
+        The names; empty where there are none: one that has no names of x, y and z is a sentence.
+    """
+    for index in range(len(lines) - 1, -1, -1):
+        text = decoded(lines[index])[0].strip()
+        if not text.startswith(comment):
+            continue
+        names = [name.strip('"') for name in split_names(text.lstrip(comment + "/ "), width, delimiter)]
+        lower = {name.lower() for name in names}
+        known = all(lower & {axis, *ALIASES[axis]} for axis in COORDINATES)
+        if len(names) == width and known and len(set(names)) == width and not any(map(is_number, names)):
+            return index, tuple(names)
+    return -1, ()
+
+
+def checked_names(values: Sequence[str], width: int, path: Path, line: int, text: str) -> tuple[str, ...]:
+    """Return the names of a row above the points.
+
+    Parameters
+    ----------
+    values : sequence of str
+        Its values.
+    width : int
+        Number of values of a row of points.
+    path : Path
+        File name in messages.
+    line : int
+        Line number of the names.
+    text : str
+        The line.
+
+    Returns
+    -------
+    tuple of str
+        The names.
+
+    Raises
+    ------
+    ReadError
+        If there are more or fewer names than values, or one is repeated.
+    """
+    names = tuple(value.strip('"') for value in values)
+    shown = text if len(text) <= 100 else text[:97] + "..."
+    if len(names) != width:
+        raise ReadError(f"{path}, line {line}: {len(names)} names for {width} values: {shown!r}; {OPTIONS}")
+    if len(set(names)) < len(names):
+        raise ReadError(f"{path}, line {line}: a name is duplicated: {', '.join(names)}; rename one, or {OPTIONS}")
+    return names
