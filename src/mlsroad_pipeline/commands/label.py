@@ -66,6 +66,9 @@ def label(  # typer reads the options from the signature
             "separated by commas.",
         ),
     ] = None,
+    photos: Annotated[
+        bool, typer.Option("--photos", help="Also write a photo of each object that images beside the points show.")
+    ] = False,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace results of another survey or other settings, and edited ones.")
     ] = False,
@@ -85,7 +88,7 @@ def label(  # typer reads the options from the signature
 
     begin = time.perf_counter()
     options: dict[str, Any] = {"method": method, "model": model, "crs": crs, "copc": copc or None}
-    options |= {"export": export or None, "overwrite": overwrite or None}
+    options |= {"export": export or None, "photos": photos or None, "overwrite": overwrite or None}
     chosen = {name: value for name, value in options.items() if value is not None}
     changed = nested(params or [], given={"label.survey": "FILE", "label.output": "--output"})
     with one_line_errors(verbose=verbose):

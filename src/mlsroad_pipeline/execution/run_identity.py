@@ -17,7 +17,7 @@ STATE = ".mlsroad"
 GROUPS = ("ingest", "ground_removal", "classes")
 """Groups of parameters that `label` uses besides its own."""
 
-UNRELATED = ("output", "overwrite", "keep_state", "copc", "coloured_ply", "export")
+UNRELATED = ("output", "overwrite", "keep_state", "copc", "coloured_ply", "export", "photos")
 """Parameters of `label` that change no label: a run with another value of them is the same run."""
 
 _DIGITS = 12

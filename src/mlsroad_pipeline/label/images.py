@@ -51,7 +51,7 @@ def images_to_label(plan: SurveyPlan, bundle: ModelBundle, name: str | None) -> 
         return LabelImages({})
     with_images, without = {}, []
     for drive, files in plan.drives().items():
-        images = _images_beside(files, name)
+        images = images_beside(files, name)
         if len(images):
             with_images[drive] = images
         else:
@@ -79,7 +79,16 @@ def effect_without_images(bundle: ModelBundle) -> str:
     return f"its points have {'no class' if bundle.slug == IMAGE_LABELS else 'the labels of the features alone'}"
 
 
-def _images_beside(files: Sequence[PlannedFile], name: str | None) -> SurveyImages:
+def images_of_survey(plan: SurveyPlan, name: str | None) -> dict[str, SurveyImages]:
+    """Return the images of each drive that has some; log a warning for the others."""
+    found = {drive: images_beside(files, name) for drive, files in plan.drives().items()}
+    without = [drive for drive, images in found.items() if not len(images)]
+    if without:
+        logger.warning("No images (%s) for %s: its objects have no photos", name, ", ".join(without))
+    return {drive: images for drive, images in found.items() if len(images)}
+
+
+def images_beside(files: Sequence[PlannedFile], name: str | None) -> SurveyImages:
     """Return the images of a drive from the file `name` beside its points, or from a path."""
     path = None if name is None else Path(files[0].source.path).parent / name
     if path is None or not path.is_file():

@@ -12,6 +12,7 @@ from mlsroad_pipeline.formats.las.copc import copc_path
 from mlsroad_pipeline.formats.native_labels import native_path
 from mlsroad_pipeline.formats.ply.coloured_ply import coloured_path
 from mlsroad_pipeline.formats.registry import get_format
+from mlsroad_pipeline.label.photos import FOLDER, TABLE
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan
 
@@ -52,7 +53,13 @@ def planned_paths(
     """
     sources = {os.path.realpath(file.source.path) for file in plan.files}
     formats = [EXPORTS[name] for name in parameters.export]
-    names = [*FOR_ALL, *(name for form in formats for name in (*form.files, *(form.others if possible else ())))]
+    names = [
+        *FOR_ALL,
+        *([TABLE] * parameters.photos),
+        *(name for form in formats for name in (*form.files, *(form.others if possible else ()))),
+    ]
+    if possible and parameters.photos:
+        names += [path.relative_to(folder).as_posix() for path in sorted(folder.glob(f"{FOLDER}/*.jpg"))]
     found = {str(folder / name): "a result on the whole survey" for name in names}
     taken = next((path for path in found if os.path.realpath(path) in sources), None)
     if taken is not None:

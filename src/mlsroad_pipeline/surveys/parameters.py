@@ -120,6 +120,8 @@ class LabelParameters:
         Whether to write a PLY with class colours beside each LAZ, for viewers without classification colours.
     export : sequence of str, default ()
         Formats of further copies of the inventory, of `EXPORT_FORMATS`; a single text separates them by commas.
+    photos : bool, default False
+        Whether to write a photo of each object that an image beside the points shows.
     images : str or None, default "calibration.json"
         Name of the camera file beside the points, or its path, for methods that use images; see
         `camera_files.read_images`. None means a survey without images.
@@ -134,8 +136,8 @@ class LabelParameters:
     Raises
     ------
     ParameterError
-        If a value has the wrong type, `model` is neither a version nor a name, `export` names an unknown format, or
-        `crs` is not a coordinate reference system.
+        If a value has the wrong type, `model` is neither a version nor a name, `export` names an unknown format,
+        `photos` is set without `images`, or `crs` is not a coordinate reference system.
     """
 
     survey: str | Sequence[str]
@@ -149,13 +151,14 @@ class LabelParameters:
     copc: bool = False
     coloured_ply: bool = False
     export: Sequence[str] = ()
+    photos: bool = False
     images: str | None = "calibration.json"
     crs: str | None = None
     overwrite: bool = False
     keep_state: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("copc", "coloured_ply", "overwrite", "keep_state"):
+        for name in ("copc", "coloured_ply", "photos", "overwrite", "keep_state"):
             if not isinstance(getattr(self, name), bool):
                 raise ParameterError(f"label.{name} must be true or false, got {getattr(self, name)!r}")
         for name in ("method", "scheme", "crs"):
@@ -168,6 +171,8 @@ class LabelParameters:
             if not isinstance(getattr(self, name), Mapping):
                 raise ParameterError(f"label.{name} must have parameters below it, got {getattr(self, name)!r}")
         object.__setattr__(self, "export", _formats(self.export))
+        if self.photos and self.images is None:
+            raise ParameterError("label.photos needs images: set label.images to the name of their camera file")
         if self.crs is not None:
             parse_crs(str(self.crs), option="label.crs")
             if self.read.get("crs") not in (None, self.crs):

@@ -20,9 +20,10 @@ from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.label.checks import check_headers, check_outputs
 from mlsroad_pipeline.label.exports import export_inventory
-from mlsroad_pipeline.label.images import LabelImages, images_to_label
+from mlsroad_pipeline.label.images import LabelImages, images_of_survey, images_to_label
 from mlsroad_pipeline.label.inventory import OBJECTS, inventory_of, objects_task
 from mlsroad_pipeline.label.model_choice import ModelRequest, named_choice
+from mlsroad_pipeline.label.photos import write_photos
 from mlsroad_pipeline.label.planned_outputs import planned_outputs
 from mlsroad_pipeline.label.result_warnings import label_warnings
 from mlsroad_pipeline.label.runs import open_run
@@ -163,9 +164,14 @@ def make_inventory(
     return inventory, inventory
 
 
-def export_label_inventory(inventory: RoadInventory, parameters: LabelParameters, run: RunFolder) -> list[str]:
-    """Write the inventory in the formats of `label.export`, and return the paths."""
-    return export_inventory(inventory, parameters.export, run)
+def export_label_inventory(
+    plan: SurveyPlan, inventory: RoadInventory, parameters: LabelParameters, run: RunFolder
+) -> list[str]:
+    """Write the inventory in the formats of `label.export` and the photos of its objects, and return the paths."""
+    written = export_inventory(inventory, parameters.export, run)
+    if parameters.photos:
+        written.append(write_photos(inventory.objects, images_of_survey(plan, parameters.images), run))
+    return written
 
 
 def write_report(

@@ -133,7 +133,7 @@ def _reporting() -> list[Node]:
         ),
         Node(
             export_label_inventory,
-            inputs=["label_inventory", "params:label", "label_run"],
+            inputs=["label_plan", "label_inventory", "params:label", "label_run"],
             outputs="label_exports",
             name="export_inventory",
         ),
