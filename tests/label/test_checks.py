@@ -9,7 +9,7 @@ from helpers.formats import make_labels
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
 from mlsroad_pipeline.formats.options import ReadOptions
-from mlsroad_pipeline.label.checks import _check_crs, check_file
+from mlsroad_pipeline.label.checks import _check_exports, check_file
 from mlsroad_pipeline.label.targets import planned_paths
 from mlsroad_pipeline.label.writer import write_labelled
 from mlsroad_pipeline.surveys.files import Survey
@@ -68,10 +68,10 @@ def test_an_unknown_format_is_named_with_the_known_ones(given):
 
 
 def test_a_system_that_a_format_cannot_hold_ends_the_run_before_the_labelling():
-    _check_crs(None, "a.las", ["csv", "flatgeobuf", "shapefile", "dxf"])
+    _check_exports(None, "a.las", ["csv", "flatgeobuf", "shapefile", "dxf"])
     with pytest.raises(DataError, match=r"a\.las: GeoJSON needs longitudes .* set label\.crs"):
-        _check_crs(None, "a.las", ["geojson"])
-    _check_crs("EPSG:25833+7837", "a.las", ["geojson", "csv"])
+        _check_exports(None, "a.las", ["geojson"])
+    _check_exports("EPSG:25833+7837", "a.las", ["geojson", "csv"])
 
 
 @pytest.mark.parametrize(
