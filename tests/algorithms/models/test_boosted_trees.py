@@ -69,3 +69,31 @@ def test_too_large_trees_and_damaged_arrays_are_refused():
         BoostedTrees.from_arrays({"leaf": arrays["leaf"]})
     with pytest.raises(DataError, match="num_tree_per_iteration"):
         BoostedTrees.from_lightgbm("tree\n")
+
+
+def test_damaged_trees_are_refused_or_give_finite_scores(rng):
+    values, _ = table(200)
+    booster = trained(8)
+    arrays = BoostedTrees.from_lightgbm(booster.model_to_string()).to_arrays()
+    refused = 0
+    for _ in range(300):
+        name = str(rng.choice([key for key in arrays if arrays[key].ndim]))
+        damaged = {key: array.copy() for key, array in arrays.items()}
+        bits = damaged[name].reshape(-1).view(np.uint8)
+        bits[rng.integers(len(bits))] ^= np.uint8(1 << rng.integers(8)) if damaged[name].dtype != bool else np.uint8(1)
+        try:
+            got = BoostedTrees.from_arrays(damaged).scores(values)
+        except DataError:
+            refused += 1
+        else:
+            assert np.isfinite(got).all()
+    assert refused > 50
+
+
+@pytest.mark.parametrize(("side", "value"), [("left", 0), ("right", 100), ("left", -100), ("right", -1)])
+def test_a_child_that_is_none_or_has_two_parents_is_refused(side, value):
+    arrays = BoostedTrees.from_lightgbm(trained(8).model_to_string()).to_arrays()
+    arrays[side] = arrays[side].copy()
+    arrays[side][0] = value
+    with pytest.raises(DataError, match="the model is damaged"):
+        BoostedTrees.from_arrays(arrays)

@@ -5,6 +5,7 @@ import pytest
 from sklearn.ensemble import RandomForestClassifier
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.models.compact_forest import compact_forest
 from mlsroad_pipeline.algorithms.models.flat_forest import FlatForest
 
 
@@ -82,3 +83,46 @@ def test_bad_input_is_named(rng):
         FlatForest.from_arrays({**arrays, "n_features": np.array(600)})
     with pytest.raises(DataError, match="a tree has 5000000 nodes, more than 4194304"):
         FlatForest.from_arrays({**arrays, "roots": np.array([0, 5_000_000])})
+
+
+@pytest.mark.parametrize("compact", [False, True])
+def test_damaged_trees_are_refused_or_give_probabilities(rng, compact):
+    forest, values = grow(rng, missing=True, n_estimators=3, max_depth=6)
+    arrays = FlatForest.from_trees(forest.estimators_).to_arrays()
+    arrays = compact_forest(arrays) if compact else arrays
+    refused = 0
+    for _ in range(300):
+        name = str(rng.choice([key for key in arrays if arrays[key].ndim]))
+        damaged = {key: array.copy() for key, array in arrays.items()}
+        if rng.random() < 0.1:
+            damaged[name] = damaged[name][: rng.integers(len(damaged[name]))]
+        else:
+            bits = damaged[name].reshape(-1).view(np.uint8)
+            bits[rng.integers(len(bits))] ^= (
+                np.uint8(1 << rng.integers(8)) if damaged[name].dtype != bool else np.uint8(1)
+            )
+        try:
+            got = FlatForest.from_arrays(damaged).predict_proba(values)
+        except DataError:
+            refused += 1
+        else:
+            assert np.isfinite(got).all() and got.min() >= 0 and got.max() < 1.01
+    assert refused > 50
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("child", 2**31 - 1, r"node 0 of the forest points to 2147483647, outside"),
+        ("child", 0, "node 0 of the forest points to 0, outside"),  # a cycle
+        ("feature", 400, "tests a feature that is none of its 9"),
+        ("threshold", np.nan, "NaN thresholds"),
+    ],
+)
+def test_a_node_that_leads_nowhere_is_named(rng, name, value, message):
+    forest, _ = grow(rng, missing=False, n_estimators=2)
+    arrays = FlatForest.from_trees(forest.estimators_).to_arrays()
+    arrays[name] = arrays[name].copy()
+    arrays[name][0] = value
+    with pytest.raises(DataError, match=message):
+        FlatForest.from_arrays(arrays)

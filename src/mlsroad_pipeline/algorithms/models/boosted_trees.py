@@ -72,7 +72,8 @@ class BoostedTrees:
     Raises
     ------
     DataError
-        If the sizes of the arrays differ, a tree has more than 64 leaves, or a feature more than 254 thresholds.
+        If the sizes of the arrays differ, a tree has more than 64 leaves, a feature more than 254 thresholds, the
+        children of a tree are not each of its nodes and leaves once, or a number is NaN or infinite.
     """
 
     n_leaves: NDArray[np.uint8]
@@ -97,6 +98,28 @@ class BoostedTrees:
             raise DataError(f"a tree tests feature {self.feature.max()}, of {self.n_features} features")
         if len(self.tree_class) != len(n_leaves) or (len(n_leaves) and self.tree_class.max() >= len(self.initial)):
             raise DataError(f"the trees need one class each, below {len(self.initial)}")
+        if not all(np.isfinite(a).all() for a in (self.leaf, self.initial)) or np.isnan(self.threshold).any():
+            raise DataError("the trees have values that are NaN or infinite: the model is damaged")
+        self._check_children(n_leaves)
+
+    def _check_children(self, n_leaves: NDArray[np.int64]) -> None:
+        """Check that each node but the first, and each leaf, is the child of one earlier node of its tree."""
+        sizes = n_leaves - 1
+        starts, leaf_starts = (np.cumsum(values) - values for values in (sizes, n_leaves))
+        tree = np.repeat(np.arange(len(sizes)), sizes)
+        children = np.stack([self.left, self.right], axis=1).astype(np.int64)
+        own = np.arange(len(tree)) - starts[tree]
+        to_leaf = children < 0
+        later = (children > own[:, None]) & (children < sizes[tree, None])
+        known = -1 - children < n_leaves[tree, None]
+        if not np.where(to_leaf, known, later).all():
+            node = int(np.argmin(np.where(to_leaf, known, later).all(axis=1)))
+            raise DataError(f"tree {tree[node]}: node {own[node]} has a child that is none: the model is damaged")
+        nodes = np.bincount((starts[tree, None] + children)[~to_leaf], minlength=len(tree))
+        leaves = np.bincount((leaf_starts[tree, None] - 1 - children)[to_leaf], minlength=int(n_leaves.sum()))
+        alone = np.repeat(sizes == 0, n_leaves)  # the leaf of a tree without nodes
+        if (nodes != (own > 0)).any() or (leaves != ~alone).any():
+            raise DataError("a node or leaf of the trees has several parents or none: the model is damaged")
 
     def __len__(self) -> int:
         """Return the number of trees."""

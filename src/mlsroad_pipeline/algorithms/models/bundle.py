@@ -204,7 +204,7 @@ def label_cloud(
     ParameterError
         If the function does not exist in this version of the package.
     DataError
-        If it returns another number of labels, or labels outside the classes.
+        If it returns another number of labels, labels outside the classes, or confidences outside 0 to 1.
     """
     function = _labeller(bundle) if labeller is None else labeller
     labels, confidence = (np.asarray(values) for values in function(cloud, bundle))
@@ -213,6 +213,9 @@ def label_cloud(
             f"model {bundle.slug!r} returned labels {labels.shape} and confidences {confidence.shape} "
             f"for the {len(cloud)} points of {cloud.source}"
         )
+    if not ((confidence >= 0) & (confidence <= 1)).all():
+        wrong = confidence[~((confidence >= 0) & (confidence <= 1))][0]
+        raise DataError(f"model {bundle.slug!r} returned a confidence of {wrong:g}: the model is damaged")
     if len(labels) and not (labels.min() >= -1 and labels.max() < len(bundle.classes)):
         raise DataError(
             f"model {bundle.slug!r} returned labels {labels.min()}..{labels.max()} of {len(bundle.classes)} classes"

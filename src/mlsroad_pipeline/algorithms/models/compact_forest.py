@@ -96,12 +96,16 @@ def expanded_forest(arrays: Mapping[str, NDArray]) -> dict[str, NDArray]:
     Raises
     ------
     DataError
-        If an array is missing.
+        If an array is missing, or their sizes do not fit.
     """
     check_arrays(arrays, _COMPACT, "a compact forest")
     columns = np.asarray(arrays["columns"])
     roots = np.concatenate([[0], np.cumsum(arrays["tree_sizes"], dtype=np.int64)])
     inner = columns > 0
+    n_inner = int(np.count_nonzero(inner))
+    found = (roots[-1], len(arrays["thresholds"]), len(arrays["leaves"]), len(arrays["missing"]))
+    if found != (len(columns), n_inner, len(columns) - n_inner, -(-len(columns) // 8)) or np.diff(roots).min() < 1:
+        raise DataError(f"the arrays of a compact forest of {len(columns)} nodes do not fit: the model is damaged")
     threshold = np.zeros(len(columns), np.float32)
     threshold[inner] = arrays["thresholds"]
     child = np.empty(len(columns), np.int32)
@@ -116,6 +120,6 @@ def expanded_forest(arrays: Mapping[str, NDArray]) -> dict[str, NDArray]:
         "threshold": threshold,
         "missing_left": np.unpackbits(arrays["missing"], count=len(columns)).astype(bool),
         "child": child,
-        "leaf_values": table / table.sum(axis=1, keepdims=True),
+        "leaf_values": table / np.maximum(table.sum(axis=1, keepdims=True), 1.0),
         "n_features": np.asarray(arrays["n_features"]),
     }

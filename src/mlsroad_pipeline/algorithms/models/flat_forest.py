@@ -54,7 +54,8 @@ class FlatForest:
     Raises
     ------
     DataError
-        If a tree has more than 4,194,304 nodes or there are more than 512 features.
+        If a tree has more than 4,194,304 nodes, there are more than 512 features, or the arrays are no trees: sizes
+        that differ, nodes without an own subtree, leaves without probabilities.
     """
 
     roots: NDArray[np.int64]
@@ -71,6 +72,33 @@ class FlatForest:
             raise DataError(f"a tree has {largest} nodes, more than {_MAX_NODES}: raise min_samples_leaf")
         if self.n_features > _MAX_FEATURES:
             raise DataError(f"the forest has {self.n_features} features, more than {_MAX_FEATURES}")
+        self._check_nodes()
+        rows = self.leaf_values
+        if (
+            rows.ndim != 2
+            or not np.isfinite(rows).all()
+            or (rows < 0).any()
+            or (abs(rows.sum(axis=1) - 1) > 1e-3).any()
+        ):
+            raise DataError("the leaves of the forest hold no probabilities: the model is damaged")
+
+    def _check_nodes(self) -> None:
+        """Check that the kernels, which test no bounds, stay inside the arrays and come to an end."""
+        sizes, m = np.diff(self.roots), len(self.feature)
+        others = (self.threshold, self.missing_left, self.child)
+        if len(self.roots) < 2 or self.roots[0] != 0 or self.roots[-1] != m or sizes.min() < 1:
+            raise DataError("the trees of the forest do not cover its nodes: the model is damaged")
+        if any(len(array) != m for array in others) or np.isnan(self.threshold).any():
+            raise DataError("the arrays of the forest have different sizes or NaN thresholds: the model is damaged")
+        if not -1 <= self.feature.min() <= self.feature.max() < self.n_features:
+            raise DataError(f"the forest tests a feature that is none of its {self.n_features}: the model is damaged")
+        leaf = self.feature < 0
+        own = np.arange(m) - np.repeat(self.roots[:-1], sizes)
+        inside = (self.child > own) & (self.child < np.repeat(sizes, sizes) - 1)  # later nodes alone: no cycles
+        known = (self.child >= 0) & (self.child < len(self.leaf_values))
+        if not np.where(leaf, known, inside).all():
+            node = int(np.argmin(np.where(leaf, known, inside)))
+            raise DataError(f"node {node} of the forest points to {self.child[node]}, outside: the model is damaged")
 
     def __len__(self) -> int:
         """Return the number of trees."""
@@ -129,7 +157,7 @@ class FlatForest:
         Raises
         ------
         DataError
-            If an array is missing.
+            If an array is missing, or the arrays are no trees.
         """
         names = [field.name for field in fields(cls)]
         if is_compact(arrays):
