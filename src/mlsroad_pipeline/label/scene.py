@@ -24,6 +24,7 @@ from mlsroad_pipeline.algorithms.scenes.cutting import OutlierParameters
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground, inliers
 from mlsroad_pipeline.label.confidence import count_confidences
+from mlsroad_pipeline.label.picture_sample import PictureSample, scene_sample
 
 UNCLASSIFIED, NOISE = 1, 7
 """LAS codes of points without a class and of outliers."""
@@ -94,6 +95,7 @@ class LabelledScene(TypedDict):
     objects: pd.DataFrame
     fragments: pd.DataFrame
     sightings: pd.DataFrame
+    sample: PictureSample
 
 
 def label_new_scene(
@@ -133,6 +135,7 @@ def label_new_scene(
         "objects": extracted.objects,
         "fragments": extracted.fragments,
         "sightings": sightings_of_scene(extracted.part, scene, core),
+        "sample": scene_sample(scene.xyz, scene.origin, label, core),
     }
 
 

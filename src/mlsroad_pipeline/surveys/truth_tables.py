@@ -227,5 +227,6 @@ def counted_objects(truth: Truth, counts: pd.Series | None, least: Mapping[str, 
     objects = truth.objects
     if counts is None:
         return objects
-    enough = counts >= objects["kind"].map({**LEAST_POINTS, **least}).fillna(0)
+    limits = {**LEAST_POINTS, **least}
+    enough = counts.to_numpy() >= np.array([limits.get(kind, 0) for kind in objects["kind"]], dtype=np.float64)
     return objects.assign(points=counts, counted=objects["counted"] & enough)

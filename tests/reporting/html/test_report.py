@@ -14,12 +14,13 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.palette import COLOURS
 from mlsroad_pipeline.reporting.figures.training import oob_figure
+from mlsroad_pipeline.reporting.html.gallery import GallerySection
+from mlsroad_pipeline.reporting.html.object_table import ObjectTableSection
 from mlsroad_pipeline.reporting.html.parts import data_uri, figure_pixels
 from mlsroad_pipeline.reporting.html.report import (
     DistributionSection,
     FactsSection,
     FiguresSection,
-    InventorySection,
     TableSection,
     WarningsSection,
     build_report,
@@ -54,7 +55,7 @@ def sections():
         TableSection("Quality", pd.DataFrame({EVIL: [EVIL, "b"], "density": [np.nan, 12.34567]}), note=EVIL),
         FiguresSection("Figures", {EVIL: np.zeros((3, 5, 3), np.uint8), "curve": oob_figure([1, 2], [0.2, 0.1])}),
         DistributionSection("Classes", {"car": 30, EVIL: 10}),
-        InventorySection("Inventory", objects, "maps/inventory.gpkg", largest=2),
+        TableSection("Objects", objects),
         WarningsSection("Warnings", [EVIL]),
     ]
 
@@ -68,7 +69,7 @@ def test_report_is_well_formed_and_loads_nothing(sections):
     assert "script" not in parser.seen
     assert "link" not in parser.seen
     outside = [a for a in parser.addresses if not a.startswith(("#", "data:image/webp;base64,"))]
-    assert outside == ["maps/inventory.gpkg"]
+    assert outside == []
     assert "@import" not in page
     assert "url(" not in page
 
@@ -87,12 +88,6 @@ def test_numbers_are_for_people_and_undefined_ones_are_dashes(sections):
     assert '<td class="number">431\u202f234.12</td>' in page
 
 
-def test_inventory_counts_all_objects_and_lists_the_first(sections):
-    body = sections[4].body()
-    assert "The first 2 of 3 objects" in body
-    assert body.count("<tr>") == 1 + 3 + 1 + 2
-
-
 def test_distribution_has_shares_and_the_colours_of_the_pictures(sections):
     body = sections[3].body()
     assert "75.00 %" in body
@@ -108,7 +103,7 @@ def test_an_empty_survey_still_gives_a_report():
         [
             TableSection("Quality", pd.DataFrame()),
             DistributionSection("Classes", {"car": 0}),
-            InventorySection("Inventory", pd.DataFrame({"class": []})),
+            GallerySection("Objects", {"pole": []}),
             WarningsSection("Warnings"),
         ]
     )
@@ -132,7 +127,9 @@ def test_a_named_index_becomes_columns():
     [("a/b.gpkg", True), ("https://host/b.gpkg", True), ("javascript:alert(1)", False), ("data:text/html,x", False)],
 )
 def test_only_files_and_web_addresses_become_links(address, linked):
-    assert ("<a href" in InventorySection("i", pd.DataFrame({"class": []}), address).body()) == linked
+    empty = pd.DataFrame({"kind": [], "objects": []})
+    section = ObjectTableSection("i", empty, empty, {"kind": "Kind"}, np.zeros((0, 2)), address)
+    assert ("<a href" in section.body()) == linked
 
 
 def test_pictures_are_embedded_as_they_look():

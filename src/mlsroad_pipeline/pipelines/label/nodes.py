@@ -9,7 +9,8 @@ from typing import Any
 
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, missing_attributes
+from mlsroad_pipeline.algorithms.core.palette import class_palette
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, missing_attributes
 from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
 from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
@@ -33,6 +34,7 @@ from mlsroad_pipeline.label.survey_facts import facts_of_pieces, strange_propert
 from mlsroad_pipeline.label.tasks import label_tasks
 from mlsroad_pipeline.label.work import write_file
 from mlsroad_pipeline.pipelines.label.report import label_report_sections
+from mlsroad_pipeline.pipelines.label.report_pictures import report_pictures
 from mlsroad_pipeline.reporting.html.report import build_report
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import SurveyPlan, plan_labelling
@@ -192,7 +194,8 @@ def write_report(
     for warning in warnings:
         logger.warning(warning)
     warnings += survey_warnings
-    sections = label_report_sections(bundle, parameters, quality, counts, files, objects, warnings)
+    pictures = report_pictures(results, inventory, class_palette(bundle_scheme(bundle)))
+    sections = label_report_sections(bundle, parameters, quality, counts, files, inventory, pictures, warnings)
     strange = strange_properties(bundle, facts)
     more = {"strange": strange, "exports": exports}
     summary = summarise_labels(bundle, parameters, quality, files, objects, warnings, **more)

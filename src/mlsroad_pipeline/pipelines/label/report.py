@@ -6,18 +6,27 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.palette import class_palette
 from mlsroad_pipeline.algorithms.inventory.measures import EXTENT
+from mlsroad_pipeline.algorithms.inventory.sections import section_table
+from mlsroad_pipeline.algorithms.inventory.table import FIELDS
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
 from mlsroad_pipeline.algorithms.models.methods import needs_images
+from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
 from mlsroad_pipeline.label.confidence import confidence_table
 from mlsroad_pipeline.label.scene import LabelCounts
 from mlsroad_pipeline.label.summary import class_counts, summed_counts, written_clouds
 from mlsroad_pipeline.label.work import WrittenFile
+from mlsroad_pipeline.pipelines.label.report_pictures import ReportPictures
+from mlsroad_pipeline.reporting.html.gallery import GallerySection
+from mlsroad_pipeline.reporting.html.object_map import ObjectMapSection, shown_objects
+from mlsroad_pipeline.reporting.html.object_table import ObjectTableSection
 from mlsroad_pipeline.reporting.html.report import Section
 from mlsroad_pipeline.reporting.html.sections import (
     DistributionSection,
     FactsSection,
-    InventorySection,
+    SceneSection,
     TableSection,
     WarningsSection,
 )
@@ -26,6 +35,7 @@ from mlsroad_pipeline.surveys.parameters import LabelParameters
 _NOT_LISTED = (*EXTENT, "scene", "method", "model_version", "footprint")
 """Columns of the inventory that the report omits."""
 
+OBJECT_NOTE = "From above and from the south; a red cross marks the base point. Colours are those of the classes."
 CONFIDENCE_NOTE = (
     "Median confidence of the points of each class. There is a warning above if a fifth of all points, or half of the "
     "points of a class, are below 0.5."
@@ -43,7 +53,8 @@ def label_report_sections(
     quality: pd.DataFrame,
     counts: Mapping[str, LabelCounts],
     written: Mapping[str, WrittenFile],
-    objects: pd.DataFrame,
+    inventory: RoadInventory,
+    pictures: ReportPictures,
     warnings: Sequence[str],
 ) -> list[Section]:
     """Return the sections of the report."""
@@ -60,14 +71,46 @@ def label_report_sections(
     }
     facts |= _seen_by_cameras(bundle, counts)
     return [
+        *_map_and_pictures(inventory, pictures, scheme),
+        *_sections_of_the_road(inventory),
         FactsSection("Run", facts),
         WarningsSection("Warnings", list(warnings)),
         DistributionSection("Classes", class_counts(bundle, total), scheme=scheme),
         TableSection("Confidence", confidence_table(total["confidences"], scheme.classes), note=CONFIDENCE_NOTE),
-        InventorySection("Inventory", objects.drop(columns=list(_NOT_LISTED)), geopackage="inventory.gpkg"),
+        _object_table(inventory.objects, pictures),
         TableSection("Quality of the survey", quality),
         TableSection("Files written", pd.DataFrame({"file": written_clouds(written)})),
     ]
+
+
+def _map_and_pictures(inventory: RoadInventory, pictures: ReportPictures, scheme: ClassScheme) -> list[Section]:
+    """Return the map, pictures of a scene with the colours of the classes, and of single objects."""
+    objects, trajectory = inventory.objects, inventory.trajectory
+    counts = {str(kind): int(n) for kind, n in objects["kind"].value_counts().sort_index().items()}
+    path = None if trajectory is None else trajectory.xyz[:, :2]
+    colours = dict(zip(scheme.classes, class_palette(scheme), strict=False))
+    return [
+        ObjectMapSection("Map", shown_objects(objects), pictures.frame, counts, path, pictures.background),
+        SceneSection("Pictures", pictures.scene, colours),
+        GallerySection("Most and least certain objects", pictures.objects, OBJECT_NOTE),
+    ]
+
+
+def _sections_of_the_road(inventory: RoadInventory) -> list[Section]:
+    """Return the table of objects per 100 m; none without a single trajectory."""
+    if inventory.trajectory is None:
+        return []
+    table = section_table(inventory.objects, inventory.trajectory.length)
+    return [TableSection("Sections of 100 m", table, "Number of objects by station along the path.")]
+
+
+def _object_table(objects: pd.DataFrame, pictures: ReportPictures) -> ObjectTableSection:
+    """Return the section with all objects."""
+    shown = shown_objects(objects)
+    total = objects.groupby(["kind", "class"], sort=True).size().rename("objects").reset_index()
+    names = {name: field.alias for name, field in FIELDS.items() if name not in _NOT_LISTED}
+    places = pictures.frame.place(shown[["x", "y"]].to_numpy())
+    return ObjectTableSection("Inventory", shown, total, names, places, geopackage="inventory.gpkg")
 
 
 def _seen_by_cameras(bundle: ModelBundle, counts: Mapping[str, LabelCounts]) -> dict[str, str]:

@@ -36,7 +36,11 @@ def object_picture(
     middle = bottom + 0.7 * reach
     for rotation, centre in ((_ABOVE, (0.0, 0.0, high)), (_NORTHWARD, (0.0, -reach, middle))):
         view = View(rotation, np.array(centre), SIDE / (2 * reach), (SIDE, SIDE), False)
-        picture = render_points(xyz, colours, view, splat_metres=max(0.04, reach / 120)) if len(xyz) else _blank()
+        picture = (
+            render_points(xyz, colours, view, splat_metres=max(0.05, reach / 80), oversampling=1)
+            if len(xyz)
+            else _blank()
+        )
         views.append(_marked(picture, view, bottom, listed, true))
     return np.concatenate([views[0], np.full((SIDE, _GAP, 3), 255, np.uint8), views[1]], axis=1)
 

@@ -10,7 +10,6 @@ from mlsroad_pipeline.reporting.html.sections import (
     DistributionSection,
     FactsSection,
     FiguresSection,
-    InventorySection,
     TableSection,
     WarningsSection,
 )
@@ -20,7 +19,6 @@ __all__ = [
     "DistributionSection",
     "FactsSection",
     "FiguresSection",
-    "InventorySection",
     "Section",
     "TableSection",
     "WarningsSection",

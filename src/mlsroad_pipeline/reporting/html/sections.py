@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -102,6 +101,35 @@ class FiguresSection:
 
 
 @dataclass(frozen=True)
+class SceneSection:
+    """Pictures of a part of the survey with the colours of the classes.
+
+    Parameters
+    ----------
+    title : str
+        The heading.
+    pictures : mapping of str to ndarray of uint8, shape (height, width, 3)
+        Caption to picture.
+    colours : mapping of str to array-like of uint8, shape (3,)
+        Class to colour.
+    """
+
+    title: str
+    pictures: Mapping[str, NDArray[np.uint8]]
+    colours: Mapping[str, Any]
+
+    def body(self) -> str:
+        """Return the key of the colours and the pictures."""
+        if not self.pictures:
+            return '<p class="none">Nothing to show.</p>'
+        keys = "".join(
+            f'<li><i style="background:{rgb_to_hex(colour)}"></i>{escape(name.replace("_", " "))}</li>'
+            for name, colour in self.colours.items()
+        )
+        return f'<ul class="keys">{keys}</ul>' + FiguresSection(self.title, self.pictures).body()
+
+
+@dataclass(frozen=True)
 class DistributionSection:
     """Numbers of points per class as bars in the colours of the pictures.
 
@@ -140,42 +168,6 @@ class DistributionSection:
             )
         head = '<th scope="col">class</th><th class="number">points</th><th class="number">share</th><th></th>'
         return note(self.note) + f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
-
-
-@dataclass(frozen=True)
-class InventorySection:
-    """Road objects: counts per class, the first objects, and a link to the map layers.
-
-    Parameters
-    ----------
-    title : str
-        The heading.
-    objects : DataFrame
-        One row per object, with a column `class`.
-    geopackage : str, default ""
-        Path or URL of the GeoPackage, relative to the report.
-    largest : int, default 50
-        Maximum number of listed objects.
-    """
-
-    title: str
-    objects: pd.DataFrame
-    geopackage: str = ""
-    largest: int = 50
-
-    def body(self) -> str:
-        """Return counts, the link and the first objects."""
-        path = escape(self.geopackage, quote=True)
-        # URLs such as "javascript:..." must not become links
-        safe = not re.match(r"^[A-Za-z][A-Za-z0-9+.\-]*:", self.geopackage) or self.geopackage.startswith("https://")
-        target = f'<a href="{path}">{path}</a>' if safe else path
-        link = f"<p>All objects as map layers: {target}</p>" if self.geopackage else ""
-        if self.objects.empty:
-            return link + '<p class="none">No objects were found.</p>'
-        counts = self.objects.groupby("class", sort=True).size().rename("objects").reset_index()
-        listed = self.objects.head(self.largest)
-        heading = f"<h3>The first {len(listed)} of {len(self.objects)} objects</h3>"
-        return table_html(counts) + link + heading + table_html(listed.reset_index(drop=True))
 
 
 @dataclass(frozen=True)

@@ -43,8 +43,55 @@ figcaption { color: var(--soft); font-size: .88rem; margin-top: .3rem; }
 .warnings { margin: 0; padding: .6rem 1rem .6rem 2rem; background: var(--warn);
   border-left: 4px solid var(--warn-line); }
 a { color: var(--accent); }
-@media print { nav { display: none; } body { background: #fff; } section { border: 0; break-inside: avoid; } }
+.legend { border: 0; padding: 0; margin: 0 0 .5rem; display: flex; flex-wrap: wrap; gap: .3rem 1.1rem; }
+.legend legend { position: absolute; width: 1px; height: 1px; overflow: hidden; clip-path: inset(50%); }
+.legend label { cursor: pointer; display: inline-flex; align-items: center; gap: .35rem; }
+.legend i { margin: 0; border: 0; }
+.legend i.dot { border-radius: 50%; }
+.legend i.line { height: 3px; background: #22262e; border-radius: 0; width: 1.2em; }
+.map { position: relative; border: 1px solid var(--line); border-radius: 4px; overflow: hidden; background: #fff; }
+#map { display: block; width: 100%; touch-action: pan-y; cursor: grab; }
+#map:focus-visible, button:focus-visible, input:focus-visible, select:focus-visible { outline: 3px solid #e0a100;
+  outline-offset: -3px; }
+#map .path { fill: none; stroke: #22262e; stroke-width: 2px; stroke-dasharray: 6 3; vector-effect: non-scaling-stroke; }
+#map .o path { stroke-width: 9px; stroke-linecap: round; vector-effect: non-scaling-stroke; }
+#map .o.square path { stroke-linecap: square; stroke-width: 7px; }
+#map .o path.chosen { stroke-width: 18px; stroke: #e0a100; }
+.map-buttons { position: absolute; top: .5rem; left: .5rem; display: flex; gap: .25rem; }
+button { font: inherit; color: var(--accent); background: #fff; border: 1px solid #8a93a3; border-radius: 4px;
+  padding: .1rem .55rem; cursor: pointer; }
+.north { position: absolute; top: .5rem; right: .5rem; width: 44px; height: 44px; background: rgba(255, 255, 255, .8); }
+.north path { fill: var(--ink); }
+.north text { font-size: 9px; font-weight: 700; }
+.scale { position: absolute; left: .6rem; bottom: .6rem; border: 2px solid var(--ink); border-top: 0; padding: 0 .3rem;
+  font-size: .8rem; text-align: center; background: rgba(255, 255, 255, .8); white-space: nowrap; }
+.details { min-height: 5.5rem; padding-top: .6rem; }
+.details h3 { margin: 0 0 .3rem; }
+.details dl { grid-template-columns: repeat(4, max-content minmax(3rem, 1fr)); gap: .1rem .8rem; font-size: .85rem; }
+.filters { display: flex; flex-wrap: wrap; gap: .4rem 1.2rem; align-items: center; margin: .6rem 0; }
+.filters input, .filters select { font: inherit; padding: .1rem .3rem; }
+.filters input[type=number] { width: 4.6rem; }
+.objects { max-height: 36rem; overflow: auto; border: 1px solid var(--line); }
+.objects table { border-collapse: separate; border-spacing: 0; }
+.objects th, .objects td { padding-left: .5rem; }
+.objects thead th { position: sticky; top: 0; z-index: 2; background: var(--back); }
+.objects thead button { border: 0; background: none; color: var(--ink); padding: 0; font-weight: 600;
+  white-space: nowrap; }
+.objects th[aria-sort=ascending] button::after { content: " \u2191"; }
+.objects th[aria-sort=descending] button::after { content: " \u2193"; }
+.objects td:first-child, .objects th:first-child { position: sticky; left: 0; background: var(--paper); z-index: 1; }
+.objects th:first-child { z-index: 3; background: var(--back); }
+.keys { display: flex; flex-wrap: wrap; gap: .2rem 1rem; padding: 0; margin: .2rem 0 1rem; list-style: none;
+  font-size: .88rem; }
+@media print { @page { margin: 12mm; } nav, .map-buttons, .filters, .details, #object-more { display: none; }
+  body { background: #fff; font-size: 11px; print-color-adjust: exact; -webkit-print-color-adjust: exact; }
+  header { padding: .6rem 0; color: #000; background: #fff; } main { max-width: none; padding: 0; }
+  section { border: 0; padding: 0; margin: .6rem 0; } h2, h3 { break-after: avoid; }
+  figure, tr, .map { break-inside: avoid; } thead { display: table-header-group; }
+  .scroll, .objects { overflow: visible; max-height: none; border: 0; }
+  .objects table { font-size: 6.5px; } .objects th, .objects td { padding: 1px 3px 1px 0; white-space: normal; }
+  .objects td:first-child, .objects th, .objects th:first-child { position: static; } }
 @media (max-width: 40rem) { header, nav { padding-left: 1rem; padding-right: 1rem; }
-  dl { grid-template-columns: 1fr; } }
+  dl, .details dl { grid-template-columns: 1fr; } }
 """
 """Inline CSS: light, printable, responsive, without external resources."""

@@ -1,0 +1,154 @@
+"""Scores of the inventory of `label`, with the shipped model, on simulated streets and on recordings.
+
+    python benchmarks/inventory_scores.py [--only simulated oakland ...] [--folder FOLDER] [--least-score 0.0]
+
+Labels each survey with `mlsroad label` and scores its inventory as `mlsroad score` does (docs/scoring.md):
+
+- simulated: streets of 100 m of four kinds (town, suburb, ring_road, campus), seen by two scanners (presets `demo`, a
+  sixth of the pulses of a VMX-450, and `hdl32`), seeds that no model was trained on;
+- oakland: the eleven blocks of Oakland 3-D as one survey, reference oakland/objects.csv; trees count recall alone;
+- pandaset: the frames of PandaSet 001 one by one, boxes of vehicles (the shipped model learns from their points);
+- semantickitti: scans of sequence 00, instances of vehicles;
+- kitti: scans of KITTI objects, boxes of vehicles in the view of the camera.
+
+Recordings lie below $MLSROAD_DATA. Streets are simulated once and kept in the folder. Prints a table per data set in
+Markdown, and writes `inventory_scores.json`; every survey keeps its results and its page of scores in the folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from mlsroad_pipeline.algorithms.metrics.object_matching import MatchedObjects
+from mlsroad_pipeline.algorithms.metrics.object_scores import score_objects, summarise_measures
+from mlsroad_pipeline.label.object_scoring import ScoredInventory, ScoreParameters, score_inventory
+
+DATA = Path(os.environ.get("MLSROAD_DATA", "../shared/data")).absolute()
+KINDS, SCANNERS = ("town", "suburb", "ring_road", "campus"), ("demo", "hdl32")
+FIRST_SEED, LENGTH = 911, 100
+TEXT = ("label.read.columns={x: 0, y: 1, z: 2}", "label.read.delimiter=whitespace", "label.read.header=false")
+
+
+class Case(NamedTuple):
+    """A survey with its truth: name, files, table of true objects, changed parameters, kinds with recall alone."""
+
+    name: str
+    files: list[Path]
+    truth: Path
+    params: tuple[str, ...] = ()
+    recall_only: tuple[str, ...] = ()
+
+
+def mlsroad(*arguments: object) -> None:
+    """Run the command; its errors end the benchmark."""
+    code = "import sys; sys.argv[0] = 'mlsroad'; from mlsroad_pipeline.commands.app import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)], capture_output=True, text=True, check=False
+    )
+    if done.returncode:
+        raise SystemExit(f"mlsroad {' '.join(map(str, arguments))}: {done.stderr.strip()}")
+
+
+def simulated(folder: Path) -> Iterator[Case]:
+    """Yield the streets, simulated where they are not there."""
+    for number, (kind, scanner) in enumerate((k, s) for k in KINDS for s in SCANNERS):
+        street = folder / "streets" / f"{kind}_{scanner}"
+        if not (street / "objects.csv").is_file():
+            options = ("--preset", scanner, "--seed", FIRST_SEED + number, "--length", LENGTH, "--overwrite")
+            mlsroad("simulate", "-o", street, *options, "--params", f"street={kind}", "--params", "with_images=false")
+        yield Case(street.name, [street], street)
+
+
+def oakland(_: Path) -> Iterator[Case]:
+    """Yield the blocks as one survey."""
+    blocks = sorted((DATA / "oakland").glob("*.xyz_label_conf.gz"))
+    yield Case("oakland", blocks, DATA / "oakland/objects.csv", TEXT, ("tree",))
+
+
+def pandaset(_: Path) -> Iterator[Case]:
+    """Yield the frames."""
+    for frame in sorted((DATA / "real/pandaset/001/frames").glob("*.npz")):
+        yield Case(f"pandaset_{frame.stem}", [frame], frame.with_name(f"{frame.stem}_cuboids.csv"))
+
+
+def semantickitti(_: Path) -> Iterator[Case]:
+    """Yield scans."""
+    for labels in (DATA / "real/semantickitti_more/makeonebug/label/000000.label", DATA / "semantickitti/000000.label"):
+        beside = labels.with_suffix(".bin")
+        scan = beside if beside.is_file() else labels.parents[1] / "pcd" / beside.name
+        yield Case(f"semantickitti_{labels.parents[1].name}", [scan], labels)
+
+
+def kitti(_: Path) -> Iterator[Case]:
+    """Yield scans."""
+    for labels in sorted((DATA / "real/kitti_object/training/label_2").glob("*.txt")):
+        yield Case(f"kitti_{labels.stem}", [labels.parents[1] / "velodyne" / f"{labels.stem}.bin"], labels)
+
+
+SETS = {f.__name__: f for f in (simulated, oakland, pandaset, semantickitti, kitti)}
+
+
+def scored(case: Case, folder: Path, least_score: float) -> tuple[ScoredInventory, float]:
+    """Label a survey, write the page of its scores, and return them with the seconds that labelling took."""
+    results = folder / case.name
+    begin = time.perf_counter()
+    options = [option for pair in case.params for option in ("--params", pair)]
+    mlsroad("label", *case.files, "-o", results, "--overwrite", *options)
+    seconds = time.perf_counter() - begin
+    partial = [option for kind in case.recall_only for option in ("--recall-only", kind)]
+    mlsroad("score", results, "--truth", case.truth, "--least-score", least_score, "--overwrite", *partial)
+    parameters = ScoreParameters(str(results), str(case.truth), recall_only=case.recall_only, least_score=least_score)
+    return score_inventory(parameters), seconds
+
+
+def joined(parts: list[ScoredInventory]) -> MatchedObjects:
+    """Return the outcomes of several surveys together."""
+    objects, truth = ([getattr(part.matched, name) for part in parts] for name in ("objects", "truth"))
+    return MatchedObjects(pd.concat(objects, ignore_index=True), pd.concat(truth, ignore_index=True))
+
+
+def main() -> None:
+    """Simulate, label, score, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", nargs="+", choices=list(SETS), default=list(SETS))
+    parser.add_argument("--folder", type=Path, default=Path("data/08_reporting/inventory_scores"))
+    parser.add_argument("--least-score", type=float, default=0.0)
+    options = parser.parse_args()
+    folder = options.folder.absolute()
+    record: dict[str, Any] = {}
+    for name in options.only:
+        found = {case.name: (scored(case, folder, options.least_score), case) for case in SETS[name](folder)}
+        if not found:
+            print(f"\n{name}: no data below {DATA}")
+            continue
+        parts = [part for (part, _), _ in found.values()]
+        partial = sorted({kind for _, case in found.values() for kind in case.recall_only})
+        table = score_objects(joined(parts), recall_only=partial)
+        measures = summarise_measures(pd.concat([part.errors for part in parts], ignore_index=True))
+        print(f"\n{name}: {', '.join(f'{key} ({seconds:.0f} s)' for key, ((_, seconds), _) in found.items())}\n")
+        print(markdown(table.round(3)))
+        print()
+        print(markdown(measures.drop(columns="bias").round(2)), flush=True)
+        record[name] = {"scores": table.to_dict("records"), "measures": measures.to_dict("records")}
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "inventory_scores.json").write_text(json.dumps(record, indent=1), encoding="utf-8")
+
+
+def markdown(table: pd.DataFrame) -> str:
+    """Return a table in Markdown; undefined values are empty."""
+    rows = [list(table.columns), ["---"] * table.shape[1], *table.astype(object).where(table.notna(), "").to_numpy()]
+    return "\n".join("| " + " | ".join(str(value) for value in row) + " |" for row in rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,88 @@
+"""Sections of a road: numbers of objects by station."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_positive
+from mlsroad_pipeline.algorithms.inventory.rules import KINDS
+
+STEP = 100.0
+"""Length of a section, metres."""
+
+
+def equal_sections(length: float, *, step: float = STEP) -> pd.DataFrame:
+    """Return sections of equal length; the last one ends with the road.
+
+    Parameters
+    ----------
+    length : float
+        Length of the road, metres.
+    step : float, default 100
+        Length of a section, metres.
+
+    Returns
+    -------
+    DataFrame
+        `section` (from 1), `from_station` and `to_station`, metres; at least one section.
+
+    Raises
+    ------
+    ParameterError
+        If `step` is not positive.
+    """
+    check_positive(step, "step")
+    starts = np.arange(max(1, int(np.ceil(round(length / step, 9))))) * step
+    ends = np.append(starts[1:], length)
+    return pd.DataFrame({"section": np.arange(len(starts)) + 1, "from_station": starts, "to_station": ends})
+
+
+def section_table(objects: pd.DataFrame, length: float, *, sections: pd.DataFrame | None = None) -> pd.DataFrame:
+    """Return the number of objects of each kind in each section of a road.
+
+    Parameters
+    ----------
+    objects : DataFrame
+        An inventory: columns `kind` and `station` (metres; those without one are in no section).
+    length : float
+        Length of the trajectory, metres.
+    sections : DataFrame, optional
+        `section`, `from_station` and `to_station` of given sections, which may overlap; None is every 100 m.
+
+    Returns
+    -------
+    DataFrame
+        `section`, `from_station`, `to_station`, `length` (metres), a column for each kind, and `objects` (all kinds). A
+        section contains its first station; the last one contains its end, too. Without given sections, objects before
+        the begin and beyond the end of the trajectory count in the first and in the last one.
+
+    Raises
+    ------
+    DataError
+        If given sections lack a column or end before they begin.
+    """
+    given = equal_sections(length) if sections is None else sections
+    missing = [name for name in ("section", "from_station", "to_station") if name not in given]
+    if missing:
+        raise DataError(f"a table of road sections needs the column {missing[0]}")
+    backward = given[~(given["to_station"] >= given["from_station"])]
+    if len(backward):
+        row = backward.iloc[0]
+        raise DataError(f"section {row['section']} ends at {row['to_station']}, before {row['from_station']}")
+    table = given[["section", "from_station", "to_station"]].reset_index(drop=True)
+    table["length"] = table["to_station"] - table["from_station"]
+    station = objects["station"].to_numpy(dtype=np.float64)
+    station = np.clip(station, 0.0, length) if sections is None else station
+    last = table["to_station"].max()
+    kinds = [*KINDS, *sorted(set(objects["kind"]) - set(KINDS))]
+    inside = [
+        (station >= low) & ((station < high) | ((station == high) & (high == last)))
+        for low, high in table[["from_station", "to_station"]].to_numpy(dtype=np.float64)
+    ]
+    for kind in kinds:
+        of_kind = (objects["kind"] == kind).to_numpy()
+        table[kind] = [int((mine & of_kind).sum()) for mine in inside]
+    table["objects"] = table[kinds].sum(axis=1)
+    return table

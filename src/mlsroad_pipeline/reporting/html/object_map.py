@@ -1,0 +1,171 @@
+"""Map of the objects of an inventory as an inline SVG, drawn without a network."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.reporting.clouds.overview import MapFrame
+from mlsroad_pipeline.reporting.html.parts import data_uri
+
+KIND_COLOURS = {"pole": "#1f3fae", "sign": "#b3400a", "tree": "#0b6b3a", "vehicle": "#b3125a"}
+"""Kind to the colour of its symbols, all legible on white."""
+OTHER_COLOURS = ("#5b3fa0", "#00616e", "#6b5300", "#444444", "#8a1c7c", "#2f5d00")
+"""Colours of further kinds, in their order."""
+SQUARE = ("sign", "vehicle")
+"""Kinds drawn as squares; others are dots."""
+MOST_OBJECTS = 5000
+"""Largest number of objects on the map and in the table; of more, those with the highest scores of each kind."""
+_LOWEST, _WIDTH, _HIGHEST = 260, 1140, 640  # height and width of the map at first, pixels
+
+
+def shown_objects(objects: pd.DataFrame) -> pd.DataFrame:
+    """Return the objects sorted by kind and score; of many, an equal share of each kind at most."""
+    ordered = objects.sort_values(["kind", "score", "object_id"], ascending=[True, False, True], kind="stable")
+    if len(ordered) <= MOST_OBJECTS:
+        return ordered.reset_index(drop=True)
+    share = MOST_OBJECTS // ordered["kind"].nunique()
+    return ordered.groupby("kind", sort=False).head(share).reset_index(drop=True)
+
+
+def kind_colours(kinds: Sequence[str]) -> dict[str, str]:
+    """Return the colours of kinds."""
+    others = [kind for kind in kinds if kind not in KIND_COLOURS]
+    return {kind: KIND_COLOURS.get(kind) or OTHER_COLOURS[others.index(kind) % len(OTHER_COLOURS)] for kind in kinds}
+
+
+@dataclass(frozen=True)
+class ObjectMapSection:
+    """Map of the path and the objects.
+
+    Parameters
+    ----------
+    title : str
+        The heading.
+    objects : DataFrame
+        Objects with `kind`, `score`, `x`, `y`, as `shown_objects` returns them.
+    frame : MapFrame
+        Frame of the map.
+    counts : mapping of str to int
+        Kind to the number of objects of the inventory.
+    path : ndarray of float64, shape (n, 2), optional
+        Positions of the scanner in the order of travel.
+    background : ndarray of uint8, shape (rows, columns, 3), optional
+        Picture of the whole frame.
+    """
+
+    title: str
+    objects: pd.DataFrame
+    frame: MapFrame
+    counts: dict[str, int]
+    path: NDArray[np.float64] | None = None
+    background: NDArray[np.uint8] | None = None
+
+    def body(self) -> str:
+        """Return the map with its legend, its buttons and the place for the measures of an object."""
+        width, height = self.frame.size
+        pixels = int(np.clip(_WIDTH * height / width, _LOWEST, _HIGHEST))
+        kinds = sorted(self.counts)
+        colours = kind_colours(kinds)
+        described = ", ".join(f"{count} {kind}{'s' * (count != 1)}" for kind, count in self.counts.items())
+        label = escape(f"Map of the survey: {described or 'no objects'}. Arrow keys move it, plus and minus zoom.")
+        style = "".join(f"#map .k{n}{{stroke:{colours[kind]}}}" for n, kind in enumerate(kinds))
+        return (
+            f"<style>{style}</style>\n{self._legend(kinds, colours)}"
+            '<div class="map"><div class="map-buttons">'
+            '<button type="button" data-zoom="1.6" aria-label="Zoom in">+</button>'
+            '<button type="button" data-zoom="0.625" aria-label="Zoom out">&minus;</button>'
+            '<button type="button" data-zoom="0" aria-label="Show all">All</button></div>'
+            f'<svg id="map" role="img" aria-label="{label}" tabindex="0" viewBox="0 0 {width:.2f} {height:.2f}" '
+            f'style="height:{pixels}px" preserveAspectRatio="xMidYMid meet">{self._background()}{self._path()}'
+            f"{self._symbols(kinds)}</svg>{self._north()}{_scale_bar(width)}</div>\n"
+            '<div id="object-details" class="details" role="status" aria-live="polite"><p class="none">'
+            "Point at an object, or tap it, for its measures.</p></div>\n"
+        )
+
+    def _legend(self, kinds: Sequence[str], colours: dict[str, str]) -> str:
+        boxes = [
+            f'<label><input type="checkbox" checked data-kind="{n}"><i class="{"square" if kind in SQUARE else "dot"}" '
+            f'style="background:{colours[kind]}"></i>{escape(kind)} <b>{self.counts[kind]}</b></label>'
+            for n, kind in enumerate(kinds)
+        ]
+        if self.path is not None:
+            boxes.append('<label><input type="checkbox" checked data-layer="path"><i class="line"></i>path</label>')
+        if self.background is not None:
+            boxes.append('<label><input type="checkbox" checked data-layer="cloud">cloud by class</label>')
+        return f'<fieldset class="legend"><legend>On the map</legend>{"".join(boxes)}</fieldset>\n'
+
+    def _background(self) -> str:
+        if self.background is None:
+            return ""
+        width, height = self.frame.size
+        return (
+            f'<image data-layer="cloud" width="{width:.2f}" height="{height:.2f}" preserveAspectRatio="none" '
+            f'opacity="0.5" href="{data_uri(self.background)}"/>'
+        )
+
+    def _path(self) -> str:
+        if self.path is None or len(self.path) < 2:
+            return ""
+        step = max(1, len(self.path) // 4000)
+        kept = np.concatenate([self.path[:-1:step], self.path[-1:]])
+        places = " ".join(f"{x:.1f},{y:.1f}" for x, y in self.frame.place(kept))
+        return f'<polyline data-layer="path" class="path" points="{places}"/>'
+
+    def _symbols(self, kinds: Sequence[str]) -> str:
+        places = self.frame.place(self.objects[["x", "y"]].to_numpy())
+        number = {kind: n for n, kind in enumerate(kinds)}
+        drawn = {kind: [] for kind in kinds}  # type: dict[str, list[str]]
+        for row, (kind, (x, y)) in enumerate(zip(self.objects["kind"], places, strict=True)):
+            drawn[kind].append(f'<path d="M{x:.2f} {y:.2f}h0" data-i="{row}"/>')
+        return "".join(
+            f'<g class="o k{number[kind]}{" square" if kind in SQUARE else ""}" data-kind="{number[kind]}">'
+            f"<title>{escape(kind)}</title>{''.join(found)}</g>"
+            for kind, found in drawn.items()
+        )
+
+    def _north(self) -> str:
+        return (
+            '<svg class="north" viewBox="-16 -16 32 32" role="img" aria-label="North arrow">'
+            f'<g transform="rotate({self.frame.north:.1f})"><path d="M0 -13L5 9L0 5L-5 9Z"/>'
+            '<text y="-6" x="9" transform="rotate(0)">N</text></g></svg>'
+        )
+
+
+def _scale_bar(width: float) -> str:
+    """Return the bar; its length follows the zoom in a browser, and the width of the map without a script."""
+    metres = scale_length(width / 5)
+    return f'<div class="scale" data-metres="{metres:g}" style="width:{100 * metres / width:.2f}%">{metres:g} m</div>'
+
+
+def scale_length(metres: float) -> float:
+    """Return the largest of 1, 2 or 5 times a power of ten that is at most `metres`.
+
+    Examples
+    --------
+    >>> scale_length(37.0), scale_length(1.0)
+    (20.0, 1.0)
+    """
+    power = 10.0 ** np.floor(np.log10(metres))
+    return float(max(step * power for step in (1, 2, 5) if step * power <= metres * (1 + 1e-9)))
+
+
+def object_data(objects: pd.DataFrame, names: dict[str, str], places: NDArray[np.float64]) -> str:
+    """Return the objects as a JSON script element; `names` has the heading of each column that is shown."""
+    columns = [name for name in names if name in objects]
+    rows = objects[columns].astype(object).where(objects[columns].notna(), None).to_numpy().tolist()
+    kinds = sorted(set(objects["kind"]))
+    content = {
+        "columns": [[name, names[name]] for name in columns],
+        "kinds": kinds,
+        "rows": rows,
+        "places": [[round(float(x), 2), round(float(y), 2)] for x, y in places],
+    }
+    text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"), default=str)
+    return f'<script type="application/json" id="object-data">{text.replace("<", chr(92) + "u003c")}</script>\n'
