@@ -18,6 +18,7 @@ def test_open3d_sees_the_colours(tmp_path, rng, monkeypatch):
     monkeypatch.setattr(coloured_ply, "CHUNK", 300)
     codes = rng.choice([2, 5, 11, 64, 66, 200], 1000).astype(np.uint8)
     columns = {"classification": codes, "confidence": rng.random(1000).astype(np.float32)}
+    columns["object_id"] = rng.integers(0, 2**32, 1000, dtype=np.uint32)
     cloud = PointCloud(rng.random((1000, 3)) * 90, columns, np.array([480_000.0, 5_455_000.0, 0.0]))
     LasFormat().write(tmp_path / "a.laz", cloud, WriteOptions(like="none"))
     target = coloured_path(str(tmp_path / "a.laz"))
@@ -29,6 +30,7 @@ def test_open3d_sees_the_colours(tmp_path, rng, monkeypatch):
     again = PlyFormat().read(tmp_path / "a_classes.ply", ReadOptions())
     np.testing.assert_array_equal(again["classification"], codes)
     np.testing.assert_array_equal(again["confidence"], columns["confidence"])
+    np.testing.assert_array_equal(again["object_id"], columns["object_id"])
     assert b"comment origin 480000.000 5455000.000 0.000" in (tmp_path / "a_classes.ply").read_bytes()
     with pytest.raises(DataError, match="would be overwritten"):
         write_coloured_ply(tmp_path / "a.laz", tmp_path / "a.laz")

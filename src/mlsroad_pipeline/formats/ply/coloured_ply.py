@@ -11,17 +11,17 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.palette import las_palette
 from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.formats.files import atomic_file
+from mlsroad_pipeline.formats.labelled_names import CLASS, CONFIDENCE, OBJECT, RESULTS
 from mlsroad_pipeline.formats.las.format import LasFormat
 
 CHUNK = 1_000_000
-CLASS, CONFIDENCE = "classification", "confidence"
 RECORD = np.dtype(
     [
         *(("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")),
-        *((CLASS, "u1"), (CONFIDENCE, "<f4")),
+        *((CLASS, "u1"), (CONFIDENCE, "<f4"), (OBJECT, "<u4")),
     ]
 )
-NAMES = {"<f4": "float", "|u1": "uchar"}
+NAMES = {"<f4": "float", "|u1": "uchar", "<u4": "uint"}
 
 
 def coloured_path(path: str) -> str:
@@ -44,7 +44,7 @@ def write_coloured_ply(source: str | Path, target: str | Path) -> None:
     """Write the points of a labelled LAS or LAZ file as PLY in the colours of their classes.
 
     Coordinates are float32 relative to the file's origin, as simple viewers need them; the origin is in a comment.
-    Class and confidence are kept.
+    Class, confidence and object are kept.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def write_coloured_ply(source: str | Path, target: str | Path) -> None:
         raise DataError(f"{target} is the file to copy and would be overwritten")
     form, palette = LasFormat(), las_palette()
     info = form.info(path, ReadOptions())
-    wanted = tuple(name for name in (CLASS, CONFIDENCE) if name in info.columns)
+    wanted = tuple(name for name in RESULTS if name in info.columns)
     options = ReadOptions(only=wanted)
     head = [
         *("ply", "format binary_little_endian 1.0", "comment origin " + " ".join(f"{v:.3f}" for v in info.origin)),
@@ -82,8 +82,8 @@ def write_coloured_ply(source: str | Path, target: str | Path) -> None:
             records[CLASS] = codes
             for axis, name in enumerate(("red", "green", "blue")):
                 records[name] = palette[codes, axis]
-            if CONFIDENCE in cloud:
-                records[CONFIDENCE] = cloud[CONFIDENCE]
+            for name in (name for name in (CONFIDENCE, OBJECT) if name in cloud):
+                records[name] = cloud[name]
             stream.write(records.tobytes())
 
 
