@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import BinaryIO
 
 import lazrs
+import numpy as np
+from numpy.typing import NDArray
 
 from mlsroad_pipeline.formats.content import Content, open_content
 from mlsroad_pipeline.formats.files import FileKey
@@ -18,6 +20,9 @@ POINTWISE = 1
 
 LAYERED_FROM = 6
 """First point format whose chunks state their number of points."""
+
+COMPARED, REACH, NEAR_STEPS = 1000, 100, 1_000_000
+"""Number of records that others are compared with, and how far others may be: extents of these, and steps."""
 
 WAVEFORMS = (4, 5, 9, 10)
 INTERNAL, EXTERNAL = 0x02, 0x04
@@ -75,13 +80,31 @@ def stored_points(file: Content, block: bytes, stated: int, end: int) -> tuple[i
     """
     begin, size = struct.unpack_from("<I", block, 96)[0], struct.unpack_from("<H", block, 105)[0]
     have, rest = divmod(max(end - begin, 0), size)
-    if have <= stated:
-        return stated, ""
     extra = end - begin - stated * size
-    last = file.read(size, begin + (have - 1) * size)
-    if (rest and stated) or not any(last):
-        return stated, f"{extra} bytes after its {stated} points are no points: not read"
-    return have, f"its header states {stated} points, it holds {have}: all are read"
+    if extra <= 0:
+        return stated, ""
+    if have > stated and (not rest or not stated) and _are_points(file, begin, size, stated, have):
+        return have, f"its header states {stated} points, it holds {have}: all are read"
+    return stated, f"{extra} bytes after its {stated} points are no points: not read"
+
+
+def _are_points(file: Content, begin: int, size: int, stated: int, have: int) -> bool:
+    """Return whether the first and the last record after the stated ones lie near these."""
+    ends = [file.read(size, begin + row * size) for row in (stated, have - 1)]
+    if not any(ends[1]):
+        return False
+    known = file.read(min(stated, COMPARED) * size, begin)
+    if not known:
+        return True
+    own, others = (_coordinates(data, size) for data in (known, b"".join(ends)))
+    low, high = own.min(axis=0), own.max(axis=0)
+    reach = REACH * (high - low).max() + NEAR_STEPS
+    return bool(((others >= low - reach) & (others <= high + reach)).all())
+
+
+def _coordinates(data: bytes, size: int) -> NDArray[np.float64]:
+    records = np.frombuffer(data, np.uint8).reshape(-1, size)
+    return np.ascontiguousarray(records[:, :12]).view("<i4").astype(np.float64)
 
 
 @lru_cache(maxsize=64)

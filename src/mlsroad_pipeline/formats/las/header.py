@@ -261,10 +261,15 @@ def _with_count(header: LasHeader, path: Path) -> LasHeader:
         note = f"its header states {stated} points, it holds {n_points}: all are read" * (n_points != stated)
     elif header.compressed:
         return header
+    elif header.evlrs or header.notes:  # the offset of the extended records bounds the points, or is wrong
+        start = header.integer("Q", 235 if header.minor >= 4 else 227) if header.evlrs else 0
+        whole = (start - header.point_offset) % header.record_size == 0
+        n_points, note = stated, ""
+        if start and whole:
+            n_points, note = stored_points(open_content(path), header.block, stated, start)
     else:
         file = open_content(path)
-        start = 0 if not header.evlrs else header.integer("Q", 235 if header.minor >= 4 else 227)
-        n_points, note = stored_points(file, header.block, stated, start or file.size)
+        n_points, note = stored_points(file, header.block, stated, file.size)
     return replace(header.with_points(n_points), notes=(*header.notes, note)) if note else header
 
 
