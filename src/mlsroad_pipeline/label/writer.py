@@ -40,6 +40,9 @@ ADDED = {CONFIDENCE: ("f4", "of the class, 0 to 1"), OBJECT: ("u4", "number in t
 """Extra dimension to its type and description."""
 
 SCALE = 0.001
+LEAST_UNIT = 0.1
+"""Unit in metres down to which results have `SCALE` in the unit of their file; that of smaller ones is in metres."""
+
 WITHHELD_BIT = 0x04
 CLASS_ONLY = int(lazrs.SELECTIVE_DECOMPRESS_XY_RETURNS_CHANNEL | lazrs.SELECTIVE_DECOMPRESS_CLASSIFICATION)
 
@@ -248,7 +251,8 @@ def result_header(path: Path, form: PointFormat, options: ReadOptions) -> LasHea
         return _with_results(upgraded_header(read_header(path)), keep_class=True, source=str(path))
     empty = _renamed(form.read(path, as_stored(options), start=0, stop=0))
     flat = options_in_use(form, str(path), options).metres if keeps_units(options) else 1.0
-    return _with_results(new_header(empty, WriteOptions(scale=SCALE / flat)), keep_class=False, source=str(path))
+    scale = SCALE if flat > LEAST_UNIT else SCALE / flat
+    return _with_results(new_header(empty, WriteOptions(scale=scale)), keep_class=False, source=str(path))
 
 
 def keeps_units(options: ReadOptions) -> bool:

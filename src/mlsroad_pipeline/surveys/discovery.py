@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import fnmatch
 import logging
 import os
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from glob import glob, has_magic
 from pathlib import Path
@@ -22,7 +24,7 @@ def find_point_files(root: str | Path, patterns: Sequence[str] | None = None) ->
     if path.is_dir():
         matches = [match for pattern in (patterns or ["**/*"]) for match in _matching(path, pattern)]
     elif has_magic(str(root)):
-        entries = [Path(entry) for entry in glob(str(root), recursive=True)]
+        entries = _entries(path)
         matches = [
             match
             for entry in entries
@@ -42,8 +44,32 @@ def _matching(folder: Path, pattern: str) -> list[Path]:
         raise ParameterError(f"pattern {pattern!r} must stay below {folder}")
     if pattern == "**/*":
         return list(_below(folder))
-    matches = [folder / match for match in glob(pattern, root_dir=folder, recursive=True)]
+    matches = _entries(folder / pattern)
     return [p for match in matches for p in (match.rglob("*") if match.is_dir() else [match])]
+
+
+def _entries(pattern: Path) -> list[Path]:
+    """Return the files and folders that a glob names; ``**`` visits each folder once, whatever links lead to it."""
+    parts = pattern.parts
+    if "**" not in parts:
+        return [Path(entry) for entry in glob(str(pattern))]
+    at = parts.index("**")
+    names = parts[at:] if parts[-1] != "**" else (*parts[at:], "*")
+    folders = ("(?:[^/]+/)*" if part == "**" else _segment(part) + "/" for part in names[:-1])
+    wanted = re.compile("".join(folders) + _segment(names[-1]))
+    found = []
+    for base in (entry for entry in glob(str(Path(*parts[:at]) if at else Path("."))) if Path(entry).is_dir()):
+        for path in _below(Path(base)):
+            below = path.relative_to(base).parts
+            ends = range(1, len(below) + 1)  # a folder that matches holds the file
+            if any(wanted.fullmatch("/".join(below[:end])) for end in ends):
+                found.append(path)
+    return found
+
+
+def _segment(name: str) -> str:
+    """Return the regular expression of a name of a glob; ``*`` does not cross folders."""
+    return fnmatch.translate(name).replace(".*", "[^/]*").removesuffix(r"\Z")
 
 
 def _below(folder: Path) -> Iterator[Path]:
@@ -56,7 +82,8 @@ def _below(folder: Path) -> Iterator[Path]:
             continue
         seen.add(real)
         try:
-            entries = sorted(os.scandir(here), key=lambda entry: entry.name)
+            with os.scandir(here) as found:
+                entries = sorted(found, key=lambda entry: entry.name)
         except OSError as error:
             logger.warning("%s cannot be read: %s: skipped", here, error.strerror)
             continue

@@ -95,7 +95,7 @@ def options_in_use(form: PointFormat, path: str, options: ReadOptions) -> ReadOp
 
 def time_notes(sample: PointCloud) -> list[str]:
     """Return a sentence if times of a sample are infinite or shared by many points."""
-    if "gps_time" not in sample or len(sample) <= SHARED or np.ptp(sample["gps_time"]) == 0:
+    if "gps_time" not in sample or len(sample) <= SHARED or (sample["gps_time"] == sample["gps_time"][0]).all():
         return []
     share = 1.0 - float(measured_times(sample["gps_time"]).mean())
     if share == 0.0:

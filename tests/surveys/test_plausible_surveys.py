@@ -1,0 +1,347 @@
+"""Plausible faults of surveys: times, units, folders, paths; `inspect` and `label` tell the same."""
+
+import shutil
+
+import laspy
+import numpy as np
+import pyproj
+import pytest
+from helpers.formats import make_labels, make_las
+from helpers.las_rules import broken_rules
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
+from mlsroad_pipeline.algorithms.scenes.splits import SplitPart
+from mlsroad_pipeline.config import ParameterConfigLoader
+from mlsroad_pipeline.execution.path_parameters import check_paths, with_text_of_paths
+from mlsroad_pipeline.formats.options import ReadOptions, WriteOptions
+from mlsroad_pipeline.formats.registry import get_format
+from mlsroad_pipeline.label.checks import check_headers, output_problems
+from mlsroad_pipeline.label.writer import write_labelled
+from mlsroad_pipeline.surveys.files import Survey
+from mlsroad_pipeline.surveys.inspection import InspectParameters, inspect_survey
+from mlsroad_pipeline.surveys.parameters import LabelParameters
+from mlsroad_pipeline.surveys.plan import plan_labelling
+from mlsroad_pipeline.surveys.reading import describe_file, find_corridor, read_and_cut
+
+NEW = LabelParameters("", "").options()
+
+
+def write(path, xyz, crs=None, **columns):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    wkt = None if crs is None else pyproj.CRS.from_user_input(crs).to_wkt()
+    cloud = PointCloud(np.asarray(xyz, float), columns, np.zeros(3), wkt, str(path))
+    get_format_of(path).write(path, cloud, WriteOptions(like="none"))
+    return path
+
+
+def get_format_of(path):
+    from mlsroad_pipeline.formats.registry import format_of_name
+
+    return format_of_name(path)
+
+
+def inspected(path, **read):
+    files, unread = inspect_survey(InspectParameters(), root=str(path), read=read, problems_of=output_problems)
+    return files, unread
+
+
+def corridor_of(path, options=NEW, trajectory=None):
+    found = describe_file(str(path), options=options, labels=False, windows=True)
+    arrays = find_corridor(
+        *([found["sample"]], [found["windows"]]),
+        trajectory=trajectory,
+        along=True,
+        factors=found["info"]["factors"],
+    )
+    return found, arrays
+
+
+# times
+
+
+@pytest.fixture(scope="module")
+def line_scanner():
+    rng = np.random.default_rng(4)
+    n = 20_000
+    time = np.sort(rng.random(n)) * 8.0
+    angle = 2 * np.pi * 100.0 * time
+    reach = 6.0 + 2.0 * np.sin(3 * angle) + np.where(np.sin(angle) > 0, 3.0, 0.0)
+    centre = np.column_stack([5.0 * time, 0 * time, 2.0 + 0 * time])
+    beam = np.column_stack([0.3 * np.cos(angle), np.cos(angle), np.sin(angle)])
+    return centre + reach[:, None] * beam / np.linalg.norm(beam, axis=1)[:, None], 4e8 + time
+
+
+@pytest.mark.parametrize("share", [0.05, 0.5, 1.0])
+@pytest.mark.parametrize("where", ["first", "scattered"])
+@pytest.mark.parametrize("value", ["zero", "first", "inf", "nan", "huge"])
+def test_times_that_are_no_measurements(tmp_path, line_scanner, share, where, value):
+    xyz, time = line_scanner
+    n = len(time)
+    wrong = np.zeros(n, bool)
+    k = int(share * n)
+    rows = {"first": slice(0, k), "last": slice(n - k, n), "scattered": np.random.default_rng(0).permutation(n)[:k]}
+    wrong[rows[where]] = True
+    worst = {"zero": 0.0, "first": time[0], "inf": np.inf, "nan": np.nan, "huge": 1e300}[value]
+    path = write(tmp_path / "a.las", xyz, gps_time=np.where(wrong, worst, time))
+    found, arrays = corridor_of(path)
+    notes = found["info"]["notes"].tolist()
+    if share < 1:
+        assert any("gps_time are infinite or shared" in note for note in notes), notes
+    assert "trajectory" in arrays or "centre" in arrays
+    if "trajectory" in arrays:
+        assert np.isfinite(arrays["trajectory"]).all() and np.ptp(arrays["time"]) < 10
+    cut = read_and_cut(
+        str(path), arrays, options=NEW, labels=False, along=True, part=SplitPart(), start=0, stop=n, n_total=n, file=0,
+        bin_length=1.0, time_gap=1.0,
+    )  # fmt: skip
+    assert cut["bins"]["counts"].sum() == n
+
+
+# units
+
+
+def test_units_follow_the_system_and_results_keep_them(tmp_path, rng):
+    xyz = np.array([300_000.0, 60_000.0, 40.0]) + rng.random((70, 3)) * [50, 50, 9]
+    cases = {
+        "EPSG:2263": (1200 / 3937, 1200 / 3937),
+        "EPSG:2263+6360": (1200 / 3937, 1200 / 3937),
+        "EPSG:2263+5703": (1200 / 3937, 1.0),
+        "EPSG:32618+6360": (1.0, 1200 / 3937),
+        "EPSG:32618+8228": (1.0, 0.3048),
+        "EPSG:2222": (0.3048, 0.3048),
+        "+proj=tmerc +lat_0=40 +lon_0=-74 +ellps=GRS80 +units=us-ft": (1200 / 3937, 1200 / 3937),
+        "+proj=utm +zone=18 +to_meter=0.01": (0.01, 0.01),
+        "EPSG:32618": (1.0, 1.0),
+    }
+    for number, (crs, (flat, height)) in enumerate(cases.items()):
+        for ending in ("las", "ply"):
+            path = write(tmp_path / f"{number}.{ending}", xyz, crs)
+            form = get_format(path)
+            stored = form.read(path, ReadOptions()).world_xyz()
+            np.testing.assert_allclose(stored, xyz, atol=1e-3)
+            cloud = form.read(path, NEW)
+            np.testing.assert_allclose(cloud.world_xyz(), stored * [flat, flat, height], atol=1e-6)
+            info = form.info(path, NEW)
+            assert any("are converted from units" in note for note in info.notes) == ((flat, height) != (1, 1)), crs
+            system = pyproj.CRS.from_user_input(cloud.crs)
+            assert {axis.unit_name for axis in system.axis_info} == {"metre"}, crs
+            as_metres = form.read(path, ReadOptions(units="metre")).world_xyz()
+            np.testing.assert_array_equal(as_metres, stored)
+            target = tmp_path / f"out{number}" / f"{number}{ending}.laz"
+            write_labelled(path, target, make_labels, options=NEW, native=False)
+            result = laspy.read(target)
+            np.testing.assert_allclose(result.xyz, stored, rtol=0, atol=1e-3 if flat > 0.1 else 0.06)
+            assert result.header.parse_crs().equals(pyproj.CRS.from_user_input(crs), ignore_axis_order=True), crs
+            assert broken_rules(target) == []
+
+
+def test_heights_can_have_their_own_unit(tmp_path):
+    path = write(tmp_path / "a.ply", [[1, 2, 10], [3, 4, 20]])
+    cloud = get_format(path).read(path, ReadOptions(height_units="foot"))
+    np.testing.assert_allclose(cloud.xyz, [[1, 2, 3.048], [3, 4, 6.096]])
+
+
+@pytest.mark.parametrize(
+    ("crs", "message"),
+    [
+        ("EPSG:4326", r"WGS 84 has coordinates in degrees; set label\.read\.reproject .* or label\.crs if it is wrong"),
+        ("EPSG:4979", r"has coordinates in degrees"),
+        ("EPSG:4326+5703", r"has coordinates in degrees"),
+        ("+proj=longlat +datum=WGS84", r"has coordinates in degrees"),
+        ("EPSG:4978", r"has geocentric coordinates"),
+        ("+proj=geocent +datum=WGS84", r"has geocentric coordinates"),
+    ],
+)
+@pytest.mark.parametrize("ending", ["laz", "ply", "txt"])
+def test_systems_without_lengths_are_refused_before_any_point(tmp_path, crs, message, ending):
+    path = write(tmp_path / f"a.{ending}", [[13.1, 52.1, 30], [13.2, 52.2, 31]], crs)
+    parameters = LabelParameters(str(path), str(tmp_path / "out"))
+    with pytest.raises(DataError, match=rf"a\.{ending}: its coordinate reference system .*{message}"):
+        check_headers(plan_labelling(parameters, IngestParameters()), parameters)
+    files, _ = inspected(path)
+    assert any(text.startswith("label refuses it: ") for text in files[0].warnings)
+    wanted = LabelParameters(str(path), str(tmp_path / "out"), read={"reproject": "EPSG:25833"})
+    check_headers(plan_labelling(wanted, IngestParameters()), wanted)
+
+
+def test_trajectory_has_the_units_of_the_points(tmp_path, line_scanner):
+    xyz, time = line_scanner
+    path = write(tmp_path / "a.las", xyz / 0.3048 + [1e6, 2e5, 0], "EPSG:2222", gps_time=time)
+    (tmp_path / "trajectory.csv").write_text(
+        "time,x,y,z\n400000000,1000000,200000,6\n400000008,1000131.2336,200000,6\n"
+    )
+    _, arrays = corridor_of(path, trajectory=str(tmp_path / "trajectory.csv"))
+    assert np.isclose(arrays["station"][-1], 40.0, atol=0.01)
+
+
+# what results cannot hold
+
+
+def test_what_results_cannot_hold_is_found_in_the_header(tmp_path, rng):
+    n = 5
+    xyz = rng.random((n, 3))
+    cases = {
+        "name": (
+            {"a" * 33: np.zeros(n)},
+            r"column name 'a{33}' is longer than the 32 bytes that LAS allows: shorten it",
+        ),
+        "many": (
+            {f"c{i}": np.zeros(n, np.uint8) for i in range(400)},
+            r"40\d extra dimensions .* of which LAS holds 341",
+        ),
+    }
+    for name, (columns, message) in cases.items():
+        path = tmp_path / f"{name}.npz"
+        np.savez(path, xyz=xyz, **columns)
+        parameters = LabelParameters(str(path), str(tmp_path / "out"))
+        with pytest.raises(DataError, match=rf"{name}\.npz.*{message}"):
+            check_headers(plan_labelling(parameters, IngestParameters()), parameters)
+        assert [t for t in inspected(path)[0][0].warnings if t.startswith("label refuses it: ")]
+
+
+def test_half_precision_is_stored_in_single(tmp_path, rng):
+    path = tmp_path / "a.npz"
+    np.savez(path, xyz=rng.random((5, 3)), half=np.arange(5, dtype=np.float16), intensity=np.ones(5, np.float16))
+    write_labelled(path, tmp_path / "out" / "a.laz", make_labels, options=NEW)
+    assert laspy.read(tmp_path / "out" / "a.laz")["half"].tolist() == [0, 1, 2, 3, 4]
+
+
+def test_systems_that_proj_does_not_understand_are_refused(tmp_path, rng):
+    path = tmp_path / "a.las"
+    las = make_las(path, rng)
+    las.header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr('PROJCS["by hand",GEOGCS["nothing"]]'))
+    las.write(str(path))
+    parameters = LabelParameters(str(path), str(tmp_path / "out"))
+    with pytest.raises(
+        DataError, match=r"a\.las: its coordinate reference system 'PROJCS.*is not understood; set label\.crs"
+    ):
+        check_headers(plan_labelling(parameters, IngestParameters()), parameters)
+    given = LabelParameters(str(path), str(tmp_path / "out"), crs="EPSG:25832")
+    check_headers(plan_labelling(given, IngestParameters()), given)
+
+
+# withheld
+
+
+@pytest.mark.parametrize("ending", ["las", "ply", "npz"])
+@pytest.mark.parametrize("labels", [False, True])
+def test_withheld_points_are_not_used(tmp_path, rng, ending, labels):
+    withheld = (np.arange(90) % 3 == 0).astype(np.uint8)
+    path = write(tmp_path / f"a.{ending}", rng.random((90, 3)) * 9, withheld=withheld, label=np.ones(90, np.uint8))
+    _, arrays = corridor_of(path)
+    cut = read_and_cut(
+        str(path), arrays, options=NEW, labels=labels, along=True, part=SplitPart(), start=30, stop=90, n_total=90,
+        file=0, bin_length=1.0, time_gap=1.0,
+    )  # fmt: skip
+    rows = np.sort(cut["points"]["column.row"])
+    np.testing.assert_array_equal(rows, [row for row in range(30, 90) if row % 3])
+    assert cut["classes"]["has_withheld"].tolist() == [True]
+
+
+# bounds and counts are told by both
+
+
+def test_label_and_inspect_tell_the_same(tmp_path, rng):
+    path = tmp_path / "a.las"
+    las = make_las(path, rng, n=300, extras=False)
+    data = bytearray(path.read_bytes())
+    data[179:227] = bytes(48)
+    data[247:255] = (200).to_bytes(8, "little")
+    path.write_bytes(data)
+    told = describe_file(str(path), options=NEW, labels=False, windows=False)["info"]
+    assert len(las) == told["n_points"][0] == 300
+    warnings = inspected(path)[0][0].warnings
+    for note in told["notes"]:
+        assert note in warnings
+    assert any(
+        "its header states the bounds [0.0, 0.0, 0.0] to [0.0, 0.0, 0.0], its points have" in t for t in warnings
+    )
+
+
+# folders
+
+
+def test_copies_links_and_empty_tiles_are_listed_once(tmp_path, rng):
+    root = tmp_path / "in"
+    las = make_las(root_file(root, "a.laz"), rng, point_format=6, extras=False)
+    las.write(str(root / "a.las"))
+    shutil.copy(root / "a.laz", root / "a.copc.laz")
+    make_las(root_file(root, "b.laz"), rng, point_format=6, extras=False)
+    (root / "west").mkdir()
+    (root / "west" / "back").symlink_to(root)
+    (root / "west" / "loop").symlink_to(root / "west")
+    (root / "c.laz").symlink_to(root / "b.laz")
+    (root / "there").symlink_to(root / "west")
+    (root / "other").mkdir()
+    (root / "other" / "west2").symlink_to(root / "other2")
+    (root / "other2").mkdir()
+    (root / "other2" / "other3").symlink_to(root / "other")
+    empty = np.zeros((0, 3))
+    for ending in ("ply", "pcd", "npz", "parquet", "e57", "laz"):
+        write(root / "tiles" / f"empty_{ending}.{ending}", empty)
+    (root / "tiles" / "names.txt").write_text("x y z\n")
+    write(root / "tiles" / "full.ply", rng.random((9, 3)))
+    listing = Survey.at(root).listing()
+    assert [file.name for file in listing.files] == ["a.laz", "b.laz", "tiles/full.ply"]
+    reasons = dict(listing.skipped)
+    assert reasons["a.copc.laz"] == "is a cloud-optimised copy of a.laz: skipped"
+    assert reasons["a.las"] == "is a copy of a.laz: skipped"
+    for ending in ("ply", "pcd", "e57", "laz"):
+        assert "without points: skipped" in reasons[f"tiles/empty_{ending}.{ending}"]
+    assert len(Survey.at(str(root / "**" / "*.laz")).listing().files) == 2
+
+
+def root_file(root, name):
+    root.mkdir(parents=True, exist_ok=True)
+    return root / name
+
+
+# paths
+
+
+@pytest.mark.parametrize("text", ["2024_05_01", "0715", "0x1F", "1e3", "20240501", "1:30"])
+def test_paths_stay_text(text):
+    from mlsroad_pipeline.commands.options import nested
+
+    assert str(nested([f"label.trajectory={text}"])["label"]["trajectory"]) == text
+    assert with_text_of_paths({"label": {"output": 3}}, [f"label.output={text}"]) == {"label": {"output": text}}
+
+
+@pytest.mark.parametrize("text", ["2024_05_01", "0715", "1e3"])
+def test_paths_of_kedro_run_stay_text(text):
+    import click
+
+    from mlsroad_pipeline.cli import run
+
+    parameter = next(p for p in run.params if p.name == "params")
+    given = f"label.survey={text},label.output={text},ingest.scene_length=15"
+    read = parameter.process_value(click.Context(run), given)
+    assert read == {"label": {"survey": text, "output": text}, "ingest": {"scene_length": 15}}
+
+
+@pytest.mark.parametrize(
+    ("section", "message"),
+    [
+        ({"label": {"survey": 461}}, r"label\.survey is 461, not text: write a name .* in quotes"),
+        ({"label": {"survey": ["a.laz", 7.5]}}, r"label\.survey is 7\.5, not text"),
+        ({"label": {"output": True}}, r"label\.output is True, not text"),
+        ({"label": {"survey": None}}, r"label\.survey is null: name a file or folder"),
+        ({"inspect": {"survey": None}}, r"inspect\.survey is null: name a file or folder, or leave the parameter out"),
+        ({"inspect": {"survey": ""}}, r"inspect\.survey is empty"),
+    ],
+)
+def test_what_is_no_path_is_one_line(section, message):
+    with pytest.raises(ParameterError, match=message):
+        check_paths(section, section)
+
+
+def test_the_loader_checks_paths(tmp_path):
+    from helpers.wiring import REPOSITORY
+
+    loader = ParameterConfigLoader(
+        str(REPOSITORY / "conf"), base_env="base", default_run_env="base", runtime_params={"inspect": {"survey": None}}
+    )
+    with pytest.raises(ParameterError, match=r"inspect\.survey is null"):
+        loader["parameters"]
