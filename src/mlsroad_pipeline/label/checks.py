@@ -21,7 +21,7 @@ from mlsroad_pipeline.formats.las.copc import POINT_FORMATS
 from mlsroad_pipeline.formats.las.header import LasHeader
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
-from mlsroad_pipeline.label.inventory import survey_crs
+from mlsroad_pipeline.label.inventory import read_sections, survey_crs
 from mlsroad_pipeline.label.writer import keeps_units, result_header
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan
@@ -74,6 +74,8 @@ def check_outputs(plan: SurveyPlan, files: SceneCollection, quality: pd.DataFram
     """
     crs = survey_crs(plan, files)
     _check_exports(crs, plan.files[0].source.path, parameters.export)
+    if parameters.sections is not None:
+        read_sections(Path(parameters.sections))
     facts = files.load_all("info")
     rows = {str(row["source"]): row for row in quality.to_dict("records")}
     if sum(row["n_points"] - row["n_withheld"] for row in rows.values()) <= 0:

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError
+import numpy as np
+import pandas as pd
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
+from mlsroad_pipeline.algorithms.inventory.sections import section_table
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
 from mlsroad_pipeline.algorithms.scenes.cutting import corridor_from_arrays
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
@@ -15,6 +20,7 @@ from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import Deferred, SceneTask
 from mlsroad_pipeline.label.work import join_objects
+from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import SurveyPlan
 
 OBJECTS = "inventory"
@@ -63,10 +69,30 @@ def survey_crs(plan: SurveyPlan, files: SceneCollection) -> str | None:
 
 
 def inventory_of(
-    plan: SurveyPlan, files: SceneCollection, corridors: SceneCollection, joined: SceneCollection
+    plan: SurveyPlan,
+    files: SceneCollection,
+    corridors: SceneCollection,
+    joined: SceneCollection,
+    parameters: LabelParameters,
 ) -> RoadInventory:
-    """Return the inventory of a survey, with its trajectory if it has a single one."""
+    """Return the inventory of a survey, with its trajectory and sections if it has a single one."""
     drives = list(plan.drives())
     corridor = corridor_from_arrays(corridors[drives[0]].load()) if len(drives) == 1 else None
     trajectory = corridor if isinstance(corridor, Trajectory) else None
-    return RoadInventory(joined.part("objects")[OBJECTS].load(), survey_crs(plan, files), trajectory)
+    objects = joined.part("objects")[OBJECTS].load()
+    given = None if parameters.sections is None else read_sections(Path(parameters.sections))
+    sections = None if trajectory is None else section_table(objects, trajectory.length, sections=given)
+    return RoadInventory(objects, survey_crs(plan, files), trajectory, sections)
+
+
+def read_sections(path: Path) -> pd.DataFrame:
+    """Read a table of road sections: `section`, `from_station`, `to_station`; errors name the file."""
+    try:
+        table = pd.read_csv(path)
+        for name in ("from_station", "to_station"):
+            if name in table:
+                table[name] = pd.to_numeric(table[name]).astype(np.float64)
+        section_table(pd.DataFrame({"kind": [], "station": []}), 0.0, sections=table)
+    except (OSError, ValueError, DataError) as error:  # the errors of pandas are values
+        raise ReadError(f"{path}: no table of road sections: {' '.join(str(error).split())}") from error
+    return table

@@ -120,6 +120,9 @@ class LabelParameters:
         Whether to write a PLY with class colours beside each LAZ, for viewers without classification colours.
     export : sequence of str, default ()
         Formats of further copies of the inventory, of `EXPORT_FORMATS`; a single text separates them by commas.
+    sections : str or None, default None
+        CSV file of road sections: `section`, `from_station`, `to_station` in metres along the trajectory. None counts
+        objects per 100 m.
     photos : bool, default False
         Whether to write a photo of each object that an image beside the points shows.
     images : str or None, default "calibration.json"
@@ -151,6 +154,7 @@ class LabelParameters:
     copc: bool = False
     coloured_ply: bool = False
     export: Sequence[str] = ()
+    sections: str | None = None
     photos: bool = False
     images: str | None = "calibration.json"
     crs: str | None = None
@@ -164,7 +168,7 @@ class LabelParameters:
         for name in ("method", "scheme", "crs"):
             if isinstance(getattr(self, name), list | Mapping):
                 raise ParameterError(f"label.{name} must be a single value, got {getattr(self, name)!r}")
-        for name in ("trajectory", "images"):
+        for name in ("trajectory", "images", "sections"):
             if not isinstance(getattr(self, name), str | Path | None):
                 raise ParameterError(f"label.{name} must be the name of a file, got {getattr(self, name)!r}")
         for name in ("read", "inventory"):

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_positive
 from mlsroad_pipeline.algorithms.inventory.rules import KINDS
+from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 STEP = 100.0
 """Length of a section, metres."""
@@ -69,8 +71,8 @@ def section_table(objects: pd.DataFrame, length: float, *, sections: pd.DataFram
         raise DataError(f"a table of road sections needs the column {missing[0]}")
     backward = given[~(given["to_station"] >= given["from_station"])]
     if len(backward):
-        row = backward.iloc[0]
-        raise DataError(f"section {row['section']} ends at {row['to_station']}, before {row['from_station']}")
+        name, low, high = next(backward[["section", "from_station", "to_station"]].itertuples(index=False, name=None))
+        raise DataError(f"section {name} ends at {high}, before {low}")
     table = given[["section", "from_station", "to_station"]].reset_index(drop=True)
     table["length"] = table["to_station"] - table["from_station"]
     station = objects["station"].to_numpy(dtype=np.float64)
@@ -86,3 +88,26 @@ def section_table(objects: pd.DataFrame, length: float, *, sections: pd.DataFram
         table[kind] = [int((mine & of_kind).sum()) for mine in inside]
     table["objects"] = table[kinds].sum(axis=1)
     return table
+
+
+def part_of_path(trajectory: Trajectory, begin: float, end: float) -> NDArray[np.float64]:
+    """Return the positions of a trajectory between two stations, with interpolated ends.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The trajectory.
+    begin, end : float
+        Stations, metres; those beyond its ends are moved to them.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 3)
+        World coordinates, metres; at least two positions.
+    """
+    station, xyz = trajectory.station, trajectory.xyz
+    moving = np.append(True, np.diff(station) > 0)  # a standing vehicle has several positions at one station
+    low, high = np.clip([begin, end], station[0], station[-1])
+    inside = moving & (station > low) & (station < high)
+    ends = np.column_stack([np.interp([low, high], station[moving], column[moving]) for column in xyz.T])
+    return np.concatenate([ends[:1], xyz[inside], ends[1:]])

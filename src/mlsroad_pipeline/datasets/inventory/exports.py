@@ -47,7 +47,7 @@ _LINE = tuple(f"inventory_shp/trajectory.{part}" for part in _PARTS)
 _SYSTEMS = tuple(f"inventory_shp/{layer}.prj" for layer in ("objects", "vehicles", "footprints", "trajectory"))
 
 EXPORTS: dict[str, Export] = {
-    "csv": Export(write_csv, ("inventory.csv", "inventory.csvt"), ("inventory.prj",)),
+    "csv": Export(write_csv, ("inventory.csv", "inventory.csvt"), ("inventory.prj", "sections.csv")),
     "geojson": Export(write_geojson, ("inventory.geojson",)),
     "flatgeobuf": Export(write_flatgeobuf, ("inventory.fgb",)),
     "shapefile": Export(write_shapefile, (*_SHAPEFILE, "inventory_shp/fields.csv"), (*_LINE, *_SYSTEMS)),

@@ -18,6 +18,7 @@ from pyproj import CRS
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.inventory.boxes import polygon_area
+from mlsroad_pipeline.algorithms.inventory.sections import part_of_path
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.datasets.inventory import qgis_styles
@@ -59,9 +60,10 @@ def write_geopackage(inventory: RoadInventory, path: str | Path) -> None:
     """Write an inventory as layers of a GeoPackage.
 
     Layers: `objects` (base points, all kinds), `poles`, `signs`, `trees` (base points), `vehicles` (oriented boxes),
-    `footprints` (convex hulls) and `trajectory` (a line), each with field aliases and a style for QGIS.
-    The file is written atomically, and equal inventories give equal bytes. Layers without objects are written empty
-    and typed; `trajectory` is omitted if the inventory has none.
+    `footprints` (convex hulls), `trajectory` (a line) and `sections` (parts of that line with the numbers of objects),
+    with field aliases and styles for QGIS. The file is written atomically, and equal inventories give equal bytes.
+    Layers without objects are written empty and typed; `trajectory` and `sections` are omitted if the inventory has
+    none.
 
     Parameters
     ----------
@@ -111,6 +113,14 @@ def _write_layers(path: Path, inventory: RoadInventory, table: pd.DataFrame, crs
         line = np.array([shapely.LineString(inventory.trajectory.xyz)])
         length = pd.DataFrame({"length": [round(inventory.trajectory.length, 3)]})
         _write_layer(path, "trajectory", length, geometry=line, kind=_LINE, crs=crs)
+        if inventory.sections is not None:
+            lines = np.array(
+                [
+                    shapely.LineString(part_of_path(inventory.trajectory, *ends))
+                    for ends in inventory.sections[["from_station", "to_station"]].to_numpy()
+                ]
+            )
+            _write_layer(path, "sections", inventory.sections, geometry=lines, kind=_LINE, crs=crs)
     # The layer `objects` repeats the objects of the others and would cover their symbols.
     styles = {
         layer: qgis_styles.qml(layer, scaled=crs is not None, drawn=layer != "objects") for layer in qgis_styles.LAYERS

@@ -31,11 +31,14 @@ class RoadInventory:
         Coordinate reference system as WKT or a code such as ``EPSG:25832``; None is written as undefined.
     trajectory : Trajectory or None
         Trajectory of the scanner.
+    sections : DataFrame or None
+        Objects per section of the road, of `section_table`.
     """
 
     objects: pd.DataFrame
     crs: str | None = None
     trajectory: Trajectory | None = None
+    sections: pd.DataFrame | None = None
 
 
 def checked(inventory: RoadInventory, target: Path) -> tuple[pd.DataFrame, CRS | None]:

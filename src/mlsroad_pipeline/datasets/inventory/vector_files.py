@@ -69,7 +69,7 @@ def write_prj(crs: CRS | None, path: Path) -> list[Path]:
 
 
 def write_csv(inventory: RoadInventory, folder: Path) -> list[Path]:
-    """Write all fields as ``inventory.csv`` (UTF-8, footprints as WKT), their types and the system beside it."""
+    """Write all fields as ``inventory.csv`` (UTF-8, footprints as WKT), types, system and sections of the road."""
     target = folder / "inventory.csv"
     table, crs = checked(inventory, target)
     columns = attributes(table).assign(footprint=table["footprint"])
@@ -78,7 +78,17 @@ def write_csv(inventory: RoadInventory, folder: Path) -> list[Path]:
     types = target.with_suffix(".csvt")
     with atomic_file(types) as stream:
         stream.write((",".join(f'"{CSV_TYPES[FIELDS[str(name)].dtype]}"' for name in columns) + "\n").encode())
-    return [target, types, *write_prj(crs, target.with_suffix(".prj"))]
+    return [target, types, *write_prj(crs, target.with_suffix(".prj")), *_write_sections(inventory, folder)]
+
+
+def _write_sections(inventory: RoadInventory, folder: Path) -> list[Path]:
+    """Write the objects per section of the road as ``sections.csv``, if there are sections."""
+    if inventory.sections is None:
+        return []
+    target = folder / "sections.csv"
+    with atomic_file(target) as stream:
+        stream.write(inventory.sections.to_csv(index=False, lineterminator="\n").encode())
+    return [target]
 
 
 def to_wgs84(crs: CRS | None, source: str) -> Transformer:

@@ -159,10 +159,14 @@ def write_labelled_files(
 
 
 def make_inventory(
-    plan: SurveyPlan, files: SceneCollection, corridors: SceneCollection, joined: SceneCollection
+    plan: SurveyPlan,
+    files: SceneCollection,
+    corridors: SceneCollection,
+    joined: SceneCollection,
+    parameters: LabelParameters,
 ) -> tuple[RoadInventory, RoadInventory]:
     """Return the inventory, once per output format."""
-    inventory = inventory_of(plan, files, corridors, joined)
+    inventory = inventory_of(plan, files, corridors, joined, parameters)
     return inventory, inventory
 
 

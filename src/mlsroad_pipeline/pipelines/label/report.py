@@ -9,7 +9,6 @@ import pandas as pd
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.palette import class_palette
 from mlsroad_pipeline.algorithms.inventory.measures import EXTENT
-from mlsroad_pipeline.algorithms.inventory.sections import section_table
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
 from mlsroad_pipeline.algorithms.models.methods import needs_images
@@ -97,11 +96,10 @@ def _map_and_pictures(inventory: RoadInventory, pictures: ReportPictures, scheme
 
 
 def _sections_of_the_road(inventory: RoadInventory) -> list[Section]:
-    """Return the table of objects per 100 m; none without a single trajectory."""
-    if inventory.trajectory is None:
+    """Return the table of objects per section of the road; none without a single trajectory."""
+    if inventory.sections is None:
         return []
-    table = section_table(inventory.objects, inventory.trajectory.length)
-    return [TableSection("Sections of 100 m", table, "Number of objects by station along the path.")]
+    return [TableSection("Sections of the road", inventory.sections, "Number of objects by station along the path.")]
 
 
 def _object_table(objects: pd.DataFrame, pictures: ReportPictures) -> ObjectTableSection:
