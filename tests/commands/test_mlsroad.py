@@ -13,6 +13,7 @@ from pathlib import Path
 import geopandas
 import laspy
 import numpy as np
+import pandas
 import pytest
 from helpers.forking import forked_commands
 
@@ -105,6 +106,39 @@ def test_an_edited_inventory_is_kept(forked, folder, labelled):
     assert re.fullmatch(r"Error: .*inventory\.gpkg.*--overwrite.*\n", refused.stderr)
     assert inventory.read_bytes() == kept + b"edited"
     inventory.write_bytes(kept)
+
+
+def test_the_inventory_is_scored_against_the_objects_of_the_street(forked, folder, labelled, tmp_path):
+    assert labelled.returncode == 0
+    command = ("score", "one, two_mlsroad", "--truth", "street", "-o", tmp_path / "scores")
+    done = forked(*command, cwd=folder)
+    assert (done.returncode, done.stderr) == (0, "")
+    record = json.loads((tmp_path / "scores/object_scores.json").read_text(encoding="utf-8"))
+    scores = {row["kind"]: row for row in record["scores"]}
+    outcomes = pandas.read_csv(tmp_path / "scores/object_outcomes.csv")
+    true = pandas.read_csv(tmp_path / "scores/true_object_outcomes.csv")
+    inventory = geopandas.read_parquet(folder / "one, two_mlsroad/inventory.parquet")
+    assert sorted(outcomes["object_id"]) == sorted(inventory["object_id"])
+    for kind, row in scores.items():
+        of_kind = outcomes if kind == "all" else outcomes[outcomes["kind"] == kind]
+        assert [row["right"], row["false"]] == [int((of_kind["outcome"] == name).sum()) for name in ("right", "false")]
+        assert re.search(rf"^{kind}\s+{row['true']}\s+{row['found']}\s+{row['listed']}\s", done.stdout, re.MULTILINE)
+    assert scores["all"]["found"] == (true["outcome"] == "found").sum() > 0
+    assert (true.loc[true["counted"], "points"] >= 10).all() and not true["counted"].all()
+    page = (tmp_path / "scores/object_scores.html").read_text(encoding="utf-8")
+    assert page.count("<img") > 3
+    again = forked(*command, cwd=folder)
+    assert (again.returncode, again.stdout) == (1, "")
+    assert re.fullmatch(r"Error: .*scores holds scores: .*--overwrite\n", again.stderr)
+
+
+def test_a_table_that_is_no_truth_is_one_line(forked, folder, labelled, tmp_path):
+    assert labelled.returncode == 0
+    (tmp_path / "mine.csv").write_text("kind,east,north\npole,1,2\n", encoding="utf-8")
+    done = forked("score", "one, two_mlsroad", "--truth", tmp_path / "mine.csv", "-o", tmp_path / "s", cwd=folder)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert re.fullmatch(r"Error: .*mine\.csv: .*needs the column x \(has kind, east, north\)\n", done.stderr)
+    assert not (tmp_path / "s").exists()
 
 
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])

@@ -223,10 +223,10 @@ def _in_boxes(objects: pd.DataFrame, xyz: NDArray[np.float64]) -> NDArray[np.int
 
 
 def counted_objects(truth: Truth, counts: pd.Series | None, least: Mapping[str, int]) -> pd.DataFrame:
-    """Return the true objects, of which those with too few points do not count."""
+    """Return the true objects, of which those with too few points do not count; a user's table counts as it is."""
     objects = truth.objects
     if counts is None:
         return objects
-    limits = {**LEAST_POINTS, **least}
+    limits = {**({} if truth.source == "table" else LEAST_POINTS), **least}
     enough = counts.to_numpy() >= np.array([limits.get(kind, 0) for kind in objects["kind"]], dtype=np.float64)
     return objects.assign(points=counts, counted=objects["counted"] & enough)

@@ -14,6 +14,7 @@ from ezdxf.filemanagement import readfile
 from pyproj import CRS, Transformer
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.inventory.sections import section_table
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS, empty_table
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.datasets.inventory import vector_files
@@ -53,7 +54,8 @@ def inventory():
     path = Trajectory.from_positions(
         [[391_000.0, 5_820_000, 35], [391_050.0, 5_820_000, 36], [391_099.0, 5_819_990, 36]]
     )
-    return RoadInventory(pd.DataFrame(rows)[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS), UTM, path)
+    objects = pd.DataFrame(rows)[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
+    return RoadInventory(objects, UTM, path, section_table(objects, path.length))
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +93,7 @@ def test_formats_are_those_of_the_parameter_and_their_files_are_all_that_is_writ
 
 def test_csv(inventory, folder):
     table = inventory.objects
+    pd.testing.assert_frame_equal(pd.read_csv(folder / "sections.csv"), inventory.sections)
     found = pd.read_csv(folder / "inventory.csv")
     check_attributes(found, table, list(FIELDS))
     options = {"X_POSSIBLE_NAMES": "x", "Y_POSSIBLE_NAMES": "y", "Z_POSSIBLE_NAMES": "z", "KEEP_GEOM_COLUMNS": "YES"}

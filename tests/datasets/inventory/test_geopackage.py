@@ -13,6 +13,7 @@ import pytest
 import shapely
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
+from mlsroad_pipeline.algorithms.inventory.sections import section_table
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS, empty_table
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.datasets.inventory import geopackage
@@ -44,7 +45,7 @@ def inventory():
         rows.append(row | ({"length": 4.0, "heading": 30.0} if kind == "vehicle" else {}))
     objects = pd.DataFrame(rows)[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
     path = Trajectory.from_positions([[583_000.0, 4_477_000, 120], [583_010.0, 4_477_000, 121]])
-    return RoadInventory(objects, "EPSG:25832", path)
+    return RoadInventory(objects, "EPSG:25832", path, section_table(objects, path.length))
 
 
 def layers(path):
@@ -67,6 +68,7 @@ def test_layers_fields_and_crs(inventory, tmp_path):
         "vehicles": "Polygon Z",
         "footprints": "Polygon",
         "trajectory": "LineString Z",
+        "sections": "LineString Z",
     }
     for layer in ("objects", "poles", "vehicles"):
         info = pyogrio.read_info(path, layer=layer)
@@ -151,6 +153,9 @@ def test_round_trip(inventory, tmp_path):
     pd.testing.assert_frame_equal(back.objects, inventory.objects)
     assert "25832" in back.crs
     np.testing.assert_allclose(back.trajectory.xyz, inventory.trajectory.xyz)
+    pd.testing.assert_frame_equal(back.sections, inventory.sections, check_dtype=False)
+    line = gpd.read_file(dataset.filepath, layer="sections").geometry
+    assert line.length.tolist() == pytest.approx(inventory.sections["length"].tolist())
 
 
 def test_same_inventory_same_bytes(inventory, tmp_path):

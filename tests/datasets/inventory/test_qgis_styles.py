@@ -11,7 +11,7 @@ from mlsroad_pipeline.algorithms.inventory.rules import KINDS
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS
 from mlsroad_pipeline.datasets.inventory.qgis_styles import COLOURS, LAYERS, qml
 
-SYMBOLS = {"vehicles": "fill", "footprints": "fill", "trajectory": "line"}
+SYMBOLS = {"vehicles": "fill", "footprints": "fill", "trajectory": "line", "sections": "line"}
 
 
 @pytest.mark.parametrize("layer", LAYERS)
@@ -25,7 +25,7 @@ def test_style_of_a_layer(layer):
     named = {name for expression in expressions for name in re.findall(r'"(\w+)"', expression)}
     assert named <= set(FIELDS)
     assert (root.get("labelsEnabled") == "1") == (root.find("labeling") is not None)
-    if layer != "trajectory":
+    if layer not in ("trajectory", "sections"):
         assert {alias.get("field"): alias.get("name") for alias in root.iter("alias")} == {
             name: field.alias for name, field in FIELDS.items()
         }

@@ -147,7 +147,7 @@ def read_geopackage(path: str | Path) -> RoadInventory:
     Returns
     -------
     RoadInventory
-        Objects, CRS as WKT, and the trajectory without times.
+        Objects, CRS as WKT, the trajectory without times, and the sections.
 
     Raises
     ------
@@ -172,9 +172,13 @@ def read_geopackage(path: str | Path) -> RoadInventory:
     if "trajectory" in layers:
         line = gpd.read_file(source, layer="trajectory").geometry.iloc[0]
         trajectory = Trajectory.from_positions(shapely.get_coordinates(line, include_z=True), source=str(source))
+    sections = None
+    if "sections" in layers:
+        sections = pd.DataFrame(gpd.read_file(source, layer="sections").drop(columns="geometry"))
     # GDAL reads an undefined CRS as an engineering CRS of that name.
     known = frame.crs is not None and "Undefined" not in frame.crs.name
-    return RoadInventory(_objects_of(source, frame), frame.crs.to_wkt() if known else None, trajectory)
+    crs = frame.crs.to_wkt() if known else None
+    return RoadInventory(_objects_of(source, frame), crs, trajectory, sections)
 
 
 def _objects_of(source: Path, frame: gpd.GeoDataFrame) -> pd.DataFrame:

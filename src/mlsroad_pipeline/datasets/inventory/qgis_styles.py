@@ -91,6 +91,14 @@ _TREE: _Symbols = (
 )
 _VEHICLE: _Symbols = (("SimpleFill", _fill(f"{COLOURS['vehicle']},120", f"{COLOURS['vehicle']},255", 0.3), {}),)
 _FOOTPRINT: _Symbols = (("SimpleFill", _fill("0,0,0,0", "90,90,90,255", 0.2, style="no"), {}),)
+_SECTION: _Symbols = (
+    (
+        "SimpleLine",
+        {"line_color": "60,60,60,160", "line_width": "1.6", "line_width_unit": "MM", "line_style": "solid",
+         "capstyle": "flat", "joinstyle": "round"},
+        {},
+    ),
+)  # fmt: skip
 _TRAJECTORY: _Symbols = (
     (
         "SimpleLine",
@@ -122,6 +130,7 @@ _RULES: dict[str, tuple[str, Sequence[tuple[str, str, _Symbols]]]] = {
     "vehicles": ("fill", [("vehicle, its box", _ALL, _VEHICLE)]),
     "footprints": ("fill", [("outline of what was seen", _ALL, _FOOTPRINT)]),
     "trajectory": ("line", [("path of the scanner", _ALL, _TRAJECTORY)]),
+    "sections": ("line", [("section of the road", _ALL, _SECTION)]),
 }
 """Layer to the symbol type and the rules (legend text, filter, symbol)."""
 
@@ -189,7 +198,7 @@ def qml(layer: str, *, scaled: bool = True, drawn: bool = True) -> str:
     _renderer(root, layer, drawn=drawn)
     if layer in _LABELS:
         _labels(root, layer, scaled=scaled)
-    if layer != "trajectory":
+    if layer not in ("trajectory", "sections"):
         aliases = XML.SubElement(root, "aliases")
         for name, field in FIELDS.items():
             XML.SubElement(aliases, "alias", field=name, name=field.alias)
