@@ -136,7 +136,7 @@ def main() -> None:
         table = score_objects(joined(parts), recall_only=partial)
         measures = summarise_measures(pd.concat([part.errors for part in parts], ignore_index=True))
         print(f"\n{name}: {', '.join(f'{key} ({seconds:.0f} s)' for key, ((_, seconds), _) in found.items())}\n")
-        print(markdown(table.round(3)))
+        print(markdown(table.round(2)))
         print()
         print(markdown(measures.drop(columns="bias").round(2)), flush=True)
         record[name] = {"scores": table.to_dict("records"), "measures": measures.to_dict("records")}

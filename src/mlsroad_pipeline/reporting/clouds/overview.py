@@ -126,7 +126,9 @@ def scene_pictures(
     points, colours = (xyz - middle).astype(np.float32), palette[label]
     azimuth = main_azimuth(points)
     width, height = _SCENE_SIZE
-    above = birds_eye_view(points, width=width, height=height, azimuth=azimuth, trim=0.002)
+    above = birds_eye_view(points, width=width, azimuth=azimuth, trim=0.002)
+    if above.size[1] > height:
+        above = birds_eye_view(points, width=width, height=height, azimuth=azimuth, trim=0.002)
     turn = np.radians(azimuth)
     outward = np.array([-np.sin(turn), np.cos(turn), 0.0])
     beyond = points[:, :2] @ outward[:2] >= 0

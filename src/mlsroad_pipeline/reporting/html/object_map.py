@@ -131,10 +131,11 @@ class ObjectMapSection:
         )
 
     def _north(self) -> str:
+        turn = np.radians(self.frame.north)
         return (
-            '<svg class="north" viewBox="-16 -16 32 32" role="img" aria-label="North arrow">'
-            f'<g transform="rotate({self.frame.north:.1f})"><path d="M0 -13L5 9L0 5L-5 9Z"/>'
-            '<text y="-6" x="9" transform="rotate(0)">N</text></g></svg>'
+            '<svg class="north" viewBox="-22 -22 44 44" role="img" aria-label="North arrow">'
+            f'<path d="M0 -11L5 11L0 7L-5 11Z" transform="rotate({self.frame.north:.1f})"/>'
+            f'<text x="{17 * np.sin(turn):.1f}" y="{3 - 17 * np.cos(turn):.1f}" text-anchor="middle">N</text></svg>'
         )
 
 
