@@ -37,7 +37,7 @@ def test_negative_intensities_are_mapped_by_their_range(tmp_path, ending, values
     path = tmp_path / f"a.{ending}"
     form = table(path, np.array(values, dtype=np.float32))
     cloud = form.read(path, options)
-    low, high = min(values), max(max(values), 0)
+    low, high = min(values), max(values) if max(values) > min(values) else min(values) + 1
     np.testing.assert_allclose(cloud["intensity"], (np.array(values) - low) / (high - low), atol=1e-6)
     np.testing.assert_allclose(cloud["original_intensity"], values, rtol=1e-6)
     note = f"intensities from {low:g} to {high:g} are mapped to 0 to 1; intensity_range sets other limits"

@@ -15,6 +15,9 @@ from mlsroad_pipeline.formats.files import atomic_file, check_file
 from mlsroad_pipeline.formats.tables import PointTable, TableFormat
 
 RECORD = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
+PROBED, FARTHEST = 1000, 1e4
+"""Number of records that are examined, and largest plausible coordinate in metres."""
+
 LABEL_BITS = 16
 """The lower 16 bits of a label are its class, the upper 16 its instance."""
 
@@ -80,7 +83,27 @@ def _scan(path: Path) -> NDArray:
     size = check_file(path).stat().st_size
     if size % RECORD.itemsize:
         raise ReadError(f"{path} has {size} bytes, no multiple of the {RECORD.itemsize} of a KITTI point")
-    return np.memmap(path, dtype=RECORD, mode="r")
+    scan = np.memmap(path, dtype=RECORD, mode="r")
+    if size % (5 * 4) == 0 and not _is_scan(scan[:PROBED]) and _has_rings(path):
+        raise ReadError(
+            f"{path} has records of five numbers (x, y, z, intensity, ring, as in nuScenes), not the four of KITTI: "
+            "save it as NPY of shape (n, 5)"
+        )
+    return scan
+
+
+def _is_scan(records: NDArray) -> bool:
+    """Return whether records have plausible coordinates and intensities."""
+    near = [np.abs(records[name]) < FARTHEST for name in "xyz"]
+    return bool(np.logical_and.reduce([*near, records["intensity"] >= 0, records["intensity"] <= 65535]).all())
+
+
+def _has_rings(path: Path) -> bool:
+    """Return whether records of five numbers have plausible coordinates and small whole numbers at their end."""
+    records = np.fromfile(path, dtype="<f4", count=5 * PROBED).reshape(-1, 5)
+    with np.errstate(invalid="ignore"):
+        rings = (records[:, 4] >= 0) & (records[:, 4] < 256) & (records[:, 4] == np.floor(records[:, 4]))
+        return bool((rings & (np.abs(records[:, :3]) < FARTHEST).all(axis=1)).all())
 
 
 def label_path(path: Path) -> Path | None:

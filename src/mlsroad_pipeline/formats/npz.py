@@ -35,6 +35,9 @@ DAMAGE = (ValueError, EOFError, OSError, zipfile.BadZipFile, zlib.error)
 MANGLED = (SyntaxError, tokenize.TokenError, KeyError, TypeError, RuntimeError)
 """Errors raised for a damaged header of an archive entry or an array."""
 
+LARGEST_WIDTH = 32
+"""Largest number of columns of an array of coordinates and attributes with few points."""
+
 EPOCH = (1980, 1, 1, 0, 0, 0)
 
 logger = logging.getLogger(__name__)
@@ -105,6 +108,7 @@ def _open(key: FileKey) -> PointTable:
     except (*DAMAGE, *MANGLED) as error:
         raise ReadError(f"{path} is damaged: {error}") from error
     crs = arrays.pop(CRS, None)
+    notes = _stand_up(arrays)
     columns = _columns(arrays, path)
 
     def rows(names: Sequence[str], start: int, stop: int) -> Mapping[str, NDArray]:
@@ -112,7 +116,25 @@ def _open(key: FileKey) -> PointTable:
 
     n_points = len(columns["x"]) if "x" in columns else 0
     wkt = str(crs) if crs is not None and crs.dtype.kind == "U" and crs.shape == () else None
-    return PointTable(tuple(columns), n_points, rows, wkt, {"arrays": {n: str(a.dtype) for n, a in arrays.items()}})
+    details = {"arrays": {n: str(a.dtype) for n, a in arrays.items()}}
+    return PointTable(tuple(columns), n_points, rows, wkt, details, notes)
+
+
+def _stand_up(arrays: dict[str, NDArray]) -> tuple[str, ...]:
+    """Transpose coordinates, and other arrays, that have one column per point; return a sentence on each."""
+    notes = []
+    lengths = {array.shape[1] for name, array in arrays.items() if _lies(name, array)}
+    for name, array in arrays.items():
+        if _lies(name, array) or (array.ndim == 2 and array.shape[1] in lengths and array.shape[0] < array.shape[1]):
+            notes.append(f"array {name!r} of shape {array.shape} has one column per point and is transposed")
+            arrays[name] = array.T
+    return tuple(notes)
+
+
+def _lies(name: str, array: NDArray) -> bool:
+    """Return whether an array of coordinates has a row per axis: a handful of points has no dozens of attributes."""
+    known = VECTORS.get(name.lower()) == COORDINATES and array.ndim == 2
+    return known and array.shape[0] in (3, 4) and array.shape[1] > LARGEST_WIDTH
 
 
 def _archive(path: Path) -> dict[str, NDArray]:

@@ -27,7 +27,11 @@ FORMATS: tuple[PointFormat, ...] = (
 )
 """All formats; a new one is one module and one entry here."""
 
-FOREIGN = {b"PK\x03\x04": "ZIP", GZIP: "gzip", b"\x89PNG": "PNG", b"\xff\xfe": "UTF-16 text"}
+FOREIGN = {
+    **{b"PK\x03\x04": "ZIP", GZIP: "gzip", b"\x89PNG": "PNG", b"\xff\xfe": "UTF-16 text", b"\xfe\xff": "UTF-16 text"},
+    **{b"CCB": "CloudCompare's own format", b"\x89HDF": "HDF5", b"SQLite format 3": "SQLite", b"%PDF": "PDF"},
+    **{b"\xd4\xc3\xb2\xa1": "packets of a network (PCAP)", b"\x0a\x0d\x0d\x0a": "packets of a network (PCAP)"},
+}
 """Signatures of unsupported containers, named in messages."""
 
 

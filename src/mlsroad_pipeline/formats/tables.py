@@ -157,14 +157,14 @@ def _extremes(table: PointTable, path: Path, names: tuple[str, ...], options: Re
     layout = (options.delimiter, options.decimal, options.header, options.comment, options.intensity_scale)
     key = (file_key(path), names, layout)
     if key not in _EXTREMES:
-        low, high = np.inf, 0.0
+        low, high = np.inf, -np.inf
         for start in range(0, table.n_points, CHUNK):
             part = table.rows(names, start, min(start + CHUNK, table.n_points))
             for name in names:
                 values = part[name][np.isfinite(part[name])]
                 if len(values):
                     low, high = min(low, float(values.min())), max(high, float(values.max()))
-        _EXTREMES[key] = (min(low, high), high)
+        _EXTREMES[key] = (low, high) if low <= high else (0.0, 0.0)
     return _EXTREMES[key]
 
 

@@ -43,6 +43,26 @@ def read_crs(header: LasHeader, path: Path | None = None) -> str | None:
     return _geotiff_wkt(header, path)
 
 
+def two_systems_note(header: LasHeader) -> str:
+    """Return a sentence if a file names two systems.
+
+    Parameters
+    ----------
+    header : LasHeader
+        The file's header.
+
+    Returns
+    -------
+    str
+        The sentence, empty if its WKT record and its GeoTIFF keys agree or one of them is missing.
+    """
+    stated, keys = read_crs(header), _geotiff_wkt(header, None)
+    if header.find(WKT) is None or stated is None or keys is None or is_same_crs(stated, keys):
+        return ""
+    names = [text.partition('"')[2].partition('"')[0] for text in (stated, keys)]
+    return f"its WKT record names {names[0]}, its GeoTIFF keys {names[1]}: the WKT is used; crs sets another"
+
+
 def _geotiff_wkt(header: LasHeader, path: Path | None) -> str | None:
     """Return the system of the GeoTIFF keys; log keys that are not supported."""
     directory, doubles, texts = (header.find((PROJECTION, key)) for key in (DIRECTORY, DOUBLES, TEXTS))

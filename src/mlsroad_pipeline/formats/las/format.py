@@ -17,7 +17,7 @@ from mlsroad_pipeline.formats.content import refuse_packed, with_packed
 from mlsroad_pipeline.formats.crs import auto_note, in_metres, with_units
 from mlsroad_pipeline.formats.files import FileKey, atomic_file, check_file, clip_range, file_key, log_once
 from mlsroad_pipeline.formats.las.copc import SUFFIX, is_copc, without_copc, write_copc
-from mlsroad_pipeline.formats.las.crs import read_crs, with_crs_of
+from mlsroad_pipeline.formats.las.crs import read_crs, two_systems_note, with_crs_of
 from mlsroad_pipeline.formats.las.depths import Depths, colour_bits, sampled_maximum
 from mlsroad_pipeline.formats.las.dimensions import dimension, dimension_names, local_xyz, near_corner
 from mlsroad_pipeline.formats.las.header import LasHeader, read_header
@@ -62,7 +62,7 @@ class LasFormat(PointFormat):
         path = check_file(path)
         header = read_header(path)
         crs = read_crs(header, path)
-        notes = [*header.notes, auto_note(options, crs, path)]
+        notes = [*header.notes, auto_note(options, crs, path), two_systems_note(header)]
         options = with_units(options, crs, path)
         sample = self._cloud(path, header, options, 0, 0, notes)
         columns = {name: values.dtype for name, values in sample.columns.items()}
@@ -236,15 +236,15 @@ def file_extremes(key: FileKey, names: Sequence[str]) -> tuple[float, float]:
     Returns
     -------
     tuple of float
-        Both, NaN left out; the maximum is at least zero.
+        Both, NaN left out; zero without values.
     """
     path = Path(key[0])
     header = read_header(path)
-    low, high = np.inf, 0.0
+    low, high = np.inf, -np.inf
     with RecordReader(path, header) as reader:
         for start in range(0, header.n_points, CHUNK):
             records = reader.read(start, start + CHUNK)
             for name in names:
                 values = dimension(records, header, name)
                 low, high = min(low, float(np.fmin.reduce(values))), max(high, float(np.fmax.reduce(values)))
-    return min(low, high), high
+    return (low, high) if low <= high else (0.0, 0.0)

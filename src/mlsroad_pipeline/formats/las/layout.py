@@ -39,6 +39,9 @@ SOFTWARE = b"mlsroad"
 MOST_DIMENSIONS, LARGEST_RECORD = 65535 // DESCRIPTOR_SIZE, 65535
 """Limits of the Extra Bytes record and of a point."""
 
+SINGLE_RETURN = (0x09, 0x11)
+"""Bits of the first of one return in point formats 0 to 5, and 6 to 10."""
+
 DEGREE_STEP = 1e-7
 """Resolution of longitudes and latitudes, degrees: 11 mm, the finest that holds all of them in 32 bits."""
 
@@ -216,7 +219,8 @@ def pack_records(
     Parameters
     ----------
     cloud : PointCloud
-        The points; each column is stored in the dimension of its name. Absent dimensions are zero.
+        The points; each column is stored in the dimension of its name. Absent dimensions are zero, absent numbers of
+        returns one.
     header : LasHeader
         The layout.
     metres : ndarray of shape (3,), optional
@@ -239,6 +243,8 @@ def pack_records(
     for axis, (name, unit) in enumerate(zip("XYZ", factors.tolist(), strict=True)):
         world = (cloud.xyz[:, axis].astype(np.float64) + (cloud.origin[axis] - header.offset[axis] * unit)) / unit
         records[name] = _fitting(np.rint(world / header.scale[axis]), np.dtype("i4"), name, cloud.source)
+    if not {"return_number", "number_of_returns"} & set(cloud.columns):
+        records["bit_fields"] = SINGLE_RETURN[header.point_format >= 6]  # zero is no number of a return
     for name, values in _las_columns(cloud, depths):
         _store(records, header, name, values, cloud.source)
     return records

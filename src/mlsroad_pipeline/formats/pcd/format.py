@@ -118,15 +118,31 @@ def _open(key: FileKey, threads: bool) -> PointTable:
             for shift, name in zip((16, 8, 0, 24), (*COLOURS, "alpha")[: len(field.name)], strict=False):
                 sources[name] = lambda a, b, f=field, s=shift: _colour(values(f, a, b), s)  # type: ignore[misc]
         else:
-            for i, name in enumerate(field.columns):
+            named = field.count == len(COLOURS) and field.name in PACKED_COLOURS and field.dtype.itemsize == 1
+            for i, name in enumerate(COLOURS if named else field.columns):
                 sources[name] = lambda a, b, f=field, i=i: values(f, a, b)[:, i]  # type: ignore[misc]
 
     def rows(names: Sequence[str], start: int, stop: int) -> Mapping[str, NDArray]:
         return {name: sources[name](start, stop) for name in names}
 
     details = {"encoding": header.encoding, **{k.lower(): v for k, v in header.entries.items() if k != "DATA"}}
-    table = PointTable(tuple(sources), header.n_points, rows, None, details)
+    table = PointTable(tuple(sources), header.n_points, rows, None, details, _viewpoint_note(header))
     return with_points_only(table, path)
+
+
+def _viewpoint_note(header: PcdHeader) -> tuple[str, ...]:
+    given = header.entries.get("VIEWPOINT", "").split()
+    usual = ("0", "0", "0", "1", "0", "0", "0")
+    if not given or [_number(word) for word in given] == [float(word) for word in usual]:
+        return ()
+    return (f"its VIEWPOINT {' '.join(given)} is not applied: coordinates are those of the file",)
+
+
+def _number(word: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        return np.nan
 
 
 def _colour(values: NDArray, shift: int) -> NDArray[np.uint8]:
