@@ -71,9 +71,13 @@ def flat_cloud(
         origin = origin_near(np.array(corner) * options.factors)
         xyz = np.empty((len(raw["x"]), 3))
         for axis, name in enumerate(COORDINATES):
-            np.multiply(raw[name], options.factors[axis], out=xyz[:, axis], dtype=np.float64)
+            if options.factors[axis] == 1.0:
+                xyz[:, axis] = raw[name]
+            else:
+                np.multiply(raw[name], options.factors[axis], out=xyz[:, axis], dtype=np.float64)
         check_finite(xyz, source=source, start=start)
-        xyz -= origin
+        if origin.any():
+            xyz -= origin
         columns = {name: values for name, values in raw.items() if name not in COORDINATES}
         return standard_cloud(
             *(columns, xyz),

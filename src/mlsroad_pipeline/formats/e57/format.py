@@ -84,6 +84,7 @@ class _Scan:
     def __init__(self, pages: E57Pages, scan: E57Scan, number: int, *, limits: bool) -> None:
         self._pages, self._scan, self._number, self._limits = pages, scan, number, limits
         self._fields = {field.name: field for field in scan.fields if field.kind != "String"}
+        self._last: tuple[tuple[int, int], NDArray[np.float64]] = ((-1, -1), np.empty((0, 3)))
         self._kept = self._valid()
         self.n_points = scan.n_points if self._kept is None else len(self._kept)
         self.n_invalid = scan.n_points - self.n_points
@@ -131,10 +132,7 @@ class _Scan:
 
     def _column(self, name: str, start: int, stop: int) -> NDArray:
         if name in COORDINATES:
-            return (
-                self._local(start, stop) @ self._scan.rotation[COORDINATES.index(name)]
-                + (self._scan.translation[COORDINATES.index(name)])
-            )
+            return self._coordinate(COORDINATES.index(name), start, stop)
         field = next((key for key, given in NAMES.items() if given == name), name)
         values = self._raw("intensity" if name == ORIGINAL and self._widened else field, start, stop)
         if name == "gps_time":
@@ -142,6 +140,16 @@ class _Scan:
         if name in COLOURS:
             return self._colour(values, field)
         return self._intensity(values, start, stop) if name == "intensity" else values
+
+    def _coordinate(self, axis: int, start: int, stop: int) -> NDArray[np.float64]:
+        weights, moved = self._scan.rotation[axis], self._scan.translation[axis]
+        if set(CARTESIAN) <= self._fields.keys() and np.array_equal(self._scan.rotation, np.eye(3)):
+            values = self._raw(CARTESIAN[axis], start, stop).astype(np.float64)
+            return values + moved if moved else values
+        if self._last[0] != (start, stop):
+            self._last = ((start, stop), self._local(start, stop))
+        turned: NDArray[np.float64] = self._last[1] @ weights + moved
+        return turned
 
     def _local(self, start: int, stop: int) -> NDArray[np.float64]:
         if set(CARTESIAN) <= self._fields.keys():

@@ -16,6 +16,9 @@ PAGE = 1024
 CONTENT = PAGE - 4
 SIGNATURE = b"ASTM-E57"
 HEADER = struct.Struct("<8sIIQQQQ")
+LARGEST_BLOCK = 1 << 26
+"""Largest part of the content in bytes that is held for further reads."""
+
 POLYNOMIAL = 0x82F63B78
 
 
@@ -92,6 +95,7 @@ class E57Pages:
         self._pages = file.records(np.dtype("u1"), 0, n_pages * PAGE).reshape(n_pages, PAGE)
         self.size = n_pages * CONTENT
         self.xml_start = self.logical(xml_at)
+        self._block: tuple[int, NDArray[np.uint8]] = (0, np.empty(0, np.uint8))
 
     def logical(self, physical: int) -> int:
         """Return the offset in the content of a byte of the file.
@@ -107,6 +111,19 @@ class E57Pages:
             Byte offset in the content.
         """
         return physical // PAGE * CONTENT + min(physical % PAGE, CONTENT)
+
+    def hold(self, start: int, stop: int) -> None:
+        """Read a part of the content at once, from which `read` then takes its parts.
+
+        Parameters
+        ----------
+        start, stop : int
+            Byte offsets in the content; a part larger than `LARGEST_BLOCK` is not held.
+        """
+        begin, held = self._block
+        inside = begin <= start and stop <= begin + len(held)
+        if not inside and 0 <= start < stop <= self.size and stop - start <= LARGEST_BLOCK:
+            self._block = (start, self._read(start, stop - start))
 
     def read(self, start: int, n_bytes: int) -> NDArray[np.uint8]:
         """Return a part of the content.
@@ -126,6 +143,12 @@ class E57Pages:
         ReadError
             If it reaches beyond the file or a page's checksum is wrong.
         """
+        begin, held = self._block
+        if begin <= start and n_bytes > 0 and start + n_bytes <= begin + len(held):
+            return held[start - begin : start - begin + n_bytes]
+        return self._read(start, n_bytes)
+
+    def _read(self, start: int, n_bytes: int) -> NDArray[np.uint8]:
         if start < 0 or n_bytes < 0 or start + n_bytes > self.size:
             raise ReadError(
                 f"{self.path} is damaged: bytes {start} to {start + n_bytes} lie outside its {self.size} bytes"

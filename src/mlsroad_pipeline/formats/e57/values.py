@@ -37,12 +37,21 @@ def read_field(pages: E57Pages, scan: E57Scan, name: str, start: int, stop: int)
         raw = np.zeros(n, np.int64)
     else:
         first, last = start * spec.bits // 8, -(-stop * spec.bits // 8)
+        _hold(pages, scan, number, first, last)
         data = _gather(pages, *scan.streams[number], first, last)
         if spec.kind == "Float":
             return data.view(f"<f{spec.bits // 8}")
         raw = _unpack_bits(data, start * spec.bits - 8 * first, spec.bits, n)
     values = raw + np.int64(spec.minimum)
     return values * spec.scale + spec.offset if spec.kind == "ScaledInteger" else values.astype(spec.dtype)
+
+
+def _hold(pages: E57Pages, scan: E57Scan, number: int, first: int, last: int) -> None:
+    """Read the packets with a part of a field at once: the other fields are in the same packets."""
+    before = scan.streams[number][1]
+    begin, end = int(np.searchsorted(before, first, "right")) - 1, int(np.searchsorted(before, last))
+    pieces = [(starts[begin], starts[end - 1] + sizes[end] - sizes[end - 1]) for starts, sizes in scan.streams]
+    pages.hold(int(min(low for low, _ in pieces)), int(max(high for _, high in pieces)))
 
 
 def _gather(

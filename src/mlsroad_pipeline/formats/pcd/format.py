@@ -123,7 +123,7 @@ def _open(key: FileKey, threads: bool) -> PointTable:
                 sources[name] = lambda a, b, f=field, i=i: values(f, a, b)[:, i]  # type: ignore[misc]
 
     def rows(names: Sequence[str], start: int, stop: int) -> Mapping[str, NDArray]:
-        return {name: sources[name](start, stop) for name in names}
+        return {name: np.ascontiguousarray(sources[name](start, stop)) for name in names}
 
     details = {"encoding": header.encoding, **{k.lower(): v for k, v in header.entries.items() if k != "DATA"}}
     table = PointTable(tuple(sources), header.n_points, rows, None, details, _viewpoint_note(header))
@@ -161,12 +161,12 @@ def _binary_values(path: Path, header: PcdHeader, threads: bool) -> Values:
         )
     if not header.n_points * header.record_size:
         return lambda field, start, stop: np.empty((max(stop - start, 0), field.count), field.dtype)
-    n_bytes = header.n_points * header.record_size
-    table = file.records(np.dtype("u1"), header.begin, n_bytes).reshape(header.n_points, header.record_size)
+    table = file.records(np.dtype("u1"), header.begin, header.n_points * header.record_size)
 
     def values(field: PcdField, start: int, stop: int) -> NDArray:
-        part = np.ascontiguousarray(table[start:stop, field.offset : field.offset + field.size])
-        return part.view(field.dtype).reshape(-1, field.count)
+        shape, strides = (max(stop - start, 0), field.count), (header.record_size, field.dtype.itemsize)
+        offset = start * header.record_size + field.offset if shape[0] else 0
+        return np.ndarray(shape, field.dtype, table, offset, strides)
 
     return values
 
