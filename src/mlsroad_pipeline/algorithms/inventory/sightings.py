@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.geometry.sorting import radix_argsort, rank_integers
+from mlsroad_pipeline.algorithms.geometry.sorting import rank_integers
 from mlsroad_pipeline.algorithms.inventory.table import SEEN_BY, empty_table
 
 PASS_GAP = 30.0
@@ -126,13 +126,10 @@ def sightings_of_scene(part: NDArray[np.int32], scene: PointCloud, core: NDArray
     kinds, kind = _distinct(file, scanner, route, visit)
     own = np.flatnonzero(part)
     tables = []
-    for of, rows in ((np.zeros(len(part), dtype=np.int64), slice(None)), (part[own].astype(np.int64), own)):
+    for of, rows in ((np.zeros(1, dtype=np.int64), slice(None)), (part[own].astype(np.int64), own)):
         low = int(of.min(initial=0))
-        key = (of - low) * len(kinds) + kind[rows]
-        ordered, order = radix_argsort(key, int(key.max(initial=0)).bit_length())
-        starts = np.flatnonzero(np.diff(ordered, prepend=-1))
-        found = ordered[starts]
-        first, last = _ends(None if second is None else second[rows][order], starts)
+        found, rank = rank_integers((of - low) * len(kinds) + kind[rows])
+        first, last = _ends(None if second is None else second[rows], rank, len(found))
         columns = dict(zip(_KIND, kinds[found % len(kinds)].T, strict=True))
         tables.append(pd.DataFrame({"part": found // len(kinds) + low, **columns, "first": first, "last": last}))
     return pd.concat(tables, ignore_index=True).astype(SIGHTING_FIELDS)
@@ -151,12 +148,14 @@ def _distinct(*columns: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray
     return rows, number
 
 
-def _ends(second: NDArray[np.int32] | None, starts: NDArray[np.int64]) -> tuple[NDArray, NDArray]:
-    """Return the first and the last known time of each group."""
-    if second is None or not len(starts):
-        return np.full((2, len(starts)), np.nan)[0], np.full(len(starts), np.nan)
-    time = np.where(second == NO_TIME, np.nan, second.astype(np.float64))
-    return np.fmin.reduceat(time, starts), np.fmax.reduceat(time, starts)
+def _ends(second: NDArray[np.int32] | None, group: NDArray[np.int64], n_groups: int) -> NDArray[np.float64]:
+    """Return the first and the last known time of each group, NaN without one."""
+    first, last = np.full(n_groups, np.iinfo(np.int32).max, np.int32), np.full(n_groups, NO_TIME, np.int32)
+    if second is not None:
+        np.maximum.at(last, group, second)
+        known = second != NO_TIME
+        np.minimum.at(first, group if known.all() else group[known], second if known.all() else second[known])
+    return np.where(last == NO_TIME, np.nan, [first, last])
 
 
 def with_sightings(

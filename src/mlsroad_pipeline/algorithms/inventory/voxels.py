@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
@@ -88,18 +89,18 @@ def voxelise(
     weight = core[order]
     z = inside[:, 2]
     ground = np.full(len(z), np.nan) if height_above_ground is None else z - height_above_ground[order]
-    lowest = np.minimum.reduceat(np.where(weight[:, None], inside, np.inf), starts)
-    highest = np.maximum.reduceat(np.where(weight[:, None], inside, -np.inf), starts)
-    other = np.zeros(len(local), dtype=bool) if disagreeing is None else disagreeing
+    low, high = _ends(inside, weight, starts)
     table = {
         "fragment": group[order[starts]],
         **{name: sorted_key[starts, axis] for axis, name in enumerate("ijk")},
         **{name: np.add.reduceat(inside[:, axis] * weight, starts) for axis, name in enumerate("xyz")},
-        **{f"{name}_low": lowest[:, axis] for axis, name in enumerate("xyz")},
-        **{f"{name}_high": highest[:, axis] for axis, name in enumerate("xyz")},
+        **{f"{name}_low": low[axis] for axis, name in enumerate("xyz")},
+        **{f"{name}_high": high[axis] for axis, name in enumerate("xyz")},
         "ground": np.add.reduceat(np.where(weight, ground, 0.0), starts),
         "count": np.add.reduceat(weight.astype(np.int64), starts),
-        "disagreeing": np.add.reduceat((weight & other[order]).astype(np.int64), starts),
+        "disagreeing": np.zeros(len(starts), dtype=np.int64)
+        if disagreeing is None or not disagreeing.any()
+        else np.add.reduceat((weight & disagreeing[order]).astype(np.int64), starts),
         "confidence": np.add.reduceat(confidence[order] * weight, starts),
     }
     by_object = np.argsort(table["fragment"], kind="stable")
@@ -108,6 +109,22 @@ def voxelise(
     row = np.empty(len(local), dtype=np.int64)
     row[order] = place[np.cumsum(new) - 1]
     return pd.DataFrame({name: values[by_object] for name, values in table.items()}), row
+
+
+@njit(cache=True)
+def _ends(
+    inside: NDArray[np.float64], weight: NDArray[np.bool_], starts: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the smallest and the largest coordinates of the weighted points of each voxel, shape (3, voxels)."""
+    low, high = np.full((3, len(starts)), np.inf), np.full((3, len(starts)), -np.inf)
+    for voxel in range(len(starts)):
+        stop = starts[voxel + 1] if voxel + 1 < len(starts) else len(inside)
+        for point in range(starts[voxel], stop):
+            if weight[point]:
+                for axis in range(3):
+                    low[axis, voxel] = min(low[axis, voxel], inside[point, axis])
+                    high[axis, voxel] = max(high[axis, voxel], inside[point, axis])
+    return low, high
 
 
 def voxel_order(key: NDArray[np.integer]) -> NDArray[np.integer]:
