@@ -66,7 +66,9 @@ class LabelRunHooks:
             return
         run = catalog.load(RUN)
         if {OPENED, "write_label_report"} <= {node.name for node in pipeline.nodes}:
-            run.close(catalog.load(SUMMARY), self._sources, keep_state=catalog.load("params:label").keep_state)
+            parameters = catalog.load("params:label")
+            sources = self._sources | ({parameters.sections} if parameters.sections else set())
+            run.close(catalog.load(SUMMARY), sources, keep_state=parameters.keep_state)
         release_output(run.output)
 
     @hook_impl(trylast=True)

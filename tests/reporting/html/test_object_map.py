@@ -24,6 +24,9 @@ NAMES = {
     "height": "Height [m]",
 }
 
+MANY = [f"measure_{n}" for n in range(40)]
+NAMES |= {name: f"Measure {name}" for name in MANY}
+
 
 def objects_of(n, kinds=("pole", "sign", "tree", "vehicle")):
     rng = np.random.default_rng(1)
@@ -188,13 +191,14 @@ def test_many_objects_are_shown_up_to_a_limit_and_fit_the_window(opened):
 
 
 def test_it_prints_on_few_pages_without_the_controls(opened):
-    page = opened(objects_of(40))
+    page = opened(objects_of(40).assign(**{name: 389123.456 for name in MANY}), width=720)
     assert len(re.findall(rb"/Type\s*/Page\b", page.pdf())) <= 5
     page.send("Emulation.setEmulatedMedia", media="print")
     hidden = [".filters", "nav", ".map-buttons"]
     assert (
         page.js(f"{json.dumps(hidden)}.map(s => getComputedStyle(document.querySelector(s)).display)") == ["none"] * 3
     )
+    assert page.js("document.documentElement.scrollWidth") <= 720
     page.send("Emulation.setEmulatedMedia", media="")
 
 

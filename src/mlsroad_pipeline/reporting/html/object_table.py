@@ -93,5 +93,6 @@ class ObjectTableSection:
         return (
             '<div class="scroll objects" tabindex="0" role="region" aria-label="Table of objects"><table id="objects">'
             f"<thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table></div>"
+            '<p class="paper">Printed with the first sixteen columns; the files have all.</p>'
             '<p><button type="button" id="object-more" hidden>Show more</button></p>'
         )

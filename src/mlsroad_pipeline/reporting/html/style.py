@@ -81,6 +81,7 @@ button { font: inherit; color: var(--accent); background: #fff; border: 1px soli
 .objects th[aria-sort=descending] button::after { content: " \u2193"; }
 .objects td:first-child, .objects th:first-child { position: sticky; left: 0; background: var(--paper); z-index: 1; }
 .objects th:first-child { z-index: 3; background: var(--back); }
+.paper { display: none; }
 .keys { display: flex; flex-wrap: wrap; gap: .2rem 1rem; padding: 0; margin: .2rem 0 1rem; list-style: none;
   font-size: .88rem; }
 @media print { @page { margin: 12mm; } nav, .map-buttons, .filters, .details, #object-more { display: none; }
@@ -89,7 +90,11 @@ button { font: inherit; color: var(--accent); background: #fff; border: 1px soli
   section { border: 0; padding: 0; margin: .6rem 0; } h2, h3 { break-after: avoid; }
   figure, tr, .map { break-inside: avoid; } thead { display: table-header-group; }
   .scroll, .objects { overflow: visible; max-height: none; border: 0; }
-  .objects table { font-size: 6.5px; } .objects th, .objects td { padding: 1px 3px 1px 0; white-space: normal; }
+  .scroll table { font-size: 7px; width: 100%; }
+  .scroll th, .scroll td { padding: 1px 3px 1px 0; white-space: normal; overflow-wrap: anywhere; }
+  .objects tr > :nth-child(n+17) { display: none; } .paper { display: block; }
+  .objects thead button { white-space: normal; font-size: inherit; overflow-wrap: anywhere; text-align: left; }
+  .gallery figure { max-width: 48%; } .filters { display: none; }
   .objects td:first-child, .objects th, .objects th:first-child { position: static; } }
 @media (max-width: 40rem) { header, nav { padding-left: 1rem; padding-right: 1rem; }
   dl, .details dl { grid-template-columns: 1fr; } }
