@@ -1,29 +1,40 @@
-"""Leave one block out over all blocks of Oakland 3-D: how well the detrended forest labels blocks that it has not seen.
+"""Leave one block out over all blocks of Oakland 3-D: how well a labeller labels blocks that it has not seen.
 
-    python benchmarks/oakland_cross_validation.py [FOLDER] [--seeds 2019 1 2] [--blocks part2] [--without-detrending]
+    python benchmarks/oakland_cross_validation.py [FOLDER] [--method detrended_forest] [--seeds 2019 1 2]
+        [--blocks part2] [--without-detrending]
 
 FOLDER holds the blocks (*.xyz_label_conf.gz); by default it is $MLSROAD_DATA/oakland. Parameters are those of conf/base
-and conf/oakland. Each block is labelled by a forest trained on all others, and the confusion matrices of all blocks are
-added. Prints a table, and a JSON line per block and for all of them.
+and conf/oakland. The method is detrended_forest or boosted_trees. Each block is labelled by a model of all others, and
+the confusion matrices of all blocks are added. Prints a table, and a JSON line per block and for all of them.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from forest_trials import CONF, configured, configured_scheme, configured_stages, prepare, report
 
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import label_scene as label_voxels
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG as TREES
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import BoostedTreesParameters
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import training_voxels
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.training import fit as fit_trees
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme, Coding
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.detrended_forest.labeller import StageParameters, label_scene
+from mlsroad_pipeline.algorithms.detrended_forest.labeller import label_scene
 from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters, fit, training_rows
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
+from mlsroad_pipeline.pipelines.boosted_trees.nodes import load_lightgbm
 
 ENVIRONMENT = "oakland"
 SUFFIX = ".xyz_label_conf.gz"
@@ -35,23 +46,59 @@ def read(path: Path, coding: Coding) -> PointCloud:
     return get_format(path).read(path, options)
 
 
-def cross_validate(
-    blocks: dict[str, dict[str, Any]], stages: StageParameters, forest: ForestParameters, scheme: ClassScheme
-) -> None:
-    """Label each block by a forest that was trained on the others."""
-    rows = {name: training_rows(**block, scheme=scheme) for name, block in blocks.items()}
-    total = np.zeros((len(scheme), len(scheme) + 1), np.int64)
-    for name, block in blocks.items():
-        others = [row for other, row in rows.items() if other != name]
-        bundle, _ = fit(
-            others, parameters=forest, stages=stages, scheme=scheme, trained_on={}, n_jobs=os.cpu_count() or 1
+@dataclass(frozen=True)
+class Trial:
+    """A method on the blocks: samples of a block, a model of samples and a seed, labels of a block by a model."""
+
+    samples: dict[str, Any]
+    train: Callable[[list[Any], int], ModelBundle]
+    label: Callable[[str, ModelBundle], np.ndarray]
+
+
+def forest_trial(clouds: Mapping[str, PointCloud], scheme: ClassScheme, *, detrend: bool) -> Trial:
+    """Return the trial of the detrended forest."""
+    stages = configured_stages(ENVIRONMENT, detrend=detrend)
+    blocks = {name: prepare(cloud, stages) for name, cloud in clouds.items()}
+    parameters = configured("detrended_forest", ENVIRONMENT)
+
+    def train(samples: list[Any], seed: int) -> ModelBundle:
+        own = ForestParameters(**{**parameters, "seed": seed})
+        return fit(samples, parameters=own, stages=stages, scheme=scheme, trained_on={}, n_jobs=os.cpu_count() or 1)[0]
+
+    samples = {name: training_rows(**block, scheme=scheme) for name, block in blocks.items()}
+    return Trial(samples, train, lambda name, bundle: label_scene(**blocks[name], bundle=bundle)["label"])
+
+
+def trees_trial(clouds: Mapping[str, PointCloud], scheme: ClassScheme) -> Trial:
+    """Return the trial of the boosted trees."""
+    load_lightgbm()
+    filtered = GroundParameters(**configured("ground_removal", ENVIRONMENT))
+    ground = {name: find_ground(cloud, filtered) for name, cloud in clouds.items()}
+    parameters = BoostedTreesParameters(**configured(TREES, ENVIRONMENT))
+
+    def train(samples: list[Any], seed: int) -> ModelBundle:
+        own = replace(parameters, seed=seed)
+        return fit_trees(
+            samples, parameters=own, ground=filtered, scheme=scheme, trained_on={}, n_threads=os.cpu_count() or 1
         )
-        predicted = label_scene(**block, bundle=bundle)["label"]
-        truth = scheme.encode(block["scene"]["label"], source=name)
-        matrix = confusion_matrix(truth, predicted, len(scheme))
-        report(name, forest.seed, matrix, scheme)
+
+    samples = {
+        name: training_voxels(cloud, ground[name], parameters=parameters.of_sample(), scheme=scheme)
+        for name, cloud in clouds.items()
+    }
+    return Trial(samples, train, lambda name, bundle: label_voxels(clouds[name], ground[name], bundle)["label"])
+
+
+def cross_validate(trial: Trial, clouds: Mapping[str, PointCloud], scheme: ClassScheme, seed: int) -> None:
+    """Label each block by a model that was trained on the others."""
+    total = np.zeros((len(scheme), len(scheme) + 1), np.int64)
+    for name, cloud in clouds.items():
+        bundle = trial.train([rows for other, rows in trial.samples.items() if other != name], seed)
+        truth = scheme.encode(cloud["label"], source=name)
+        matrix = confusion_matrix(truth, trial.label(name, bundle), len(scheme))
+        report(name, seed, matrix, scheme)
         total += matrix
-    report("all", forest.seed, total, scheme)
+    report("all", seed, total, scheme)
 
 
 def main() -> None:
@@ -59,21 +106,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     default = Path(os.environ.get("MLSROAD_DATA", CONF.parents[1] / "shared/data")) / "oakland"
     parser.add_argument("folder", nargs="?", type=Path, default=default)
-    forest = configured("detrended_forest", ENVIRONMENT)
-    parser.add_argument("--seeds", type=int, nargs="+", default=[forest["seed"]])
+    parser.add_argument("--method", choices=["detrended_forest", TREES], default="detrended_forest")
+    parser.add_argument("--seeds", type=int, nargs="+")
     parser.add_argument("--blocks", default="", help="only blocks whose name holds this")
-    parser.add_argument("--without-detrending", action="store_true")
+    parser.add_argument("--without-detrending", action="store_true", help="of the detrended forest")
     arguments = parser.parse_args()
     files = [path for path in sorted(arguments.folder.glob(f"*{SUFFIX}")) if arguments.blocks in path.name]
     if len(files) < 2:
         parser.error(f"{arguments.folder} has {len(files)} files *{arguments.blocks}*{SUFFIX}: two are needed")
-    stages = configured_stages(ENVIRONMENT, detrend=not arguments.without_detrending)
     scheme = configured_scheme(configured("survey", ENVIRONMENT)["scheme"], ENVIRONMENT)
     coding = Coding("oakland", configured("classes", ENVIRONMENT)["codings"]["oakland"])
-    names = [path.name.removesuffix(SUFFIX).removeprefix("oakland_") for path in files]
-    blocks = {name: prepare(read(path, coding), stages) for name, path in zip(names, files, strict=True)}
-    for seed in arguments.seeds:
-        cross_validate(blocks, stages, ForestParameters(**{**forest, "seed": seed}), scheme)
+    clouds = {path.name.removesuffix(SUFFIX).removeprefix("oakland_"): read(path, coding) for path in files}
+    if arguments.method == TREES:
+        trial = trees_trial(clouds, scheme)
+    else:
+        trial = forest_trial(clouds, scheme, detrend=not arguments.without_detrending)
+    for seed in arguments.seeds or [configured(arguments.method, ENVIRONMENT)["seed"]]:
+        cross_validate(trial, clouds, scheme, seed)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from references.patches import SCHEME, street
 from mlsroad_pipeline.algorithms.models.bundle import label_cloud
 from mlsroad_pipeline.algorithms.scenes.parts import TRAIN
 from mlsroad_pipeline.studies.recordings.plan import parameter_groups
-from mlsroad_pipeline.studies.recordings.preparation import preparation_of
+from mlsroad_pipeline.studies.recordings.preparation import Prepared, preparation_of
 
 SLUG = "superpoint_transformer"
 
@@ -24,7 +24,7 @@ def test_superpoint_graphs_hold_the_labels_of_their_use_and_train_a_model():
     for use, counted in (("own", cloud["part"] == TRAIN), ("whole", truth != SCHEME.classes.index("shrub"))):
         expected = np.bincount(truth[counted & core], minlength=len(SCHEME))
         assert parts[f"a.scanned.{use}"]["level_1.histogram"].sum(axis=0).tolist() == expected.tolist()
-    bundle = preparation.fit([(parts, "own")], SLUG, parameters, SCHEME, {"training": "own.a"})
+    bundle = preparation.fit([Prepared(parts, "own")], SLUG, parameters, SCHEME, {"training": "own.a"})
     assert bundle.metadata["trained_on"] == {"training": "own.a", "graphs": 2}
     assert len(label_cloud(bundle, cloud)[0]) == len(cloud)
 
@@ -41,6 +41,6 @@ def test_multiscale_neighbourhoods_have_the_labels_of_their_use_and_train_a_mode
     shrub = SCHEME.classes.index("shrub")
     assert counts["a.whole"][shrub] == 0 < counts["a.own"][shrub]
     assert counts["a.own"].sum() < (cloud.xyz[:, 0] < 3).sum() + 1 < counts["a.whole"].sum()
-    bundle = preparation.fit([(parts, "own")], slug, {slug: own}, SCHEME, {"training": "own.a"})
+    bundle = preparation.fit([Prepared(parts, "own")], slug, {slug: own}, SCHEME, {"training": "own.a"})
     assert bundle.metadata["trained_on"] == {"training": "own.a", "voxels": int(counts["a.own"].sum())}
     assert len(label_cloud(bundle, cloud)[0]) == len(cloud)

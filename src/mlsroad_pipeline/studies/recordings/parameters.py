@@ -28,6 +28,8 @@ class StudyParameters:
     streets : mapping
         Name of each simulated street to its configuration, as in ``simulation.surveys``; with ``scan_spacing`` it gives
         single scans.
+    street_weight : float
+        Weight of all simulated streets together, for methods that weigh sources; a recording has 1.
     scheme : str
         Class scheme of training and scoring. Its class ``other`` is counted, but no part of means.
     models : sequence of str
@@ -52,6 +54,7 @@ class StudyParameters:
     root: str
     sources: Mapping[str, Mapping[str, Any]]
     streets: Mapping[str, Mapping[str, Any]]
+    street_weight: float
     scheme: str
     models: Sequence[str]
     method: str | None
@@ -63,7 +66,8 @@ class StudyParameters:
     pictured: Sequence[str]
 
     def __post_init__(self) -> None:
-        check_positive(self.gap, "recordings_study.gap")
+        for name in ("gap", "street_weight"):
+            check_positive(getattr(self, name), f"recordings_study.{name}")
         for name in ("scenes_per_source", "least_points"):
             check_at_least(getattr(self, name), 1, f"recordings_study.{name}")
         if self.protocol not in (None, *PROTOCOLS):

@@ -112,6 +112,11 @@ class StudyPlan:
             return [name for name, source in self.sources.items() if source.left_out != left_out]
         return []
 
+    def source_of(self, key: str) -> tuple[str, float]:
+        """Return the source of a training scene, one for all streets, and its weight."""
+        name = key.partition(".")[0]
+        return name, self.study.street_weight if name == STREET else 1.0
+
     def training_scenes(self, run: Run) -> dict[str, str]:
         """Return the scenes that a run is trained on, with their use (`WHOLE` or `OWN`)."""
         use = OWN if run.protocol in (OWN, BOTH) else WHOLE
@@ -148,9 +153,13 @@ class StudyPlan:
         return [name for name in self.sources if name in used]
 
 
+STREET = "street"
+"""First part of the keys of simulated streets."""
+
+
 def street_key(name: str) -> str:
     """Return the key of a simulated street."""
-    return f"street.{name}"
+    return f"{STREET}.{name}"
 
 
 def parameter_groups() -> dict[str, Any]:
@@ -231,7 +240,7 @@ def train_models(plan: StudyPlan, prepared: SceneCollection) -> dict[str, SceneT
         keys = [f"{preparation.kind}.{key}" for key in uses]
         parameters = {
             "method": run.method,
-            "uses": dict(zip(keys, uses.values(), strict=True)),
+            "uses": {f"{preparation.kind}.{key}": (use, *plan.source_of(key)) for key, use in uses.items()},
             "parameters": plan.parameters_of(run.method),
             "scheme": plan.scheme,
             "trained_on": {"training": plan.training_set(run), "scenes": len(uses)},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +40,22 @@ from mlsroad_pipeline.algorithms.stages import (
 from mlsroad_pipeline.studies.recordings.parameters import OWN
 from mlsroad_pipeline.studies.recordings.streets import ignoring, scenes_in
 
-Prepared = Mapping[str, Mapping[str, NDArray]]
-"""Part name, ``<scene>.<what>``, to arrays."""
+
+class Prepared(NamedTuple):
+    """Prepared scenes of a file of a recording, or of a simulated street."""
+
+    parts: Mapping[str, Mapping[str, NDArray]]  # ``<scene>.<what>`` to arrays
+    use: str  # the labels that train
+    source: str = ""  # recording, or one name for all streets
+    weight: float = 1.0  # of the whole source, for methods that weigh sources
+
+    def labelled(self) -> list[Mapping[str, NDArray]]:
+        """Return the parts with the labels of the use."""
+        return [arrays for name, arrays in self.parts.items() if name.endswith(f".{self.use}")]
+
+    def scene_names(self) -> list[str]:
+        """Return the names of the scenes."""
+        return sorted({part.partition(".")[0] for part in self.parts})
 
 
 @dataclass(frozen=True)
@@ -52,7 +66,7 @@ class Preparation:
     stages: Callable[[Mapping[str, Any]], Any]  # takes the parameters of all groups
     # takes the loaded scenes and the keywords `stages`, `scheme` and `mixed`
     prepare: Callable[..., dict[str, Any]]
-    # takes prepared scenes with their uses, the slug, the parameters of all groups, the scheme and facts
+    # takes prepared scenes, the slug, the parameters of all groups, the scheme and facts
     fit: Callable[..., ModelBundle]
 
 
@@ -88,13 +102,13 @@ def prepare_supervoxels(
 
 
 def _fit_forest(
-    scenes: Sequence[tuple[Prepared, str]],
+    scenes: Sequence[Prepared],
     slug: str,
     parameters: Mapping[str, Any],
     scheme: ClassScheme,
     facts: Mapping[str, Any],
 ) -> ModelBundle:
-    rows: list[Any] = [arrays for parts, use in scenes for name, arrays in parts.items() if name.endswith(f".{use}")]
+    rows: list[Any] = [arrays for scene in scenes for arrays in scene.labelled()]
     bundle, _ = fit_forest(
         [row for row in rows if len(row["labels"])],
         parameters=parameters[slug], stages=_forest_stages(parameters), scheme=scheme, trained_on=facts,
@@ -125,26 +139,26 @@ def _patch_stages(parameters: Mapping[str, Any]) -> PatchStages:
     return PatchStages(parameters["ground_removal"], parameters["patches"])
 
 
-def _patches_of(scenes: Sequence[tuple[Prepared, str]]) -> tuple[dict[str, Any], dict[str, Any]]:
+def _patches_of(scenes: Sequence[Prepared]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the patches of all scenes and their classes, by number."""
     patches: dict[str, Any] = {}
     labels: dict[str, Any] = {}
-    for parts, use in scenes:
-        for name in sorted({part.partition(".")[0] for part in parts}):
+    for scene in scenes:
+        for name in scene.scene_names():
             key = f"{len(patches):04d}"
-            patches[key], labels[key] = parts[f"{name}.patches"], parts[f"{name}.{use}"]
+            patches[key], labels[key] = scene.parts[f"{name}.patches"], scene.parts[f"{name}.{scene.use}"]
     return patches, labels
 
 
 def _fit_patches(
-    scenes: Sequence[tuple[Prepared, str]],
+    scenes: Sequence[Prepared],
     slug: str,
     parameters: Mapping[str, Any],
     scheme: ClassScheme,
     facts: Mapping[str, Any],
 ) -> ModelBundle:
     joined = join_training_scenes(*_patches_of(scenes))
-    numbers = np.array([number for number, (parts, _) in enumerate(scenes) for name in parts if ".patches" in name])
+    numbers = np.array([number for number, scene in enumerate(scenes) for name in scene.parts if ".patches" in name])
     training = PatchTraining(*joined, _patch_stages(parameters), scheme, facts, numbers.astype(np.int32))
     if slug != "patch_graph_mrf":
         bundle: ModelBundle = METHODS[slug].load("train")(training, parameters=parameters[slug])
@@ -157,18 +171,20 @@ def _fit_patches(
 
 
 def _fit_shapes(
-    scenes: Sequence[tuple[Prepared, str]],
+    scenes: Sequence[Prepared],
     slug: str,
     parameters: Mapping[str, Any],
     scheme: ClassScheme,
     facts: Mapping[str, Any],
 ) -> ModelBundle:
     objects = []
-    for parts, use in scenes:
-        for name in sorted({part.partition(".")[0] for part in parts}):
-            patches: Any = parts[f"{name}.patches"]
-            built = shape_based.build_objects(parts[f"{name}.ground"], patches, parameters[slug])  # type: ignore[arg-type]
-            objects.append(shape_based.labelled_objects(built, parts[f"{name}.{use}"]["label"], len(scheme)))
+    for scene in scenes:
+        for name in scene.scene_names():
+            patches: Any = scene.parts[f"{name}.patches"]
+            ground: Any = scene.parts[f"{name}.ground"]
+            built = shape_based.build_objects(ground, patches, parameters[slug])
+            truth = scene.parts[f"{name}.{scene.use}"]["label"]
+            objects.append(shape_based.labelled_objects(built, truth, len(scheme)))
     return shape_based.fit(
         objects, parameters=parameters[slug], stages=_patch_stages(parameters), scheme=scheme, trained_on=facts
     )
@@ -199,13 +215,13 @@ def _graph_stages(
 
 
 def _fit_graphs(
-    scenes: Sequence[tuple[Prepared, str]],
+    scenes: Sequence[Prepared],
     slug: str,
     parameters: Mapping[str, Any],
     scheme: ClassScheme,
     facts: Mapping[str, Any],
 ) -> ModelBundle:
-    graphs = [arrays for parts, use in scenes for name, arrays in parts.items() if name.endswith(f".{use}")]
+    graphs = [arrays for scene in scenes for arrays in scene.labelled()]
     bundle: ModelBundle = METHODS[slug].load("train")(
         graphs, parameters=parameters[slug], stages=_graph_stages(parameters)[0], scheme=scheme, trained_on=facts
     )[0]
@@ -233,16 +249,18 @@ def _voxel_stages(parameters: Mapping[str, Any]) -> tuple[GroundParameters, Boos
 
 
 def _fit_voxels(
-    scenes: Sequence[tuple[Prepared, str]],
+    scenes: Sequence[Prepared],
     slug: str,
     parameters: Mapping[str, Any],
     scheme: ClassScheme,
     facts: Mapping[str, Any],
 ) -> ModelBundle:
-    voxels = [arrays for parts, use in scenes for name, arrays in parts.items() if name.endswith(f".{use}")]
+    voxels = [(arrays, scene) for scene in scenes for arrays in scene.labelled()]
     bundle: ModelBundle = METHODS[slug].load("train")(
-        voxels, parameters=parameters[slug], ground=parameters["ground_removal"], scheme=scheme, trained_on=facts
-    )
+        [arrays for arrays, _ in voxels],
+        parameters=parameters[slug], ground=parameters["ground_removal"], scheme=scheme, trained_on=facts,
+        sources=[scene.source for _, scene in voxels], weights=[scene.weight for _, scene in voxels],
+    )  # fmt: skip
     return bundle
 
 
@@ -262,13 +280,13 @@ def prepare_spheres(
 
 
 def _fit_spheres(
-    scenes: Sequence[tuple[Prepared, str]],
+    scenes: Sequence[Prepared],
     slug: str,
     parameters: Mapping[str, Any],
     scheme: ClassScheme,
     facts: Mapping[str, Any],
 ) -> ModelBundle:
-    voxels = [arrays for parts, use in scenes for name, arrays in parts.items() if name.endswith(f".{use}")]
+    voxels = [arrays for scene in scenes for arrays in scene.labelled()]
     bundle: ModelBundle = METHODS[slug].load("train")(
         voxels, parameters=parameters[slug], scheme=scheme, trained_on=facts
     )

@@ -13,20 +13,20 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.execution.task import StoredResult
-from mlsroad_pipeline.studies.recordings.preparation import preparation_of
+from mlsroad_pipeline.studies.recordings.preparation import Prepared, preparation_of
 
 
 def train_model(
     prepared: Sequence[StoredResult],
     *,
     method: str,
-    uses: Mapping[str, str],
+    uses: Mapping[str, tuple[str, str, float]],
     parameters: Mapping[str, Any],
     scheme: ClassScheme,
     trained_on: Mapping[str, Any],
 ) -> dict[str, dict[str, NDArray]]:
     """Train a method; the result has the arrays, the metadata as JSON, and the time of training without preparation."""
-    scenes = [(handle.load(), uses[handle.key]) for handle in prepared]
+    scenes = [Prepared(handle.load(), *uses[handle.key]) for handle in prepared]
     start, used = time.perf_counter(), time.process_time()
     bundle = preparation_of(method).fit(scenes, method, parameters, scheme, trained_on)
     seconds = {"seconds": time.perf_counter() - start, "cpu_seconds": time.process_time() - used}
