@@ -127,9 +127,7 @@ def main() -> None:
                 predicted, size = errors_of_labelled(survey.cloud, bundle, truth)
                 parts.setdefault("labelled", []).append(predicted)
                 labelled += size
-            bundle = None if options.model is None else load_bundle(options.model)
-    labelled = 0
-    measured, spent, n_found, n_true = measured + len(own), spent + seconds, n_found + there, n_true + expected
+            measured, spent, n_found, n_true = measured + len(own), spent + seconds, n_found + there, n_true + expected
     tables = [summarise_errors(pd.concat(errors)).assign(of=name) for name, errors in parts.items()]
     table = pd.concat(tables)[["of", "class", "measure", "unit", "n", "bias", "median", "quantile_90"]]
     print(table.round(3).to_string(index=False))

@@ -39,3 +39,9 @@ def test_a_table_of_a_stage_gives_metrics_per_split():
     assert stage_metrics(table, "ground") == {
         "train/ground/kappa": 0.9, "train/ground/n_ground": 5, "test/ground/n_ground": 7,
     }  # fmt: skip
+    scores = pd.DataFrame({"kind": ["pole", "tree"], "f_score": [0.75, np.nan], "true": [4, 2]})
+    assert stage_metrics(scores, "objects") == {
+        "pole/objects/f_score": 0.75,
+        "pole/objects/true": 4,
+        "tree/objects/true": 2,
+    }
