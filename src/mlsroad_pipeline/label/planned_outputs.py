@@ -41,8 +41,6 @@ class PlannedOutput:
         First and last row of the file in each scene.
     had_classes : bool or None
         Whether a LAS file has classes other than 0; None if unknown.
-    has_withheld : bool
-        Whether some of its points are withheld, and have no label.
     """
 
     file: PlannedFile
@@ -51,7 +49,6 @@ class PlannedOutput:
     objects: Mapping[str, StoredResult]
     rows: NDArray[np.int64]
     had_classes: bool | None
-    has_withheld: bool = True
 
     @property
     def inputs(self) -> dict[str, Any]:
@@ -77,7 +74,6 @@ class PlannedOutput:
             "options": options,
             "n_threads": WRITING_THREADS,
             "had_classes": self.had_classes,
-            "has_withheld": self.has_withheld,
             "copc": label.copc,
             "coloured_ply": label.coloured_ply,
             "class_names": class_names,
@@ -87,10 +83,6 @@ class PlannedOutput:
 def _had_classes(file: PlannedFile, classes: Mapping[str, FileClasses]) -> bool | None:
     ranges = [part["has_classes"] for key, part in classes.items() if SceneKey.parse(key).parent == file.key]
     return bool(np.any(np.concatenate(ranges))) if ranges and all(map(len, ranges)) else None
-
-
-def _has_withheld(file: PlannedFile, classes: Mapping[str, FileClasses]) -> bool:
-    return any(bool(part["has_withheld"][0]) for key, part in classes.items() if SceneKey.parse(key).parent == file.key)
 
 
 def planned_outputs(
@@ -116,6 +108,6 @@ def planned_outputs(
                 rows.append((first, last))
         of_file = np.array(rows, dtype=np.int64).reshape(-1, 2)
         paths = paths_of(file, run.output, parameters)
-        had, withheld = _had_classes(file, classes), _has_withheld(file, classes)
-        outputs.append(PlannedOutput(file, paths, Deferred(tuple(scenes)), objects, of_file, had, withheld))
+        known = _had_classes(file, classes)
+        outputs.append(PlannedOutput(file, paths, Deferred(tuple(scenes)), objects, of_file, known))
     return outputs

@@ -63,7 +63,6 @@ def write_file(
     options: ReadOptions,
     n_threads: int,
     had_classes: bool | None,
-    has_withheld: bool = True,
     copc: bool = False,
     coloured_ply: bool = False,
     class_names: Mapping[int, str] | None = None,
@@ -77,7 +76,6 @@ def write_file(
         options=options,
         n_threads=n_threads,
         had_classes=had_classes,
-        has_withheld=has_withheld,
         class_names=class_names,
     )
     if copc:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import lazrs
@@ -56,6 +57,7 @@ class _Source:
     header: LasHeader
     records: Callable[[int, int], NDArray]
     copier: LayerCopier | None = None  # copies unchanged layers without decompression
+    flags: Callable[[int, int], NDArray] | None = None  # records with the flags and classes that a copier leaves out
 
 
 def write_labelled(
@@ -69,7 +71,6 @@ def write_labelled(
     progress: Callable[[int], None] | None = None,
     native: bool = True,
     had_classes: bool | None = None,
-    has_withheld: bool = True,
     class_names: Mapping[int, str] | None = None,
 ) -> list[Path]:
     """Copy a survey to LAZ with `classification` and the extra dimensions `confidence` and `object_id`.
@@ -85,7 +86,7 @@ def write_labelled(
     KITTI as a ``.label`` with the codes. `native_path` lists the exceptions.
 
     Points that are flagged withheld have no label (a confidence of NaN in `labels_of`): they keep the class of the
-    input, with a confidence of 0. Where `has_withheld` is False, there are none.
+    input, with a confidence of 0.
 
     `class_names` are written as the Classification Lookup record. The option `crs`, or a ``.prj`` beside a file without
     a coordinate reference system, is written into the header.
@@ -106,7 +107,7 @@ def write_labelled(
         sinks = [stack.enter_context(native_sink(source, own, form, options))] if own is not None else []
         if form.name == "LAS":
             crs = sidecar_crs(source) if options.crs is None else parse_crs(options.crs)
-            survey = _las_source(source, had_classes, n_threads, chunk_size, stack, has_withheld=has_withheld)
+            survey = _las_source(source, had_classes, n_threads, chunk_size, stack)
             survey = replace(survey, header=_with_crs(survey.header, crs, assign=options.crs is not None))
         else:
             survey = _other_source(source, form, options)
@@ -147,7 +148,8 @@ def _write_range(
     records = survey.records(start, stop)
     if np.isnan(confidence).any():
         message = f"{survey.name}: {{}} of {place[4:]}"
-        labels = PointLabels(*_with_withheld(records, codes, confidence, message), object_id)
+        flagged = records if survey.flags is None else survey.flags(start, stop)
+        labels = PointLabels(*_with_withheld(flagged, codes, confidence, message), object_id)
     if survey.copier is None:
         for name, column in labels.columns().items():
             records[name] = column
@@ -159,6 +161,11 @@ def _write_range(
         writer.write_compressed(records, survey.copier.chunks(start, records, values))
     for sink in sinks:
         sink.write(start, labels)
+
+
+def _flags(path: Path, header: LasHeader, start: int, stop: int) -> NDArray:
+    with RecordReader(path, header, select=CLASS_ONLY | int(lazrs.SELECTIVE_DECOMPRESS_FLAGS)) as reader:
+        return reader.read(start, stop)
 
 
 def _with_withheld(
@@ -175,15 +182,7 @@ def _with_withheld(
     return np.where(unlabelled, kept, codes), np.where(unlabelled, np.float32(0), confidence)
 
 
-def _las_source(
-    path: Path,
-    had_classes: bool | None,
-    n_threads: int,
-    chunk_size: int,
-    stack: ExitStack,
-    *,
-    has_withheld: bool,
-) -> _Source:
+def _las_source(path: Path, had_classes: bool | None, n_threads: int, chunk_size: int, stack: ExitStack) -> _Source:
     header = read_header(path)
     if had_classes is None:
         had_classes = _has_classes(path, header, n_threads)
@@ -192,10 +191,9 @@ def _las_source(
     own = len(upgraded.extra_dimensions)
     added = {dimension.name: dimension for dimension in target.extra_dimensions[own:]}
     if has_layers(header) and added.keys() >= ADDED.keys() and chunk_size % LAZ_CHUNK == 0:
-        classes = ORIGINAL_CLASS in added or has_withheld
-        copier = LayerCopier(path, header, added, classes=classes, flags=has_withheld, n_threads=n_threads)
+        copier = LayerCopier(path, header, added, classes=ORIGINAL_CLASS in added, n_threads=n_threads)
         stack.enter_context(copier)
-        return _Source(str(path), header.n_points, target, copier.read, copier)
+        return _Source(str(path), header.n_points, target, copier.read, copier, partial(_flags, path, header))
     reader = stack.enter_context(RecordReader(path, header, n_threads=n_threads))
 
     def records(start: int, stop: int) -> NDArray:

@@ -140,10 +140,9 @@ class DriveCorridor(CorridorArrays):
 
 
 class FileClasses(TypedDict):
-    """Whether any row of a range has a class, shape (1,), empty if the column was not read, or is withheld."""
+    """Whether any row of a range has a class, shape (1,); empty if the column was not read."""
 
     has_classes: NDArray[np.bool_]
-    has_withheld: NDArray[np.bool_]
 
 
 class CutRange(CutPoints):
@@ -263,5 +262,4 @@ def read_and_cut(
         file=file,
         used=used,
     )
-    classes: FileClasses = {"has_classes": has_classes, "has_withheld": np.array([not used.all()])}
-    return {**pieces, "quality": quality, "classes": classes}
+    return {**pieces, "quality": quality, "classes": {"has_classes": has_classes}}

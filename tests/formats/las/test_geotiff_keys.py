@@ -4,7 +4,7 @@ import laspy
 import numpy as np
 import pyproj
 import pytest
-from helpers.formats import make_las
+from helpers.formats import make_labels, make_las
 from laspy.vlrs.vlr import VLR
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
@@ -149,9 +149,7 @@ def test_a_reprojected_old_file_gets_keys_of_its_new_system(tmp_path, rng, targe
 
 def test_labels_of_an_old_file_carry_its_spelled_out_system_as_wkt(tmp_path, rng):
     make(tmp_path / "a.las", rng, SPELLED["Lambert with one parallel"][0])
-    write_labelled(
-        tmp_path / "a.las", tmp_path / "b.laz", lambda a, b: (np.zeros(b - a, np.uint8), np.ones(b - a, np.float32))
-    )
+    write_labelled(tmp_path / "a.las", tmp_path / "b.laz", make_labels)
     with laspy.open(tmp_path / "b.laz") as written:
         assert written.header.version.minor == 4
         assert written.header.parse_crs() == pyproj.CRS(LAS.info(tmp_path / "a.las", DEFAULT).crs)

@@ -74,8 +74,6 @@ class LayerCopier:
         Dimensions to append to those of the file, by name.
     classes : bool, default False
         Whether `read` decompresses the file's classes.
-    flags : bool, default False
-        Whether `read` decompresses the file's flags, withheld among them.
     n_threads : int, default 1
         Above one, chunks are decompressed and compressed in parallel; the bytes are the same.
 
@@ -92,13 +90,11 @@ class LayerCopier:
         added: Mapping[str, ExtraDimension],
         *,
         classes: bool = False,
-        flags: bool = False,
         n_threads: int = 1,
     ) -> None:
         self.added = tuple(added)
         self._header, self._n_threads = header, n_threads
         select = _NEEDED | (int(lazrs.SELECTIVE_DECOMPRESS_CLASSIFICATION) if classes else 0)
-        select |= int(lazrs.SELECTIVE_DECOMPRESS_FLAGS) if flags else 0
         self._reader = RecordReader(path, header, n_threads=n_threads, select=select)
         fields = [(name, *dimension.field_type[1:]) for name, dimension in added.items()]
         self._dtype = np.dtype([*ALL_POINT_FORMATS_DTYPE[6].descr, *fields])
