@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from shlex import quote
 from typing import Annotated, Any
@@ -137,10 +137,16 @@ def print_summary(console: Console, summary: Mapping[str, Any], logged: list[str
     console.print("\nResults")
     console.print(f"  points     {clouds[0] if len(clouds) == 1 else f'{len(clouds)} files, the first is {clouds[0]}'}")
     console.print(f"  inventory  {shown_path(outputs['inventory'])}")
-    for path in outputs["exports"]:
+    for path in _main_exports(outputs["exports"], summary["output"]):
         console.print(f"  export     {shown_path(path)}")
     console.print(f"  report     {shown_path(outputs['report'])}")
     console.print(f"\nOpen the report: mlsroad open {quote(shown_path(summary['output']))}")
+
+
+def _main_exports(paths: Sequence[str], output: str) -> list[str]:
+    """Return the exported files without those that only describe others, and folders in place of their files."""
+    found = [Path(path) for path in paths if Path(path).suffix not in (".csvt", ".prj")]
+    return list(dict.fromkeys(str(path if path.parent == Path(output) else path.parent) for path in found))
 
 
 def _model(summary: Mapping[str, Any]) -> str:
