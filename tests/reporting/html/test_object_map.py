@@ -173,7 +173,7 @@ def test_every_picture_and_control_has_a_name(opened):
 
 def test_without_objects_the_map_has_the_path(opened):
     page = opened(objects_of(0))
-    assert page.js("document.body.innerText").count("No objects were found.") == 1
+    assert page.js("document.body.innerText").count("No objects were found.") == 2
     assert page.js("document.querySelector('#map .path').getBoundingClientRect().width") > 500
     page.click('input[data-layer="path"]')
     assert page.js("getComputedStyle(document.querySelector('#map .path')).display") == "none"

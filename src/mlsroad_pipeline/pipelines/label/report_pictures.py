@@ -64,7 +64,7 @@ def _busiest(
         return {}
     above, side = scene_pictures(sample["xyz"].astype(np.float64), sample["label"], palette)
     return {
-        f"Scene {key}, the one with most objects, from above.": above,
+        f"Scene {key}{', the one with most objects,' if len(objects) else ''} from above.": above,
         f"Scene {key} from the side: what lies beyond its middle.": side,
     }
 

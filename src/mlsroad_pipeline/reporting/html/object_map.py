@@ -22,6 +22,7 @@ SQUARE = ("sign", "vehicle")
 """Kinds drawn as squares; others are dots."""
 MOST_OBJECTS = 5000
 """Largest number of objects on the map and in the table; of more, those with the highest scores of each kind."""
+_HINT = "Point at an object, or tap it, for its measures."
 _LOWEST, _WIDTH, _HIGHEST = 260, 1140, 640  # height and width of the map at first, pixels
 
 
@@ -86,7 +87,7 @@ class ObjectMapSection:
             f'style="height:{pixels}px" preserveAspectRatio="xMidYMid meet">{self._background()}{self._path()}'
             f"{self._symbols(kinds)}</svg>{self._north()}{_scale_bar(width)}</div>\n"
             '<div id="object-details" class="details" role="status" aria-live="polite"><p class="none">'
-            "Point at an object, or tap it, for its measures.</p></div>\n"
+            f"{_HINT if len(self.objects) else 'No objects were found.'}</p></div>\n"
         )
 
     def _legend(self, kinds: Sequence[str], colours: dict[str, str]) -> str:
