@@ -67,7 +67,7 @@ def check_paths(parameters: Mapping[str, Any], given: Mapping[str, Any]) -> None
         for item in value if isinstance(value, list | tuple) else [value]:
             if isinstance(item, int | float):
                 raise ParameterError(f"{name} is {item!r}, not text: write a name such as 0715 or 2024_05_01 in quotes")
-        empty = value is None or (isinstance(own, Mapping) and own.get(key) == "")
-        if name in PLACES and empty:
+        empty = section == "inspect" and isinstance(own, Mapping) and own.get(key) == ""  # `label` has its own message
+        if name in PLACES and (value is None or empty):
             what = "null" if value is None else "empty"
             raise ParameterError(f"{name} is {what}: name a file or folder, or leave the parameter out")
