@@ -16,11 +16,14 @@ from mlsroad_pipeline.algorithms.metrics.scores import scores_to_metrics, summar
 from mlsroad_pipeline.datasets.models.model_notes import describe_version
 from mlsroad_pipeline.datasets.models.model_registry_dataset import RegisteredModelDataset
 from mlsroad_pipeline.hooks.data_sets import DataSet, DataSets
+from mlsroad_pipeline.hooks.interrupted_runs import PROCESS
 from mlsroad_pipeline.hooks.mlflow_batches import log_metrics, log_params, now, series_metrics
 
 METHOD = "mlsroad.method"
 """Tag of a child run: the slug of the method."""
-_INHERITED = ("mlflow.user", "mlflow.source.name", "mlflow.source.type", "mlflow.source.git.commit", "git.commit")
+_INHERITED = (
+    "mlflow.user", "mlflow.source.name", "mlflow.source.type", "mlflow.source.git.commit", "git.commit", PROCESS
+)  # fmt: skip
 
 
 @dataclass

@@ -64,8 +64,11 @@ class MlflowDetailsHooks:
         run = sys.modules["mlflow"].active_run() if "mlflow" in sys.modules else None
         if run is None:
             return
+        from mlsroad_pipeline.hooks.interrupted_runs import at_exit, close_stale_runs  # noqa: PLC0415  # imports MLflow
         from mlsroad_pipeline.hooks.run_records import RunRecords  # noqa: PLC0415  # imports MLflow
 
+        close_stale_runs(run.info.experiment_id)
+        at_exit(self._end_killed)
         self._records = RunRecords(run, run_params, pipeline, catalog)
 
     @hook_impl(tryfirst=True)
@@ -96,6 +99,12 @@ class MlflowDetailsHooks:
     def on_pipeline_error(self) -> None:
         """End the runs of the methods."""
         self._end("FAILED")
+
+    def _end_killed(self) -> None:
+        """End a run that neither finished nor failed: it was interrupted."""
+        if self._records is not None:
+            self._end("KILLED")
+            sys.modules["mlflow"].end_run("KILLED")
 
     def _end(self, status: str) -> None:
         records, self._records = self._records, None

@@ -25,6 +25,7 @@ from mlsroad_pipeline.datasets.reports.report_file import ReportFileDataset
 from mlsroad_pipeline.datasets.reports.scores_dataset import ScoresDataset
 from mlsroad_pipeline.hooks.data_fingerprint import fingerprint_files, source_files
 from mlsroad_pipeline.hooks.data_sets import DataSets
+from mlsroad_pipeline.hooks.interrupted_runs import PROCESS, this_process
 from mlsroad_pipeline.hooks.label_metrics import STAGE_TABLES, SUMMARY, label_metrics, stage_metrics
 from mlsroad_pipeline.hooks.method_runs import MethodRuns
 from mlsroad_pipeline.hooks.mlflow_batches import log_metrics, log_params, plain_metrics, series_metrics
@@ -138,6 +139,7 @@ class RunRecords:
         tags = python.tags | git_state(project)
         if "git.commit" in tags:
             tags["mlflow.source.git.commit"] = tags["git.commit"]
+        tags[PROCESS] = this_process()
         tags["runner"] = runner_name(self._run_params.get("runner"))
         client = mlflow.MlflowClient()
         command = client.get_run(self._run_id).data.tags.get("kedro_command", "")
