@@ -344,3 +344,14 @@ def test_the_loader_checks_paths(tmp_path):
     )
     with pytest.raises(ParameterError, match=r"inspect\.survey is null"):
         loader["parameters"]
+
+
+def test_a_glob_that_leaves_its_folder_is_an_error(tmp_path):
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "s.txt").write_text("0 0 0\n1 1 1\n")
+    pattern = str(tmp_path / "a" / "*" / ".." / ".." / "other" / "*.txt")
+    with pytest.raises(
+        ParameterError, match=r"leaves its folder by '\.\.' after a wildcard: .*s\.txt; name the folder"
+    ):
+        Survey.at(pattern).files()

@@ -158,6 +158,8 @@ class Survey:
             if trajectory is not None and path.name == trajectory:
                 continue
             name = path.relative_to(self.folder)
+            if ".." in name.parts:  # its results would lie outside the output
+                raise ParameterError(f"{self.root} leaves its folder by '..' after a wildcard: {path}; name the folder")
             beside = None if trajectory is None else path.parent / trajectory
             existing = str(beside) if beside is not None and beside.is_file() else None
             files.append(SurveyFile(str(path), name.as_posix(), name.parent.as_posix(), existing))
