@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from pyproj import CRS
 from pyproj.exceptions import CRSError
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.datasets.inventory.vector_files import prj_text, to_wgs84
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.formats.crs import crs_units
@@ -41,7 +42,8 @@ def check_headers(plan: SurveyPlan, parameters: LabelParameters) -> None:
     systems that are not understood or have no lengths (degrees, geocentric coordinates).
     """
     for file in plan.files:
-        check_header(file.source.path, plan.options, copc=parameters.copc)
+        with suppress(ReadError):  # damaged: the reading reports it, after the files that can be read
+            check_header(file.source.path, plan.options, copc=parameters.copc)
 
 
 def check_header(path: str, options: ReadOptions, *, copc: bool = False) -> None:
