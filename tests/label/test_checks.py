@@ -25,10 +25,10 @@ def ply(path, **columns):
     return path
 
 
-def las(path, point_format=6):
+def las(path, point_format=6, n=5):
     path.parent.mkdir(parents=True, exist_ok=True)
     data = laspy.LasData(laspy.LasHeader(version="1.4", point_format=point_format))
-    data.x = np.arange(5.0)
+    data.x = np.arange(float(n))
     data.write(str(path))
     return path
 
@@ -84,7 +84,7 @@ def test_a_system_that_a_format_cannot_hold_ends_the_run_before_the_labelling():
 )
 def test_two_results_of_one_path_are_named(tmp_path, names, changes, path):
     for name in names:
-        (ply if name.endswith("ply") else las)(tmp_path / "in" / name)
+        ply(tmp_path / "in" / name) if name.endswith("ply") else las(tmp_path / "in" / name, n=len(name))  # no copies
     with pytest.raises(ParameterError, match=rf"out/{path} would hold {names[1]} and {names[0]}: rename one") as caught:
         paths(tmp_path / "in", tmp_path / "out", **changes)
     assert len(str(caught.value).splitlines()) == 1
