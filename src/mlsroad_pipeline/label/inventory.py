@@ -17,6 +17,7 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.scenes.cutting import corridor_from_arrays
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
+from mlsroad_pipeline.datasets.models.object_judges import judge_digest
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import Deferred, SceneTask
 from mlsroad_pipeline.label.work import join_objects
@@ -38,12 +39,13 @@ def objects_task(
     results: SceneCollection,
     rules: Mapping[str, ObjectRule],
     bundle: ModelBundle,
+    least_score: float,
 ) -> SceneTask:
     """Return the task that joins the objects of all scenes of a survey."""
     drives = {drive: scenes_of(drive, results) for drive in plan.drives()}
     parts: dict[str, Any] = {
         name: {drive: Deferred(tuple(stored[key] for key in keys)) for drive, keys in drives.items()}
-        for name in ("objects", "fragments")
+        for name in ("objects", "fragments", "evidence")
         for stored in [results.part(name)]
     }
     parts["sightings"] = Deferred(tuple(results.part("sightings").values()))
@@ -53,7 +55,14 @@ def objects_task(
     return SceneTask(
         join_objects,
         {"corridors": {drive: corridors[drive] for drive in drives}, **parts},
-        {"rules": dict(rules), "labels": labels, "method": bundle.slug, "model_version": version},
+        {
+            "rules": dict(rules),
+            "labels": labels,
+            "judge": judge_digest(),
+            "least_score": least_score,
+            "method": bundle.slug,
+            "model_version": version,
+        },
     )
 
 

@@ -14,15 +14,22 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.las_codes import CODE_NAMES
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.inventory.candidates import CANDIDATE_LIMITS
+from mlsroad_pipeline.algorithms.inventory.class_groups import ClassEvidence, evidence_of_labels, group_shares
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects
+from mlsroad_pipeline.algorithms.inventory.judging import STEM
 from mlsroad_pipeline.algorithms.inventory.merging import MergedObjects, merge_scenes
-from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule, rules_for_scheme
+from mlsroad_pipeline.algorithms.inventory.object_features import FEATURES
+from mlsroad_pipeline.algorithms.inventory.rules import KINDS, ObjectRule, rules_for_scheme
 from mlsroad_pipeline.algorithms.inventory.sightings import sightings_of_scene
+from mlsroad_pipeline.algorithms.inventory.stem_features import STEM_FEATURES
 from mlsroad_pipeline.algorithms.inventory.table import OBJECT_FIELDS
-from mlsroad_pipeline.algorithms.models.bundle import Labeller, ModelBundle, bundle_scheme, label_cloud
+from mlsroad_pipeline.algorithms.models.bundle import Labeller, ModelBundle, SoftLabels, bundle_scheme, label_softly
+from mlsroad_pipeline.algorithms.models.object_judge import ObjectJudge
 from mlsroad_pipeline.algorithms.scenes.cutting import OutlierParameters
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground, inliers
+from mlsroad_pipeline.datasets.models.object_judges import shipped_judge
 from mlsroad_pipeline.label.confidence import count_confidences
 from mlsroad_pipeline.label.picture_sample import PictureSample, scene_sample
 
@@ -47,12 +54,15 @@ class LabelSettings:
         Parameters of the ground filter, for models that store none.
     outliers : OutlierParameters
         Parameters of the statistical outlier filter.
+    judge : str, default ""
+        SHA256 of the shipped judge of objects that gives the scores; empty: the score is the mean confidence.
     """
 
     codes: NDArray[np.uint8]
     rules: Mapping[str, ObjectRule]
     ground: GroundParameters = field(default_factory=GroundParameters)
     outliers: OutlierParameters = field(default_factory=OutlierParameters)
+    judge: str = ""
 
 
 class CoreLabels(TypedDict):
@@ -84,7 +94,7 @@ class LabelCounts(TypedDict):
 
 
 class LabelledScene(TypedDict):
-    """Stored parts of a labelled scene; `objects` and `fragments` are those of `SceneObjects`.
+    """Stored parts of a labelled scene; `objects`, `fragments` and `evidence` are those of `SceneObjects`.
 
     The counts are those of the labels of the points, before they get the classes of their objects.
     """
@@ -94,6 +104,7 @@ class LabelledScene(TypedDict):
     counts: LabelCounts
     objects: pd.DataFrame
     fragments: pd.DataFrame
+    evidence: pd.DataFrame
     sightings: pd.DataFrame
     sample: PictureSample
 
@@ -109,7 +120,8 @@ def label_new_scene(
     """Label the points of a scene and extract the objects; ground parameters of the model take precedence."""
     trained = bundle.metadata.get("parameters", {}).get("ground")
     ground = find_ground(scene, settings.ground if trained is None else GroundParameters(**trained))
-    label, confidence = label_cloud(bundle, scene.with_columns(**ground), labeller=labeller)
+    soft = label_softly(bundle, scene.with_columns(**ground), labeller=labeller)
+    label, confidence = soft.labels, soft.confidence
     core = scene["core"]
     n_classes = len(settings.codes)
     stored = np.where(label < 0, n_classes, label).astype(np.uint8)
@@ -118,7 +130,7 @@ def label_new_scene(
     starts = np.flatnonzero(np.diff(files, prepend=-1))  # scenes are ordered by file, and within one by row
     ends = np.append(starts[1:], len(files)) - 1
     core_label, core_confidence = label[core], confidence[core].astype(np.float32)
-    extracted = _objects(scene, label, confidence, height=ground["height"], rules=settings.rules, name=name)
+    extracted = _objects(scene, soft, bundle_scheme(bundle), settings, height=ground["height"], name=name)
     return {
         "labels": {
             "file": files,
@@ -134,6 +146,7 @@ def label_new_scene(
         },
         "objects": extracted.objects,
         "fragments": extracted.fragments,
+        "evidence": extracted.evidence,
         "sightings": sightings_of_scene(extracted.part, scene, core),
         "sample": scene_sample(scene.xyz, scene.origin, label, core),
     }
@@ -141,40 +154,61 @@ def label_new_scene(
 
 def _objects(
     scene: PointCloud,
-    label: NDArray[np.integer],
-    confidence: NDArray[np.floating],
+    soft: SoftLabels,
+    scheme: ClassScheme,
+    settings: LabelSettings,
     *,
     height: NDArray[np.float32],
-    rules: Mapping[str, ObjectRule],
     name: str,
 ) -> SceneObjects:
     known = np.isfinite(height)
+    if soft.probabilities is None or soft.owner is None:
+        evidence = evidence_of_labels(soft.labels, soft.confidence, scheme)
+    else:
+        evidence = ClassEvidence(soft.probabilities, soft.owner, group_shares(scheme))
     return extract_objects(
         scene.xyz,
-        np.where(known, label, -1) if known.any() else label,
-        confidence,
-        classes=rules,
+        np.where(known, soft.labels, -1) if known.any() else soft.labels,
+        soft.confidence,
+        classes=settings.rules,
         core=scene["core"],
         origin=scene.origin,
         height_above_ground=np.where(known, height, 0.0) if known.any() else None,
         scene=name,
+        evidence=evidence,
+        judge=object_judge() if settings.judge else None,
     )
 
 
+def object_judge() -> ObjectJudge:
+    """Return the shipped judge of objects, after checking that it has the features of this version."""
+    judge = shipped_judge()
+    for question, names in ((STEM, STEM_FEATURES), *((kind, FEATURES) for kind in KINDS)):
+        judge.check_features(question, names)
+    return judge
+
+
 def object_rules(bundle: ModelBundle, changes: Mapping[str, Any]) -> dict[str, ObjectRule]:
-    """Return the object rules for the classes of a model."""
-    return rules_for_scheme(bundle_scheme(bundle), changes=changes)
+    """Return the rules of the candidates for the classes of a model."""
+    kinds = {kind: {**limits, **changes.get(kind, {})} for kind, limits in CANDIDATE_LIMITS.items()}
+    return rules_for_scheme(bundle_scheme(bundle), changes={**changes, **kinds})
 
 
 def join_inventories(
-    drives: Sequence[tuple[Sequence[SceneObjects], Trajectory | None]], rules: Mapping[str, ObjectRule]
+    drives: Sequence[tuple[Sequence[SceneObjects], Trajectory | None]],
+    rules: Mapping[str, ObjectRule],
+    *,
+    judge: ObjectJudge | None = None,
+    least_score: float = 0.0,
 ) -> MergedObjects:
-    """Merge the objects of all scenes of several drives into one table."""
+    """Merge the objects of all scenes of several drives into one table; objects of a lower score are left out."""
     tables: list[pd.DataFrame] = []
     numbers: dict[str, NDArray[np.uint32]] = {}
     last = 0
     for scenes, trajectory in drives:
-        table, of_scenes = merge_scenes(scenes, classes=rules, trajectory=trajectory)
+        table, of_scenes = merge_scenes(
+            scenes, classes=rules, trajectory=trajectory, judge=judge, least_score=least_score
+        )
         table["object_id"] += last
         table.loc[table["pole_id"] > 0, "pole_id"] += last
         numbers |= {name: np.where(own > 0, own + np.uint32(last), own) for name, own in of_scenes.items()}

@@ -23,7 +23,7 @@ from mlsroad_pipeline.formats.las.copc import copc_path, write_copc
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.ply.coloured_ply import coloured_path, write_coloured_ply
 from mlsroad_pipeline.label.point_labels import ObjectClasses, SceneLabels
-from mlsroad_pipeline.label.scene import LabelledScene, LabelSettings, join_inventories, label_new_scene
+from mlsroad_pipeline.label.scene import LabelledScene, LabelSettings, join_inventories, label_new_scene, object_judge
 from mlsroad_pipeline.label.writer import write_labelled
 
 
@@ -95,8 +95,10 @@ def write_file(
 class _StoredObjects(Sequence[SceneObjects]):
     """Objects of the scenes of a drive, loaded one scene at a time."""
 
-    def __init__(self, objects: Sequence[StoredResult], fragments: Sequence[StoredResult]) -> None:
-        self._handles = list(zip(objects, fragments, strict=True))
+    def __init__(
+        self, objects: Sequence[StoredResult], fragments: Sequence[StoredResult], evidence: Sequence[StoredResult]
+    ) -> None:
+        self._handles = list(zip(objects, fragments, evidence, strict=True))
 
     def __len__(self) -> int:
         return len(self._handles)
@@ -110,8 +112,8 @@ class _StoredObjects(Sequence[SceneObjects]):
     def __getitem__(self, index: int | slice) -> SceneObjects | Sequence[SceneObjects]:
         if isinstance(index, slice):
             return [self[i] for i in range(len(self))[index]]
-        objects, fragments = self._handles[index]
-        return SceneObjects(objects.key, objects.load(), fragments.load())
+        objects, fragments, evidence = self._handles[index]
+        return SceneObjects(objects.key, objects.load(), fragments.load(), evidence=evidence.load())
 
 
 class JoinedObjects(TypedDict):
@@ -126,10 +128,13 @@ def join_objects(
     corridors: Mapping[str, CorridorArrays],
     objects: Mapping[str, Sequence[StoredResult]],
     fragments: Mapping[str, Sequence[StoredResult]],
+    evidence: Mapping[str, Sequence[StoredResult]],
     sightings: Sequence[StoredResult],
     *,
     rules: Mapping[str, ObjectRule],
     labels: Mapping[str, int],
+    judge: str,
+    least_score: float,
     method: str,
     model_version: str,
 ) -> JoinedObjects:
@@ -137,10 +142,10 @@ def join_objects(
     drives = []
     for drive, arrays in corridors.items():
         corridor = corridor_from_arrays(arrays)
-        drives.append(
-            (_StoredObjects(objects[drive], fragments[drive]), corridor if isinstance(corridor, Trajectory) else None)
-        )
-    joined, numbers = join_inventories(drives, rules)
+        scenes = _StoredObjects(objects[drive], fragments[drive], evidence[drive])
+        drives.append((scenes, corridor if isinstance(corridor, Trajectory) else None))
+    judges = object_judge() if judge else None
+    joined, numbers = join_inventories(drives, rules, judge=judges, least_score=least_score)
     table = with_sightings(joined, numbers, (Sightings(stored.key, stored.load()) for stored in sightings))
     classes: ObjectClasses = {
         "label": np.append(0, table["class"].map(labels)).astype(np.uint8),

@@ -92,6 +92,11 @@ def _formats(given: object) -> tuple[str, ...]:
     return tuple(name for name in EXPORT_FORMATS if name in named)
 
 
+def _check_share(value: object, name: str) -> None:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= 1:
+        raise ParameterError(f"{name} must be a number from 0 to 1, got {value!r}")
+
+
 @dataclass(frozen=True)
 class LabelParameters:
     """A survey to label, the model and the outputs.
@@ -114,6 +119,9 @@ class LabelParameters:
         Arguments of `ReadOptions`.
     inventory : mapping
         Changes of the object rules, by kind or class.
+    least_score : float, default 0.4
+        Least score of a listed object, 0 to 1. Larger lists fewer objects, of which more are right; 0 lists all
+        candidates.
     copc : bool, default False
         Whether to write a cloud-optimised copy (``.copc.laz``) beside each LAZ, for web viewers and QGIS.
     coloured_ply : bool, default False
@@ -151,6 +159,7 @@ class LabelParameters:
     trajectory: str | None = "trajectory.csv"
     read: Mapping[str, Any] = field(default_factory=dict)
     inventory: Mapping[str, Any] = field(default_factory=dict)
+    least_score: float = 0.4
     copc: bool = False
     coloured_ply: bool = False
     export: Sequence[str] = ()
@@ -177,6 +186,7 @@ class LabelParameters:
         object.__setattr__(self, "export", _formats(self.export))
         if self.photos and self.images is None:
             raise ParameterError("label.photos needs images: set label.images to the name of their camera file")
+        _check_share(self.least_score, "label.least_score")
         if self.crs is not None:
             parse_crs(str(self.crs), option="label.crs")
             if self.read.get("crs") not in (None, self.crs):

@@ -17,9 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_column, check_xyz
-from mlsroad_pipeline.algorithms.inventory.measures import ObjectMeasures, Voxels, measure
+from mlsroad_pipeline.algorithms.inventory.candidates import classify_stems, raised_labels
+from mlsroad_pipeline.algorithms.inventory.class_groups import ClassEvidence
+from mlsroad_pipeline.algorithms.inventory.evidence import EVIDENCE_FIELDS, SceneCells
+from mlsroad_pipeline.algorithms.inventory.judging import Judge
+from mlsroad_pipeline.algorithms.inventory.measured_rows import Evidence, measured_rows
+from mlsroad_pipeline.algorithms.inventory.measures import ObjectMeasures, measure
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
-from mlsroad_pipeline.algorithms.inventory.splitting import split_at_valleys
 from mlsroad_pipeline.algorithms.inventory.table import empty_table, object_table
 from mlsroad_pipeline.algorithms.inventory.voxels import FRAGMENT_FIELDS, find_fragments, join_voxels, voxelise
 
@@ -38,63 +42,16 @@ class SceneObjects:
         Voxels of the objects that extend into a buffer: columns of `FRAGMENT_FIELDS`.
     part : ndarray of int32, shape (n_core,)
         Object of each point of the core: k + 1 for row k of `objects`, -k - 1 for row k of `fragments`, 0 for none.
-        `merging.SceneNumbers` has the number in the inventory for each of these values.
+        `merging.MergedObjects` has the number in the inventory for each of these values.
+    evidence : DataFrame
+        Evidence of the objects that extend into a buffer: columns of `EVIDENCE_FIELDS`; empty without evidence.
     """
 
     scene: str
     objects: pd.DataFrame
     fragments: pd.DataFrame
     part: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
-
-
-def measured_rows(
-    voxels: Voxels, number: NDArray[np.int64], name: str, rule: ObjectRule, scenes: Sequence[str]
-) -> tuple[list[dict[str, Any]], NDArray[np.int64]]:
-    """Measure the objects of one class and discard those that violate the rule.
-
-    Parameters
-    ----------
-    voxels : Voxels
-        Voxels of the objects, sorted by object.
-    number : ndarray of int64
-        Object of each voxel.
-    name : str
-        The class.
-    rule : ObjectRule
-        Rule of the class.
-    scenes : sequence of str
-        Names of the scenes numbered in `voxels`.
-
-    Returns
-    -------
-    rows : list of dict
-        `ObjectMeasures` of each object, with `class`, `kind` and the name of the scene.
-    owner : ndarray of int64, shape (len(number),)
-        Index into `rows` of each voxel, -1 for voxels of discarded objects.
-    """
-    rows: list[dict[str, Any]] = []
-    owner = np.full(len(number), -1, dtype=np.int64)
-    starts = np.flatnonzero(np.diff(number, prepend=-1))
-    for first, stop in zip(starts, np.append(starts[1:], len(number)), strict=True):
-        whole = voxels.select(np.arange(first, stop))
-        parts = [np.arange(first, stop)]
-        if rule.split_spacing is not None and whole.count.sum() >= rule.min_points:
-            label = split_at_valleys(whole, spacing=rule.split_spacing, depth=rule.split_depth)
-            parts = [first + np.flatnonzero(label == i) for i in range(int(label.max()) + 1)]
-        for index in parts:
-            part = voxels.select(index)
-            if part.count.sum() < rule.min_points:
-                continue
-            row = measure(part, rule.kind)
-            height, clearance, extent = row["height"], row["clearance"], row["extent"]
-            hangs = clearance > rule.max_clearance  # False if the ground is unknown
-            if rule.kind == "sign" and clearance > 0:
-                height -= clearance  # own height: a panel may hang at any height
-            fits = rule.min_height <= height <= rule.max_height and rule.min_width <= extent <= rule.max_width
-            if fits and not hangs:
-                owner[index] = len(rows)
-                rows.append({**row, "class": name, "kind": rule.kind, "scene": scenes[row["scene"]]})
-    return rows, owner
+    evidence: pd.DataFrame = field(default_factory=lambda: empty_table(EVIDENCE_FIELDS))
 
 
 def extract_objects(
@@ -107,8 +64,14 @@ def extract_objects(
     origin: ArrayLike = (0.0, 0.0, 0.0),
     height_above_ground: ArrayLike | None = None,
     scene: str = "scene_00000",
+    evidence: ClassEvidence | None = None,
+    judge: Judge | None = None,
 ) -> SceneObjects:
     """Extract and measure the objects of a scene.
+
+    Points of one class that are connected form an object. With evidence and a judge, the class probabilities form
+    candidates instead (`candidates.raised_labels`), and the judge gives each a score: the probability that it is an
+    object of its kind.
 
     Parameters
     ----------
@@ -129,6 +92,10 @@ def extract_objects(
         Heights, metres. Without them the base of an object is its lowest part, and clearances are unknown.
     scene : str, default "scene_00000"
         The scene's id.
+    evidence : ClassEvidence, optional
+        Class probabilities of the points.
+    judge : Judge, optional
+        A trained judge; both or neither are given.
 
     Returns
     -------
@@ -147,23 +114,37 @@ def extract_objects(
     certainty = _finite(confidence, n, "confidence")
     height = None if height_above_ground is None else _finite(height_above_ground, n, "height_above_ground")
     zero = np.asarray(origin, dtype=np.float64)
+    local = points.astype(np.float64)
+    cells, forming = None, label
+    if evidence is not None and judge is not None and n and classes:
+        cells = SceneCells(local, core=inside, origin=zero, evidence=evidence)
+        above = local[:, 2] - local[:, 2].min() if height is None else height
+        raised = np.where(label >= 0, raised_labels(evidence, classes), -1)
+        forming = classify_stems(local, above, raised, cells, rules=classes, judge=judge)
     rows: list[dict[str, Any]] = []
-    fragments: list[pd.DataFrame] = []
+    fragments, cut_evidence = [empty_table(FRAGMENT_FIELDS)], [empty_table(EVIDENCE_FIELDS)]
     part, n_cut = np.zeros(n, dtype=np.int32), 0
     for name, rule in classes.items():
-        mine = np.flatnonzero(np.isin(label, rule.labels))
+        mine = np.flatnonzero(np.isin(forming, rule.labels))
         whole, cut, of_whole, of_cut = find_fragments(
-            points[mine].astype(np.float64),
+            local[mine],
             core=inside[mine],
             confidence=certainty[mine],
             height_above_ground=None if height is None else height[mine],
             origin=zero,
             rule=rule,
+            disagreeing=~np.isin(label[mine], rule.labels),
         )
+        found_evidence = None
+        if cells is not None:
+            found_evidence = _evidence_of(cells, mine, (whole, of_whole), (cut, of_cut))
         if len(whole):
             table = whole.assign(object=whole["fragment"].astype(np.int64), scene=0)
             voxels, number, joined_row = join_voxels(table, resolution=rule.resolution)
-            found, owner = measured_rows(voxels, number, name, rule, [scene])
+            known = (
+                None if found_evidence is None else Evidence(found_evidence.assign(object=found_evidence["fragment"]))
+            )
+            found, owner = measured_rows(voxels, number, name, classes, [scene], evidence=known, judge=judge)
             of_row = np.append(np.where(owner < 0, 0, owner + len(rows) + 1)[joined_row], 0)
             part[mine] = of_row[of_whole]
             rows += found
@@ -171,9 +152,32 @@ def extract_objects(
             part[mine[of_cut >= 0]] = -1 - n_cut - of_cut[of_cut >= 0]
             fragments.append(cut.assign(**{"class": name}))
             n_cut += len(cut)
-    joined = pd.concat(fragments, ignore_index=True) if fragments else empty_table(FRAGMENT_FIELDS)
-    table = joined[list(FRAGMENT_FIELDS)].astype(FRAGMENT_FIELDS)
-    return SceneObjects(scene, object_table(rows), table, part[inside])
+            if found_evidence is not None:
+                crossing = found_evidence["fragment"].isin(cut["fragment"].unique())
+                cut_evidence.append(found_evidence[crossing].assign(**{"class": name}))
+    return SceneObjects(
+        scene,
+        object_table(rows),
+        _concatenated(fragments, FRAGMENT_FIELDS),
+        part[inside],
+        _concatenated(cut_evidence, EVIDENCE_FIELDS),
+    )
+
+
+def _evidence_of(
+    cells: SceneCells, mine: NDArray[np.int64], *tables: tuple[pd.DataFrame, NDArray[np.int64]]
+) -> pd.DataFrame:
+    """Return the evidence of the fragments in tables of voxels, each with the row of every point."""
+    fragment = np.full(len(mine), -1, dtype=np.int64)
+    for table, row in tables:
+        fragment[row >= 0] = table["fragment"].to_numpy()[row[row >= 0]]
+    kept = np.flatnonzero(fragment >= 0)
+    return cells.around(mine[kept], fragment[kept])
+
+
+def _concatenated(tables: Sequence[pd.DataFrame], fields: Mapping[str, str]) -> pd.DataFrame:
+    filled = [table for table in tables if len(table)]
+    return pd.concat(filled or tables[:1], ignore_index=True)[list(fields)].astype(fields)
 
 
 def _finite(values: ArrayLike, n_points: int, name: str) -> NDArray[np.float64]:

@@ -12,6 +12,7 @@ from mlsroad_pipeline.algorithms.inventory.axes import Axis, fit_axis
 from mlsroad_pipeline.algorithms.inventory.boxes import convex_hull, oriented_box, polygon_area, trimmed, vehicle_box
 from mlsroad_pipeline.algorithms.inventory.circles import Circle, fit_circle
 from mlsroad_pipeline.algorithms.inventory.panels import fit_panel
+from mlsroad_pipeline.algorithms.inventory.trunks import Trunk, find_trunks, main_trunk
 
 # Points below the bottom: largest share and largest number.
 _STRAY_SHARE, _STRAY_POINTS = 0.01, 10.0
@@ -188,7 +189,7 @@ def measure(voxels: Voxels, kind: str) -> ObjectMeasures:
     elif kind == "vehicle":
         row |= _vehicle(geometry)
     elif kind == "tree":
-        row |= _tree(geometry)
+        row |= _tree(geometry, main_trunk(find_trunks(voxels)))
     row |= {"point_count": n_points, "score": float(voxels.confidence.sum() / n_points), "extent": length}
     row["disagreeing_share"] = float(voxels.disagreeing.sum() / n_points)
     sides = np.column_stack([voxels.low.min(axis=0), voxels.high.max(axis=0)]).ravel().tolist()
@@ -297,11 +298,13 @@ def _sides_seen(local: NDArray[np.float64], length: float, width: float) -> floa
     return seen / total
 
 
-def _tree(geometry: _Geometry) -> ObjectMeasures:
+def _tree(geometry: _Geometry, trunk: Trunk | None) -> ObjectMeasures:
     foot = geometry.xyz[geometry.foot, :2]
     middle = (geometry.hull.max(axis=0) + geometry.hull.min(axis=0)) / 2
     base = np.array([sum(trimmed(foot[:, axis], _STRAY_FOOT)) / 2 for axis in range(2)])
-    if geometry.low - geometry.ground > _FOOT:
+    if trunk is not None:
+        base = np.array([trunk.x, trunk.y])
+    elif geometry.low - geometry.ground > _FOOT:
         base = middle  # the trunk is hidden; low branches do not mark the position of the tree
     diameter = np.nan
     axis = fit_axis(geometry.xyz[geometry.xyz[:, 2] <= geometry.base + _TRUNK_TOP])

@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
-from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, measured_rows
+from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects
+from mlsroad_pipeline.algorithms.inventory.judging import Judge
+from mlsroad_pipeline.algorithms.inventory.measured_rows import Evidence, measured_rows
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.table import OBJECT_FIELDS, empty_table, finish_table, object_table
 from mlsroad_pipeline.algorithms.inventory.voxels import join_voxels, voxel_order
@@ -124,10 +126,11 @@ class _Links:
         return number, last
 
 
-def _by_class(piece: SceneObjects) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield the fragments of a scene class by class."""
+def _by_class(piece: SceneObjects) -> Iterator[tuple[str, pd.DataFrame, pd.DataFrame]]:
+    """Yield the fragments of a scene and their evidence class by class."""
     for name, table in piece.fragments.groupby("class", sort=False):
-        yield str(name), table.drop(columns="class")
+        evidence = piece.evidence[piece.evidence["class"] == name]
+        yield str(name), table.drop(columns="class"), evidence.drop(columns="class")
 
 
 def _link(pieces: Sequence[SceneObjects], classes: Mapping[str, ObjectRule]) -> tuple[list[str], dict[str, _Links]]:
@@ -141,7 +144,7 @@ def _link(pieces: Sequence[SceneObjects], classes: Mapping[str, ObjectRule]) -> 
         named = {*piece.objects["class"], *piece.fragments["class"]}
         if named - set(classes):
             raise DataError(f"objects of class {min(named - set(classes))!r}, which has no rule: {sorted(classes)}")
-        for name, table in _by_class(piece):
+        for name, table, _ in _by_class(piece):
             links.setdefault(name, _Links()).add(i, piece.scene, table)
     return scenes, links
 
@@ -149,20 +152,26 @@ def _link(pieces: Sequence[SceneObjects], classes: Mapping[str, ObjectRule]) -> 
 class _Joiner:
     """Accumulator of the voxels of one class; measures each object once it is complete."""
 
-    def __init__(self, name: str, rule: ObjectRule, links: _Links, scenes: Sequence[str]) -> None:
-        self.name, self.rule = name, rule
+    def __init__(
+        self, name: str, classes: Mapping[str, ObjectRule], links: _Links, scenes: Sequence[str], judge: Judge | None
+    ) -> None:
+        self.name, self.classes, self.judge = name, classes, judge
         self.ordered = sorted(scenes)
         rank = {scene: i for i, scene in enumerate(self.ordered)}
         self.rank = [rank[scene] for scene in scenes]
         self.starts = links.starts
         self.number, self.last = links.join()
         self.open: list[pd.DataFrame] = []
+        self.evidence: list[pd.DataFrame] = []
         self.n_open, self.enough = 0, BATCH
 
-    def add(self, i: int, table: pd.DataFrame, numbers: _Numbers) -> None:
+    def add(self, i: int, table: pd.DataFrame, evidence: pd.DataFrame, numbers: _Numbers) -> None:
         """Add the fragments of the i-th scene; number the complete objects once enough voxels are collected."""
-        fragment = np.unique(table["fragment"].to_numpy(), return_inverse=True)[1]
+        names, fragment = np.unique(table["fragment"].to_numpy(), return_inverse=True)
         number = self.number[fragment + self.starts[i]].astype(np.int64)
+        if len(evidence):
+            rank = np.searchsorted(names, evidence["fragment"].to_numpy())
+            self.evidence.append(evidence.assign(object=self.number[rank + self.starts[i]].astype(np.int64)))
         self.open.append(table.assign(object=number, scene=self.rank[i], piece=i, row=table.index))
         self.n_open += len(table)
         if self.n_open >= self.enough:
@@ -179,10 +188,22 @@ class _Joiner:
         self.enough = max(BATCH, 2 * self.n_open)  # avoids repeated copies of a large open object
         if not done.any():
             return
-        voxels, number, joined = join_voxels(table[done], resolution=self.rule.resolution)
-        rows, owner = measured_rows(voxels, number, self.name, self.rule, self.ordered)
+        voxels, number, joined = join_voxels(table[done], resolution=self.classes[self.name].resolution)
+        known = self._complete_evidence(i)
+        rows, owner = measured_rows(
+            *(voxels, number, self.name, self.classes, self.ordered), evidence=known, judge=self.judge
+        )
         own = np.append(owner, -1)[joined]  # voxels without points are of no object
         numbers.add(object_table(rows), table["piece"].to_numpy()[done], table["row"].to_numpy()[done], own)
+
+    def _complete_evidence(self, i: int) -> Evidence | None:
+        """Return the evidence of the objects whose last scene is the i-th or an earlier one; None without evidence."""
+        if not self.evidence:
+            return None
+        table = pd.concat(self.evidence, ignore_index=True)
+        done = self.last[table["object"].to_numpy()] <= i
+        self.evidence = [table[~done]] if not done.all() else []
+        return Evidence(table[done])
 
 
 def merge_across_scenes(
@@ -208,7 +229,12 @@ def merge_across_scenes(
 
 
 def merge_scenes(
-    pieces: Sequence[SceneObjects], *, classes: Mapping[str, ObjectRule], trajectory: Trajectory | None = None
+    pieces: Sequence[SceneObjects],
+    *,
+    classes: Mapping[str, ObjectRule],
+    trajectory: Trajectory | None = None,
+    judge: Judge | None = None,
+    least_score: float = 0.0,
 ) -> MergedObjects:
     """Merge the objects of all scenes into the inventory of a survey.
 
@@ -224,6 +250,10 @@ def merge_scenes(
         The rules of the extraction.
     trajectory : Trajectory, optional
         Trajectory of the survey, for station and offset.
+    judge : Judge, optional
+        The judge of the extraction.
+    least_score : float, default 0
+        Objects with a lower score are left out, and their points have the number 0.
 
     Returns
     -------
@@ -239,14 +269,16 @@ def merge_scenes(
         farther apart than 2^31 voxels.
     """
     scenes, links = _link(pieces, classes)
-    joiners = {name: _Joiner(name, classes[name], links.pop(name), scenes) for name in list(links)}
+    joiners = {name: _Joiner(name, classes, links.pop(name), scenes, judge) for name in list(links)}
     numbers = _Numbers()
     for i, piece in enumerate(pieces):
         numbers.open_scene(piece)
-        for name, table in _by_class(piece):
-            joiners[name].add(i, table, numbers)
+        for name, table, evidence in _by_class(piece):
+            joiners[name].add(i, table, evidence, numbers)
     for joiner in joiners.values():
         joiner.measure(len(scenes), numbers)
-    objects, provisional = finish_table(numbers.joined(), list(classes), trajectory)
+    listed = numbers.joined()
+    listed = listed[listed["score"] >= least_score]
+    objects, provisional = finish_table(listed, list(classes), trajectory)
     final = numbers.final(provisional, objects["object_id"].to_numpy())
     return MergedObjects(objects, dict(zip(scenes, final, strict=True)))

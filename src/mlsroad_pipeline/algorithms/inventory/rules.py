@@ -27,7 +27,14 @@ _DEFAULTS: dict[str, dict[str, Any]] = {
         "max_clearance": 2.0,
         "resolution": 0.05,
     },
-    "sign": {"tolerance": 0.25, "min_points": 10, "min_height": 0.15, "max_height": 10.0, "max_width": 12.0},
+    "sign": {
+        "tolerance": 0.25,
+        "vertical_tolerance": 1.0,
+        "min_points": 10,
+        "min_height": 0.15,
+        "max_height": 10.0,
+        "max_width": 12.0,
+    },
     # Parked cars stand half a metre apart or less: a larger tolerance would merge a row of them.
     "vehicle": {
         "tolerance": 0.3,

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.inventory.measures import Voxels
+if TYPE_CHECKING:
+    from mlsroad_pipeline.algorithms.inventory.measures import Voxels
 
 
 def split_at_valleys(voxels: Voxels, *, spacing: float, depth: float, cell: float = 0.5) -> NDArray[np.int32]:

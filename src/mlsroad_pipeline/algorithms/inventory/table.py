@@ -36,7 +36,7 @@ FIELDS: dict[str, Field] = {
     "object_id": Field("int64", "Object", "Number of the object, from 1, by class and place."),
     "class": Field("str", "Class", "Class of the scheme that the survey was labelled in."),
     "kind": Field("str", "Kind", "What is measured of it: pole, sign, vehicle or tree."),
-    "score": Field("float64", "Score", "Mean confidence of its points, 0 to 1."),
+    "score": Field("float64", "Score", "Probability that it is an object of its kind, 0 to 1."),
     "x": Field("float64", "Easting [m]", "Base point, first coordinate of the survey's reference system."),
     "y": Field("float64", "Northing [m]", "Base point, second coordinate of the survey's reference system."),
     "z": Field("float64", "Base elevation [m]", "Elevation of the ground at the base point, else of its lowest part."),

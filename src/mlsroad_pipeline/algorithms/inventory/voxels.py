@@ -156,6 +156,7 @@ def find_fragments(
     height_above_ground: NDArray[np.float64] | None,
     origin: NDArray[np.float64],
     rule: ObjectRule,
+    disagreeing: NDArray[np.bool_] | None = None,
 ) -> tuple[pd.DataFrame, pd.DataFrame, NDArray[np.int64], NDArray[np.int64]]:
     """Cluster the points of one class and reduce the clusters to voxels.
 
@@ -173,6 +174,8 @@ def find_fragments(
         World coordinates of the local origin, metres.
     rule : ObjectRule
         Tolerances and resolution.
+    disagreeing : ndarray of bool, shape (n,), optional
+        Points whose own label is of another class; None is none.
 
     Returns
     -------
@@ -203,6 +206,7 @@ def find_fragments(
         height_above_ground=None if height_above_ground is None else height_above_ground[pick],
         origin=origin,
         resolution=rule.resolution,
+        disagreeing=None if disagreeing is None else disagreeing[pick],
     )
     cut = crosses[voxels["fragment"].to_numpy()]
     of_whole[pick] = np.where(cut, -1, np.cumsum(~cut) - 1)[row]

@@ -10,10 +10,10 @@ import json
 import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
@@ -23,6 +23,27 @@ from mlsroad_pipeline.algorithms.models.methods import METHODS, load_place
 _ENTRY_POINT = re.compile(r"mlsroad_pipeline\.algorithms(\.[A-Za-z]\w*)+:[A-Za-z]\w*")
 
 Labeller = Callable[[PointCloud, "ModelBundle"], tuple[NDArray[np.integer], NDArray[np.floating]]]
+
+
+class SoftLabels(NamedTuple):
+    """Labels of a cloud of n points, with class probabilities where the method has them.
+
+    Attributes
+    ----------
+    labels : ndarray of int16, shape (n,)
+        Classes; -1 for none.
+    confidence : ndarray of float32, shape (n,)
+        0 to 1.
+    probabilities : ndarray of float32, shape (m, classes), or None
+        Class probabilities of m voxels or points.
+    owner : ndarray of int, shape (n,), or None
+        Row of `probabilities` of each point, -1 for none.
+    """
+
+    labels: NDArray[np.int16]
+    confidence: NDArray[np.float32]
+    probabilities: NDArray[np.float32] | None = None
+    owner: NDArray[np.integer] | None = None
 
 
 @dataclass(frozen=True)
@@ -206,8 +227,44 @@ def label_cloud(
     DataError
         If it returns another number of labels, labels outside the classes, or confidences outside 0 to 1.
     """
-    function = _labeller(bundle) if labeller is None else labeller
-    labels, confidence = (np.asarray(values) for values in function(cloud, bundle))
+    return _checked(bundle, cloud, *(_labeller(bundle) if labeller is None else labeller)(cloud, bundle))
+
+
+def label_softly(bundle: ModelBundle, cloud: PointCloud, *, labeller: Labeller | None = None) -> SoftLabels:
+    """Label a cloud with a model, and return the class probabilities if the method has any.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        The model.
+    cloud : PointCloud
+        Points that the model was not trained on.
+    labeller : callable, optional
+        Function to use instead, for models that need more than the points; it gives no probabilities.
+
+    Returns
+    -------
+    SoftLabels
+        Labels and confidences of `label_cloud`, and probabilities for methods with `label_softly` in `METHODS`.
+
+    Raises
+    ------
+    ParameterError
+        If the function does not exist in this version of the package.
+    DataError
+        If it returns another number of labels, or labels outside the classes.
+    """
+    if labeller is not None or bundle.slug not in METHODS or not METHODS[bundle.slug].label_softly:
+        return SoftLabels(*label_cloud(bundle, cloud, labeller=labeller))
+    soft: SoftLabels = METHODS[bundle.slug].load("label_softly")(cloud, bundle)
+    return SoftLabels(*_checked(bundle, cloud, *soft[:2]), *soft[2:])
+
+
+def _checked(
+    bundle: ModelBundle, cloud: PointCloud, labels: ArrayLike, confidence: ArrayLike
+) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+    """Return the result of a labeller with its types, or raise an error."""
+    labels, confidence = np.asarray(labels), np.asarray(confidence)
     if labels.shape != (len(cloud),) or confidence.shape != (len(cloud),):
         raise DataError(
             f"model {bundle.slug!r} returned labels {labels.shape} and confidences {confidence.shape} "

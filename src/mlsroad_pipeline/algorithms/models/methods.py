@@ -39,6 +39,8 @@ class Method:
         Function that trains a model; recognisers share one.
     label_cloud : str, default "recognition.recogniser:label_cloud"
         Function that labels a cloud from raw coordinates on: ``(cloud, bundle)`` to labels and confidences.
+    label_softly : str, optional
+        Function that labels a cloud and returns class probabilities too: see `bundle.SoftLabels`.
     group : str, optional
         Parameter group in the configuration; the slug by default.
     needs_images : bool, default False
@@ -62,6 +64,7 @@ class Method:
     use: str
     train: str = "recognition.recogniser:train_recogniser"
     label_cloud: str = "recognition.recogniser:label_cloud"
+    label_softly: str = ""
     group: str = ""
     needs_images: bool = False
     uses_intensity: bool = False
@@ -168,7 +171,7 @@ _TABLE = (
     ),
     Method(
         "boosted_trees", "labelling", "baselines.boosted_trees", ".parameters:BoostedTreesParameters",
-        ".labeller:label_scene", ".training:fit", ".labeller:label_cloud",
+        ".labeller:label_scene", ".training:fit", ".labeller:label_cloud", ".labeller:label_cloud_softly",
     ),
     Method(
         "multiscale_forest", "labelling", "baselines.multiscale_forest", ".parameters:MultiscaleForestParameters",

@@ -15,6 +15,7 @@ from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
 from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
 from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
+from mlsroad_pipeline.datasets.models.object_judges import judge_digest
 from mlsroad_pipeline.datasets.models.registered_models import configured_store
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.run_folder import RunFolder
@@ -121,7 +122,7 @@ def label_new_scenes(
     """Create one task per scene, which labels its points."""
     bundle = model.load()
     codes = output_codes(bundle, parameters.scheme, classes["schemes"])
-    settings = LabelSettings(codes, object_rules(bundle, parameters.inventory), ground, ingest.outliers)
+    settings = LabelSettings(codes, object_rules(bundle, parameters.inventory), ground, ingest.outliers, judge_digest())
     return label_tasks(plan, pieces, corridors, model, images, ingest, settings)
 
 
@@ -134,7 +135,8 @@ def join_label_objects(
 ) -> dict[str, SceneTask]:
     """Create the task that joins the objects of all scenes and numbers them."""
     bundle = model.load()
-    return {OBJECTS: objects_task(plan, corridors, results, object_rules(bundle, parameters.inventory), bundle)}
+    rules = object_rules(bundle, parameters.inventory)
+    return {OBJECTS: objects_task(plan, corridors, results, rules, bundle, parameters.least_score)}
 
 
 def write_labelled_files(

@@ -17,7 +17,7 @@ from mlsroad_pipeline.algorithms.features.voxel_scales import (
     voxel_feature_names,
 )
 from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, SoftLabels
 from mlsroad_pipeline.algorithms.stages import Ground, GroundParameters, ground_of, inliers
 
 
@@ -179,13 +179,22 @@ def label_scene(scene: PointCloud, ground: Ground, bundle: ModelBundle) -> Point
     DataError
         If a coordinate is not finite, or the model was trained with other features.
     """
+    soft = _label_softly(scene, ground, bundle)
+    return {"label": soft.labels, "confidence": soft.confidence}
+
+
+def _label_softly(scene: PointCloud, ground: Ground, bundle: ModelBundle) -> SoftLabels:
     label, confidence = unlabelled(len(scene))
     keep = inliers(scene)
-    if keep.any():
-        features = describe_scene(scene, ground, voxel_size=parameters_of(bundle).voxel_size)
-        best, sure = decide(voxel_probabilities(features, bundle), bundle.arrays.get("groups"))
-        label[keep], confidence[keep] = best[features.owner], sure[features.owner]
-    return {"label": label, "confidence": confidence}
+    if not keep.any():
+        return SoftLabels(label, confidence)
+    features = describe_scene(scene, ground, voxel_size=parameters_of(bundle).voxel_size)
+    probabilities = voxel_probabilities(features, bundle)
+    best, sure = decide(probabilities, bundle.arrays.get("groups"))
+    label[keep], confidence[keep] = best[features.owner], sure[features.owner]
+    owner = np.full(len(scene), -1, dtype=np.int32)
+    owner[keep] = features.owner
+    return SoftLabels(label, confidence, probabilities.astype(np.float32), owner)
 
 
 def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
@@ -210,8 +219,29 @@ def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int1
     DataError
         If a coordinate is NaN or infinite.
     """
+    return label_cloud_softly(cloud, bundle)[:2]
+
+
+def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
+    """Label the points of a cloud, and return the class probabilities of its voxels.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Points; intensity is used where there is any.
+    bundle : ModelBundle
+        A model of `training.fit`.
+
+    Returns
+    -------
+    SoftLabels
+        Labels and confidences of `label_cloud`; probabilities are None where all points are outliers.
+
+    Raises
+    ------
+    DataError
+        If a coordinate is NaN or infinite.
+    """
     if len(cloud) == 0 or not inliers(cloud).any():
-        return unlabelled(len(cloud))
-    ground = ground_of(cloud, GroundParameters(**bundle.metadata["parameters"]["ground"]))
-    labels = label_scene(cloud, ground, bundle)
-    return labels["label"], labels["confidence"]
+        return SoftLabels(*unlabelled(len(cloud)))
+    return _label_softly(cloud, ground_of(cloud, GroundParameters(**bundle.metadata["parameters"]["ground"])), bundle)

@@ -1,0 +1,178 @@
+"""Evidence for objects: class probabilities of the space that an object fills and of its surroundings.
+
+The unit is a cell of 0.2 m, aligned to world coordinates, so that the density of the points has no weight. Each point
+counts one over the number of points in its cell. A scene sums over the points of its core alone; cores are disjoint, so
+that the sums of the scenes of an object add up to those of the whole object.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.geometry.sorting import radix_argsort
+from mlsroad_pipeline.algorithms.inventory.class_groups import GROUPS, ClassEvidence
+from mlsroad_pipeline.algorithms.inventory.table import empty_table
+
+CELL = 0.2
+"""Edge length of the cells, metres."""
+
+REACH = 1.0
+"""Largest distance between the cells of an object and of its surroundings, metres."""
+
+ZONES = ("own", "beside", "above", "below")
+"""The object itself, and its surroundings by the direction from the nearest cell of the object."""
+
+SUMS = tuple(f"{zone}: {group}" for zone in ZONES for group in GROUPS)
+"""Names of the sums: probability of a group in a zone, in cells."""
+
+EVIDENCE_FIELDS = {
+    "class": "str",
+    "fragment": "int32",
+    "i": "int64",
+    "j": "int64",
+    "k": "int64",
+    **dict.fromkeys(SUMS, "float32"),
+}
+"""Columns of a table of evidence: class and fragment as in `voxels.FRAGMENT_FIELDS`, a cell of the object, and the sums
+over the core points of this cell and of the surroundings that are nearest to it."""
+
+GROUP_FEATURES = (
+    "own_cells",
+    *(f"own {group}" for group in GROUPS),
+    *(name for zone in ZONES[1:] for name in (f"{zone}_cells", f"{zone}_ratio", *(f"{zone} {g}" for g in GROUPS))),
+)
+"""Names of the features of `group_features`."""
+
+_LEAST_CELLS = 2.0  # of a zone: the shares of smaller zones are lowered
+
+
+class SceneCells:
+    """Cells of a scene with their mean class probabilities.
+
+    Parameters
+    ----------
+    local : ndarray of float64, shape (n, 3)
+        Points of core and buffers relative to `origin`, metres; at least one.
+    core : ndarray of bool, shape (n,)
+        Points in the scene's core.
+    origin : ndarray of float64, shape (3,)
+        World coordinates of the local origin, metres.
+    evidence : ClassEvidence
+        Class probabilities of the points.
+
+    Raises
+    ------
+    DataError
+        If the extent of the scene exceeds 2^62 cells.
+    """
+
+    def __init__(
+        self,
+        local: NDArray[np.float64],
+        *,
+        core: NDArray[np.bool_],
+        origin: NDArray[np.float64],
+        evidence: ClassEvidence,
+    ) -> None:
+        sides = [np.floor((local[:, axis] + origin[axis]) / CELL).astype(np.int64) for axis in range(3)]
+        corner = np.array([side.min() for side in sides])
+        bits = [int(side.max() - low).bit_length() for side, low in zip(sides, corner, strict=True)]
+        if sum(bits) > 62:
+            raise DataError(
+                f"the points of a scene lie up to {CELL * 2 ** max(bits):,.0f} m apart: remove stray points"
+            )
+        packed = np.zeros(len(local), dtype=np.int64)
+        for side, low, n_bits in zip(sides, corner, bits, strict=True):
+            packed = (packed << n_bits) | (side - low)
+        ordered, order = radix_argsort(packed, sum(bits))
+        new = np.concatenate([[True], ordered[1:] != ordered[:-1]])
+        starts = np.flatnonzero(new)
+        self.of_point = np.empty(len(local), dtype=np.int64)
+        self.of_point[order] = np.cumsum(new) - 1
+        cells, shift = ordered[starts], [bits[1] + bits[2], bits[2], 0]
+        self.key = np.stack([(cells >> n) & ((1 << k) - 1) for n, k in zip(shift, bits, strict=True)], axis=1) + corner
+        self.centre = (self.key + 0.5) * CELL - origin
+        self.count = np.diff(np.append(starts, len(local)))
+        self.core = core
+        self.core_share = np.add.reduceat(core[order].astype(np.int64), starts) / self.count
+        # Points without a class refer to a last row of zeros.
+        groups = np.concatenate([evidence.of_groups, np.zeros((1, len(GROUPS)), np.float32)])
+        owner = np.where(evidence.owner < 0, len(groups) - 1, evidence.owner)[order]
+        ends = np.append(starts, len(local))
+        points = csr_array((np.ones(len(local), np.float32), owner, ends), shape=(len(starts), len(groups)))
+        self.groups = np.asarray(points @ groups) / self.count[:, None]
+
+    def around(self, points: NDArray[np.int64], fragment: NDArray[np.integer]) -> pd.DataFrame:
+        """Sum the evidence for the objects of one class.
+
+        Parameters
+        ----------
+        points : ndarray of int64, shape (m,)
+            Points of the objects.
+        fragment : ndarray of int, shape (m,)
+            Object of each.
+
+        Returns
+        -------
+        DataFrame
+            Columns of `EVIDENCE_FIELDS` except the class: one row per cell and object.
+        """
+        if not len(points):
+            return empty_table({name: kind for name, kind in EVIDENCE_FIELDS.items() if name != "class"})
+        n_fragments = int(fragment.max()) + 1
+        key = self.of_point[points] * n_fragments + fragment
+        ordered, order = radix_argsort(key, int(key.max()).bit_length())
+        starts = np.flatnonzero(np.diff(ordered, prepend=-1))
+        pairs, n_points = ordered[starts], np.diff(np.append(starts, len(key)))
+        cell, owner = pairs // n_fragments, pairs % n_fragments
+        n_core = np.add.reduceat(self.core[points][order].astype(np.float64), starts)
+        sums = np.zeros((len(ZONES), len(pairs), len(GROUPS)))
+        sums[0] = self.groups[cell] * (n_core / self.count[cell])[:, None]
+        # A cell with points of several objects stands for the one with most of them.
+        best = np.lexsort((owner, -n_points, cell))
+        best = best[np.concatenate([[True], np.diff(cell[best]) != 0])]
+        free = np.ones(len(self.key), dtype=bool)
+        free[cell] = False
+        low, high = self.centre[cell].min(axis=0) - REACH, self.centre[cell].max(axis=0) + REACH
+        rest = np.flatnonzero(free & (self.core_share > 0) & ((self.centre >= low) & (self.centre <= high)).all(axis=1))
+        distance, near = cKDTree(self.centre[cell[best]]).query(self.centre[rest], distance_upper_bound=REACH + 1e-6)
+        rest, near = rest[np.isfinite(distance)], best[near[np.isfinite(distance)]]
+        step = self.centre[rest] - self.centre[cell[near]]
+        level = np.hypot(step[:, 0], step[:, 1]) + 1e-6
+        zone = 1 + (step[:, 2] > level) + 2 * (step[:, 2] < -level)
+        target = csr_array((self.core_share[rest], (zone * len(pairs) + near, np.arange(len(rest)))), shape=(
+            len(ZONES) * len(pairs), len(rest)
+        ))  # fmt: skip
+        sums += np.asarray(target @ self.groups[rest]).reshape(sums.shape)
+        table = {"fragment": owner.astype(np.int32), **dict(zip("ijk", self.key[cell].T, strict=True))}
+        flat = sums.transpose(1, 0, 2).reshape(len(pairs), -1).astype(np.float32)
+        return pd.DataFrame(table | dict(zip(SUMS, flat.T, strict=True)))
+
+
+def group_features(sums: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the features of sums of evidence.
+
+    Parameters
+    ----------
+    sums : ndarray of float64, shape (n, len(SUMS))
+        Evidence of n objects.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, len(GROUP_FEATURES))
+        Logarithm of the number of own cells and the shares of the groups in them; per zone the logarithm of the number
+        of cells, its ratio to that of the object, and the shares of the groups.
+    """
+    zones = np.round(sums, 6).reshape(-1, len(ZONES), len(GROUPS))
+    size = zones.sum(axis=2)
+    own = np.maximum(size[:, :1], 1e-6)
+    parts = [np.log1p(size[:, :1]), zones[:, 0] / own]
+    for k in range(1, len(ZONES)):
+        cells = size[:, k : k + 1]
+        parts += [np.log1p(cells), cells / own, zones[:, k] / np.maximum(cells, _LEAST_CELLS)]
+    return np.concatenate(parts, axis=1)

@@ -1,0 +1,134 @@
+"""Upright lines among points of poles, signs and trees, and their features."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.inventory.evidence import GROUP_FEATURES, SUMS, SceneCells, group_features
+from mlsroad_pipeline.algorithms.inventory.voxels import voxel_order
+from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
+from mlsroad_pipeline.algorithms.segmentation.stems import Stem, find_stems, whole_stems
+from mlsroad_pipeline.algorithms.segmentation.trunks import measure_crowned
+
+STEM_FEATURES = (
+    "low", "high", "length", "slope", "stems", "top", "beam", "crowned", "bend", "lean", "spread", "aside", "reached",
+    "above_end", "core", "log_voxels",
+    *GROUP_FEATURES,
+)  # fmt: skip
+"""Names of the features of a stem; lengths in metres."""
+
+_VOXEL, _TOLERANCE = 0.1, 0.25
+_FREE_LENGTH = 0.8  # least length of a stem that stands free, metres
+_RADIUS = 0.25  # largest distance of the points of a stem from its axis, metres
+_BELOW, _ABOVE = 0.3, 0.2  # length beyond the ends of a stem over which points belong to it, metres
+
+
+class Stems(NamedTuple):
+    """Stems of a scene.
+
+    Attributes
+    ----------
+    features : ndarray of float32, shape (s, len(STEM_FEATURES))
+        Features of each stem.
+    owner : ndarray of int64, shape (m,)
+        Stem of each point, -1 for none.
+    """
+
+    features: NDArray[np.float32]
+    owner: NDArray[np.int64]
+
+
+def find_scene_stems(
+    local: NDArray[np.float64], height: NDArray[np.float64], points: NDArray[np.int64], cells: SceneCells
+) -> Stems:
+    """Find stems among the points of a scene that may be poles, posts or trunks.
+
+    Parameters
+    ----------
+    local : ndarray of float64, shape (n, 3)
+        Points of core and buffers, metres.
+    height : ndarray of float64, shape (n,)
+        Heights above the ground, metres.
+    points : ndarray of int64, shape (m,)
+        Points to search.
+    cells : SceneCells
+        Cells of the scene, for the evidence.
+
+    Returns
+    -------
+    Stems
+        The stems; `owner` is that of `points`.
+    """
+    none = Stems(np.zeros((0, len(STEM_FEATURES)), np.float32), np.full(len(points), -1))
+    if not len(points):
+        return none
+    voxel, xyz, counts, ground = _voxels(local[points], height[points])
+    group = cluster(xyz, tolerance=_TOLERANCE)
+    lines = find_stems(xyz, group, _FREE_LENGTH)
+    order = np.argsort(group, kind="stable")
+    owner, nearest = np.full(len(xyz), -1), np.full(len(xyz), _RADIUS)
+    rows: list[NDArray[np.float64]] = []
+    for number, stems in sorted(lines.items()):
+        first, stop = np.searchsorted(group[order], [number, number + 1])
+        members = order[first:stop]
+        whole = whole_stems(stems, xyz[members], counts[members])
+        rows += _measure(whole, members, xyz, counts, ground, owner, nearest, len(rows))
+    if not rows:
+        return none
+    of_point = owner[voxel]
+    mine = np.flatnonzero(of_point >= 0)
+    table = cells.around(points[mine], of_point[mine])
+    sums = np.zeros((len(rows), len(SUMS)))
+    np.add.at(sums, table["fragment"].to_numpy(), table[list(SUMS)].to_numpy(dtype=np.float64))
+    return Stems(np.concatenate([np.array(rows), group_features(sums)], axis=1).astype(np.float32), of_point)
+
+
+def _voxels(
+    xyz: NDArray[np.float64], height: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+    """Return the voxel of each point, mean points, numbers of points, and elevations of the ground."""
+    key = np.floor(xyz / _VOXEL).astype(np.int64)
+    order = voxel_order(key)
+    new = np.concatenate([[True], (np.diff(key[order], axis=0) != 0).any(axis=1)])
+    starts = np.flatnonzero(new)
+    voxel = np.empty(len(xyz), dtype=np.int64)
+    voxel[order] = np.cumsum(new) - 1
+    counts = np.diff(np.append(starts, len(xyz)))
+    mean = np.add.reduceat(xyz[order], starts, axis=0) / counts[:, None]
+    ground = np.add.reduceat((xyz[:, 2] - height)[order], starts) / counts
+    return voxel, mean, counts, ground
+
+
+def _measure(
+    stems: list[Stem],
+    members: NDArray[np.int64],
+    xyz: NDArray[np.float64],
+    counts: NDArray[np.int64],
+    ground: NDArray[np.float64],
+    owner: NDArray[np.int64],
+    nearest: NDArray[np.float64],
+    n_before: int,
+) -> list[NDArray[np.float64]]:
+    """Return the measures of the stems of a cluster, and set the owner of its voxels."""
+    places = xyz[members]
+    beam, crowned, measures = measure_crowned(places, counts[members], stems) if stems else ((), (), ())
+    crown = {int(k): row for k, row in zip(crowned, measures, strict=True)}
+    rows = []
+    for k, stem in enumerate(stems):
+        distance, z = stem.distance(places), places[:, 2]
+        inside = (distance < nearest[members]) & (z >= stem.low - _BELOW) & (z <= stem.high + _ABOVE)
+        mine = members[inside]
+        owner[mine], nearest[mine] = n_before + k, distance[inside]
+        floor = float(np.median(ground[mine])) if len(mine) else np.nan
+        core = float(distance[inside].mean()) if len(mine) else np.nan
+        rows.append(
+            np.array([
+                stem.low - floor, stem.high - floor, stem.high - stem.low, np.hypot(*stem.slope), len(stems),
+                z.max() - stem.high, beam[k] >= 0, k in crown, *crown.get(k, np.full(6, np.nan)), core,
+                np.log1p(len(mine)),
+            ], dtype=np.float64)
+        )  # fmt: skip
+    return rows
