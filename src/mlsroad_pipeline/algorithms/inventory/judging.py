@@ -18,10 +18,33 @@ class Judge(Protocol):
     """A trained judge: `models.object_judge.ObjectJudge`."""
 
     def probabilities(self, question: str, features: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Return the probabilities of the answers, shape (n, answers).
+        """Return the probabilities of the answers to a question.
 
-        The question is `STEM` or a kind of object; of a kind there is one answer: that it is an object of this kind.
+        Parameters
+        ----------
+        question : str
+            `STEM` or a kind of object.
+        features : ndarray of float32, shape (n, f)
+            Features of n candidates, `stem_features.STEM_FEATURES` or `object_features.FEATURES`.
+
+        Returns
+        -------
+        ndarray of float64, shape (n, answers)
+            `TRUNK`, `POLE` and `NEITHER` for stems; of a kind the probability that it is an object of this kind.
         """
 
     def reasons(self, question: str, features: NDArray[np.float32]) -> list[str]:
-        """Return for each object what its score rests on, in phrases separated by semicolons."""
+        """Return what the score of each candidate rests on.
+
+        Parameters
+        ----------
+        question : str
+            A kind of object.
+        features : ndarray of float32, shape (n, f)
+            Features of n candidates.
+
+        Returns
+        -------
+        list of str
+            Phrases separated by semicolons.
+        """

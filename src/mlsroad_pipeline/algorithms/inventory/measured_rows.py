@@ -58,7 +58,20 @@ class Evidence:
         self._sums = table[list(SUMS)].to_numpy(dtype=np.float64)[order]
 
     def of_parts(self, number: int, parts: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
-        """Return the sums of the parts of an object, given by their points; a cell counts for the nearest part."""
+        """Return the sums of the parts of an object; a cell counts for the nearest part.
+
+        Parameters
+        ----------
+        number : int
+            The object.
+        parts : sequence of ndarray of float64, shape (k, 3)
+            Points of each part, metres.
+
+        Returns
+        -------
+        list of ndarray of float64, shape (len(SUMS),)
+            Sums of each part.
+        """
         rows = slice(*np.searchsorted(self._object, [number, number + 1]))
         if len(parts) == 1:
             return [self._sums[rows].sum(axis=0)]
