@@ -11,7 +11,7 @@ import pandas as pd
 import shapely
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.core.classes import TAXONOMY_NAMES
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.inventory.boxes import vehicle_box
 from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, ObjectRule
@@ -113,7 +113,8 @@ def _simulated(table: pd.DataFrame) -> pd.DataFrame:
         heading=heading.where(vehicle),
         facing=table["panel_azimuth"],
         two_sided=table["design"] == "street_name_sign",
-        counted=~table["moving"].astype(bool),
+        # Cycas are low vegetation of most class schemes: a listed one is neither right nor false.
+        counted=~table["moving"].astype(bool) & (table["label"] != TAXONOMY["cycas"]),
     )
     out.loc[~vehicle, ["length", "width"]] = np.nan  # sides of the model's box, which are other measures
     return out.drop(columns=["box_x", "box_y", "panel_x", "panel_y", "panel_azimuth", "label", "moving"])
