@@ -212,7 +212,7 @@ def _most_frequent(part: np.ndarray, instance: np.ndarray) -> dict[int, tuple[in
 def _with_truth(table: pd.DataFrame, truth: pd.DataFrame, street: Street) -> pd.DataFrame:
     """Add `true` and `ignored`: first candidates of their own class are matched, then alternatives.
 
-    A vehicle that is seen in part has its middle elsewhere; it is true if it has half of the points of the true one.
+    A vehicle that is seen in part has its middle elsewhere, see `seen_in_part`.
     Candidates beside a true object that does not count are ignored.
     """
     true, ignored = np.zeros(len(table), bool), np.zeros(len(table), bool)
@@ -231,11 +231,16 @@ def _with_truth(table: pd.DataFrame, truth: pd.DataFrame, street: Street) -> pd.
         gap = np.hypot(*(where[rows, None] - rest[["x", "y"]].to_numpy()).transpose(2, 0, 1))
         reach = REACH[kind] + (rest["length"].to_numpy() / 2 if kind == "vehicle" else 0.0)
         ignored[rows[(gap <= reach).any(axis=1)]] = True
-    counts = np.bincount(np.maximum(street.instance, 0), minlength=int(table["instance"].max()) + 1)
-    whole = truth[truth["counted"] & (truth["kind"] == "vehicle")]["instance"]
-    most = table["shared"] >= 0.5 * np.maximum(counts[table["instance"]], table["point_count"])
-    true |= (most & (table["kind"] == "vehicle") & table["instance"].isin(whole)).to_numpy()
-    return table.assign(true=true, ignored=ignored & ~true)
+    return table.assign(true=true | seen_in_part(table, truth), ignored=ignored & ~true)
+
+
+def seen_in_part(table: pd.DataFrame, truth: pd.DataFrame) -> np.ndarray:
+    """Return which candidates are the largest piece of a counted vehicle, to which half of their points belong."""
+    counted = truth.loc[truth["counted"] & (truth["kind"] == "vehicle"), "instance"]
+    vehicle = (table["kind"] == "vehicle") & table["instance"].isin(counted)
+    vehicle &= table["shared"] >= 0.5 * table["point_count"]
+    largest = table["shared"].where(vehicle, -1).groupby(table["instance"]).transform("max")
+    return (vehicle & (table["shared"] == largest)).to_numpy()
 
 
 def fit(table: pd.DataFrame, target: np.ndarray, question: str, seed: int = 1) -> BoostedTrees:
