@@ -175,8 +175,11 @@ def with_models(shared: Path, folder: Path) -> Path:
 
 
 def label(project: Path, survey: Path | str, output: Path | str, **changes: Any) -> Path:
-    """Label a survey as `kedro run --pipelines=label` does, with the forest of the shared run unless another is named."""
-    changes = {"method": "detrended_forest", **changes}
+    """Label a survey as `kedro run --pipelines=label` does, with the forest of the shared run unless another is named.
+
+    All candidates are listed: the forest of a tiny street gives low scores.
+    """
+    changes = {"method": "detrended_forest", "least_score": 0, **changes}
     own = {key: changes.pop(key) for key in ("ingest", "execution") if key in changes}
     parameters = {"label": {"survey": str(survey), "output": str(output), **changes}, **own}
     run(project, "label", **joined(TINY, parameters))
