@@ -246,9 +246,14 @@ def _scale_intensity(
     columns["intensity"] = scaled_intensity(values, rule, source=source)
     if rule.by_range and options.only is None:
         columns.setdefault(ORIGINAL, values)
-    if rule.note:
+    if rule.note and options.intensity_scale != "auto":  # `inspect` and `label` read so, and warn of their notes
         log_once(str(source), rule.note)
-        if notes is not None:
-            notes.append(rule.note)
-    elif isinstance(options.intensity_scale, str) and options.intensity_range is None and rule.high != 1.0:
+    if rule.note and notes is not None:
+        notes.append(rule.note)
+    if (
+        not rule.note
+        and isinstance(options.intensity_scale, str)
+        and options.intensity_range is None
+        and rule.high != 1
+    ):
         log_once(str(source), f"intensity ({values.dtype}) is divided by {rule.high:g}; intensity_scale changes that")
