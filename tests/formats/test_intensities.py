@@ -102,3 +102,14 @@ def test_limits_of_e57_that_are_too_small(tmp_path, values, limit):
     if limit > 1:
         assert notes[0].startswith(f"scan 0 states intensities from 0 to 1 and has 0 to {max(values)}")
         np.testing.assert_allclose(read["original_intensity"], values)
+
+
+def test_intensities_of_8_bits_that_are_read_by_the_type_are_written_as_they_were(tmp_path):
+    path = tmp_path / "a.las"
+    las = laspy.LasData(laspy.LasHeader(version="1.4", point_format=6))
+    las.x, las.y, las.z = XYZ.T
+    las.intensity = np.arange(100, 105)
+    las.write(path)
+    for name, options in (("by_type.las", ReadOptions()), ("by_range.las", AUTO)):
+        LasFormat().write(tmp_path / name, LasFormat().read(path, options), WriteOptions())
+        assert laspy.read(tmp_path / name).intensity.tolist() == [100, 101, 102, 103, 104]

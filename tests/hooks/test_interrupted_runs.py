@@ -27,6 +27,8 @@ def test_runs_of_ended_processes_are_killed_and_others_go_on(tmp_path, monkeypat
         "gone": ended_process(),
         "unknown number": f"{host} {2**22 + 1} 1000.00",
         "mine": this_process(),
+        "mine, before the clock was set": f"{host} {number} {psutil.Process().create_time() - 3:.2f}",
+        "no number": f"{host} ",
         "elsewhere": f"other{host} {number} 1000.00",
     }
     for name, tag in tags.items():

@@ -104,3 +104,16 @@ def test_a_survey_of_several_places_is_named_below_their_common_folder(tmp_path,
     assert [file.name for file in Survey.at(["~/a/b.las", "~/a/*.las"]).files()] == ["b.las", "one,two.las"]
     with pytest.raises(ParameterError, match="at least one file, folder or glob, got none"):
         Survey.at([])
+
+
+def test_globs_over_folders_leave_hidden_ones_out_unless_they_are_named(root):
+    assert names_in(root, find_point_files(root / "**" / "*.las")) == ["a.las"]
+    assert names_in(root, find_point_files(root / "**" / ".hidden" / "*.las")) == [".hidden/e.las"]
+
+
+def test_brackets_in_the_name_of_a_folder_are_no_pattern(tmp_path):
+    root = tmp_path / "[2024] x"
+    (root / "a").mkdir(parents=True)
+    (root / "a" / "p.laz").write_bytes(b"x")
+    assert names_in(root, find_split_files(root, "train", ["a/*.laz"])) == ["a/p.laz"]
+    assert Survey.at(root / "a" / "p.laz").folder == root / "a"

@@ -110,6 +110,14 @@ class RunFolder:
             found[entry["path"]] = [FileState(*state) for state in entry["versions"]]
         return found
 
+    def _versions_of(self, name: str) -> list[FileState]:
+        """Return the entry of one output in `versions`, from its own file of the journal: outputs may be thousands."""
+        entry = self._files.read_json(f"{JOURNAL}/{digest_json(name)}.json")
+        if entry is not None:
+            return [FileState(*state) for state in entry["versions"]]
+        outputs = self.read().get("outputs", ())
+        return [FileState(entry["bytes"], entry["blake2b"]) for entry in outputs if entry["path"] == name]
+
     def check_input(self, path: str | Path) -> None:
         """Raise ReadError if an input is no longer the file that the record of the run names: its rows have moved."""
         known = {entry["path"]: entry for entry in self.read().get("inputs", ())}
@@ -134,7 +142,7 @@ class RunFolder:
         """
         target = self.target(staged)
         name, fresh, now = self._name(target), state_of(staged), state_of(target)
-        known = [state for state in self.versions().get(name, ()) if state == now]
+        known = [state for state in self._versions_of(name) if state == now]
         if now is not None and not known and not self.read().get("overwrite"):
             raise OutputExistsError(f"{target} was written by something else during this run; {OVERWRITE}")
         check_closed(target)

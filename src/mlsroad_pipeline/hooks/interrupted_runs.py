@@ -15,6 +15,9 @@ import psutil
 PROCESS = "mlsroad.process"
 """Tag of a run: host, number and start of its process."""
 
+_CLOCK_STEP = 60.0
+"""Seconds by which the start of a process may seem to move: Linux derives it from the clock."""
+
 _MOST = 1000
 """Most runs that are looked at; those of a store that never ended are few."""
 
@@ -41,9 +44,11 @@ def _has_ended(process: str) -> bool:
         return False
     number, _, start = rest.partition(" ")
     try:
-        return f"{psutil.Process(int(number)).create_time():.2f}" != start
+        return abs(psutil.Process(int(number)).create_time() - float(start)) > _CLOCK_STEP
     except psutil.NoSuchProcess:
         return True
+    except (ValueError, psutil.Error):  # no tag of this program, or a process that may not be looked at
+        return False
 
 
 def at_exit(end: Callable[[], None]) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from scipy.spatial import cKDTree
 
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.image_labels.projection import project_points
 from mlsroad_pipeline.algorithms.inventory.boxes import convex_hull
@@ -142,7 +143,11 @@ def _photos(objects: pd.DataFrame, images: SurveyImages) -> Iterator[tuple[dict[
     views = _views(objects, images)
     for image in sorted({view.image for view in views.values()}):
         posed: PosedImage = images[image]
-        picture = posed.load()
+        try:
+            picture = posed.load()
+        except ReadError as error:  # the labels and objects do not depend on it
+            logger.warning("%s: there are no photos from it", error)
+            continue
         for number, view in views.items():
             if view.image == image:
                 colour = tuple(int(part) for part in COLOURS[kinds[number]].split(","))

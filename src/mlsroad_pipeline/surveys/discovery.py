@@ -7,7 +7,7 @@ import logging
 import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from glob import glob, has_magic
+from glob import escape, glob, has_magic
 from pathlib import Path
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
@@ -44,7 +44,7 @@ def _matching(folder: Path, pattern: str) -> list[Path]:
         raise ParameterError(f"pattern {pattern!r} must stay below {folder}")
     if pattern == "**/*":
         return list(_below(folder))
-    matches = _entries(folder / pattern)
+    matches = _entries(Path(escape(str(folder))) / pattern)
     return [p for match in matches for p in (match.rglob("*") if match.is_dir() else [match])]
 
 
@@ -56,11 +56,14 @@ def _entries(pattern: Path) -> list[Path]:
     at = parts.index("**")
     names = parts[at:] if parts[-1] != "**" else (*parts[at:], "*")
     folders = ("(?:[^/]+/)*" if part == "**" else _segment(part) + "/" for part in names[:-1])
+    named_hidden = any(part.startswith(".") for part in parts[at:])
     wanted = re.compile("".join(folders) + _segment(names[-1]))
     found = []
     for base in (entry for entry in glob(str(Path(*parts[:at]) if at else Path("."))) if Path(entry).is_dir()):
         for path in _below(Path(base)):
             below = path.relative_to(base).parts
+            if not named_hidden and any(part.startswith(".") for part in below):
+                continue
             ends = range(1, len(below) + 1)  # a folder that matches holds the file
             if any(wanted.fullmatch("/".join(below[:end])) for end in ends):
                 found.append(path)

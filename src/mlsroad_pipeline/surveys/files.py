@@ -172,6 +172,8 @@ def _folder_of(root: Path) -> Path:
     """Return a folder itself, the folder of a file, or that before the first wildcard of a glob."""
     if root.is_dir():
         return root
+    if root.is_file():  # its folders may have brackets in their names
+        return root.parent
     magic = next((i for i, part in enumerate(root.parts) if any(c in part for c in "*?[")), len(root.parts) - 1)
     return Path(*root.parts[:magic])
 

@@ -97,7 +97,7 @@ def _typed(table: pd.DataFrame, place: Path) -> pd.DataFrame:
     counted = given.astype(str).str.lower().map({"true": True, "1": True, "false": False, "0": False})
     if counted.isna().any():
         raise DataError(f"{place}: column counted has {given[counted.isna()].iloc[0]!r}; write true or false")
-    return table.assign(kind=table["kind"].astype(str), counted=counted.astype(bool))
+    return table.assign(kind=table["kind"].astype(str).str.strip().str.lower(), counted=counted.astype(bool))
 
 
 def _simulated(table: pd.DataFrame) -> pd.DataFrame:

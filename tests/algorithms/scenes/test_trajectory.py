@@ -146,3 +146,12 @@ def test_gaps_that_a_vehicle_drove_and_passes_without_times_stay():
     coarse = Trajectory.from_positions(xyz[::25], time[::25] / 3600)  # hours
     assert (len(later.xyz), len(passes.xyz), len(coarse.xyz)) == (400, 400, 8)
     assert later.note == passes.note == coarse.note == ""
+
+
+@pytest.mark.parametrize("straight", [150.0, 1500.0])
+def test_long_straights_of_a_line_without_times_stay(straight):
+    xyz, _ = drive(60)
+    ends = np.array([[straight, 0, 0], [2 * straight, 0, 0], [3 * straight, 5, 0]])
+    path = Trajectory.from_positions(np.concatenate([xyz, xyz[-1] + ends]))
+    assert len(path.xyz) == 63 and path.note == ""
+    assert path.length > 3 * straight

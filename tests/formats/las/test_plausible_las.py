@@ -269,3 +269,19 @@ def test_a_point_without_a_label_is_an_error(tmp_path, rng):
 
     with pytest.raises(ValueError, match=r"a\.las: 1 of rows 0 to 299 have no label"):
         write_labelled(path, tmp_path / "out" / "a.laz", labels)
+
+
+@pytest.mark.parametrize(
+    ("name", "dtype", "missing"), [("label", "i4", 0), ("instance", "i4", -1), ("pid", "u8", 2**64 - 1)]
+)
+def test_whole_numbers_with_a_no_data_value_stay_whole(tmp_path, name, dtype, missing):
+    path = tmp_path / "a.las"
+    header = laspy.LasHeader(version="1.4", point_format=6)
+    header.add_extra_dim(laspy.ExtraBytesParams(name, dtype, no_data=[missing]))
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = np.arange(9.0).reshape(3, 3)
+    las[name] = np.array([5, missing, 2**60 + 1 if dtype == "u8" else 7], dtype)
+    las.write(path)
+    cloud = LasFormat().read(path, ReadOptions())
+    assert cloud[name].dtype.kind in "iu"
+    assert cloud[name].tolist() == [5, missing, 2**60 + 1 if dtype == "u8" else 7]

@@ -116,3 +116,10 @@ def test_labelled_copy_reads_like_its_source(tmp_path, text):
     np.testing.assert_array_equal(new.xyz, old.xyz)
     assert set(new.columns) == {*old.columns, "classification", "confidence", "object_id"}
     assert new["classification"].tolist() == [6, 6, 6]
+
+
+def test_a_last_column_that_is_empty_at_first_keeps_its_name(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("x,y,z,intensity\n" + "0.5,0.25,0.1,\n" * 30 + "1,2,3,0.5\n")
+    intensity = TEXT.read(path, ReadOptions(intensity_scale=1))["intensity"]
+    assert np.isnan(intensity[:30]).all() and intensity[30] == 0.5

@@ -42,7 +42,13 @@ class Trajectory:
 
     @classmethod
     def from_positions(
-        cls, xyz: ArrayLike, time: ArrayLike | None = None, *, minimum_step: float = 0.01, source: str = "trajectory"
+        cls,
+        xyz: ArrayLike,
+        time: ArrayLike | None = None,
+        *,
+        minimum_step: float = 0.01,
+        source: str = "trajectory",
+        check_jumps: bool = True,
     ) -> Trajectory:
         """Build a trajectory from recorded positions.
 
@@ -60,6 +66,8 @@ class Trajectory:
             Smallest movement, metres. Larger values suppress more jitter and cut corners by up to this distance.
         source : str, default "trajectory"
             Name in messages, usually the path of the file.
+        check_jumps : bool, default True
+            Whether positions that no vehicle can have reached are left out; False for lines that have been checked.
 
         Returns
         -------
@@ -81,9 +89,11 @@ class Trajectory:
                 raise DataError(f"{source}: time at row {row} is {seconds[row]}")
             seconds, rows = np.unique(seconds, return_index=True)
             positions = positions[rows]
-        kept, note = without_jumps(positions, seconds, rows, source)
-        positions = positions[kept]
-        seconds = None if seconds is None else seconds[kept]
+        note = ""
+        if check_jumps:
+            kept, note = without_jumps(positions, seconds, rows, source)
+            positions = positions[kept]
+            seconds = None if seconds is None else seconds[kept]
         station = _stations(positions[:, :2], minimum_step)
         if len(station) == 0 or station[-1] == 0.0:
             raise DataError(

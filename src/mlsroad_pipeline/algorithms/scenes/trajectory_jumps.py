@@ -18,6 +18,9 @@ SLACK = 20.0
 TIMED, UNTIMED = 20.0, 100.0
 """Multiples of the median step that are never a jump, with and without times; the latter is also a number of metres."""
 
+FAR_END = 20.0
+"""Multiple of this step from which the first or last position without times is an error and no long straight."""
+
 MOST_DROPPED = 0.01
 """Share of positions that may be left out; with more, the record is an error."""
 
@@ -74,8 +77,17 @@ def without_jumps(
     reached = _reached(xy, clock, starts, longest)
     lengths = np.diff(starts)
     most = max(1, int(MOST_DROPPED * len(xyz)))
-    few = lengths <= most
-    dropped = [i for i in range(len(lengths)) if not reached[i] and (time is not None or few[i])]
+
+    def is_stray(i: int) -> bool:
+        """Return whether the path goes on without a part; the far ends of a path without times are strays."""
+        if i in (0, len(lengths) - 1):
+            beside = steps[starts[1] - 1] if i == 0 else steps[starts[i] - 1]
+            return bool(beside > FAR_END * longest(0.0))
+        return bool(np.hypot(*(xy[starts[i + 1]] - xy[starts[i] - 1])) <= longest(0.0))
+
+    dropped = [
+        i for i in range(len(lengths)) if not reached[i] and (time is not None or (lengths[i] <= most and is_stray(i)))
+    ]
     count = int(lengths[dropped].sum())
     if not dropped:
         return keep, ""

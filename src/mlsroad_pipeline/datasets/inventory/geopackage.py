@@ -171,7 +171,8 @@ def read_geopackage(path: str | Path) -> RoadInventory:
     trajectory = None
     if "trajectory" in layers:
         line = gpd.read_file(source, layer="trajectory").geometry.iloc[0]
-        trajectory = Trajectory.from_positions(shapely.get_coordinates(line, include_z=True), source=str(source))
+        vertices = shapely.get_coordinates(line, include_z=True)
+        trajectory = Trajectory.from_positions(vertices, source=str(source), check_jumps=False)
     sections = None
     if "sections" in layers:
         sections = pd.DataFrame(gpd.read_file(source, layer="sections").drop(columns="geometry"))

@@ -16,6 +16,9 @@ LAST_TYPE = 30
 LARGEST_WIDTH, SCALE_BITS = 255, 0x18
 """Largest number of undocumented bytes of a descriptor, and bits of it that laspy takes for a scale and an offset."""
 
+_NUMBERS = ("label", "instance")
+"""Lower-case names of dimensions that are read as whole numbers, missing ones too."""
+
 DESCRIPTOR_TYPES = ("u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8")
 
 
@@ -126,8 +129,9 @@ class ExtraDimension:
         if self.scale is not None or self.offset is not None:
             scaled = values * (1.0 if self.scale is None else self.scale)
             scaled = scaled if self.offset is None else scaled + self.offset
-        if self.no_data is None:
-            return scaled
+        whole = scaled.dtype.kind in "iu"
+        if self.no_data is None or (whole and (scaled.dtype.itemsize == 8 or self.name.lower() in _NUMBERS)):
+            return scaled  # float64 would lose digits of long numbers
         scaled = scaled.astype(np.float64) if scaled.dtype.kind in "iu" else scaled
         missing: NDArray = np.where(values == self.no_data, scaled.dtype.type(np.nan), scaled)
         return missing

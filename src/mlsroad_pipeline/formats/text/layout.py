@@ -142,6 +142,9 @@ def _open_table(
     body = [decoded(line)[0] for line in lines[row_line : row_line + SAMPLE] if line.strip()]
     width = len(split_row(body[0], found))
     blank = int(width > 3 and found in ",;" and all(row.rstrip().endswith(found) for row in body))
+    if blank and has_names:  # an empty last column that has a name is no trailing delimiter
+        every = split_names(sample[0].lstrip("/"), width, found)
+        blank = int(not (len(every) == width and every[-1].strip()))
     at, names = n_counted, tuple[str, ...]()
     if has_names:
         values = split_names(sample[0].lstrip("/"), width - blank, found)
