@@ -2,9 +2,11 @@
 
 import functools
 
+import click
 import yaml
 from helpers.wiring import REPOSITORY, session_of
-from kedro.framework.cli.utils import _split_params
+
+from mlsroad_pipeline.cli import run
 
 CONF = REPOSITORY / "conf"
 
@@ -30,5 +32,6 @@ def configured(project, env):
 
 
 def from_command_line(text):
-    """Nest what `--params=` takes as Kedro does."""
-    return _split_params(None, None, text)
+    """Nest what `--params=` takes as `kedro run` of this project does."""
+    parameter = next(option for option in run.params if option.name == "params")
+    return parameter.process_value(click.Context(run), text)

@@ -260,7 +260,7 @@ def test_killed_labelling_goes_on_where_it_stopped_with_the_bytes_of_an_undistur
     command = [
         *(sys.executable, "-W", "ignore", "-m", "kedro", "run", "--pipelines=label"),
         f"--params=label.survey={survey},label.output={tmp_path / 'out'},ingest.scene_length=5.0,"
-        "label.method=detrended_forest,execution.backend=sequential",
+        "label.method=detrended_forest,label.least_score=0,execution.backend=sequential",
     ]
     others = {name: value for name, value in os.environ.items() if not name.startswith("MLFLOW_")}  # other stores
     environment = {**others, "PYTHONPATH": str(REPOSITORY / "src")}
