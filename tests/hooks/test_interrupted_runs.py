@@ -17,9 +17,16 @@ def ended_process():
     return f"{host} {psutil.Process().ppid()} 1000.00"
 
 
-def test_runs_of_ended_processes_are_killed_and_others_go_on(tmp_path, monkeypatch):
-    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{tmp_path / 'mlflow.db'}")
-    mlflow.set_tracking_uri(None)
+@pytest.fixture
+def tracking_store(tmp_path):
+    before = mlflow.get_tracking_uri()
+    mlflow.set_tracking_uri(f"sqlite:///{tmp_path / 'mlflow.db'}")
+    yield
+    mlflow.set_tracking_uri(before)
+
+
+@pytest.mark.usefixtures("tracking_store")
+def test_runs_of_ended_processes_are_killed_and_others_go_on():
     client = mlflow.MlflowClient()
     experiment = client.create_experiment("e")
     host, number, _ = this_process().split()

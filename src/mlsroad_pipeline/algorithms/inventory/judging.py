@@ -1,4 +1,4 @@
-"""What the stages of the inventory ask of a trained judge, and what they decide with its answers."""
+"""Interface of the trained judge of objects, and the decisions that depend on its scores."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 STEM = "stem"
-"""Question about an upright line: is it a trunk, a pole or post, or neither."""
+"""Name of the classifier of upright lines: trunk, pole or post, or neither."""
 
 TRUNK, POLE, NEITHER = range(3)
 """Columns of the answers about stems."""
