@@ -1,4 +1,4 @@
-"""Intensities of any scale: the rule that maps them, what is told, and the originals in the results."""
+"""Intensities of any scale: how they are mapped to 0 to 1, the messages, and the original values in the results."""
 
 import laspy
 import numpy as np

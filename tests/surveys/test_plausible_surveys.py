@@ -239,7 +239,7 @@ def test_withheld_points_are_not_used(tmp_path, rng, ending, labels):
     np.testing.assert_array_equal(rows, [row for row in range(30, 90) if row % 3])
 
 
-# bounds and counts are told by both
+# warnings of bounds and counts
 
 
 def test_label_and_inspect_tell_the_same(tmp_path, rng):

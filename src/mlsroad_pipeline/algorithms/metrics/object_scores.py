@@ -94,8 +94,8 @@ def precision_recall_curve(
     Returns
     -------
     DataFrame
-        `kind`, `least_score`, `listed`, `precision`, `recall`, `f_score`; per kind one row for each score, or for
-        `CURVE_POINTS` quantiles of the scores where there are more.
+        `kind`, `least_score`, `listed`, `precision`, `recall`, `f_score`. Each kind has one row per distinct score, or
+        one per quantile if there are more than `CURVE_POINTS` scores.
     """
     rows = []
     for kind in sorted(set(objects["kind"])):

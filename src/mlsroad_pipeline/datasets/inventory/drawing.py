@@ -102,7 +102,7 @@ def _add_object(space: Modelspace, row: dict[str, Any]) -> None:
     reference = space.add_blockref(block, base, dxfattribs={"layer": layer, **place})
     for name in ATTRIBUTES:
         value = row[name]
-        if value == "" or value != value:  # noqa: PLR0124  NaN
+        if value == "" or pd.isna(value):
             continue
         attribute = reference.add_attrib(name.upper(), str(value), base, {"layer": layer, "height": _TEXT_HEIGHT})
         attribute.is_invisible = True
