@@ -1,0 +1,181 @@
+"""Corrections of a labelled survey: the actions, their arguments and their checks."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+
+ACTIONS = ("accept", "reject", "other_kind", "merge", "split", "move_base", "add", "paint")
+"""What a user can decide; `paint` is about points, `add` about a missing object, the others about one object."""
+
+_LONGEST_TEXT = 10_000_000  # of a payload as JSON, characters
+
+
+@dataclass(frozen=True)
+class Correction:
+    """One decision of a user.
+
+    Parameters
+    ----------
+    action : str
+        One of `ACTIONS`.
+    object_id : int, optional
+        Number of the object in the inventory; none for `add` and `paint`.
+    kind : str, optional
+        With `other_kind` and `add` the right kind (pole, sign, vehicle, tree).
+    payload : mapping
+        JSON values. `accept`, `other_kind`, `add`: optionally `class`, the class of its points. `reject`: optionally
+        `class`, that of its points. `merge`: `objects`, the numbers of the objects that belong to this one. `split`:
+        `bases`, the base points of its parts, each x, y, z. `move_base` and `add`: `x`, `y`, `z`. `paint`: `file`, the
+        name of the labelled file, `points`, the numbers of its points from 0, and `class`.
+
+    Raises
+    ------
+    ParameterError
+        If the action is unknown, or an argument is missing or of the wrong type.
+    """
+
+    action: str
+    object_id: int | None = None
+    kind: str | None = None
+    payload: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check the arguments of the action."""
+        if self.action not in ACTIONS:
+            raise ParameterError(f"correction: unknown action {self.action!r}, known are {', '.join(ACTIONS)}")
+        if self.action in ("add", "paint"):
+            self._need(self.object_id is None, "object_id must be left out")
+        else:
+            self._need(_is_number(self.object_id), f"object_id must be a number from 1, got {self.object_id!r}")
+        kind = self.kind
+        self._need(kind is None or (isinstance(kind, str) and kind != ""), f"kind must be a name, got {kind!r}")
+        self._need(isinstance(self.payload, Mapping), f"payload must be a mapping, got {self.payload!r}")
+        text = self._text()
+        self._need(len(text) <= _LONGEST_TEXT, f"the payload has {len(text)} characters, allowed {_LONGEST_TEXT}")
+        self._check_payload()
+
+    def _check_payload(self) -> None:
+        given = self.payload
+        name = given.get("class")
+        named = isinstance(name, str) and name != ""
+        self._need(name is None or named, f"class must be a name, got {name!r}")
+        if self.action == "other_kind":
+            self._need(self.kind is not None or named, "kind (or class in the payload) must name what it is")
+        elif self.action == "merge":
+            others = given.get("objects")
+            right = bool(_entries(others)) and all(_is_number(number) for number in _entries(others))
+            self._need(
+                right and self.object_id not in _entries(others), f"objects must be numbers of others, got {others!r}"
+            )
+        elif self.action == "split":
+            bases = given.get("bases")
+            right = len(_entries(bases)) > 1 and all(_is_place(base) for base in _entries(bases))
+            self._need(right, f"bases must be two or more places x, y, z, got {bases!r}")
+        elif self.action in ("move_base", "add"):
+            place = [given.get(axis) for axis in "xyz"]
+            self._need(_is_place(place), f"x, y, z must be numbers, got {place!r}")
+            self._need(self.action == "move_base" or self.kind is not None, "kind must be given")
+        elif self.action == "paint":
+            points = given.get("points")
+            right = bool(_entries(points)) and all(_is_number(point, least=0) for point in _entries(points))
+            self._need(right, "points must be numbers of points from 0")
+            file = given.get("file")
+            self._need(isinstance(file, str) and file != "", f"file must be the name of a file, got {file!r}")
+            self._need(named, "class must be given")
+
+    def _text(self) -> str:
+        try:
+            return json.dumps(dict(self.payload), sort_keys=True, allow_nan=False)
+        except (TypeError, ValueError) as error:
+            raise ParameterError(f"correction {self.action!r}: the payload is not JSON: {error}") from error
+
+    def _need(self, right: bool, message: str) -> None:
+        if not right:
+            raise ParameterError(f"correction {self.action!r}: {message}")
+
+    @property
+    def checked_class(self) -> str:
+        """Class that the user gave, else the kind; empty if neither."""
+        return str(self.payload.get("class") or self.kind or "")
+
+
+@dataclass(frozen=True)
+class Anchor:
+    """Object that a decision is about, as it was when the decision was made.
+
+    Parameters
+    ----------
+    inventory : str
+        Digest of the numbers and places of all objects.
+    kind, name : str
+        Its kind and its class.
+    x, y, z : float
+        Its base point.
+    point_count : int
+        Number of its points.
+    """
+
+    inventory: str
+    kind: str
+    name: str
+    x: float
+    y: float
+    z: float
+    point_count: int
+
+
+@dataclass(frozen=True)
+class Decision:
+    """A correction as it is stored.
+
+    Parameters
+    ----------
+    identifier : int
+        Number in the store, from 1.
+    made : str
+        Time in UTC, ISO 8601.
+    who : str
+        Name of the user.
+    correction : Correction
+        The correction.
+    anchors : mapping of int to Anchor
+        The objects that it names, by their number at that time.
+    undone : str
+        Time at which it was undone, empty while it is in force.
+    """
+
+    identifier: int
+    made: str
+    who: str
+    correction: Correction
+    anchors: Mapping[int, Anchor]
+    undone: str = ""
+
+
+def named_objects(correction: Correction) -> list[int]:
+    """Return the numbers of the objects that a correction names, its own first."""
+    own = [] if correction.object_id is None else [correction.object_id]
+    return own + [int(number) for number in correction.payload.get("objects", ())]
+
+
+def _is_number(value: object, *, least: int = 1) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and least <= value < 2**53
+
+
+def _entries(value: object) -> Sequence[Any]:
+    """Return a list; an empty one for other values."""
+    return value if isinstance(value, Sequence) and not isinstance(value, str | bytes) else ()
+
+
+def _is_place(value: object) -> bool:
+    return (
+        isinstance(value, Sequence)
+        and len(value) == 3
+        and all(isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in value)
+    )

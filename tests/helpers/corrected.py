@@ -1,0 +1,29 @@
+"""Small output folders with an inventory, for tests of corrections."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from mlsroad_pipeline.algorithms.inventory.table import OBJECT_FIELDS
+from mlsroad_pipeline.datasets.inventory.geopackage import write_geopackage
+from mlsroad_pipeline.datasets.inventory.geoparquet import write_geoparquet
+from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
+
+PLACES = [("pole", 0.0, 0.0), ("pole", 10.0, 0.0), ("sign", 10.3, 0.0), ("tree", 20.0, 5.0), ("vehicle", 30.0, -3.0)]
+
+
+def object_rows(places=PLACES, scores=(0.9, 0.6, 0.5, 0.95, 0.2)) -> pd.DataFrame:
+    blank = {n: np.nan if dtype == "float64" else 0 if dtype == "int64" else "" for n, dtype in OBJECT_FIELDS.items()}
+    rows = [
+        blank | {"object_id": i, "class": kind, "kind": kind, "score": score, "point_count": 100 * i, "height": 3.0}
+        | {"x": 500.0 + x, "y": 900.0 + y, "z": 12.0, "width": 1.0, "length": 2.0, "heading": 10.0}
+        for i, ((kind, x, y), score) in enumerate(zip(places, scores, strict=False), start=1)
+    ]  # fmt: skip
+    return pd.DataFrame(rows)[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
+
+
+def write_inventory(folder: Path, table: pd.DataFrame) -> None:
+    inventory = RoadInventory(table, "EPSG:25832")
+    write_geopackage(inventory, folder / "inventory.gpkg")
+    write_geoparquet(inventory, folder / "inventory.parquet")
