@@ -192,6 +192,6 @@ def test_memory_is_bounded_and_a_full_disk_is_told(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(content.shutil, "copyfileobj", full)
+    monkeypatch.setattr(content, "check_expansion", full)
     with pytest.raises(ReadError, match=r"a\.txt\.gz: no room to decompress it in .*; set TMPDIR"):
         Content(tmp_path / "a.txt.gz")

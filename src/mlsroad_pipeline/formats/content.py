@@ -6,7 +6,6 @@ import errno
 import gzip
 import io
 import os
-import shutil
 import tempfile
 import weakref
 import zlib
@@ -20,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
+from mlsroad_pipeline.formats.expansion import check_expansion
 from mlsroad_pipeline.formats.files import FileKey, atomic_file, file_key
 
 GZIP, SUFFIX = b"\x1f\x8b", ".gz"
@@ -148,8 +148,11 @@ def _content(key: FileKey) -> Content:
 def _unpack(path: Path) -> int:
     with tempfile.TemporaryFile() as unpacked:
         try:
+            size = path.stat().st_size
             with gzip.open(path, "rb") as packed:
-                shutil.copyfileobj(packed, unpacked, BLOCK)
+                while block := packed.read(BLOCK):
+                    unpacked.write(block)
+                    check_expansion(path, unpacked.tell(), size)
             unpacked.flush()
         except (EOFError, gzip.BadGzipFile, zlib.error) as error:
             raise ReadError(f"{path} is damaged or truncated: {error}") from error

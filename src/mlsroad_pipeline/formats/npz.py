@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
+from mlsroad_pipeline.formats.expansion import check_expansion
 from mlsroad_pipeline.formats.files import FileKey, atomic_file, file_key
 from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES
 from mlsroad_pipeline.formats.tables import PointTable, TableFormat
@@ -105,6 +106,8 @@ def _open(key: FileKey) -> PointTable:
     path = Path(key[0])
     try:
         arrays = _archive(path) if zipfile.is_zipfile(path) else {"points": _array_file(path)}
+    except ReadError:
+        raise
     except (*DAMAGE, *MANGLED) as error:
         raise ReadError(f"{path} is damaged: {error}") from error
     crs = arrays.pop(CRS, None)
@@ -140,6 +143,8 @@ def _lies(name: str, array: NDArray) -> bool:
 def _archive(path: Path) -> dict[str, NDArray]:
     arrays = {}
     with zipfile.ZipFile(path) as archive:
+        unpacked = sum(entry.file_size for entry in archive.infolist() if entry.filename.endswith(".npy"))
+        check_expansion(path, unpacked, path.stat().st_size)
         for entry in archive.infolist():
             if not entry.filename.endswith(".npy"):
                 continue

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
+from mlsroad_pipeline.formats.expansion import check_expansion
 from mlsroad_pipeline.formats.files import FileKey, atomic_file, file_key
 from mlsroad_pipeline.formats.flat_table import scalar_columns
 from mlsroad_pipeline.formats.standard_columns import COLOURS
@@ -93,6 +94,7 @@ def _open(key: FileKey) -> PointTable:
         columns, written_by = _columns(schema, path), file.metadata.created_by
     except ValueError as error:  # names that are not valid text
         raise ReadError(f"{path} is damaged: {error}") from error
+    check_expansion(path, sum(sizes) * sum(column.dtype.itemsize for column in columns.values()), path.stat().st_size)
     ends = np.cumsum(sizes, dtype=np.int64)
 
     def rows(names: Sequence[str], start: int, stop: int) -> Mapping[str, NDArray]:

@@ -17,6 +17,9 @@ NAMESPACE = "{http://www.astm.org/COMMIT/E57/2010-e57-v1.0}"
 SECTION = struct.Struct("<B7xQQQ")
 COMPRESSED_VECTOR, DATA_PACKET = 1, 1
 LARGEST_XML = 1 << 28
+PADDED = 9
+"""Smallest number of records behind the stated ones that is told."""
+
 LEAST_NORM = 1e-9
 """Smallest norm of a quaternion with a direction."""
 
@@ -171,8 +174,8 @@ def _scan(pages: E57Pages, node: ET.Element, number: int) -> E57Scan:
         raise ValueError("it has no points")
     fields = tuple(_field(child) for child in prototype)
     n_points, at = int(points.get("recordCount", 0)), int(points.get("fileOffset", 0))
-    if n_points < 0:
-        raise ValueError(f"recordCount {n_points}")
+    if not 0 <= n_points <= 8 * pages.size:  # fields without bits take no space, so that the packets bound no count
+        raise ValueError(f"it states {n_points} points in a file of {pages.size} bytes")
     quaternion = [_number(node, f"pose/rotation/{k}", float(k == "w")) for k in "wxyz"]
     translation = [_number(node, f"pose/translation/{k}", 0.0) for k in "xyz"]
     if not np.isfinite([*quaternion, *translation]).all():
@@ -187,6 +190,7 @@ def _scan(pages: E57Pages, node: ET.Element, number: int) -> E57Scan:
             name = child.tag.removeprefix(NAMESPACE)
             limits[name] = _number(node, f"{group}/{name}", 0.0)
     streams = _streams(pages, fields, n_points, at, number) if n_points else ()
+    notes += _left_over(fields, streams, n_points, number)
     name = node.findtext(NAMESPACE + "name") or str(number)
     start = _number(node, "acquisitionStart/dateTimeValue", 0.0)
     pose = (_rotation(quaternion), np.array(translation))
@@ -217,6 +221,20 @@ def _field(node: ET.Element) -> E57Field:
     if kind == "String":
         return E57Field(name, kind, 0, 0, 0)
     raise ValueError(f"field {name} is of type {kind!r}")
+
+
+def _left_over(
+    fields: tuple[E57Field, ...],
+    streams: tuple[tuple[NDArray[np.int64], NDArray[np.int64]], ...],
+    n_points: int,
+    number: int,
+) -> tuple[str, ...]:
+    """Return a sentence on records behind those that the description states."""
+    have = [8 * int(before[-1]) // spec.bits for spec, (_, before) in zip(fields, streams, strict=False) if spec.bits]
+    more = min(have, default=0) - n_points
+    if more < PADDED:  # values of few bits are filled up to whole bytes
+        return ()
+    return (f"scan {number} states {n_points} points, its packets hold {more} more: they are not read",)
 
 
 def _streams(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.content import open_content
+from mlsroad_pipeline.formats.expansion import check_expansion
 from mlsroad_pipeline.formats.files import file_key
 from mlsroad_pipeline.formats.las.counts import compressed_points, stored_points, waveform_start
 from mlsroad_pipeline.formats.las.extra import DESCRIPTOR_SIZE, LAST_TYPE, ExtraDimension, undocumented
@@ -257,8 +258,8 @@ def _with_count(header: LasHeader, path: Path) -> LasHeader:
     stated, note, laz = header.n_points, "", header.find(LASZIP)
     if header.compressed and laz is not None:
         layout = (header.point_format, header.record_size)
-        n_points = compressed_points(file_key(path), header.point_offset, laz.data, layout, stated)
-        note = f"its header states {stated} points, it holds {n_points}: all are read" * (n_points != stated)
+        n_points, note = compressed_points(file_key(path), header.point_offset, laz.data, layout, stated)
+        check_expansion(path, n_points * header.record_size, open_content(path).size)
     elif header.compressed:
         return header
     elif header.evlrs or header.notes:  # the offset of the extended records bounds the points, or is wrong

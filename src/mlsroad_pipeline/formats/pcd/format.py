@@ -126,8 +126,23 @@ def _open(key: FileKey, threads: bool) -> PointTable:
         return {name: np.ascontiguousarray(sources[name](start, stop)) for name in names}
 
     details = {"encoding": header.encoding, **{k.lower(): v for k, v in header.entries.items() if k != "DATA"}}
-    table = PointTable(tuple(sources), header.n_points, rows, None, details, _viewpoint_note(header))
+    notes = (*_viewpoint_note(header), *_left_over(path, header))
+    table = PointTable(tuple(sources), header.n_points, rows, None, details, notes)
     return with_points_only(table, path)
+
+
+def _left_over(path: Path, header: PcdHeader) -> tuple[str, ...]:
+    """Return a sentence on points behind those that the header states."""
+    file, stated = open_content(path), header.n_points
+    if header.encoding == "ascii":
+        end = index_rows(path, file, header.begin, 1, limit=stated).end if stated else header.begin
+        more, what = index_rows(path, file, end, 1).n_rows, "rows"
+    else:
+        size = stated * header.record_size
+        if header.encoding == "binary_compressed":
+            size = 8 + struct.unpack("<I", file.read(4, header.begin))[0]
+        more, what = file.size - header.begin - size, "bytes"
+    return (f"its header states {stated} points, {more} more {what} follow: they are not read",) * (more > 0)
 
 
 def _viewpoint_note(header: PcdHeader) -> tuple[str, ...]:

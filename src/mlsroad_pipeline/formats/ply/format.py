@@ -9,7 +9,6 @@ from pathlib import Path
 from urllib.parse import quote
 
 import numpy as np
-import plyfile
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
@@ -19,6 +18,7 @@ from mlsroad_pipeline.formats.content import open_content, output_file, with_pac
 from mlsroad_pipeline.formats.files import FileKey, file_key
 from mlsroad_pipeline.formats.flat_table import parts_of, scalar_columns
 from mlsroad_pipeline.formats.ply.header import TYPES, PlyHeader, read_ply_header
+from mlsroad_pipeline.formats.ply.vertices import scattered_vertices
 from mlsroad_pipeline.formats.tables import PointTable, TableFormat
 from mlsroad_pipeline.formats.text.rows import TextRows, index_rows
 from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, parse_rows, typed_column
@@ -37,7 +37,7 @@ class PlyFormat(TableFormat):
 
     Properties keep their types, but `rgb`, `intensity` and labels become those of `PointCloud`. List properties of the
     vertices are left out; other elements, such as faces, are not points. Ranges are read at their byte offset where
-    the vertices come first, as is usual; otherwise the file is held in memory.
+    the vertices come first, as is usual; otherwise the vertices are held in memory.
     """
 
     name = "PLY"
@@ -59,8 +59,9 @@ class PlyFormat(TableFormat):
             raw = read_vertices(path, header, start, stop, threads=options.n_threads > 1)
             return {name: _native(raw[name]) for name in names}
 
+        notes = _left_over(path, header)
         details = {"encoding": header.encoding, "elements": {e.name: e.count for e in header.elements}}
-        return PointTable(scalars, header.vertex.count, rows, header.crs, details)
+        return PointTable(scalars, header.vertex.count, rows, header.crs, details, notes)
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
         """Write a cloud as binary little-endian PLY with coordinates in double precision.
@@ -80,6 +81,20 @@ class PlyFormat(TableFormat):
                 for name, values in scalar_columns(part, options.metres).items():
                     records[name] = values
                 stream.write(records.tobytes())
+
+
+def _left_over(path: Path, header: PlyHeader) -> tuple[str, ...]:
+    """Return a sentence on points behind those that the header states, where the vertices are the only element."""
+    if not header.vertex_first or len(header.elements) > 1:
+        return ()
+    file, stated = open_content(path), header.vertex.count
+    if header.encoding == "ascii":
+        end = vertex_rows(path, header).end if stated else header.begin
+        more = index_rows(path, file, end, 1).n_rows
+        return (f"its header states {stated} points, {more} more rows follow: they are not read",) * (more > 0)
+    end = header.begin + stated * header.vertex.dtype(header.order).itemsize
+    more = file.size - end
+    return (f"its header states {stated} points, {more} more bytes follow: they are not read",) * (more > 0)
 
 
 def _ply_type(dtype: np.dtype) -> str:
@@ -119,8 +134,7 @@ def read_vertices(
     """
     vertex = header.vertex
     if not header.vertex_first:
-        data = _whole_file(file_key(path))
-        return {name: np.asarray(data[name][start:stop]) for name, kind in vertex.properties.items() if kind}
+        return {name: values[start:stop] for name, values in scattered_vertices(file_key(path)).items()}
     dtype = vertex.dtype(header.order)
     if header.encoding == "ascii":
         rows = vertex_rows(path, header)
@@ -175,12 +189,3 @@ def vertex_rows(path: Path, header: PlyHeader) -> TextRows:
 def _vertex_rows(key: FileKey, begin: int, first_line: int, count: int) -> TextRows:
     path = Path(key[0])
     return index_rows(path, open_content(path), begin, first_line, limit=count)
-
-
-@lru_cache(maxsize=1)
-def _whole_file(key: FileKey) -> plyfile.PlyElement:
-    file = open_content(Path(key[0]))
-    try:
-        return plyfile.PlyData.read(file.stream() if file.packed else key[0])["vertex"]
-    except (plyfile.PlyParseError, ValueError) as error:
-        raise ReadError(f"{key[0]} is damaged: {error}") from error

@@ -34,11 +34,14 @@ class PlyElement:
         Number of records.
     properties : dict of str to str or None
         Name to numpy type without byte order, such as ``f4``, in the order of the file; None for a list.
+    lists : dict of str to tuple of str
+        Name of a list to the types of its number of items and of an item.
     """
 
     name: str
     count: int
     properties: dict[str, str | None] = field(default_factory=dict)
+    lists: dict[str, tuple[str, str]] = field(default_factory=dict)
 
     @property
     def has_lists(self) -> bool:
@@ -189,6 +192,7 @@ def _read_line(
             elements.append(PlyElement(name, int(count)))
         case ["property", "list", counts, kind, name] if TYPES[counts] and TYPES[kind]:
             _add_property(elements[-1], name, None)
+            elements[-1].lists[name] = TYPES[counts], TYPES[kind]
         case ["property", kind, name]:
             _add_property(elements[-1], name, TYPES[kind])
         case _:
