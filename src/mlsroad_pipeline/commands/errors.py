@@ -13,6 +13,7 @@ from pathlib import Path
 import typer
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.commands.console import error_console
 from mlsroad_pipeline.execution.task import SceneError
 
@@ -43,20 +44,21 @@ def describe(error: BaseException) -> str:
     chain = list(_chain(error))
     own = next((cause for cause in chain if isinstance(cause, MlsRoadError)), None)
     if isinstance(own, SceneError):
-        failures = [" ".join(str(failure).split()) for failure in own.failures[:MAX_FAILURES]]
+        failures = [printable(failure) for failure in own.failures[:MAX_FAILURES]]
         more = len(own.failures) - len(failures)
         return "; ".join(failures) + (f"; and {more} more scenes" if more > 0 else "")
     if own is not None:
-        return " ".join(str(own).split())
+        return printable(own)
     system = next((cause for cause in chain if isinstance(cause, OSError) and cause.strerror), None)
     if isinstance(system, OSError):
         text = f"{system.filename}: {system.strerror}" if system.filename else str(system.strerror)
+        text = printable(text)
         return f"{text}: {NO_SPACE}" if system.errno in (errno.ENOSPC, errno.EDQUOT) else text
     first = chain[0]
     lines = str(first).strip().splitlines()
     if lines and (parameter := _PARAMETER.search(lines[-1])):
-        return parameter[1]
-    return f"{type(first).__name__}: {lines[-1].strip() if lines else 'no message'} (--verbose shows the traceback)"
+        return printable(parameter[1])
+    return f"{type(first).__name__}: {printable(lines[-1]) if lines else 'no message'} (--verbose shows the traceback)"
 
 
 def _check_working_folder() -> None:

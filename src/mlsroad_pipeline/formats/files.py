@@ -16,7 +16,8 @@ from typing import BinaryIO
 
 import numpy as np
 
-from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import printable
 
 logger = logging.getLogger(__name__)
 
@@ -115,6 +116,38 @@ def log_once(source: str, text: str) -> None:
         Text of the note.
     """
     logger.info("%s: %s", source, text)
+
+
+WRONG = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RuntimeError)
+"""Errors that content raises whose types, keys or sizes are others than its reader takes for granted."""
+
+
+@contextmanager
+def named_errors(path: str | Path, what: str) -> Iterator[None]:
+    """Turn the errors that damaged content raises inside the block into a `ReadError` of one line that names the file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file that is read, or its folder.
+    what : str
+        What it should be, such as "a table of poses".
+
+    Raises
+    ------
+    ReadError
+        For each of `WRONG`, numbers that overflow, and errors of this package that do not name the file in one line.
+    """
+    try:
+        with np.errstate(over="raise", invalid="raise", divide="raise"):
+            yield
+    except MlsRoadError as error:
+        text = printable(error)
+        if str(path) in text and text == str(error):
+            raise
+        raise ReadError(text if str(path) in text else f"{path}: {text}") from error
+    except WRONG as error:
+        raise ReadError(f"{path}: is not {what}: {type(error).__name__}: {printable(error)[:200]}") from error
 
 
 @contextmanager

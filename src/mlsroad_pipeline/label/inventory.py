@@ -20,6 +20,7 @@ from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
 from mlsroad_pipeline.datasets.models.object_judges import judge_digest
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import Deferred, SceneTask
+from mlsroad_pipeline.formats.files import WRONG
 from mlsroad_pipeline.label.work import join_objects
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import SurveyPlan
@@ -102,6 +103,6 @@ def read_sections(path: Path) -> pd.DataFrame:
             if name in table:
                 table[name] = pd.to_numeric(table[name]).astype(np.float64)
         section_table(pd.DataFrame({"kind": [], "station": []}), 0.0, sections=table)
-    except (OSError, ValueError, DataError) as error:  # the errors of pandas are values
+    except (OSError, DataError, *WRONG) as error:  # the errors of pandas are values
         raise ReadError(f"{path}: no table of road sections: {' '.join(str(error).split())}") from error
     return table

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,8 +14,9 @@ from numpy.typing import NDArray
 from PIL import Image as Picture
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
-from mlsroad_pipeline.algorithms.image_labels.camera import Camera
+from mlsroad_pipeline.algorithms.image_labels.camera import LARGEST, Camera
 from mlsroad_pipeline.algorithms.image_labels.poses import PoseTrack, rotation_of
+from mlsroad_pipeline.formats.files import WRONG, named_errors
 from mlsroad_pipeline.surveys.images import PosedImage, SurveyImages
 
 _SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
@@ -42,6 +44,11 @@ def read_images(
     source = Path(path)
     if not source.exists():
         raise ReadError(f"{source}: no such camera calibration")
+    with named_errors(source, "a file of cameras and poses"):
+        return _read_images(source, images, trajectory)
+
+
+def _read_images(source: Path, images: str | Path | None, trajectory: str | Path | None) -> SurveyImages:
     folder = Path(images) if images is not None else (source if source.is_dir() else source.parent) / "images"
     if source.is_dir() or source.suffix == ".txt":
         return read_kitti(source if source.is_dir() else source.parent)
@@ -63,6 +70,11 @@ def read_images(
 def read_poses(path: str | Path, *, max_gap: float = 1.0) -> PoseTrack:
     """Read time-stamped poses of a vehicle from a table."""
     source = Path(path)
+    with named_errors(source, "a table of poses"):
+        return _read_poses(source, max_gap)
+
+
+def _read_poses(source: Path, max_gap: float) -> PoseTrack:
     table = _read_table(source, ("gps_time", "x", "y", "z"))
     time, xyz = table["gps_time"].to_numpy(float), table[["x", "y", "z"]].to_numpy(float)
     if {"qw", "qx", "qy", "qz"} <= set(table.columns):
@@ -111,12 +123,41 @@ def _json_rows(source: Path) -> tuple[list[dict[str, Any]], NDArray[np.float64]]
         raise ReadError(f"{source}: not JSON: {error}") from error
     if not isinstance(document, dict) or not isinstance(document.get("images"), list):
         raise ReadError(f"{source}: has no list 'images'")
-    cameras = document.get("cameras", {})
+    cameras, origin = document.get("cameras", {}), document.get("origin", (0.0, 0.0, 0.0))
+    if not isinstance(cameras, dict):
+        raise ReadError(f"{source}: cameras is {_short(cameras)}, not a calibration by name")
     rows = []
-    for row in document["images"]:
-        shared = cameras.get(row.get("camera"), {})
+    for number, row in enumerate(document["images"]):
+        if not isinstance(row, dict):
+            raise ReadError(f"{source}: image {number} is {_short(row)}, not an object with name and camera")
+        shared = cameras.get(str(row.get("camera")), {})
+        if not isinstance(shared, dict):
+            raise ReadError(f"{source}: camera {row['camera']!r} is {_short(shared)}, not a calibration")
         rows.append({**shared, **row, "mounted": "R" not in row})
-    return rows, np.asarray(document.get("origin", (0.0, 0.0, 0.0)), dtype=np.float64)
+    return rows, _origin(origin, source)
+
+
+def _origin(value: Any, source: Path) -> NDArray[np.float64]:
+    try:
+        origin = np.asarray(value, dtype=np.float64)
+        if origin.shape == (3,) and (np.abs(origin) < LARGEST).all():
+            return origin
+    except (ValueError, TypeError):
+        pass
+    raise ReadError(f"{source}: origin is {_short(value)}, not three numbers")
+
+
+def _short(value: object) -> str:
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def _time(row: Mapping[str, Any], name: str, source: Path) -> float:
+    value = row.get("gps_time", np.nan)
+    try:
+        return float("nan" if value is None else value)
+    except (ValueError, TypeError):
+        raise ReadError(f"{source}: image {name!r}: gps_time is {_short(value)}, not a number") from None
 
 
 def _camera_of_json(row: Mapping[str, Any]) -> tuple[Camera, bool]:
@@ -170,10 +211,10 @@ def _posed(
         camera, mounted = make(row)
     except KeyError as error:
         raise ReadError(f"{source}: camera {group!r} of image {name!r} has no calibration: no {error}") from error
-    except MlsRoadError as error:
-        raise ReadError(f"{source}: image {name!r}: {error}") from error
+    except (MlsRoadError, *WRONG) as error:
+        raise ReadError(f"{source}: image {name!r}: {' '.join(str(error).split())}") from error
     path = next((p for s in _SUFFIXES if (p := folder / f"{name}{s}").is_file()), folder / name)
-    return PosedImage(name, group, float(row.get("gps_time", np.nan)), camera, path), mounted
+    return PosedImage(name, group, _time(row, name, source), camera, path), mounted
 
 
 def _georeferenced(
@@ -221,8 +262,10 @@ def _matrix(root: Path, matrices: Mapping[str, list[float]], name: str, columns:
 
 def _numbers(path: Path, columns: int, rows: int) -> NDArray[np.float64]:
     try:
-        values = np.loadtxt(path, ndmin=2)
-    except ValueError as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # a file without numbers
+            values = np.loadtxt(path, ndmin=2)
+    except (ValueError, UserWarning) as error:
         raise ReadError(f"{path}: {error}") from error
     if values.shape != (rows, columns):
         raise ReadError(f"{path}: {values.shape[0]} rows of {values.shape[1]} values for {rows} pictures")

@@ -72,7 +72,7 @@ class SurveyParameters:
         if self.coding not in codings:
             raise ParameterError(f"survey.coding {self.coding!r} is not configured (codings: {', '.join(codings)})")
         codes = codings[self.coding]
-        coding = TAXONOMY_CODING if codes is None else Coding(self.coding, {int(k): v for k, v in codes.items()})
+        coding = TAXONOMY_CODING if codes is None else Coding.from_config(self.coding, codes)
         return ReadOptions.from_config({**self.read, "coding": coding})
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+from mlsroad_pipeline.formats.files import named_errors
 from mlsroad_pipeline.surveys.sbet import is_sbet, read_sbet
 
 _NAMES = {
@@ -40,6 +41,13 @@ def read_trajectory(
     source = Path(path)
     if not source.is_file():
         raise ReadError(f"{source}: no such trajectory file")
+    with named_errors(source, "a trajectory"):
+        return _read_trajectory(source, columns, crs, factors)
+
+
+def _read_trajectory(
+    source: Path, columns: Sequence[str] | None, crs: str | None, factors: NDArray[np.float64] | None
+) -> Trajectory:
     if is_sbet(source):
         return read_sbet(source, crs=crs)
     lines = [

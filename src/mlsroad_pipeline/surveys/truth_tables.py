@@ -15,6 +15,7 @@ from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.inventory.boxes import vehicle_box
 from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, ObjectRule
+from mlsroad_pipeline.formats.files import named_errors
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.surveys.kitti_boxes import kitti_boxes
@@ -62,6 +63,11 @@ def read_truth(path: str | Path) -> Truth:
     place = place / "objects.csv" if place.is_dir() else place
     if not place.is_file():
         raise ReadError(f"{place} does not exist: name a table of true objects, or the folder of a simulated street")
+    with named_errors(place, "a table of true objects"):
+        return _read_truth(place)
+
+
+def _read_truth(place: Path) -> Truth:
     if place.suffix == ".label":
         return Truth(_semantickitti(place), None, "semantickitti")
     if place.suffix == ".txt":

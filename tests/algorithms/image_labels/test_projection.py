@@ -109,8 +109,8 @@ def test_points_take_the_value_of_their_pixel():
         ({"R": 1.1 * np.eye(3)}, "R must be a rotation"),
         ({"t": [0, np.nan, 0]}, "t must be finite"),
         ({"distortion": [0.1]}, r"distortion must have shape .* got \(1,\)"),
-        ({"width": 0}, "width must be an integer >= 1, got 0"),
-        ({"height": 2.5}, "height must be an integer >= 1, got 2.5"),
+        ({"width": 0}, "width must be an integer from 1 to 1048576, got 0"),
+        ({"height": 2.5}, "height must be an integer from 1 to 1048576, got 2.5"),
     ],
 )
 def test_a_camera_that_is_none_is_refused(changes, message):

@@ -114,9 +114,39 @@ class Coding:
     name: str
     codes: Mapping[int, str]
 
+    @classmethod
+    def from_config(cls, name: str, config: Mapping[Any, str]) -> Coding:
+        """Build a coding from configuration, whose codes may be text.
+
+        Parameters
+        ----------
+        name : str
+            Name of the coding.
+        config : mapping
+            Dataset code to taxonomy class.
+
+        Returns
+        -------
+        Coding
+            The coding.
+
+        Raises
+        ------
+        ParameterError
+            If a code is not a whole number, or a class is not in the taxonomy.
+        """
+        if not isinstance(config, Mapping):
+            raise ParameterError(f"coding {name!r} must map codes to taxonomy classes, got {config!r}")
+        try:
+            return cls(name, {int(code): class_name for code, class_name in config.items()})
+        except (TypeError, ValueError) as error:
+            if isinstance(error, ParameterError):
+                raise
+            raise ParameterError(f"coding {name!r}: its codes must be whole numbers: {error}") from error
+
     def __post_init__(self) -> None:
         for code, class_name in self.codes.items():
-            if class_name not in TAXONOMY:
+            if not isinstance(class_name, str) or class_name not in TAXONOMY:
                 raise ParameterError(f"coding {self.name!r}: code {code} names {class_name!r}, not in the taxonomy")
 
     def encode(self, codes: ArrayLike, *, source: str = "labels") -> NDArray[np.uint8]:
@@ -145,6 +175,29 @@ class Coding:
         if len(known) == 0 or not np.isin(values, known).all():
             raise _unknown(values, known, f"coding {self.name!r}", source)
         return taxonomy[np.searchsorted(known, values)]
+
+
+def _is_names(value: object) -> bool:
+    return isinstance(value, Sequence) and not isinstance(value, str) and all(isinstance(name, str) for name in value)
+
+
+def _checked_specs(name: str, config: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the classes of a configured scheme, each with its members and its code."""
+    specs = config.get("classes") if isinstance(config, Mapping) else None
+    if not isinstance(specs, Mapping) or not specs or not _is_names([*specs]):
+        raise ParameterError(
+            f"class scheme {name!r}: classes must have a list of members and asprs each, got {specs!r}"
+        )
+    for class_name, spec in specs.items():
+        code = spec.get("asprs") if isinstance(spec, Mapping) else None
+        if isinstance(code, bool) or not isinstance(code, int) or not _is_names(spec.get("members")):
+            raise ParameterError(
+                f"class scheme {name!r}: class {class_name!r} must have members, a list of taxonomy classes, and "
+                f"asprs, a LAS code; got {spec!r}"
+            )
+    if not _is_names(config.get("ignore") or ()):
+        raise ParameterError(f"class scheme {name!r}: ignore must list taxonomy classes, got {config['ignore']!r}")
+    return specs
 
 
 @dataclass(frozen=True)
@@ -191,11 +244,12 @@ class ClassScheme:
         Raises
         ------
         ParameterError
-            If a member is not in the taxonomy or is listed twice, or a LAS code is outside 0 to 255.
+            If a class lacks its members or its code, a member is not in the taxonomy or is listed twice, or a LAS code
+            is outside 0 to 255.
         """
-        specs = config["classes"]
+        specs = _checked_specs(name, config)
         members = tuple(tuple(spec["members"]) for spec in specs.values())
-        ignored = tuple(config.get("ignore", ()))
+        ignored = tuple(config.get("ignore") or ())
         asprs = tuple(int(spec["asprs"]) for spec in specs.values())
         seen: set[str] = set()
         for taxonomy_class in [m for group in (*members, ignored) for m in group]:

@@ -11,6 +11,12 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 
 _ROTATION_SLACK = 5e-3  # published calibrations are rounded; a mirrored or scaled axis is far beyond this
 
+LARGEST = 1e12
+"""Limit of the numbers of a calibration: pixels and metres."""
+
+LARGEST_SIDE = 1 << 20
+"""Largest width and height of an image, pixels."""
+
 
 @dataclass(frozen=True, eq=False)
 class Camera:
@@ -119,12 +125,13 @@ def _matrix(value: ArrayLike, name: str, shapes: tuple[tuple[int, ...], ...]) ->
         raise ParameterError(f"{name} must be numbers of shape {shapes[-1]}, got {value!r}") from error
     if array.shape not in shapes:
         raise ParameterError(f"{name} must have shape {' or '.join(map(str, shapes))}, got {array.shape}")
-    if not np.isfinite(array).all():
-        raise ParameterError(f"{name} must be finite, got {array.tolist()}")
+    if not (np.abs(array) < LARGEST).all():
+        raise ParameterError(f"{name} must be finite and below {LARGEST:g}, got {array.tolist()}")
     return array
 
 
 def _side(value: float, name: str) -> int:
-    if isinstance(value, bool) or value != int(value) or value < 1:
-        raise ParameterError(f"{name} must be an integer >= 1, got {value!r}")
+    whole = isinstance(value, int | np.integer) or (isinstance(value, float) and value.is_integer())
+    if isinstance(value, bool) or not whole or not 1 <= value <= LARGEST_SIDE:
+        raise ParameterError(f"{name} must be an integer from 1 to {LARGEST_SIDE}, got {value!r}")
     return int(value)

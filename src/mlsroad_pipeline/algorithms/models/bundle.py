@@ -182,18 +182,20 @@ def bundle_scheme(bundle: ModelBundle) -> ClassScheme:
     Raises
     ------
     ParameterError
-        If the model's metadata lack the scheme.
+        If the model's metadata lack the scheme, or it is damaged.
     """
     stored = bundle.metadata.get("scheme")
     if stored is None:
         raise ParameterError(f"model {bundle.slug!r} has no class scheme in its metadata: it cannot label a survey")
-    return ClassScheme(
-        stored["name"],
-        tuple(stored["classes"]),
-        tuple(tuple(group) for group in stored["members"]),
-        tuple(stored["ignored"]),
-        tuple(stored["asprs"]),
-    )
+    try:
+        classes = dict(zip(stored["classes"], zip(stored["members"], stored["asprs"], strict=True), strict=True))
+        specs = {name: {"members": members, "asprs": code} for name, (members, code) in classes.items()}
+        scheme = ClassScheme.from_config(str(stored["name"]), {"classes": specs, "ignore": stored["ignored"]})
+    except (KeyError, TypeError, ValueError) as error:
+        raise ParameterError(f"model {bundle.slug!r}: its class scheme is damaged: {error}") from error
+    if len(scheme) != len(stored["classes"]):
+        raise ParameterError(f"model {bundle.slug!r}: its class scheme lists a class twice: {stored['classes']}")
+    return scheme
 
 
 def label_cloud(

@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.execution.mapped_arrays import map_arrays
 from mlsroad_pipeline.execution.task import SourceFile
+from mlsroad_pipeline.formats.files import named_errors
 
 FORMAT = 1
 """Version of the files' layout."""
@@ -70,6 +71,11 @@ def load_bundle(folder: str | Path, *, check: bool = True) -> ModelBundle:
         If a file is missing or damaged, if the format is another one, or if the arrays are not those listed.
     """
     source = Path(folder)
+    with named_errors(source, "a model"):
+        return _load_bundle(source, check)
+
+
+def _load_bundle(source: Path, check: bool) -> ModelBundle:
     try:
         content = json.loads((source / _JSON).read_text(encoding="utf-8"))
         if check:
@@ -79,11 +85,19 @@ def load_bundle(folder: str | Path, *, check: bool = True) -> ModelBundle:
         raise ReadError(f"{source} is no model: {Path(error.filename).name} is missing") from error
     except (ValueError, OSError, EOFError, KeyError, struct.error, zipfile.BadZipFile, zlib.error) as error:
         raise ReadError(f"{source}: the model's files are damaged: {error}") from error
+    if not isinstance(content, dict) or not isinstance(content.get("metadata"), dict):
+        raise ReadError(f"{source / _JSON}: the model's files are damaged: no metadata")
     if content.get("format") != FORMAT:
         raise ReadError(f"{source}: model format {content.get('format')!r}, this version reads {FORMAT}")
     if sorted(arrays) != content["arrays"]:
         raise ReadError(f"{source}: arrays {sorted(arrays)} where {content['arrays']} were written")
-    return ModelBundle(content["slug"], arrays, content["metadata"])
+    try:
+        bundle = ModelBundle(content["slug"], arrays, content["metadata"])
+        if "scheme" in bundle.metadata:
+            bundle_scheme(bundle)
+        return bundle
+    except MlsRoadError as error:
+        raise ReadError(f"{source / _JSON}: {error}") from error
 
 
 def _check_sums(path: Path) -> None:
