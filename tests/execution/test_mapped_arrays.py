@@ -52,3 +52,20 @@ def test_what_cannot_be_mapped_is_an_error(tmp_path, path):
     path.write_bytes(path.read_bytes()[:-200])
     with pytest.raises(zipfile.BadZipFile):
         map_arrays(path)
+
+
+def test_every_flipped_bit_of_the_arrays_is_noticed(path):
+    sound = path.read_bytes()
+    with zipfile.ZipFile(path) as archive:
+        entry = archive.infolist()[0]
+        begin = entry.header_offset + 30 + len(entry.filename)
+        places = range(begin + 40, begin + entry.file_size, 641)
+    map_arrays(path)
+    for number, place in enumerate(places):
+        data = bytearray(sound)
+        data[place] ^= 1 << number % 8
+        path.write_bytes(data)
+        with pytest.raises(ValueError, match=r"float\.npy differs from its checksum"):
+            map_arrays(path)
+    path.write_bytes(sound)
+    np.testing.assert_array_equal(map_arrays(path)["float"], ARRAYS["float"])

@@ -15,7 +15,7 @@ from kedro.io import AbstractDataset, DatasetError
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError
 from mlsroad_pipeline.execution.backends import run_jobs
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.execution.fingerprints import Fingerprinter
+from mlsroad_pipeline.execution.fingerprints import Fingerprinter, installation
 from mlsroad_pipeline.execution.progress import start_progress
 from mlsroad_pipeline.execution.result_files import is_valid_name
 from mlsroad_pipeline.execution.settings import Execution
@@ -143,8 +143,9 @@ class SceneStoreDataset(AbstractDataset[Mapping[str, SceneTask], SceneCollection
                 tasks = [data[key] for key in missing]
                 if backend in ("loky", "dask"):
                     tasks = share_values(tasks, StoreFiles(store.url, store.options))
+                same = installation() if backend == "dask" else ""
                 jobs = [
-                    SceneJob(key, task, fingerprints[key], store, token, backend, self._validator_name)
+                    SceneJob(key, task, fingerprints[key], store, token, backend, self._validator_name, same)
                     for key, task in zip(missing, tasks, strict=True)
                 ]
                 for outcome in self._run(jobs):

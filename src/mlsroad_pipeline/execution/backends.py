@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import signal
 import tempfile
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import joblib
 from joblib.externals.loky.backend import resource_tracker
@@ -20,9 +19,6 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.execution.settings import Execution
 from mlsroad_pipeline.execution.task import SceneFailure
 from mlsroad_pipeline.execution.worker import Outcome, SceneJob, SharedLimit, WarmUp, describe_error, run_scene, warm_up
-
-if TYPE_CHECKING:
-    from distributed import Client, Future
 
 MAX_BROKEN_POOLS = 3
 """Number of pools started per stage; the stage fails when a worker of the last one is killed."""
@@ -150,59 +146,10 @@ def _failed(job: SceneJob, cause: str) -> Outcome:
 
 
 def _run_dask(jobs: Sequence[SceneJob], execution: Execution) -> Generator[Outcome, None, None]:
-    """Run scenes on a cluster.
+    from mlsroad_pipeline.execution.dask_cluster import run_on_cluster  # noqa: PLC0415  # imports Dask, 0.5 s
 
-    Futures of the client are used in place of joblib's Dask backend, which waits forever for a task whose worker was
-    killed, and does not cancel running tasks when the caller stops.
-    """
-    from distributed import as_completed  # noqa: PLC0415  # takes 0.5 s, needed by this backend only
-
-    with _dask_client(execution) as client:
-        open_jobs: dict[Future, SceneJob] = {}
-        waiting = iter(jobs)
-
-        def submit(job: SceneJob) -> Future:
-            future = client.submit(run_scene, job, key=f"{job.store.name}-{job.key}-{job.token}", pure=False)
-            open_jobs[future] = job
-            return future
-
-        try:
-            first = [submit(job) for job in itertools.islice(waiting, execution.n_workers)]
-            running = as_completed(first, loop=client.loop)
-            for future in running:
-                job = open_jobs.pop(future)
-                error = future.exception()
-                yield future.result() if error is None else _failed(job, describe_error(error))
-                running.update([submit(job) for job in itertools.islice(waiting, 1)])
-        finally:
-            client.cancel(list(open_jobs))
-
-
-@contextmanager
-def _dask_client(execution: Execution) -> Iterator[Client]:
-    from distributed import Client, LocalCluster, default_client  # noqa: PLC0415  # needed by this backend only
-
-    if execution.scheduler is not None:
-        with Client(execution.scheduler, set_as_default=False) as client:
-            yield client
-        return
-    try:
-        current = default_client()
-    except ValueError:
-        current = None
-    if current is not None:
-        yield current
-        return
-    with (
-        tempfile.TemporaryDirectory(prefix="mlsroad-dask-") as folder,
-        LocalCluster(
-            n_workers=execution.n_local_workers,
-            threads_per_worker=1,
-            memory_limit=0,
-            dashboard_address="127.0.0.1:0",  # any free port
-            local_directory=folder,
-            env={"NUMBA_NUM_THREADS": "1"},
-        ) as cluster,
-        Client(cluster, set_as_default=False) as client,
-    ):
-        yield client
+    for key, outcome, error in run_on_cluster(jobs, execution):
+        if outcome is not None:
+            yield outcome
+        elif error is not None:
+            yield _failed(next(job for job in jobs if job.key == key), describe_error(error))

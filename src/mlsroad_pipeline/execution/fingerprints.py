@@ -89,6 +89,16 @@ def code_digest() -> str:
     return digest_json([_digests(files, project_folder()), package_versions()])
 
 
+@functools.lru_cache(maxsize=1)
+def installation() -> str:
+    """Return a digest of all sources of the project, and the versions that results may depend on, in one line."""
+    folder = project_folder()
+    files = [*folder.rglob("*.py"), *folder.glob("datasets/**/registry.json")]
+    versions = ", ".join(f"{name} {version}" for name, version in sorted(package_versions().items()))
+    python = f"Python {sys.version_info.major}.{sys.version_info.minor}"
+    return f"sources {digest_json(_digests(files, folder))[:12]}, {python}, {versions}"
+
+
 def qualified_name(function: Callable[..., Any]) -> str:
     """Return `module:name` of a function that a worker can import.
 

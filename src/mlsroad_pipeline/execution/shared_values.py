@@ -14,6 +14,7 @@ from typing import Any
 
 import cloudpickle  # type: ignore[import-untyped]  # it has no stubs
 
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.execution.digests import new_digest
 from mlsroad_pipeline.execution.store_files import SHARED, StoreFiles
 from mlsroad_pipeline.execution.task import SceneTask
@@ -41,8 +42,17 @@ class SharedValue:
             if key not in _loaded:
                 for other in [k for k in _loaded if k[0] != self.files.url]:
                     del _loaded[other]
-                _loaded[key] = pickle.loads(self.files.read_bytes(self.name))
+                _loaded[key] = pickle.loads(self._content())
             return _loaded[key]
+
+    def _content(self) -> bytes:
+        """Return the file's content; raise ReadError where its digest is not the one in its name: a pickle is code."""
+        data = self.files.read_bytes(self.name)
+        digest = new_digest()
+        digest.update(data)
+        if f"{SHARED}/{digest.hexdigest()}.pickle" != self.name:
+            raise ReadError(f"{self.files.url}/{self.name} is damaged or was replaced: start the same command again")
+        return data
 
 
 def share_values(tasks: Sequence[SceneTask], files: StoreFiles) -> list[SceneTask]:

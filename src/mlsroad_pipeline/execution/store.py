@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import socket
 import uuid
 from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
@@ -192,8 +193,14 @@ class SceneStore(StoreFiles):
 
     def check_held(self, token: str) -> None:
         """Raise SupersededError if another run has taken over the store."""
-        if not self.is_held(token):
-            raise SupersededError(f"{self.url}: another run has taken this store over")
+        if self.is_held(token):
+            return
+        if not self.exists(MANIFEST):
+            raise SupersededError(
+                f"{self.url} is not there on {socket.gethostname()}: it was removed, or this worker does not share "
+                "that folder; mount it at the same path, or use an object store"
+            )
+        raise SupersededError(f"{self.url}: another run has taken this store over")
 
     def release(self, token: str) -> None:
         """End an unfinished run, so that its remaining workers store nothing more."""

@@ -8,6 +8,7 @@ import gc
 import importlib
 import os
 import signal
+import socket
 import sys
 import threading
 import time
@@ -23,6 +24,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # i
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.execution.fingerprints import installation
 from mlsroad_pipeline.execution.shared_values import load_shared
 from mlsroad_pipeline.execution.store import Record, SceneStore
 from mlsroad_pipeline.execution.task import SceneFailure, SceneTask, load_inputs
@@ -51,6 +53,9 @@ class SceneJob:
         Backend of the worker; see `Execution`.
     validator : str, optional
         Dotted name of a function that checks the result.
+    installation : str
+        `fingerprints.installation` of the driver, which a worker on another machine must share; empty for workers of
+        this machine.
     """
 
     key: str
@@ -60,6 +65,7 @@ class SceneJob:
     token: str
     backend: str
     validator: str | None = None
+    installation: str = ""
 
 
 @dataclass(frozen=True)
@@ -117,6 +123,8 @@ def run_scene(job: SceneJob) -> Outcome:
     start = time.perf_counter()
     sources = job.task.sources()
     try:
+        if job.installation:
+            _check_installation(job.installation)
         job.store.check_held(job.token)
         if job.backend == "loky":
             _settle()
@@ -133,6 +141,16 @@ def run_scene(job: SceneJob) -> Outcome:
         failure = SceneFailure(job.key, ", ".join(dict.fromkeys(sources)) or None, describe_error(error), text)
         return Outcome(job.key, time.perf_counter() - start, failure=failure)
     return Outcome(job.key, time.perf_counter() - start, record=record)
+
+
+def _check_installation(expected: str) -> None:
+    """Raise ParameterError if this worker would compute other results than the driver's fingerprints stand for."""
+    own = installation()
+    if own != expected:
+        raise ParameterError(
+            f"the worker on {socket.gethostname()} has {own}, this run {expected}: install the same version of "
+            "mlsroad_pipeline and of its packages there, and restart the worker"
+        )
 
 
 def _settle() -> None:

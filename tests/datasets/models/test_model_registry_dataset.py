@@ -125,6 +125,17 @@ def test_nothing_is_pickled(registry):
     assert not any(name.endswith((".pkl", ".pickle", ".joblib")) for name in files)
 
 
+def test_files_that_are_not_those_registered_are_refused(registry):
+    folder, _ = registry
+    name = "mlsroad-exchanged"
+    dataset = RegisteredModelDataset(name=name)
+    dataset.save(planted(3.0))
+    for file in folder.rglob("model.json"):
+        file.write_text(file.read_text().replace('"height": 3.0', '"height": 3.5'))
+    with pytest.raises(DatasetError, match=f"model '{name}' version 1: .*bundle differs from the files that were regi"):
+        dataset.load()
+
+
 def test_a_fresh_process_loads_and_predicts_with_this_package_alone(registry, tmp_path):
     folder, _ = registry
     (tmp_path / f"{MODULE.rsplit('.', 1)[1]}.py").write_text(LABELLER)

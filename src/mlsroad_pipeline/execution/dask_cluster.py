@@ -1,0 +1,176 @@
+"""Scenes on a Dask cluster: connection, checks of its workers, and errors for what is missing."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import logging
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
+from queue import Empty, Queue
+from typing import NamedTuple
+from urllib.parse import urlsplit
+
+from distributed import Client, Future, LocalCluster, Security, default_client
+from distributed.comm.core import CommClosedError
+
+from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
+from mlsroad_pipeline.algorithms.core.plain_text import printable
+from mlsroad_pipeline.execution.settings import Execution
+from mlsroad_pipeline.execution.worker import Outcome, SceneJob, run_scene
+
+logger = logging.getLogger(__name__)
+
+CONNECT_SECONDS = 30
+"""Longest wait for a scheduler."""
+
+WORKER_SECONDS = 60
+"""Longest wait for a worker, at the start and whenever all have left."""
+
+POLL_SECONDS = 2
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+_LOST = (CancelledError, CommClosedError, OSError, RuntimeError)
+"""Errors of a client whose scheduler is gone; distributed raises all of these."""
+
+
+class ClusterError(MlsRoadError):
+    """A Dask cluster without scheduler, workers or a common folder."""
+
+
+class Ended(NamedTuple):
+    """Scene that has ended: its outcome, or the error for which it has none."""
+
+    key: str
+    outcome: Outcome | None
+    error: BaseException | None
+
+
+def run_on_cluster(jobs: Sequence[SceneJob], execution: Execution) -> Iterator[Ended]:
+    """Run scenes and yield them as they end.
+
+    Futures of the client are used in place of joblib's Dask backend, which waits forever for a task whose worker was
+    killed, and does not cancel running tasks when the caller stops. Raises ClusterError if the scheduler cannot be
+    reached or is lost, or if there is no worker for `WORKER_SECONDS`.
+    """
+    with _connected(execution) as client:
+        _await_worker(client, _address(client, execution))
+        yield from _run(client, jobs, execution)
+
+
+def _run(client: Client, jobs: Sequence[SceneJob], execution: Execution) -> Iterator[Ended]:
+    address, seen = _address(client, execution), time.monotonic()
+    waiting, open_jobs, ended = iter(jobs), dict[Future, SceneJob](), Queue[Future]()
+
+    def submit(number: int | None) -> None:
+        for job in itertools.islice(waiting, number):
+            future = client.submit(run_scene, job, key=f"{job.store.name}-{job.key}-{job.token}", pure=False)
+            open_jobs[future] = job
+            future.add_done_callback(ended.put)
+
+    try:
+        submit(execution.n_workers)
+        while open_jobs:
+            try:
+                future = ended.get(timeout=POLL_SECONDS)
+            except Empty:
+                seen = time.monotonic() if _n_workers(client) else seen
+                if time.monotonic() - seen > WORKER_SECONDS:
+                    raise ClusterError(_no_worker(address)) from None
+                continue
+            job, seen = open_jobs.pop(future), time.monotonic()
+            error = future.exception()
+            yield Ended(job.key, None if error else future.result(), error)
+            submit(1)
+    except ClusterError:
+        raise
+    except _LOST as error:
+        raise ClusterError(
+            f"the Dask scheduler {address} was stopped or restarted ({printable(error) or type(error).__name__}): "
+            "start it and its workers, then the same command continues"
+        ) from error
+    finally:
+        if client.status == "running":
+            client.cancel(list(open_jobs))
+
+
+def _n_workers(client: Client) -> int:
+    return len(client.scheduler_info(n_workers=-1)["workers"])
+
+
+def _no_worker(address: str) -> str:
+    return (
+        f"the Dask scheduler {address} has had no worker for {WORKER_SECONDS} s: start some with "
+        f"`dask worker {address} --nthreads 1`, then the same command continues"
+    )
+
+
+def _await_worker(client: Client, address: str) -> None:
+    try:
+        client.wait_for_workers(1, timeout=WORKER_SECONDS)
+    except TimeoutError:
+        raise ClusterError(_no_worker(address)) from None
+
+
+def _address(client: Client, execution: Execution) -> str:
+    return execution.scheduler or str(client.scheduler.address if client.scheduler else "of this process")
+
+
+@contextmanager
+def _connected(execution: Execution) -> Iterator[Client]:
+    """Yield a client of the scheduler, the current client, or one of a new cluster of this machine.
+
+    Processes of the new cluster listen on the loopback interface with TLS, so that no other user of the machine can
+    send them code.
+    """
+    if execution.scheduler is not None:
+        _warn_of_open_ports(execution.scheduler)
+        with _client(execution.scheduler) as client:
+            yield client
+        return
+    try:
+        current = default_client()
+    except ValueError:
+        current = None
+    if current is not None:
+        yield current
+        return
+    with (
+        tempfile.TemporaryDirectory(prefix="mlsroad-dask-") as folder,
+        LocalCluster(
+            n_workers=execution.n_local_workers,
+            threads_per_worker=1,
+            memory_limit=0,
+            host=LOOPBACK[0],
+            protocol="tls://",
+            security=Security.temporary(),
+            dashboard_address=None,
+            local_directory=folder,
+            env={"NUMBA_NUM_THREADS": "1"},
+        ) as cluster,
+        Client(cluster, set_as_default=False) as client,
+    ):
+        yield client
+
+
+@contextmanager
+def _client(address: str) -> Iterator[Client]:
+    try:
+        client = Client(address, set_as_default=False, timeout=CONNECT_SECONDS)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise ClusterError(
+            f"no Dask scheduler answers at {address} within {CONNECT_SECONDS} s: start one with `dask scheduler`, or "
+            "correct execution.scheduler"
+        ) from error
+    with client:
+        yield client
+
+
+@functools.lru_cache(maxsize=8)
+def _warn_of_open_ports(address: str) -> None:
+    if not address.startswith("tls://") and urlsplit(address).hostname not in LOOPBACK:
+        logger.warning(
+            "%s has no TLS: whoever reaches its ports runs code as you; see docs/how_to/run_on_a_cluster.md", address
+        )
