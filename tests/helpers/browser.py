@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import subprocess
+import time
 import urllib.request
 from contextlib import contextmanager
 
@@ -42,17 +43,23 @@ class Page:
         if message.get("method") == "Network.requestWillBeSent":
             self.addresses.append(message["params"]["request"]["url"])
 
-    def open(self, path, *, width=1280, height=900):
-        """Open a file and wait until it is loaded."""
+    def open(self, place, *, width=1280, height=900):
+        """Open a file or an address and wait until it is loaded."""
+        address = place if isinstance(place, str) else place.as_uri()
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.send(f"{domain}.enable")
         self.messages, self.addresses = [], []
         self.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
-        self.send("Page.navigate", url=path.as_uri())
-        for _ in range(600):
-            if self.js("document.readyState === 'complete' && location.protocol === 'file:'"):
-                return
-        raise AssertionError(f"{path} was not loaded")
+        self.send("Page.navigate", url=address)
+        kind = json.dumps(address.partition(":")[0] + ":")
+        self.until(f"document.readyState === 'complete' && location.protocol === {kind}")
+
+    def until(self, expression, *, seconds=60):
+        """Wait until an expression is true."""
+        end = time.monotonic() + seconds
+        while not self.js(expression):
+            assert time.monotonic() < end, f"not within {seconds} s: {expression}; the console: {self.messages}"
+            time.sleep(0.02)
 
     def js(self, expression):
         """Return the value of an expression."""
@@ -87,6 +94,19 @@ class Page:
         for kind in ("keyDown", "keyUp"):
             self.send("Input.dispatchKeyEvent", type=kind, key=key, text=key if len(key) == 1 else "")
 
+    def drag(self, start, end, *, button="left", steps=6):
+        """Press a button at a place of the window, move to another one and release."""
+        places = [[a + (b - a) * k / steps for a, b in zip(start, end, strict=True)] for k in range(steps + 1)]
+        self.move(*start)
+        self.send("Input.dispatchMouseEvent", type="mousePressed", x=start[0], y=start[1], button=button, clickCount=1)
+        for x, y in places[1:]:
+            self.send("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y, button=button)
+        self.send("Input.dispatchMouseEvent", type="mouseReleased", x=end[0], y=end[1], button=button, clickCount=1)
+
+    def picture(self):
+        """Return the window as PNG."""
+        return base64.b64decode(self.send("Page.captureScreenshot")["data"])
+
     def pdf(self):
         """Return the page as printed."""
         return base64.b64decode(self.send("Page.printToPDF", printBackground=True)["data"])
@@ -98,7 +118,9 @@ def browser_page(folder):
     program = next((found for name in PROGRAMS if (found := shutil.which(name))), None)
     if program is None:
         pytest.skip(f"no browser: install Debian's chromium ({', '.join(PROGRAMS)} were searched)")
-    options = ["--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run", "--remote-debugging-port=0"]
+    # SwiftShader renders WebGL without a graphics card.
+    options = ["--headless=new", "--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--no-first-run"]
+    options.append("--remote-debugging-port=0")
     arguments = [program, *options, f"--user-data-dir={folder}", "about:blank"]
     with subprocess.Popen(arguments, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as process:
         loop = asyncio.new_event_loop()

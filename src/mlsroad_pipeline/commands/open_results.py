@@ -1,4 +1,4 @@
-"""Command `mlsroad open`: the report of a labelled survey in the browser."""
+"""Command `mlsroad open`: a labelled survey in the browser, to look at and to correct."""
 
 from __future__ import annotations
 
@@ -16,18 +16,63 @@ REPORTS = ("report.html", "inspection.html")
 
 def open_results(
     results: Annotated[str, typer.Argument(metavar="FOLDER", help="Folder of results, or the labelled survey.")],
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, metavar="N", help="Port of the local server. Default: any free one.")
+    ] = 0,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Start a browser.")] = True,
+    report: Annotated[bool, typer.Option("--report", help="Open the report in place of the page.")] = False,
+    export: Annotated[
+        str | None,
+        typer.Option(
+            "--export", metavar="FILE.html", help="Write a page to send, to look at only: at most a million points."
+        ),
+    ] = None,
+    user: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Name that is kept with decisions. Default: that of the login.")
+    ] = None,
 ) -> None:
-    """Open the report of a labelled survey in the browser."""
-    from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+    """Look at a labelled survey in the browser, and correct it.
+
+    Starts a server that only this computer reaches, and the browser.
+    Decisions are kept in corrections.sqlite in the folder.
+    A folder without labelled points has a report alone, which is opened.
+    """
     from mlsroad_pipeline.commands.errors import one_line_errors
 
     with one_line_errors(verbose=False):
         place = Path(expanded([results])[0])
         folders = (place, default_output([str(place)]))
-        report = next((folder / name for folder in folders for name in REPORTS if (folder / name).is_file()), None)
-        if report is None:
-            raise ReadError(f"{place} holds no {' or '.join(REPORTS)}: label the survey first (mlsroad label FILE)")
-    typer.echo(str(report))
-    if browser and not webbrowser.open(report.as_uri()):
+        if report or not _show_page(folders, port=port, browser=browser, export=export, user=user):
+            _show_report(place, folders, browser=browser)
+
+
+def _show_page(folders: tuple[Path, Path], *, port: int, browser: bool, export: str | None, user: str | None) -> bool:
+    """Serve or export the page of the first folder with labelled points; return whether there is one."""
+    import getpass
+
+    from mlsroad_pipeline.page.output_folder import OutputFolder
+
+    found = (OutputFolder.find(folder) for folder in folders)
+    output = next((folder for folder in found if folder is not None and folder.cloud_names), None)
+    if output is None:
+        return False
+    if export is not None:
+        from mlsroad_pipeline.page.export import export_page
+
+        typer.echo(str(export_page(output, Path(expanded([export])[0]))))
+        return True
+    from mlsroad_pipeline.page.server import serve
+
+    serve(output, user=user or getpass.getuser(), port=port, browser=browser, say=typer.echo)
+    return True
+
+
+def _show_report(place: Path, folders: tuple[Path, Path], *, browser: bool) -> None:
+    from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+
+    found = next((folder / name for folder in folders for name in REPORTS if (folder / name).is_file()), None)
+    if found is None:
+        raise ReadError(f"{place} holds no {' or '.join(REPORTS)}: label the survey first (mlsroad label FILE)")
+    typer.echo(str(found))
+    if browser and not webbrowser.open(found.as_uri()):
         typer.echo("No browser was found: open this file in one.", err=True)

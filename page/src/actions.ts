@@ -1,0 +1,213 @@
+// What buttons and keys do.
+
+import type { Cloud } from "./cloud";
+import { el } from "./dom";
+import { KINDS, type Model, type Place, type Tool } from "./model";
+
+export class Actions {
+  /** Places that a tool has collected. */
+  places: Place[] = [];
+  onPlaces: () => void = () => {};
+
+  constructor(
+    readonly model: Model,
+    readonly cloud: Cloud,
+  ) {}
+
+  go(id: number): void {
+    this.tool("look");
+    this.model.select(id);
+    this.cloud.focus(id);
+  }
+
+  /** Go to the next object of the list, or to the one before. */
+  next(step = 1): void {
+    const { model } = this;
+    const ids = model.queue.map((item) => item.object_id).filter((id) => model.byId.has(id) && model.shown(model.byId.get(id)!));
+    if (!ids.length) return;
+    const here = ids.indexOf(model.selected ?? -1);
+    this.go(ids[here < 0 ? 0 : (here + step + ids.length) % ids.length]);
+  }
+
+  private chosen(): number | null {
+    if (this.model.selected === null) this.hint("Choose an object first: click it, or press N for the next one.");
+    return this.model.selected;
+  }
+
+  hint(text: string): void {
+    this.model.set("saved", "saved", { text, kind: "" });
+  }
+
+  private async decideAndGoOn(action: string): Promise<void> {
+    const id = this.chosen();
+    if (id === null) return;
+    const ids = this.model.queue.map((item) => item.object_id);
+    const following = ids[ids.indexOf(id) + 1];
+    const inList = ids.includes(id);
+    if ((await this.model.decide({ action, object_id: id })) && inList && following !== undefined && this.model.selected === id) {
+      this.go(following);
+    }
+  }
+
+  accept(): void {
+    void this.decideAndGoOn("accept");
+  }
+
+  reject(): void {
+    void this.decideAndGoOn("reject");
+  }
+
+  otherKind(): void {
+    const id = this.chosen();
+    if (id === null) return;
+    const own = this.model.kindOf(this.model.byId.get(id)!);
+    this.ask(`What is ${own} ${id}?`, KINDS.filter((kind) => kind !== own), (kind, name) => {
+      const payload = name ? { class: name } : {};
+      void this.model.decide({ action: "other_kind", object_id: id, ...(kind ? { kind } : {}), payload });
+    });
+  }
+
+  /** Ask for a kind by number keys, or for a class. */
+  private ask(question: string, kinds: string[], answer: (kind: string, name: string) => void): void {
+    const dialog = el("dialog", { class: "ask", "aria-label": question });
+    const finish = (kind: string, name: string) => {
+      dialog.close();
+      answer(kind, name);
+    };
+    const names = [...this.model.classNames.values()];
+    const select = el("select", { "aria-label": "Class" }, el("option", { value: "" }, "another class"), ...names.map((name) => el("option", { value: name }, name)));
+    select.addEventListener("change", () => select.value && finish("", select.value));
+    dialog.append(
+      el("h2", {}, question),
+      el("div", { class: "buttons" }, ...kinds.map((kind, i) => el("button", { type: "button", click: () => finish(kind, "") }, kind, el("kbd", {}, String(i + 1))))),
+      el("p", {}, "It is no object of these kinds, but of ", select),
+      el("button", { type: "button", click: () => dialog.close() }, "Cancel", el("kbd", {}, "Esc")),
+    );
+    dialog.addEventListener("keydown", (event) => {
+      event.stopPropagation();
+      const kind = kinds[Number(event.key) - 1];
+      if (kind) finish(kind, "");
+    });
+    dialog.addEventListener("close", () => dialog.remove());
+    document.body.append(dialog);
+    dialog.showModal();
+  }
+
+  tool(tool: Tool): void {
+    const { model } = this;
+    if (["base", "merge", "split"].includes(tool) && this.chosen() === null) return;
+    if (["base", "merge", "split", "paint", "add"].includes(tool) && model.source.readOnly) {
+      this.hint("This page is a copy to look at: it saves nothing.");
+      return;
+    }
+    if (tool === "paint" && model.tiles.state !== "ready") {
+      this.hint("The points are still being prepared; paint when that is finished.");
+      return;
+    }
+    this.places = [];
+    this.onPlaces();
+    model.set("tool", "tool", tool === model.tool && tool !== "look" ? "look" : tool);
+  }
+
+  private world(place: Place): Record<string, number> {
+    const { origin } = this.model.survey;
+    const rounded = place.map((value, i) => Math.round((value + origin[i]) * 1000) / 1000);
+    return { x: rounded[0], y: rounded[1], z: rounded[2] };
+  }
+
+  moveBase(place: Place): void {
+    const id = this.chosen();
+    if (id === null) return;
+    this.tool("look");
+    void this.model.decide({ action: "move_base", object_id: id, payload: this.world(place) });
+  }
+
+  merge(other: number): void {
+    const id = this.chosen();
+    if (id === null || other === id) return;
+    this.tool("look");
+    void this.model.decide({ action: "merge", object_id: id, payload: { objects: [other] } });
+  }
+
+  add(place: Place): void {
+    this.tool("look");
+    this.ask("What is missing here?", KINDS, (kind, name) => {
+      const payload = { ...this.world(place), ...(name ? { class: name } : {}) };
+      void this.model.decide({ action: "add", kind: kind || name, payload });
+    });
+  }
+
+  /** End a tool that collects places. */
+  finish(): void {
+    if (this.model.tool === "split" && this.places.length > 1) {
+      const bases = this.places.map((place) => Object.values(this.world(place)));
+      const id = this.model.selected;
+      this.tool("look");
+      if (id !== null) void this.model.decide({ action: "split", object_id: id, payload: { bases } });
+    } else if (this.model.tool === "split") this.hint("A split needs two bases or more: click each.");
+  }
+
+  // Section across the road
+
+  section(place?: Place): void {
+    const { model, cloud } = this;
+    if (model.section && !place) {
+      model.section = null;
+      cloud.look(cloud.target, cloud.distance / 6, cloud.heading, 0.5);
+    } else {
+      const centre = place ?? cloud.target;
+      const heading = model.section && !place ? model.section.heading : this.headingAt(centre);
+      model.section = { place: this.onPath(centre), heading, thickness: model.section?.thickness ?? 1 };
+      const [x, y] = model.section.place;
+      // A narrow field from afar is nearly a parallel projection.
+      cloud.look([x, y, centre[2] + 3], 220, heading, 0.02, 8);
+    }
+    cloud.setSection();
+    model.emit("tool");
+  }
+
+  private nearest(place: Place): number {
+    const { path, origin } = this.model.survey;
+    let best = Infinity;
+    let found = -1;
+    path.forEach(([x, y], i) => {
+      const distance = Math.hypot(x - origin[0] - place[0], y - origin[1] - place[1]);
+      if (distance < best) [best, found] = [distance, i];
+    });
+    return found;
+  }
+
+  private headingAt(place: Place): number {
+    const { path } = this.model.survey;
+    const i = this.nearest(place);
+    if (i >= 0 && path.length > 1) {
+      const [a, b] = [path[Math.max(0, i - 3)], path[Math.min(path.length - 1, i + 3)]];
+      return Math.atan2(b[0] - a[0], b[1] - a[1]);
+    }
+    const [low, high] = this.model.survey.first.bounds;
+    return high[0] - low[0] > high[1] - low[1] ? Math.PI / 2 : 0; // the longer side
+  }
+
+  private onPath(place: Place): Place {
+    const { path, origin } = this.model.survey;
+    const i = this.nearest(place);
+    if (i < 0) return place;
+    return [path[i][0] - origin[0], path[i][1] - origin[1], path[i][2] - origin[2]];
+  }
+
+  /** Move the section along the road, or change its thickness. */
+  moveSection(metres: number, factor = 1): void {
+    const { section } = this.model;
+    if (!section) return;
+    section.thickness = Math.min(50, Math.max(0.1, section.thickness * factor));
+    const [x, y, z] = section.place;
+    section.place = [x + Math.sin(section.heading) * metres, y + Math.cos(section.heading) * metres, z];
+    if (metres) {
+      section.heading = this.model.survey.path.length > 1 ? this.headingAt(section.place) : section.heading;
+      const height = this.cloud.target[2];
+      this.cloud.look([section.place[0], section.place[1], height], this.cloud.distance, section.heading, this.cloud.rise, this.cloud.camera.fov);
+    }
+    this.cloud.setSection();
+    this.model.emit("tool");
+  }
+}

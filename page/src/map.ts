@@ -1,0 +1,246 @@
+// Map of path and objects, drawn without a network; it moves with the cloud.
+
+import { kindColour, STATUS_COLOURS, classColour, channels } from "./colours";
+import type { Cloud } from "./cloud";
+import { el } from "./dom";
+import type { Model } from "./model";
+
+export class SurveyMap {
+  readonly element: HTMLElement;
+  private readonly canvas: HTMLCanvasElement;
+  private scale = 1; // pixels per metre
+  private centre: [number, number] = [0, 0];
+  private drag: { x: number; y: number; moved: number } | null = null;
+  private background: { picture: HTMLCanvasElement; low: [number, number]; metres: number } | null = null;
+  private waiting = false;
+
+  constructor(
+    private readonly model: Model,
+    private readonly cloud: Cloud,
+    private readonly pick: (id: number) => void,
+  ) {
+    this.canvas = el("canvas", { tabindex: 0, "aria-label": "Map of the objects. It moves with the cloud." });
+    const button = (text: string, label: string, act: () => void) =>
+      el("button", { type: "button", title: label, "aria-label": label, click: act }, text);
+    this.element = el(
+      "section",
+      { class: "map" },
+      this.canvas,
+      el(
+        "div",
+        { class: "map-buttons" },
+        button("+", "Zoom in on the map", () => this.zoom(1.5)),
+        button("−", "Zoom out of the map", () => this.zoom(1 / 1.5)),
+        button("All", "Show the whole map", () => this.fit()),
+      ),
+    );
+    this.canvas.addEventListener("pointerdown", (event) => this.down(event));
+    this.canvas.addEventListener("pointermove", (event) => this.move(event));
+    this.canvas.addEventListener("pointerup", (event) => this.up(event));
+    this.canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      this.zoom(Math.exp(-event.deltaY / 400));
+    }, { passive: false });
+    new ResizeObserver(() => this.fit()).observe(this.element);
+    model.on(["filter", "decisions", "selection", "view", "theme", "tool"], () => this.draw());
+  }
+
+  /** Draw points, x, y, z each, under the objects. */
+  setBackground(places: Float32Array, codes: Uint8Array): void {
+    const [least, most] = this.model.survey.first.bounds;
+    const area = (most[0] - least[0]) * (most[1] - least[1]);
+    const metres = Math.max(0.25, Math.max(most[0] - least[0], most[1] - least[1]) / 1200, Math.sqrt(area / Math.max(1, codes.length)));
+    const width = Math.ceil((most[0] - least[0]) / metres) + 1;
+    const height = Math.ceil((most[1] - least[1]) / metres) + 1;
+    const picture = el("canvas", { width, height });
+    const context = picture.getContext("2d")!;
+    const image = context.createImageData(width, height);
+    const tops = new Float32Array(width * height).fill(-Infinity);
+    for (let i = 0; i < codes.length; i++) {
+      const column = Math.round((places[3 * i] - least[0]) / metres);
+      const row = height - 1 - Math.round((places[3 * i + 1] - least[1]) / metres);
+      const at = row * width + column;
+      if (column < 0 || row < 0 || column >= width || row >= height || places[3 * i + 2] <= tops[at]) continue;
+      tops[at] = places[3 * i + 2];
+      image.data.set([...channels(classColour(codes[i])), 255], 4 * at);
+    }
+    context.putImageData(image, 0, 0);
+    this.background = { picture, low: [least[0], least[1]], metres };
+    this.draw();
+  }
+
+  fit(): void {
+    const [low, high] = this.model.survey.first.bounds;
+    const ratio = devicePixelRatio;
+    const { clientWidth: width, clientHeight: height } = this.element;
+    if (!width || !height) return;
+    this.canvas.width = width * ratio;
+    this.canvas.height = height * ratio;
+    this.scale = 0.92 * Math.min(width / Math.max(1, high[0] - low[0]), height / Math.max(1, high[1] - low[1]));
+    this.centre = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2];
+    this.whole = true;
+    this.draw();
+  }
+
+  private whole = true;
+
+  zoom(factor: number): void {
+    this.scale = Math.min(200, Math.max(0.005, this.scale * factor));
+    this.whole = false;
+    this.draw();
+  }
+
+  draw(): void {
+    if (this.waiting) return;
+    this.waiting = true;
+    requestAnimationFrame(() => {
+      this.waiting = false;
+      this.paint();
+    });
+  }
+
+  private at(x: number, y: number): [number, number] {
+    return [
+      (x - this.centre[0]) * this.scale + this.element.clientWidth / 2,
+      this.element.clientHeight / 2 - (y - this.centre[1]) * this.scale,
+    ];
+  }
+
+  private world(event: MouseEvent): [number, number] {
+    const box = this.canvas.getBoundingClientRect();
+    return [
+      (event.clientX - box.x - box.width / 2) / this.scale + this.centre[0],
+      (box.height / 2 - (event.clientY - box.y)) / this.scale + this.centre[1],
+    ];
+  }
+
+  private paint(): void {
+    const context = this.canvas.getContext("2d")!;
+    const { model } = this;
+    const style = getComputedStyle(document.body);
+    const ink = style.getPropertyValue("--ink").trim();
+    if (!this.whole) this.centre = [this.cloud.target[0], this.cloud.target[1]];
+    context.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
+    context.fillStyle = style.getPropertyValue("--panel").trim();
+    context.fillRect(0, 0, this.element.clientWidth, this.element.clientHeight);
+    if (this.background) {
+      const { picture, low, metres } = this.background;
+      const [left, bottom] = this.at(low[0] - metres / 2, low[1] - metres / 2);
+      const size = metres * this.scale;
+      context.globalAlpha = 0.55;
+      context.imageSmoothingEnabled = size < 1;
+      context.drawImage(picture, left, bottom - picture.height * size, picture.width * size, picture.height * size);
+      context.globalAlpha = 1;
+    }
+    this.line(context, model.survey.path.map(([x, y]) => this.at(x - model.survey.origin[0], y - model.survey.origin[1])), "#2b8be0", 2);
+    this.objects(context, ink);
+    this.camera(context);
+    this.bar(context, ink);
+  }
+
+  private line(context: CanvasRenderingContext2D, places: [number, number][], colour: string, width: number, closed = false): void {
+    if (places.length < 2) return;
+    context.beginPath();
+    places.forEach(([x, y], i) => (i ? context.lineTo(x, y) : context.moveTo(x, y)));
+    if (closed) context.closePath();
+    context.strokeStyle = colour;
+    context.lineWidth = width;
+    context.stroke();
+  }
+
+  private objects(context: CanvasRenderingContext2D, ink: string): void {
+    const { model } = this;
+    const { origin, footprints } = model.survey;
+    for (const object of model.objects) {
+      if (!model.shown(object)) continue;
+      const place = model.placeOf(object);
+      const [x, y] = this.at(place[0], place[1]);
+      if (x < -20 || y < -20 || x > this.element.clientWidth + 20 || y > this.element.clientHeight + 20) continue;
+      const status = model.status(object.id);
+      const colour = model.view === "status" ? STATUS_COLOURS[status] : kindColour(model.kindOf(object), model.kinds);
+      const ring = footprints[String(object.id)];
+      if (ring && this.scale > 4) this.line(context, ring.map(([a, b]) => this.at(a - origin[0], b - origin[1])), colour, 1, true);
+      const radius = object.id === model.selected ? 7 : 4.5;
+      context.beginPath();
+      if (object.kind === "sign" || object.kind === "vehicle") context.rect(x - radius, y - radius, 2 * radius, 2 * radius);
+      else context.arc(x, y, radius, 0, 2 * Math.PI);
+      context.fillStyle = colour;
+      context.globalAlpha = status === "rejected" ? 0.3 : 1;
+      context.fill();
+      context.lineWidth = object.id === model.selected ? 3 : 1;
+      context.strokeStyle = object.id === model.selected ? "#ffd21f" : ink;
+      context.stroke();
+      context.globalAlpha = 1;
+    }
+  }
+
+  private camera(context: CanvasRenderingContext2D): void {
+    const [x, y] = this.at(this.cloud.target[0], this.cloud.target[1]);
+    const { section } = this.model;
+    if (section) {
+      const reach = 25;
+      const across = [Math.cos(section.heading) * reach, -Math.sin(section.heading) * reach];
+      this.line(context, [this.at(section.place[0] - across[0], section.place[1] - across[1]), this.at(section.place[0] + across[0], section.place[1] + across[1])], "#ffb000", 2);
+    }
+    const length = Math.min(45, Math.max(16, this.cloud.distance * this.scale));
+    const { heading } = this.cloud;
+    context.beginPath();
+    context.moveTo(x - Math.sin(heading) * length, y + Math.cos(heading) * length);
+    for (const side of [-0.35, 0.35]) context.lineTo(x + Math.sin(heading + side) * length * 0.25, y - Math.cos(heading + side) * length * 0.25);
+    context.closePath();
+    context.fillStyle = "rgba(255, 176, 0, 0.35)";
+    context.fill();
+    context.beginPath();
+    context.arc(x, y, 3, 0, 2 * Math.PI);
+    context.fillStyle = "#ffb000";
+    context.fill();
+  }
+
+  private bar(context: CanvasRenderingContext2D, ink: string): void {
+    const target = 90 / this.scale;
+    const power = 10 ** Math.floor(Math.log10(target));
+    const metres = Math.max(...[1, 2, 5].map((step) => step * power).filter((length) => length <= target));
+    const y = this.element.clientHeight - 12;
+    const x = 12;
+    this.line(context, [[x, y - 4], [x, y], [x + metres * this.scale, y], [x + metres * this.scale, y - 4]], ink, 1.5);
+    context.fillStyle = ink;
+    context.font = "12px system-ui, sans-serif";
+    context.fillText(`${metres} m`, x + 4, y - 5);
+    const right = this.element.clientWidth - 16;
+    context.fillText("N", right - 4, 30);
+    this.line(context, [[right - 4, 16], [right, 6], [right + 4, 16]], ink, 1.5);
+  }
+
+  private down(event: PointerEvent): void {
+    this.drag = { x: event.clientX, y: event.clientY, moved: 0 };
+    this.canvas.setPointerCapture(event.pointerId);
+  }
+
+  private move(event: PointerEvent): void {
+    if (!this.drag) return;
+    const [dx, dy] = [event.clientX - this.drag.x, event.clientY - this.drag.y];
+    this.drag = { x: event.clientX, y: event.clientY, moved: this.drag.moved + Math.abs(dx) + Math.abs(dy) };
+    if (this.drag.moved < 4) return;
+    const [x, y] = this.cloud.target;
+    if (this.whole) this.centre = [this.centre[0] - dx / this.scale, this.centre[1] + dy / this.scale];
+    else this.cloud.moveTo(x - dx / this.scale, y + dy / this.scale);
+    this.draw();
+  }
+
+  private up(event: PointerEvent): void {
+    const { drag } = this;
+    this.drag = null;
+    if (!drag || drag.moved >= 4) return;
+    const [x, y] = this.world(event);
+    let best = 10 / this.scale;
+    let found: number | null = null;
+    for (const object of this.model.objects) {
+      if (!this.model.shown(object)) continue;
+      const place = this.model.placeOf(object);
+      const distance = Math.hypot(place[0] - x, place[1] - y);
+      if (distance < best) [best, found] = [distance, object.id];
+    }
+    if (found !== null) this.pick(found);
+    else this.cloud.moveTo(x, y);
+  }
+}

@@ -1,0 +1,144 @@
+// Right side: the chosen object or point, its decisions, and the list of what to look at first.
+
+import { kindColour, STATUS_COLOURS } from "./colours";
+import { clear, count, el, swatch } from "./dom";
+import type { Actions } from "./actions";
+import type { Model, RoadObject } from "./model";
+
+const HIDDEN = new Set(["object_id", "class", "kind", "score", "reasons", "scene", "x_min", "x_max", "y_min", "y_max", "z_min", "z_max",
+  "passes", "passes_there", "scanners", "scanners_there", "file_count", "first_time", "last_time", "pole_id"]);
+
+function percent(value: number): string {
+  return `${(100 * value).toFixed(1)}\u00a0%`;
+}
+
+function number(value: number): string {
+  return Number.isInteger(value) ? String(value) : Math.abs(value) >= 1000 ? value.toFixed(2) : String(Number(value.toFixed(3)));
+}
+
+function seenBy(object: RoadObject): string {
+  const cells = object.cells;
+  const parts: string[] = [];
+  if (Number(cells.passes) > 0) parts.push(`${cells.passes} of ${cells.passes_there} passes`);
+  if (Number(cells.scanners) > 0) parts.push(`${cells.scanners} of ${cells.scanners_there} scanners`);
+  return parts.join(", ");
+}
+
+export function review(model: Model, actions: Actions): HTMLElement {
+  const chosen = el("section", { class: "chosen", id: "chosen", "aria-live": "polite" });
+  const list = el("ol", { class: "queue", id: "queue" });
+  const progress = el("p", { class: "progress", id: "progress" });
+  const history = el("ol", { class: "history", id: "history" });
+  const readOnly = model.source.readOnly;
+
+  function objectPart(object: RoadObject): (Node | string)[] {
+    const state = model.state(object.id);
+    const kind = model.kindOf(object);
+    const buttons: [string, string, () => void][] = [
+      ["Accept", "A", () => actions.accept()],
+      ["Reject", "R", () => actions.reject()],
+      ["Other kind", "K", () => actions.otherKind()],
+      ["Merge", "M", () => actions.tool("merge")],
+      ["Split", "S", () => actions.tool("split")],
+      ["Move base", "B", () => actions.tool("base")],
+    ];
+    const rows: Node[] = [];
+    const { headings, columns } = model.survey.objects;
+    for (const name of columns) {
+      const value = object.cells[name];
+      if (HIDDEN.has(name) || value === null || value === "") continue;
+      rows.push(el("tr", {}, el("th", { scope: "row" }, headings[name] ?? name), el("td", {}, typeof value === "number" ? number(value) : value)));
+    }
+    const seen = seenBy(object);
+    if (seen) rows.unshift(el("tr", {}, el("th", { scope: "row" }, "Seen by"), el("td", {}, seen)));
+    const pole = Number(object.cells.pole_id ?? 0);
+    if (pole) rows.unshift(el("tr", {}, el("th", { scope: "row" }, "On pole"), el("td", {}, el("button", { type: "button", class: "link", click: () => actions.go(pole) }, String(pole)))));
+    const reasons = String(object.cells.reasons ?? "").split(";").map((text) => text.trim()).filter(Boolean);
+    const status = state?.status
+      ? el("p", { class: "state" }, swatch(STATUS_COLOURS[state.status], "dot"), `${state.status}${state.checked_class && state.status === "changed" ? ` to ${state.checked_class}` : ""}${state.merged_into ? ` into ${state.merged_into}` : ""} by ${state.who}`)
+      : null;
+    const meter = el("meter", { min: 0, max: 1, low: 0.5, high: 0.8, optimum: 1, value: object.score, title: "Probability that it is right" });
+    return [
+      el("h2", { class: "title" }, swatch(kindColour(kind, model.kinds), "dot"), `${kind} ${object.id}`, el("span", { class: "score" }, `score ${object.score.toFixed(2)}`), meter),
+      ...(status ? [status] : []),
+      ...(readOnly ? [] : [el("div", { class: "buttons" }, ...buttons.map(([text, key, act]) => el("button", { type: "button", "data-action": text, click: act }, text, el("kbd", {}, key))))]),
+      ...(reasons.length ? [el("ul", { class: "reasons" }, ...reasons.map((reason) => el("li", {}, reason)))] : []),
+      ...(model.survey.photos.includes(object.id) ? [el("img", { class: "photo", src: model.source.photo(object.id), alt: `Photo of ${object.kind} ${object.id}`, loading: "lazy" })] : []),
+      el("table", { class: "measures" }, el("tbody", {}, ...rows)),
+    ];
+  }
+
+  function pointPart(): (Node | string)[] {
+    const { point } = model;
+    if (!point) return [el("p", { class: "none" }, "Click an object or a point. The key ? lists all keys.")];
+    const { origin, files } = model.survey;
+    const file = files.find(([, first, n]) => point.row >= first && point.row < first + n);
+    const rows: [string, string][] = [
+      ["Class", model.className(point.code)],
+      ["Confidence", point.confidence.toFixed(2)],
+      ["Intensity", String(point.intensity)],
+      ...(model.survey.first.has_reference ? ([["Class in the input", model.className(point.reference)]] as [string, string][]) : []),
+      ["Easting [m]", (point.place[0] + origin[0]).toFixed(2)],
+      ["Northing [m]", (point.place[1] + origin[1]).toFixed(2)],
+      ["Elevation [m]", (point.place[2] + origin[2]).toFixed(2)],
+      ...(file ? ([["File", file[0]], ["Row", count(point.row - file[1])]] as [string, string][]) : []),
+    ];
+    return [el("h2", { class: "title" }, "Point"), el("table", { class: "measures" }, el("tbody", {}, ...rows.map(([name, value]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", {}, value)))))];
+  }
+
+  function showChosen(): void {
+    const object = model.selected === null ? undefined : model.byId.get(model.selected);
+    chosen.replaceChildren(...(object ? objectPart(object) : pointPart()));
+    for (const item of list.children) item.classList.toggle("here", Number((item as HTMLElement).dataset.id) === model.selected);
+  }
+
+  function showQueue(): void {
+    clear(list);
+    for (const item of model.queue) {
+      const object = model.byId.get(item.object_id);
+      if (object && !model.shown(object)) continue;
+      list.append(
+        el(
+          "li",
+          { "data-id": item.object_id },
+          el(
+            "button",
+            { type: "button", click: () => actions.go(item.object_id) },
+            swatch(kindColour(item.kind, model.kinds), "dot"),
+            el("span", { class: "name" }, `${item.kind} ${item.object_id}`),
+            el("span", { class: "reason" }, item.reason),
+            el("span", { class: "after", title: "Expected precision of the inventory after this look and those above" }, percent(item.expected_precision)),
+          ),
+        ),
+      );
+    }
+    const looked = model.objects.filter((object) => model.status(object.id) !== "").length;
+    const kept = model.objects.filter((object) => model.status(object.id) !== "rejected");
+    const right = kept.reduce((sum, object) => sum + model.probability(object), 0);
+    progress.textContent = model.objects.length
+      ? `${count(looked)} of ${count(model.objects.length)} looked at. Expected precision ${percent(kept.length ? right / kept.length : 1)}.`
+      : "The survey has no objects.";
+    showChosen();
+  }
+
+  function showHistory(): void {
+    clear(history);
+    for (const decision of [...model.decisions].reverse().slice(0, 100)) {
+      const about = decision.object_id ? ` ${decision.object_id}` : "";
+      history.append(el("li", {}, el("b", {}, `${decision.action.replace("_", " ")}${about}`), ` ${decision.what} `, el("small", {}, `${decision.who}, ${new Date(decision.made).toLocaleString()}`)));
+    }
+    showQueue();
+  }
+
+  model.on(["selection"], showChosen);
+  model.on(["queue", "filter"], showQueue);
+  model.on(["decisions"], showHistory);
+  showQueue();
+  return el(
+    "aside",
+    { class: "right", "aria-label": "Review" },
+    chosen,
+    el("section", { class: "first" }, el("h2", {}, "Look at first", el("kbd", { title: "Next" }, "N")), progress, list),
+    el("details", {}, el("summary", {}, "Decisions"), el("button", { type: "button", click: () => void model.undo() }, "Undo the last", el("kbd", {}, "U")), history),
+  );
+}

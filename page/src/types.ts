@@ -1,0 +1,108 @@
+// Answers of the server.
+
+export type Cell = string | number | null;
+
+export interface FirstFacts {
+  n_points: number;
+  low: [number, number, number];
+  edge: number;
+  coloured: boolean;
+  has_reference: boolean;
+  bounds: [[number, number, number], [number, number, number]];
+  intensity: [number, number];
+  height: [number, number];
+  classes: Record<string, number>;
+}
+
+export interface Survey {
+  name: string;
+  folder: string;
+  user: string;
+  n_points: number;
+  origin: [number, number, number];
+  files: [string, number, number][];
+  classes: Record<string, string>;
+  objects: { columns: string[]; headings: Record<string, string>; rows: Cell[][] };
+  footprints: Record<string, [number, number][]>;
+  path: [number, number, number][];
+  photos: number[];
+  report: boolean;
+  warnings: string[];
+  first: FirstFacts;
+}
+
+export interface TileFacts {
+  edge: number;
+  coloured: boolean;
+  levels: number;
+  coarsest: number;
+  undivided: number;
+  n_points: number;
+  classes: Record<string, number>;
+  nodes: [number, number, number, number, number, number][];
+}
+
+export interface Status {
+  state: "ready" | "building" | "failed" | "stale";
+  share: number;
+  error?: string;
+}
+
+export interface ObjectState {
+  status: string;
+  checked_class: string;
+  checked_kind: string;
+  x?: number;
+  y?: number;
+  z?: number;
+  merged_into?: number;
+  who: string;
+  made: string;
+}
+
+export interface Decision {
+  id: number;
+  made: string;
+  who: string;
+  action: string;
+  object_id: number | null;
+  what: string;
+}
+
+export interface Added {
+  id: number;
+  kind: string;
+  x: number;
+  y: number;
+  z: number;
+}
+
+export interface Corrections {
+  states: Record<string, ObjectState>;
+  painted: { id: number; class: string; rows: number[] }[];
+  decisions: Decision[];
+  added: Added[];
+}
+
+export interface QueueItem {
+  object_id: number;
+  kind: string;
+  score: number;
+  reason: string;
+  expected_precision: number;
+}
+
+export interface Wanted {
+  action: string;
+  object_id?: number;
+  kind?: string;
+  payload?: Record<string, unknown>;
+}
+
+export interface Paint {
+  places: [number, number, number][];
+  radius: number;
+  class: string;
+  only?: number;
+  cluster?: boolean;
+}

@@ -1,0 +1,206 @@
+"""What the page asks for: answers as JSON, and chunks of points."""
+
+from __future__ import annotations
+
+import threading
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
+from mlsroad_pipeline.page.first_picture import FirstPicture, first_picture
+from mlsroad_pipeline.page.output_folder import REPORT, OutputFolder
+from mlsroad_pipeline.page.selection import brushed, cluster
+from mlsroad_pipeline.page.tile_cache import TileCache
+
+if TYPE_CHECKING:
+    from mlsroad_pipeline.corrections import Correction, CorrectionStore
+
+# The corrections need pandas and SciPy, a second of imports that the first picture does not wait for.
+
+
+class ServedSurvey:
+    """A survey as the page shows it; its methods are called from several threads.
+
+    Parameters
+    ----------
+    output : OutputFolder
+        The output of `label`.
+    user : str
+        Name that is entered with each decision.
+    """
+
+    def __init__(self, output: OutputFolder, *, user: str) -> None:
+        self.output, self.user = output, user
+        self.tiles = TileCache(output.path, output.cloud_names)
+        self._guard = threading.Lock()
+        self._store: CorrectionStore | None = None
+
+    @cached_property
+    def first(self) -> FirstPicture:
+        """Sample of the points."""
+        return first_picture(self.output.clouds)
+
+    @property
+    def store(self) -> CorrectionStore:
+        """Decisions of the output folder."""
+        from mlsroad_pipeline.corrections import open_corrections  # noqa: PLC0415
+
+        with self._guard:
+            if self._store is None:
+                self._store = open_corrections(self.output.path)
+            return self._store
+
+    def prepare(self) -> None:
+        """Read the sample, start to build the tiles and open the decisions."""
+        _ = self.first
+        self.tiles.start()
+        _ = self.store
+
+    def close(self) -> None:
+        """End what was started."""
+        self.tiles.stop()
+        if self._store is not None:
+            self._store.close()
+
+    def survey(self, picture: FirstPicture | None = None) -> dict[str, Any]:
+        """Return what does not change while the page is open; `picture` replaces the sample of the points."""
+        output = self.output
+        return {
+            "name": output.name,
+            "folder": output.path.name,
+            "user": self.user,
+            "n_points": output.clouds.n_points,
+            "origin": output.clouds.origin.tolist(),
+            "files": [[file.name, file.first, file.header.n_points] for file in output.clouds.files],
+            "classes": {str(code): name for code, name in sorted(output.class_names().items())},
+            "objects": output.objects(),
+            "footprints": output.footprints(),
+            "path": output.path_vertices(),
+            "photos": output.photos(),
+            "report": (output.path / REPORT).is_file(),
+            "warnings": output.run["summary"].get("warnings", []),
+            "first": (picture or self.first).facts,
+        }
+
+    def corrections(self, *, points: bool = True) -> dict[str, Any]:
+        """Return the states of the objects and the decisions in force, with the painted points unless left out."""
+        states = self.store.states()
+        first = {file.name: file.first for file in self.output.clouds.files} if points else {}
+        painted = [
+            {
+                "id": decision.identifier,
+                "class": decision.correction.payload["class"],
+                "rows": [first[file] + row for row in decision.correction.payload["points"]],
+            }
+            for decision in states.painted
+            if (file := decision.correction.payload["file"]) in first
+        ]
+        decisions = [
+            {
+                "id": decision.identifier,
+                "made": decision.made,
+                "who": decision.who,
+                "action": decision.correction.action,
+                "object_id": decision.correction.object_id,
+                "what": _described(decision.correction),
+            }
+            for decision in self.store.current()
+        ]
+        added = [
+            {"id": decision.identifier, "kind": decision.correction.kind, **decision.correction.payload}
+            for decision in states.added
+        ]
+        states_of = {str(number): dict(state) for number, state in states.of_objects.items()}
+        return {"states": states_of, "painted": painted, "decisions": decisions, "added": added}
+
+    def queue(self, number: int) -> list[dict[str, Any]]:
+        """Return the objects to look at first."""
+        from mlsroad_pipeline.corrections import review_order  # noqa: PLC0415
+
+        return review_order(self.store.objects().rows(), self.store.object_states(), number)
+
+    def decide(self, wanted: dict[str, Any]) -> dict[str, Any]:
+        """Write a decision and return its identifier; it is on the disk when this returns."""
+        from mlsroad_pipeline.corrections import Correction  # noqa: PLC0415
+
+        correction = Correction(
+            str(wanted.get("action")), wanted.get("object_id"), wanted.get("kind"), wanted.get("payload") or {}
+        )
+        if correction.action == "paint":
+            raise ParameterError("points are painted by a selection")
+        return {"ids": [self.store.add(correction, who=self.user)]}
+
+    def undo(self, wanted: dict[str, Any]) -> dict[str, Any]:
+        """Take decisions back."""
+        for identifier in wanted.get("ids") or []:
+            self.store.undo(identifier, who=self.user)
+        return {}
+
+    def paint(self, wanted: dict[str, Any]) -> dict[str, Any]:
+        """Write the class of the points that a stroke or a click selects, and return their rows."""
+        index = self.tiles.index()
+        if index is None:
+            raise ReadError("the points are still being prepared: paint when that is finished")
+        name = wanted.get("class")
+        codes = {text: code for code, text in self.output.class_names().items()}
+        if name not in codes:
+            raise ParameterError(f"{name!r} is no class of the survey")
+        places = _places(wanted.get("places"))
+        only = wanted.get("only")
+        if wanted.get("cluster"):
+            rows = cluster(index, places[0], int(only or 0))
+        else:
+            radius = float(wanted.get("radius", 0.0))
+            if not 0.01 <= radius <= 5.0:
+                raise ParameterError(f"the radius of the brush must be 0.01 m to 5 m, got {radius:g} m")
+            rows = brushed(index, places, radius, None if only is None else int(only))
+        if not len(rows):
+            return {"ids": [], "rows": []}
+        return {"ids": self.store.add_all(self._strokes(rows, str(name)), who=self.user), "rows": rows.tolist()}
+
+    def _strokes(self, rows: np.ndarray, name: str) -> list[Correction]:
+        """Return one decision per file for painted rows."""
+        from mlsroad_pipeline.corrections import Correction  # noqa: PLC0415
+
+        corrections = []
+        for file in self.output.clouds.files:
+            own = rows[(rows >= file.first) & (rows < file.first + file.header.n_points)]
+            if len(own):
+                points = (own.astype(np.int64) - file.first).tolist()
+                payload = {"file": file.name, "points": points, "class": name}
+                corrections.append(Correction("paint", payload=payload))
+        return corrections
+
+
+def _places(value: object) -> np.ndarray:
+    try:
+        places = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DataError("places must be numbers x, y, z") from error
+    if places.ndim != 2 or places.shape[1] != 3 or not 1 <= len(places) <= 200 or not np.isfinite(places).all():
+        raise DataError("places must be 1 to 200 finite x, y, z")
+    return places
+
+
+def _described(correction: Correction) -> str:
+    """Return what a decision is about, in a few words."""
+    if correction.action == "paint":
+        return f"{len(correction.payload['points']):,} points: {correction.payload['class']}"
+    if correction.action == "merge":
+        return "with " + ", ".join(map(str, correction.payload["objects"]))
+    return correction.checked_class
+
+
+def resolved(folder: Path, name: str) -> Path | None:
+    """Return a file below a folder, None if it is missing, hidden, or outside of the folder by `..` or a link."""
+    parts = Path(name).parts
+    if not parts or any(part.startswith(".") or "\0" in part for part in parts):
+        return None
+    try:
+        path, root = (folder / name).resolve(strict=True), folder.resolve(strict=True)
+    except OSError:
+        return None
+    return path if path.is_file() and path.is_relative_to(root) else None

@@ -1,0 +1,114 @@
+"""Tiles of an output folder: found by size and time of the labelled files, or built in a process of their own."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import multiprocessing
+import multiprocessing.process
+import shutil
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from mlsroad_pipeline.page.cloud_files import CloudFiles
+from mlsroad_pipeline.page.lock import CACHE
+from mlsroad_pipeline.page.tile_building import build_tiles
+from mlsroad_pipeline.page.tile_format import FORMAT, TileIndex
+
+TILES = "tiles-"
+_START = multiprocessing.get_context("spawn")
+
+
+def mark_of(folder: Path, names: list[str]) -> str:
+    """Return what changes with the labelled files: a digest of their names, sizes and times."""
+    states = [(name, (folder / name).stat().st_size, (folder / name).stat().st_mtime_ns) for name in names]
+    return hashlib.blake2b(json.dumps([FORMAT, states]).encode(), digest_size=8).hexdigest()
+
+
+class TileCache:
+    """Tiles of an output folder.
+
+    Parameters
+    ----------
+    folder : Path
+        The output folder.
+    names : list of str
+        Its labelled files.
+    """
+
+    def __init__(self, folder: Path, names: list[str]) -> None:
+        self._output, self._names = folder, names
+        self._mark = mark_of(folder, names)
+        self.folder = folder / CACHE / f"{TILES}{self._mark}"
+        self._process: multiprocessing.process.BaseProcess | None = None
+        self._channel: Connection | None = None
+        self._share, self._error = 0.0, ""
+        self._index: TileIndex | None = None
+
+    def start(self) -> None:
+        """Start to build the tiles if there are none; tiles of other versions of the files are removed."""
+        for other in self.folder.parent.glob(f"{TILES}*"):
+            if other != self.folder:
+                shutil.rmtree(other, ignore_errors=True)
+        if self.index() is not None:
+            return
+        self._channel, other_end = _START.Pipe(duplex=False)
+        arguments = (str(self._output), self._names, str(self.folder), other_end)
+        self._process = _START.Process(target=_build, args=arguments, daemon=True)
+        self._process.start()
+        other_end.close()
+
+    def index(self) -> TileIndex | None:
+        """Return the index, None while the tiles are not finished."""
+        if self._index is None:
+            self._index = TileIndex.read(self.folder)
+        return self._index
+
+    def status(self) -> dict[str, Any]:
+        """Return the state: `ready`, `building` with the share that is done, `failed` with the reason, or `stale`."""
+        try:
+            changed = mark_of(self._output, self._names) != self._mark
+        except OSError:
+            changed = True
+        if changed:
+            return {"state": "stale", "share": 1.0}
+        if self.index() is not None:
+            return {"state": "ready", "share": 1.0}
+        while self._channel is not None and self._channel.poll():
+            try:
+                kind, value = self._channel.recv()
+            except EOFError:
+                self._channel = None
+                break
+            if kind == "share":
+                self._share = value
+            else:
+                self._error = value
+        alive = self._process is not None and self._process.is_alive()
+        if not alive and self.index() is None:
+            return {"state": "failed", "share": self._share, "error": self._error or "the process ended early"}
+        return {"state": "building", "share": self._share}
+
+    def stop(self) -> None:
+        """End the process that builds."""
+        if self._process is not None and self._process.is_alive():
+            self._process.terminate()
+            self._process.join()
+
+
+def _build(output: str, names: list[str], folder: str, channel: Connection) -> None:
+    """Build tiles and send the share that is done; the process ends with the one that started it."""
+    parent = multiprocessing.parent_process()
+
+    def progress(share: float) -> None:
+        if parent is not None and not parent.is_alive():
+            raise SystemExit
+        channel.send(("share", share))
+
+    try:
+        build_tiles(CloudFiles.at(Path(output), names), Path(folder), progress=progress)
+    except (KeyboardInterrupt, BrokenPipeError):
+        pass
+    except Exception as error:  # shown in the page
+        channel.send(("error", " ".join(str(error).split()) or type(error).__name__))
