@@ -79,7 +79,7 @@ def test_it_ends_with_counts_warnings_and_paths(folder, labelled):
     assert sum(int(count.replace(",", "")) for count in counts) == n_points
     for line in ("  points     one, two_mlsroad/one, two.laz", "  inventory  one, two_mlsroad/inventory.gpkg"):
         assert line in lines
-    assert lines[-1] == "Open the report: mlsroad open 'one, two_mlsroad'"
+    assert lines[-1] == "Open it in the browser: mlsroad open 'one, two_mlsroad'"
 
 
 def test_nothing_is_written_outside_the_results(folder, labelled):
@@ -221,7 +221,7 @@ def test_inspect_says_where_its_report_is(folder, tmp_path):
 def test_open_finds_the_report_by_the_survey(forked, folder, labelled):
     assert labelled.returncode == 0
     for name in ("one, two.laz", "one, two_mlsroad"):
-        done = forked("open", name, "--no-browser", cwd=folder)
+        done = forked("open", name, "--report", "--no-browser", cwd=folder)
         assert (done.returncode, done.stdout.strip()) == (0, str(folder / "one, two_mlsroad/report.html"))
 
 

@@ -140,7 +140,7 @@ def print_summary(console: Console, summary: Mapping[str, Any], logged: list[str
     for path in _main_exports(outputs["exports"], summary["output"]):
         console.print(f"  export     {shown_path(path)}")
     console.print(f"  report     {shown_path(outputs['report'])}")
-    console.print(f"\nOpen the report: mlsroad open {quote(shown_path(summary['output']))}")
+    console.print(f"\nOpen it in the browser: mlsroad open {quote(shown_path(summary['output']))}")
 
 
 def _main_exports(paths: Sequence[str], output: str) -> list[str]:
