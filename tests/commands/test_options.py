@@ -100,3 +100,50 @@ def test_kernels_in_the_cache_folder_count_as_compiled(monkeypatch, tmp_path):
     kernel.parent.mkdir(parents=True)
     kernel.touch()
     assert session.kernels_compiled()
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        ["label", "s3://bucket/a.laz"],
+        ["label", "{there}", "-o", "s3://bucket/out"],
+        ["inspect", "s3://bucket/a.laz"],
+        ["simulate", "-o", "s3://bucket/out"],
+        ["score", "s3://b/i.gpkg", "--truth", "t.csv"],
+        ["models", "s3://b/a.laz"],
+        ["open", "s3://b/out"],
+    ],
+)
+def test_an_address_is_refused_before_any_work(tmp_path, monkeypatch, capsys, line):
+    from typer.testing import CliRunner
+
+    from mlsroad_pipeline.commands.app import app
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "there.laz").touch()
+    done = CliRunner().invoke(app, [part.format(there=tmp_path / "there.laz") for part in line])
+    said = done.stderr or str(done.exception)
+    assert done.exit_code == 1 and "an address: this takes a file or folder" in said, said
+    assert len(said.strip().splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["there.laz"]
+
+
+def test_names_that_look_like_addresses_are_folders():
+    assert expanded(["./s3:/b", "C:/x", "a:b"]) == [str(Path.cwd() / name) for name in ("s3:/b", "C:/x", "a:b")]
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        ("models.model_bundle_dataset.ModelBundleDataset", "m"),
+        ("inventory.inventory_dataset.RoadInventoryDataset", "i.gpkg"),
+        ("point_cloud_dataset.PointCloudDataset", "a.laz"),
+        ("trajectory_dataset.TrajectoryDataset", "t.csv"),
+    ],
+)
+def test_datasets_of_local_files_refuse_addresses(kind, name):
+    from kedro.io import AbstractDataset, DatasetError
+
+    config = {"type": f"mlsroad_pipeline.datasets.{kind}", "filepath": f"s3://bucket/{name}"}
+    with pytest.raises(DatasetError, match=f"filepath is 's3://bucket/{name}', an address"):
+        AbstractDataset.from_config("data", config)

@@ -329,6 +329,13 @@ def test_paths_of_kedro_run_stay_text(text):
         ({"label": {"survey": None}}, r"label\.survey is null: name a file or folder"),
         ({"inspect": {"survey": None}}, r"inspect\.survey is null: name a file or folder, or leave the parameter out"),
         ({"inspect": {"survey": ""}}, r"inspect\.survey is empty"),
+        (
+            {"label": {"output": "s3://b/out"}},
+            r"label\.output is 's3://b/out', an address: this takes a file or folder",
+        ),
+        ({"label": {"survey": ["a.laz", "https://b/a.laz"]}}, r"label\.survey is 'https://b/a\.laz', an address"),
+        ({"label": {"sections": "s3:/b/s.csv"}}, r"label\.sections is 's3:/b/s\.csv', an address"),
+        ({"survey": {"root": "gs://b"}}, r"survey\.root is 'gs://b', an address"),
     ],
 )
 def test_what_is_no_path_is_one_line(section, message):

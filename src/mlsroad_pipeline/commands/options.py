@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.execution.path_parameters import with_text_of_paths
+from mlsroad_pipeline.execution.path_parameters import local_path, with_text_of_paths
 
 SUFFIX = "_mlsroad"
 """Ending of the folder of results beside a survey."""
@@ -40,7 +40,7 @@ def expanded(places: Sequence[str]) -> list[str]:
     """Return places as absolute paths; ``~`` is the home folder."""
     if "" in places:
         raise typer.BadParameter("an empty name is no file or folder: is a variable of the shell unset?")
-    return [os.path.abspath(os.path.expanduser(place)) for place in places]
+    return [os.path.abspath(local_path(os.path.expanduser(place), "a file or folder")) for place in places]
 
 
 def check_exist(places: Sequence[str]) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path, PurePosixPath
 from typing import Any
 
 from kedro.io import AbstractDataset, DatasetError
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.execution.path_parameters import local_path
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.registry import format_of_name, get_format, known_extensions
 
@@ -66,7 +66,7 @@ class PointCloudDataset(AbstractDataset[PointCloud, PointCloud]):
         save_args: dict[str, Any] | None = None,
         metadata: dict[str, Any] | None = None,
     ) -> None:
-        self._path = Path(PurePosixPath(filepath))
+        self._path = local_path(filepath, "filepath")
         self.metadata = metadata
         try:
             self._read = ReadOptions.from_config(load_args)

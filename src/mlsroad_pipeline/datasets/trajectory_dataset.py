@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from kedro.io import AbstractDataset
 
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+from mlsroad_pipeline.execution.path_parameters import local_path
 from mlsroad_pipeline.surveys.trajectory_files import read_trajectory, write_trajectory
 
 
@@ -35,7 +35,7 @@ class TrajectoryDataset(AbstractDataset[Trajectory, Trajectory]):
     def __init__(
         self, *, filepath: str, columns: list[str] | None = None, metadata: dict[str, Any] | None = None
     ) -> None:
-        self._filepath = Path(filepath)
+        self._filepath = local_path(filepath, "filepath")
         self._columns = columns
         self.metadata = metadata
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
@@ -12,8 +15,43 @@ PLACES = ("label.survey", "label.output", "inspect.survey", "inspect.output")
 
 SCORED = ("score.inventory", "score.truth", "score.output")
 
-PATHS = (*PLACES, "label.trajectory", "label.images", *SCORED, "inspect.trajectory", "survey.root", "survey.trajectory")
+PATHS = (
+    *(*PLACES, "label.trajectory", "label.images", "label.sections", *SCORED),
+    *("inspect.trajectory", "survey.root", "survey.trajectory"),
+)
 """Parameters that are paths or names of files; those that are no places may be null."""
+
+
+_ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")
+"""Start of an address such as ``s3://``; a letter and a colon alone are none, and ``./s3:/`` names a folder."""
+
+
+def local_path(value: str | os.PathLike[str], name: str) -> Path:
+    """Return a file or folder of this machine, in place of which an address would become a folder named ``s3:``.
+
+    Parameters
+    ----------
+    value : str or path
+        The path.
+    name : str
+        The parameter or dataset, for the message.
+
+    Returns
+    -------
+    Path
+        The same path.
+
+    Raises
+    ------
+    ParameterError
+        If it is an address.
+    """
+    if _ADDRESS.match(os.fspath(value)):
+        raise ParameterError(
+            f"{name} is {os.fspath(value)!r}, an address: this takes a file or folder; mount the store or copy the "
+            "files. Scene stores and reports alone may lie at an address (docs/execution.md)"
+        )
+    return Path(value)
 
 
 def with_text_of_paths(parameters: dict[str, Any], pairs: Iterable[str]) -> dict[str, Any]:
@@ -58,7 +96,7 @@ def check_paths(parameters: Mapping[str, Any], given: Mapping[str, Any]) -> None
     Raises
     ------
     ParameterError
-        If a path is a number, or a place is null or empty on the command line.
+        If a path is a number or an address, or a place is null or empty on the command line.
     """
     for name in PATHS:
         section, _, key = name.partition(".")
@@ -67,6 +105,8 @@ def check_paths(parameters: Mapping[str, Any], given: Mapping[str, Any]) -> None
         for item in value if isinstance(value, list | tuple) else [value]:
             if isinstance(item, int | float):
                 raise ParameterError(f"{name} is {item!r}, not text: write a name such as 0715 or 2024_05_01 in quotes")
+            if isinstance(item, str):
+                local_path(item, name)
         empty = section == "inspect" and isinstance(own, Mapping) and own.get(key) == ""  # `label` has its own message
         if name in PLACES and (value is None or empty):
             what = "null" if value is None else "empty"

@@ -120,7 +120,7 @@ def test_what_is_no_model_is_named(slug, arrays, metadata, error, message):
         ModelBundle(slug, arrays, metadata)
 
 
-def test_a_changed_byte_is_found_where_checksums_are_looked_at(bundle, tmp_path):
+def test_a_changed_byte_is_found(bundle, tmp_path):
     save_bundle(bundle, tmp_path)
     content = bytearray((tmp_path / "arrays.npz").read_bytes())
     at = content.index(np.arange(6, dtype=np.int16).tobytes())
@@ -128,7 +128,6 @@ def test_a_changed_byte_is_found_where_checksums_are_looked_at(bundle, tmp_path)
     (tmp_path / "arrays.npz").write_bytes(content)
     with pytest.raises(ReadError, match=r"trees.npy"):
         load_bundle(tmp_path)
-    assert load_bundle(tmp_path, check=False).arrays["trees"][0, 0] == 1
 
 
 def test_attributes_that_a_survey_lacks_are_told(bundle):

@@ -145,3 +145,24 @@ def check_arrays(arrays: Mapping[str, object], names: Iterable[str], owner: str)
     missing = [name for name in names if name not in arrays]
     if missing:
         raise DataError(f"the arrays of {owner} lack {', '.join(missing)}")
+
+
+def check_tested(columns: NDArray[np.integer], n_features: int, owner: str) -> None:
+    """Check that trees test features that exist; kernels test no bounds.
+
+    Parameters
+    ----------
+    columns : ndarray of int
+        Feature that each node tests, negative in a leaf.
+    n_features : int
+        Number of features.
+    owner : str
+        The trees, for the message.
+
+    Raises
+    ------
+    DataError
+        If a node tests another feature.
+    """
+    if columns.max(initial=-1) >= n_features:
+        raise DataError(f"{owner} tests feature {columns.max()} of {n_features}: the model is damaged")

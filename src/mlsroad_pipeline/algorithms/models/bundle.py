@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
-from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError, ParameterError
+from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.methods import METHODS, load_place
 
@@ -229,7 +230,7 @@ def label_cloud(
     DataError
         If it returns another number of labels, labels outside the classes, or confidences outside 0 to 1.
     """
-    return _checked(bundle, cloud, *(_labeller(bundle) if labeller is None else labeller)(cloud, bundle))
+    return _checked(bundle, cloud, *_applied(bundle, cloud, _labeller(bundle) if labeller is None else labeller))
 
 
 def label_softly(bundle: ModelBundle, cloud: PointCloud, *, labeller: Labeller | None = None) -> SoftLabels:
@@ -258,8 +259,21 @@ def label_softly(bundle: ModelBundle, cloud: PointCloud, *, labeller: Labeller |
     """
     if labeller is not None or bundle.slug not in METHODS or not METHODS[bundle.slug].label_softly:
         return SoftLabels(*label_cloud(bundle, cloud, labeller=labeller))
-    soft: SoftLabels = METHODS[bundle.slug].load("label_softly")(cloud, bundle)
+    soft: SoftLabels = _applied(bundle, cloud, METHODS[bundle.slug].load("label_softly"))
     return SoftLabels(*_checked(bundle, cloud, *soft[:2]), *soft[2:])
+
+
+def _applied(bundle: ModelBundle, cloud: PointCloud, function: Callable[[PointCloud, ModelBundle], Any]) -> Any:
+    """Call a function of a method; arrays of unexpected types or shapes raise errors of many kinds."""
+    try:
+        return function(cloud, bundle)
+    except (MlsRoadError, MemoryError, OSError):
+        raise
+    except Exception as error:  # of NumPy, PyTorch, Numba
+        raise DataError(
+            f"{cloud.source}: model {bundle.slug!r} fails with {type(error).__name__}: {printable(error)[:200]}; its "
+            "arrays do not fit its method, or the method has a fault"
+        ) from error
 
 
 def _checked(

@@ -88,7 +88,7 @@ class FlatForest:
         others = (self.threshold, self.missing_left, self.child)
         if len(self.roots) < 2 or self.roots[0] != 0 or self.roots[-1] != m or sizes.min() < 1:
             raise DataError("the trees of the forest do not cover its nodes: the model is damaged")
-        if any(len(array) != m for array in others) or np.isnan(self.threshold).any():
+        if any(array.shape != (m,) for array in others) or np.isnan(self.threshold).any():
             raise DataError("the arrays of the forest have different sizes or NaN thresholds: the model is damaged")
         if not -1 <= self.feature.min() <= self.feature.max() < self.n_features:
             raise DataError(f"the forest tests a feature that is none of its {self.n_features}: the model is damaged")

@@ -12,6 +12,7 @@ from mlsroad_pipeline.datasets.inventory.geopackage import read_geopackage, writ
 from mlsroad_pipeline.datasets.inventory.geoparquet import read_geoparquet, write_geoparquet
 from mlsroad_pipeline.datasets.inventory.qgis_styles import qml
 from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
+from mlsroad_pipeline.execution.path_parameters import local_path
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.formats.files import atomic_file
 
@@ -71,7 +72,7 @@ class RoadInventoryDataset(AbstractDataset[RoadInventory, RoadInventory]):
     """
 
     def __init__(self, *, filepath: str, run: str | None = None, metadata: dict[str, Any] | None = None) -> None:
-        self._filepath = Path(filepath)
+        self._filepath = local_path(filepath, "filepath")
         self._run = None if run is None else RunFolder(run)
         self.metadata = metadata
         suffix = self._filepath.suffix.lower()

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
+from mlsroad_pipeline.algorithms.models.array_checks import check_model_arrays
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.execution.mapped_arrays import map_arrays
 from mlsroad_pipeline.execution.task import SourceFile
@@ -88,6 +89,7 @@ def _load_bundle(source: Path) -> ModelBundle:
     if sorted(arrays) != content["arrays"]:
         raise ReadError(f"{source}: arrays {sorted(arrays)} where {content['arrays']} were written")
     try:
+        check_model_arrays(arrays)
         bundle = ModelBundle(content["slug"], arrays, content["metadata"])
         if "scheme" in bundle.metadata:
             bundle_scheme(bundle)

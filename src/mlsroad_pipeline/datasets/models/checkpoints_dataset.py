@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Never
 
 from kedro.io import AbstractDataset
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.execution.path_parameters import local_path
 
 if TYPE_CHECKING:
     from mlsroad_pipeline.datasets.models.torch_checkpoints import TorchCheckpoints
@@ -36,7 +36,7 @@ class CheckpointsDataset(AbstractDataset[Never, "TorchCheckpoints"]):
     """
 
     def __init__(self, *, filepath: str, metadata: Mapping[str, Any] | None = None) -> None:
-        self._folder = Path(filepath)
+        self._folder = local_path(filepath, "filepath")
         self.metadata = metadata
 
     def load(self) -> TorchCheckpoints:

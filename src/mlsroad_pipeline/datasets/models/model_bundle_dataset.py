@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from kedro.io import AbstractDataset
 
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.datasets.models.bundle_files import ModelFile, save_bundle
+from mlsroad_pipeline.execution.path_parameters import local_path
 
 
 class ModelBundleDataset(AbstractDataset[ModelBundle, ModelFile]):
@@ -35,7 +35,7 @@ class ModelBundleDataset(AbstractDataset[ModelBundle, ModelFile]):
     """
 
     def __init__(self, *, filepath: str, metadata: Mapping[str, Any] | None = None) -> None:
-        self._folder = Path(filepath)
+        self._folder = local_path(filepath, "filepath")
         self.metadata = metadata
 
     def load(self) -> ModelFile:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from kedro.io import AbstractDataset
 
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.datasets.models.shipped_models import REGISTRY, ShippedModel, save_shipped, shipped_models
+from mlsroad_pipeline.execution.path_parameters import local_path
 
 
 class ShippedModelDataset(AbstractDataset[tuple[ModelBundle, ShippedModel], dict[str, ShippedModel]]):
@@ -24,7 +24,7 @@ class ShippedModelDataset(AbstractDataset[tuple[ModelBundle, ShippedModel], dict
     """
 
     def __init__(self, *, filepath: str, metadata: Mapping[str, Any] | None = None) -> None:
-        self._folder = Path(filepath)
+        self._folder = local_path(filepath, "filepath")
         self.metadata = metadata
 
     def load(self) -> dict[str, ShippedModel]:

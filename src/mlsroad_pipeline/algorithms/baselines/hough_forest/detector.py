@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.baselines.hough_forest._trees import vote
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least, check_positive
+from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least, check_positive, check_tested
 from mlsroad_pipeline.algorithms.detection.detector import detect_by_description, label_described_objects
 from mlsroad_pipeline.algorithms.detection.parts import describe_parts, descriptors_of, heights_of
 from mlsroad_pipeline.algorithms.detection.regions import RegionParameters
@@ -149,6 +149,7 @@ class HoughForest:
         out = np.zeros((len(bounds) - 1, self.arrays["shares"].shape[1]))
         selected = np.ones((n_trees, len(out)), dtype=np.bool_) if unseen is None else unseen
         features = part_features(parts, intensity=self.intensity)
+        check_tested(self.arrays["feature"], features.shape[1], "a Hough forest")
         cell, height_cell = self.arrays["cells"]
         forest = [self.arrays[name] for name in _FOREST]
         centres = np.ascontiguousarray(parts["centres"], dtype=np.float64)

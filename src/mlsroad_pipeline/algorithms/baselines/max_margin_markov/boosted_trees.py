@@ -10,6 +10,8 @@ from numba import njit
 from numpy.typing import NDArray
 from sklearn.tree import DecisionTreeRegressor
 
+from mlsroad_pipeline.algorithms.core.validation import check_tested
+
 
 @njit(cache=True, nogil=True)
 def _add_trees(
@@ -109,6 +111,7 @@ class BoostedTrees:
         ndarray of float64, shape (n, n_values)
             Values.
         """
+        check_tested(self._column, features.shape[1], "boosted trees")
         total = np.zeros((len(features), self.n_values))
         rows = np.ascontiguousarray(features, dtype=np.float32)
         _add_trees(rows, self._roots, self._column, self._threshold, self._child, self._value, total)
