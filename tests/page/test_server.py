@@ -1,0 +1,216 @@
+"""The server of the page: who may ask, which files it gives, and what survives a kill."""
+
+import json
+import os
+import signal
+import subprocess
+import time
+from multiprocessing import get_context
+
+import pytest
+from helpers.page_output import COMMAND, EVIL, FILES, Served, served, write_output
+
+from mlsroad_pipeline.corrections import open_corrections
+
+PRIVATE = (
+    "/api/survey",
+    "/api/corrections",
+    "/first.bin",
+    "/tiles/index.json",
+    "/files/photos/1.jpg",
+    "/report",
+    "/static/page.js",
+    "/",
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("served") / "out put"
+    write_output(place)
+    (place.parent / "secret.jpg").write_bytes(b"secret")
+    (place / "link.jpg").symlink_to(place.parent / "secret.jpg")
+    (place / ".hidden.jpg").write_bytes(b"secret")
+    return place
+
+
+@pytest.fixture(scope="module")
+def page(folder):
+    with served(folder) as server:
+        for path in PRIVATE:  # before anybody has signed in
+            status, headers, content = server.ask(path)
+            assert (status, headers["content-type"]) == (401, "text/plain; charset=utf-8"), path
+            assert b"mlsroad open" in content
+        cookie = server.sign_in()
+        assert "HttpOnly" in cookie and "SameSite=Strict" in cookie
+        server.until_ready()
+        yield server
+
+
+def test_a_token_is_valid_once(page):
+    path = page.address.partition(str(page.port))[2]
+    assert page.ask(path, headers={"Cookie": None})[0] == 401
+    assert page.ask("/?token=", headers={"Cookie": None})[0] == 401
+    assert page.ask("/", headers={"Cookie": f"mlsroad_{page.port}=x"})[0] == 401
+    assert page.ask("/")[0] == 200
+
+
+def test_every_answer_has_a_strict_policy(page):
+    for path in (*PRIVATE, "/nothing"):
+        headers = page.ask(path)[1]
+        policy = headers["content-security-policy"]
+        assert "default-src 'none'" in policy and "unsafe-eval" not in policy
+        assert ("unsafe-inline" in policy) == (path == "/report")
+        assert headers["x-content-type-options"] == "nosniff"
+        assert headers["cross-origin-resource-policy"] == "same-origin"
+    assert page.ask("/report")[1]["content-security-policy"].startswith("sandbox allow-scripts;")
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Host": "evil.example"},
+        {"Host": "127.0.0.1"},
+        {"Host": "localhost.evil.example:80"},
+        {"Origin": "http://evil.example"},
+        {"Origin": "null"},
+        {"Origin": "http://127.0.0.1:1"},
+        {"Sec-Fetch-Site": "cross-site"},
+        {"Sec-Fetch-Site": "same-site"},
+    ],
+)
+def test_requests_of_other_pages_are_refused(page, headers):
+    assert page.ask("/api/survey", headers=headers)[0] == 403
+    assert page.post("/api/decide", {"action": "accept", "object_id": 1}, **headers)[0] == 403
+    assert page.json("/api/corrections")["decisions"] == []
+
+
+def test_a_change_needs_an_origin_json_and_a_known_method(page):
+    body = {"action": "accept", "object_id": 1}
+    assert page.post("/api/decide", body, Origin=None)[0] == 403
+    assert page.post("/api/decide", body, **{"Content-Type": "text/plain"})[0] == 403
+    assert page.post("/api/decide", {"x": "y" * 2_000_000})[0] == 403
+    assert page.ask("/api/decide")[0] == 405
+    assert page.ask("/api/survey", method="DELETE")[0] == 403
+    assert page.post("/api/decide", [1])[0] == 400
+    assert page.post("/api/decide", {"action": "explode", "object_id": 1}) == (
+        409, {"error": "correction: unknown action 'explode', known are accept, reject, other_kind, merge, split, move_base, add, paint"},
+    )  # fmt: skip
+    assert page.post("/api/decide", {"action": "accept", "object_id": 99})[0] == 409
+    assert page.json("/api/corrections")["decisions"] == []
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/files/../secret.jpg", "/files/photos/../../secret.jpg", "/files/%2e%2e/secret.jpg", "/files/..%2fsecret.jpg",
+        "/files//etc/passwd", "/files/%00.jpg", "/files/link.jpg", "/files/.hidden.jpg", "/files/corrections.sqlite", "/files/report.html",
+        "/files/.mlsroad/0123456789ab/run.json", "/static/../server.py", "/static/%2e%2e%2fserver.py", "/tiles/../lock", "/tiles/..%2f..%2flock",
+        "/tiles/scratch.bin",
+    ],
+)  # fmt: skip
+def test_no_file_outside_of_what_the_page_shows_is_given(page, path):
+    status, _, content = page.ask(path)
+    assert status == 404, content
+    assert b"secret" not in content
+
+
+def test_photos_and_ranges_of_tiles_are_given(page, folder):
+    assert page.ask("/files/photos/1.jpg")[2] == (folder / "photos/1.jpg").read_bytes()
+    whole = page.ask("/tiles/level0.bin")[2]
+    for header, code, part in [
+        ("bytes=0-9", 206, whole[:10]),
+        ("bytes=-5", 206, whole[-5:]),
+        ("bytes=20-", 206, whole[20:]),
+        (f"bytes={len(whole)}-", 416, None),
+        ("bytes=x-y", 400, None),
+    ]:
+        status, headers, content = page.ask("/tiles/level0.bin", headers={"Range": header})
+        assert status == code, header
+        assert part is None or content == part
+
+
+def test_names_are_data(page):
+    survey = page.json("/api/survey")
+    assert survey["name"] == "<i>survey.laz"
+    assert survey["classes"]["5"] == EVIL
+    assert [name for name, _, _ in survey["files"]] == list(FILES)
+    assert page.ask("/api/survey")[1]["content-type"] == "application/json"
+
+
+def test_a_second_page_of_the_same_output_is_refused(page, folder):
+    done = subprocess.run(
+        [COMMAND, "open", folder, "--no-browser"], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 1
+    assert done.stderr == (
+        f"Error: {folder} is open in the browser already: http://127.0.0.1:{page.port}/ of process {page.process.pid} on {os.uname().nodename}. "
+        "Use that page, or end it (Ctrl-C) and try again\n"
+    )
+
+
+def test_decisions_are_written_with_their_user_and_undone(page, folder):
+    status, answer = page.post("/api/decide", {"action": "other_kind", "object_id": 3, "kind": "pole"})
+    assert status == 200
+    assert page.json("/api/states")["states"]["3"]["status"] == "changed"
+    assert 3 not in [item["object_id"] for item in page.json("/api/queue?number=9")]
+    with open_corrections(folder) as store:
+        assert [(d.who, d.correction.kind) for d in store.current()] == [("ann", "pole")]
+    assert page.post("/api/undo", answer)[0] == 200
+    assert page.json("/api/states")["states"] == {}
+    assert page.post("/api/undo", answer)[0] == 409
+
+
+def test_painted_points_are_rows_of_their_files(page, folder):
+    place = [[55.0, 8.0, 3.0]]  # the first pole of the second file
+    status, answer = page.post("/api/paint", {"places": place, "radius": 0.4, "class": "wire", "only": 64})
+    assert status == 200
+    with open_corrections(folder) as store:
+        (stroke,) = store.current()
+    assert (stroke.correction.payload["file"], stroke.correction.payload["class"]) == (FILES[1], "wire")
+    assert [row - 68_000 for row in answer["rows"]] == stroke.correction.payload["points"]
+    assert page.json("/api/corrections")["painted"][0]["rows"] == answer["rows"]
+    for wrong in (
+        {"places": [[1, 2]]},
+        {"places": place, "radius": 99},
+        {"places": [[None, 0, 0]]},
+        {"places": place, "class": "tank"},
+    ):
+        assert page.post("/api/paint", {"radius": 0.4, "class": "wire", **wrong})[0] == 409
+    page.post("/api/undo", answer)
+
+
+def _serve(folder, port, address):
+    """Serve in a process that is forked from this one, which has the libraries already."""
+    from mlsroad_pipeline.page.output_folder import OutputFolder
+    from mlsroad_pipeline.page.server import serve
+
+    serve(OutputFolder.find(folder), user="ann", port=port, browser=False, say=address.send)
+
+
+def test_no_answered_decision_is_lost_by_a_kill(tmp_path):
+    folder = tmp_path / "out"
+    write_output(folder)
+    answered = []
+    for moment in range(10):
+        here, there = get_context("fork").Pipe(duplex=False)
+        process = get_context("fork").Process(target=_serve, args=(folder, 0, there))
+        process.start()
+        there.close()
+        server = Served(process, here.recv())
+        server.sign_in()
+        end = time.monotonic() + 0.01 + 0.02 * moment
+        killed = False
+        while not killed:
+            status, answer = server.post("/api/decide", {"action": "accept", "object_id": 1 + len(answered) % 5})
+            assert status == 200, answer
+            answered += answer["ids"]
+            if time.monotonic() > end:
+                os.kill(process.pid, signal.SIGKILL)
+                killed = True
+        process.join()
+        here.close()
+    with open_corrections(folder) as store:
+        assert {decision.identifier for decision in store.current()} >= set(answered)
+    assert len(answered) >= 10
+    assert json.loads((folder / ".mlsroad/0123456789ab/run.json").read_text(encoding="utf-8"))["state"] == "finished"
