@@ -36,6 +36,8 @@ export class Cloud {
   frame = 0;
   frames = 0;
   detail = 1.6;
+  /** Points nearer than this share of the way to the focus are hidden; the focus ends when the target leaves it. */
+  private focused: { place: THREE.Vector3; radius: number } | null = null;
   onFrame: () => void = () => {};
 
   constructor(
@@ -186,6 +188,8 @@ export class Cloud {
     this.camera.updateMatrixWorld();
     this.material.uniforms.focal.value = this.focal;
     this.material.uniforms.least.value = 1.5 * this.renderer.getPixelRatio();
+    if (this.focused && this.focused.place.distanceTo(this.controls.target) > this.focused.radius) this.focused = null;
+    this.material.uniforms.front.value = this.front;
     const begin = performance.now();
     const tiled = this.tiles?.show(this.camera, this.focal, budget, !moving, this.detail * this.renderer.getPixelRatio(), this.model.section) ?? 0;
     if (this.first?.points) {
@@ -287,8 +291,21 @@ export class Cloud {
     if (!object) return;
     const [x, y, z] = this.model.placeOf(object);
     const size = Math.max(object.height, Number(object.cells.length ?? 0), Number(object.cells.crown_diameter ?? 0), 2);
-    this.look([x, y, z + object.height / 2], Math.max(6, 2.3 * size), this.clearHeading([x, y, z]), 0.3);
+    const middle: Place = [x, y, z + object.height / 2];
+    this.look(middle, Math.max(6, 2.3 * size), this.clearHeading([x, y, z]), 0.3);
+    this.focused = { place: new THREE.Vector3(...middle), radius: 0.75 * size + 1.5 };
   }
+
+  /** Distance from the camera in front of which nothing is drawn, so that the focus is seen. */
+  private get front(): number {
+    return this.focused && this.cutaway && !this.model.section ? Math.max(0, this.distance - this.focused.radius) : 0;
+  }
+
+  get hiding(): boolean {
+    return this.front > 1;
+  }
+
+  cutaway = true;
 
   /** Heading to look at a place from the path, from which it was seen. */
   private clearHeading(place: Place): number {
@@ -355,6 +372,8 @@ export class Cloud {
     const { origin: o, direction: d } = ray;
     const angle = (pixels * this.renderer.getPixelRatio()) / this.focal;
     const { section, hiddenClasses } = this.model;
+    const { front } = this;
+    const ahead = this.camera.getWorldDirection(new THREE.Vector3());
     const along = section ? [Math.sin(section.heading), Math.cos(section.heading)] : [0, 0];
     const grown = new THREE.Box3();
     const place = new THREE.Vector3();
@@ -371,7 +390,7 @@ export class Cloud {
         const py = ly + node.steps[4 * i + 1] * step - o.y;
         const pz = lz + node.steps[4 * i + 2] * step - o.z;
         const t = px * d.x + py * d.y + pz * d.z;
-        if (t <= 0.05) continue;
+        if (t <= 0.05 || (front && px * ahead.x + py * ahead.y + pz * ahead.z < front)) continue;
         const across = Math.sqrt(Math.max(0, px * px + py * py + pz * pz - t * t)) / t;
         if (across > angle) continue;
         const cost = t * (1 + (4 * across) / angle / 100) + t * across * 2;

@@ -38,6 +38,10 @@ export function keys(model: Model, cloud: Cloud, actions: Actions, theme: () => 
       [["q", "e"], "turn", (key) => cloud.turn(key === "q" ? 0.15 : -0.15)],
       [["+", "=", "-"], "zoom", (key) => cloud.zoom(key === "-" ? 1.25 : 0.8)],
       [["f"], "go to the chosen object", () => model.selected !== null && cloud.focus(model.selected)],
+      [["c"], "show or hide what is in front of the object", () => {
+        cloud.cutaway = !cloud.cutaway;
+        cloud.draw();
+      }],
       [["h", "Home"], "show all", () => cloud.showAll()],
       [["t"], "from above", () => cloud.fromAbove()],
       [["o"], "marks of objects on and off", () => {

@@ -86,7 +86,7 @@ async function start(): Promise<void> {
   (window as any).page = { model, cloud, actions, map }; // for tests and the console
 
   cloud.onFrame = () => {
-    shown.textContent = `${short(cloud.shown)} of ${short(survey.n_points)} points drawn${cloud.loading ? ", loading" : ""}`;
+    shown.textContent = `${short(cloud.shown)} of ${short(survey.n_points)} points drawn${cloud.hiding ? ", those in front of the object are hidden (C)" : ""}${cloud.loading ? ", loading" : ""}`;
     if (cloud.failed) progress.textContent = cloud.failed;
     map.draw();
   };

@@ -16,7 +16,7 @@ uniform sampler2D palette, objects;
 uniform vec2 heights, intensities;
 uniform float selected;
 uniform vec3 clipPlace, clipAlong;
-uniform float clipHalf;
+uniform float clipHalf, front;
 out vec3 shade;
 
 vec3 ramp(float t) {  // viridis, by a polynomial
@@ -37,7 +37,7 @@ void main() {
   float number = object.x + 256.0 * object.y + 65536.0 * object.z;
   float height = (world.z - heights.x) / max(0.01, heights.y - heights.x);
   float gray = clamp((position.w * 65535.0 - intensities.x) / max(1.0, intensities.y - intensities.x), 0.0, 1.0);
-  shade = known.rgb;
+  shade = known.rgb * (0.7 + 0.3 * gray);  // the intensity shows edges within a class
   if (view == 1) shade = ramp(codes.y / 255.0);
   else if (view == 2) shade = vec3(0.08 + 0.92 * gray);
   else if (view == 3) shade = ramp(height);
@@ -54,7 +54,7 @@ void main() {
     shade = mix(shade, vec3(1.0, 0.85, 0.1), 0.65);
     gl_PointSize += 1.0;
   }
-  bool cut = clipHalf > 0.0 && abs(dot(world.xyz - clipPlace, clipAlong)) > clipHalf;
+  bool cut = -seen.z < front || clipHalf > 0.0 && abs(dot(world.xyz - clipPlace, clipAlong)) > clipHalf;
   if (known.a < 0.5 || cut) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
 }
 `;
@@ -88,6 +88,7 @@ export function pointMaterial(): THREE.RawShaderMaterial {
       clipPlace: { value: new THREE.Vector3() },
       clipAlong: { value: new THREE.Vector3(1, 0, 0) },
       clipHalf: { value: 0 },
+      front: { value: 0 },
     },
   });
 }
