@@ -183,9 +183,10 @@ def test_painted_points_are_rows_of_their_files(page, folder):
 def _serve(folder, port, address):
     """Serve in a process that is forked from this one, which has the libraries already."""
     from mlsroad_pipeline.page.output_folder import OutputFolder
+    from mlsroad_pipeline.page.served import ServedSurvey
     from mlsroad_pipeline.page.server import serve
 
-    serve(OutputFolder.find(folder), user="ann", port=port, browser=False, say=address.send)
+    serve(ServedSurvey(OutputFolder.find(folder), user="ann"), port=port, browser=False, say=address.send)
 
 
 def test_no_answered_decision_is_lost_by_a_kill(tmp_path):

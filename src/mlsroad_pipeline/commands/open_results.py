@@ -61,9 +61,11 @@ def _show_page(folders: tuple[Path, Path], *, port: int, browser: bool, export: 
 
         typer.echo(str(export_page(output, Path(expanded([export])[0]))))
         return True
+    from mlsroad_pipeline.page.served import ServedSurvey
     from mlsroad_pipeline.page.server import serve
 
-    serve(output, user=user or getpass.getuser(), port=port, browser=browser, say=typer.echo)
+    survey = ServedSurvey(output, user=user or getpass.getuser())
+    serve(survey, port=port, browser=browser, say=typer.echo)
     return True
 
 

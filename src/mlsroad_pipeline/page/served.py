@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,13 +34,17 @@ class ServedSurvey:
     def __init__(self, output: OutputFolder, *, user: str) -> None:
         self.output, self.user = output, user
         self.tiles = TileCache(output.path, output.cloud_names)
-        self._guard = threading.Lock()
+        self._guard, self._reading = threading.Lock(), threading.Lock()
+        self._first: FirstPicture | None = None
         self._store: CorrectionStore | None = None
 
-    @cached_property
+    @property
     def first(self) -> FirstPicture:
         """Sample of the points."""
-        return first_picture(self.output.clouds)
+        with self._reading:
+            if self._first is None:
+                self._first = first_picture(self.output.clouds)
+            return self._first
 
     @property
     def store(self) -> CorrectionStore:
@@ -54,7 +57,10 @@ class ServedSurvey:
             return self._store
 
     def prepare(self) -> None:
-        """Read the sample, start to build the tiles and open the decisions."""
+        """Start to read the sample, to build the tiles and to open the decisions, in a thread."""
+        threading.Thread(target=self._prepare, daemon=True).start()
+
+    def _prepare(self) -> None:
         _ = self.first
         self.tiles.start()
         _ = self.store

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import secrets
 import socket
-import threading
 import webbrowser
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
@@ -23,7 +22,7 @@ from starlette.routing import Route
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
 from mlsroad_pipeline.page.access import Guard
 from mlsroad_pipeline.page.lock import page_lock
-from mlsroad_pipeline.page.output_folder import REPORT, OutputFolder
+from mlsroad_pipeline.page.output_folder import REPORT
 from mlsroad_pipeline.page.served import ServedSurvey, resolved
 from mlsroad_pipeline.page.tile_format import INDEX, LEVELS, level_file
 
@@ -45,7 +44,6 @@ def application(survey: ServedSurvey) -> Starlette:
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
-        threading.Thread(target=survey.prepare, daemon=True).start()
         yield
         survey.close()
 
@@ -134,14 +132,14 @@ def _change(act: Callable[[dict[str, Any]], dict[str, Any]]) -> Callable[[Reques
     return endpoint
 
 
-def serve(output: OutputFolder, *, user: str, port: int, browser: bool, say: Callable[[str], None]) -> None:
+def serve(survey: ServedSurvey, *, port: int, browser: bool, say: Callable[[str], None]) -> None:
     """Serve the page of an output folder until the process is interrupted."""
-    with page_lock(output.path) as enter, _listening(port) as listener:
+    with page_lock(survey.output.path) as enter, _listening(port) as listener:
+        survey.prepare()
         port = listener.getsockname()[1]
         token = secrets.token_urlsafe(32)
         enter(f"http://{LOOPBACK}:{port}/")
         address = f"http://{LOOPBACK}:{port}/?token={token}"
-        survey = ServedSurvey(output, user=user)
         guarded = Guard(application(survey), port=port, token=token)
         config = uvicorn.Config(guarded, log_level="warning", access_log=False, server_header=False, lifespan="on")
         server = _Server(config, lambda: _announce(address, browser, say))

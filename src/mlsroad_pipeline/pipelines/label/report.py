@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from shlex import quote
 
 import pandas as pd
 
@@ -62,6 +63,7 @@ def label_report_sections(
     facts = {
         "survey": parameters.survey_name,
         "output": parameters.output,
+        "look and correct": f"mlsroad open {quote(str(parameters.output))}",
         "model": _plain_text(model_source(bundle)),
         "trained on": _plain_text(bundle.metadata.get("trained_on", "")),
         "codes": parameters.scheme,
