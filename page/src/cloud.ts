@@ -271,15 +271,16 @@ export class Cloud {
   }
 
   showAll(): void {
-    const size = this.bounds.getSize(new THREE.Vector3());
-    const centre = this.bounds.getCenter(new THREE.Vector3());
+    const [low, high] = this.model.area().map((corner) => new THREE.Vector3(...corner));
+    const size = high.clone().sub(low);
+    const centre = low.clone().add(high).multiplyScalar(0.5);
     // The longer side lies across the picture.
     const heading = size.x > size.y ? 0.25 : Math.PI / 2 + 0.25;
     const wide = Math.max(size.x, size.y);
     const deep = Math.min(size.x, size.y);
     const tangent = Math.tan((FIELD * Math.PI) / 360);
     const distance = Math.max((wide * 0.52) / (tangent * this.camera.aspect), (deep * 0.6) / tangent, 10);
-    this.look([centre.x, centre.y, this.bounds.min.z + 0.3 * size.z], distance, heading, 0.6);
+    this.look([centre.x, centre.y, this.model.survey.first.height[0]], distance, heading, 0.6);
   }
 
   fromAbove(): void {

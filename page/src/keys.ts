@@ -13,7 +13,7 @@ export function keys(model: Model, cloud: Cloud, actions: Actions, theme: () => 
   const groups: [string, Key[]][] = [
     ["Review", [
       [["n"], "next object to look at", () => actions.next()],
-      [["b+", "N"], "the one before", () => actions.next(-1)],
+      [["N"], "the one before", () => actions.next(-1)],
       [["a"], "accept", () => actions.accept()],
       [["r"], "reject", () => actions.reject()],
       [["k"], "other kind or class", () => actions.otherKind()],
@@ -68,7 +68,7 @@ export function keys(model: Model, cloud: Cloud, actions: Actions, theme: () => 
         { class: "groups" },
         ...groups.map(([title, list]) =>
           el("section", {}, el("h3", {}, title), el("dl", {}, ...list.flatMap(([names, text]) => [
-            el("dt", {}, ...(names.length > 4 ? [el("kbd", {}, names[0]), "–", el("kbd", {}, names.at(-1)!)] : names.filter((name) => name !== "=" && name !== "b+").map((name) => el("kbd", {}, NAMES[name] ?? name.toUpperCase())))),
+            el("dt", {}, ...(names.length > 4 ? [el("kbd", {}, names[0]), "–", el("kbd", {}, names.at(-1)!)] : names.filter((name) => name !== "=").map((name) => el("kbd", {}, NAMES[name] ?? name.toUpperCase())))),
             el("dd", {}, text),
           ]))),
         ),

@@ -55,7 +55,9 @@ async function start(): Promise<void> {
   const saved = el("span", { class: "saved", id: "saved", role: "status" });
   const shown = el("span", { id: "shown" });
   const progress = el("span", { id: "tiles" });
-  status.append(saved, progress, shown);
+  const undo = el("button", { type: "button", title: "Take the last decision back (U)", click: () => void model.undo() }, "Undo", el("kbd", {}, "U"));
+  undo.hidden = true;
+  status.append(saved, undo, progress, shown);
   const toggleTheme = () => {
     setTheme(THEMES[(THEMES.indexOf(document.documentElement.dataset.theme as "dark") + 1) % 2]);
     model.emit("theme");
@@ -90,6 +92,7 @@ async function start(): Promise<void> {
     if (cloud.failed) progress.textContent = cloud.failed;
     map.draw();
   };
+  model.on(["decisions"], () => (undo.hidden = !model.decisions.length || source.readOnly));
   model.on(["saved"], () => {
     saved.textContent = model.saved.text;
     saved.dataset.kind = model.saved.kind;

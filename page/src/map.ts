@@ -70,7 +70,7 @@ export class SurveyMap {
   }
 
   fit(): void {
-    const [low, high] = this.model.survey.first.bounds;
+    const [low, high] = this.model.area();
     const ratio = devicePixelRatio;
     const { clientWidth: width, clientHeight: height } = this.element;
     if (!width || !height) return;

@@ -46,7 +46,7 @@ void main() {
     ivec2 size = textureSize(objects, 0);
     int row = int(number);
     vec4 marked = row < size.x * size.y ? texelFetch(objects, ivec2(row % size.x, row / size.x), 0) : vec4(0.0);
-    shade = number > 0.5 && marked.a > 0.5 ? marked.rgb : vec3(0.30 + 0.25 * gray);
+    shade = number > 0.5 && marked.a > 0.5 ? marked.rgb * (0.75 + 0.25 * gray) : vec3(0.30 + 0.25 * gray);
   } else if (view == 7) {
     shade = codes.z < 1.5 ? vec3(0.35) : codes.z == codes.x ? vec3(0.30, 0.42, 0.55) : vec3(0.95, 0.2, 0.15);
   }

@@ -97,6 +97,18 @@ export class Model {
     this.emit(change);
   }
 
+  /** Part of the survey that was driven and has objects, with some room; all of it where both are unknown. */
+  area(): [Place, Place] {
+    const [low, high] = this.survey.first.bounds;
+    const { path, origin } = this.survey;
+    const places = [...this.objects.map((object) => object.place), ...path.map(([x, y, z]) => [x - origin[0], y - origin[1], z - origin[2]])];
+    if (places.length < 2) return [low, high];
+    const room = 15;
+    const least = [0, 1].map((axis) => Math.max(low[axis], Math.min(...places.map((place) => place[axis])) - room));
+    const most = [0, 1].map((axis) => Math.min(high[axis], Math.max(...places.map((place) => place[axis])) + room));
+    return [[least[0], least[1], low[2]], [most[0], most[1], high[2]]];
+  }
+
   className(code: number): string {
     return this.classNames.get(code) ?? `class ${code}`;
   }

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.page.cloud_files import CloudFiles
+from mlsroad_pipeline.page.first_picture import first_picture
 from mlsroad_pipeline.page.selection import brushed, cluster
 from mlsroad_pipeline.page.tile_building import NoSpaceError, build_tiles, cube_edge
 from mlsroad_pipeline.page.tile_cache import TileCache
@@ -109,15 +110,18 @@ def test_tiles_of_a_changed_file_are_built_again(tmp_path, rng):
     path = tmp_path / "one.laz"
     write_laz(path, rng.uniform(0, 5, (100, 3)), np.full(100, 11), np.zeros(100))
     first = TileCache(tmp_path, ["one.laz"])
-    build_tiles(CloudFiles.at(tmp_path, ["one.laz"]), first.folder)
+    clouds = CloudFiles.at(tmp_path, ["one.laz"])
+    build_tiles(clouds, first.folder)
+    first.keep_picture(first_picture(clouds))
+    assert TileCache(tmp_path, ["one.laz"]).kept_picture() == first_picture(clouds)
     assert first.status()["state"] == "ready"
     write_laz(path, rng.uniform(0, 5, (200, 3)), np.full(200, 11), np.zeros(200))
     assert first.status()["state"] == "stale"
     second = TileCache(tmp_path, ["one.laz"])
-    assert second.folder != first.folder and second.index() is None
+    assert second.folder != first.folder and second.index() is None and second.kept_picture() is None
     second.start()
     try:
-        assert not first.folder.exists()
+        assert not first.folder.exists() and first.kept_picture() is None
     finally:
         second.stop()
 

@@ -43,7 +43,7 @@ class ServedSurvey:
         """Sample of the points."""
         with self._reading:
             if self._first is None:
-                self._first = first_picture(self.output.clouds)
+                self._first = self.tiles.kept_picture() or first_picture(self.output.clouds)
             return self._first
 
     @property
@@ -61,7 +61,7 @@ class ServedSurvey:
         threading.Thread(target=self._prepare, daemon=True).start()
 
     def _prepare(self) -> None:
-        _ = self.first
+        self.tiles.keep_picture(self.first)
         self.tiles.start()
         _ = self.store
 

@@ -11,12 +11,14 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from mlsroad_pipeline.formats.files import atomic_file
 from mlsroad_pipeline.page.cloud_files import CloudFiles
+from mlsroad_pipeline.page.first_picture import FirstPicture
 from mlsroad_pipeline.page.lock import CACHE
 from mlsroad_pipeline.page.tile_building import build_tiles
 from mlsroad_pipeline.page.tile_format import FORMAT, TileIndex
 
-TILES = "tiles-"
+TILES, PICTURE = "tiles-", "first-"
 _START = multiprocessing.get_context("spawn")
 
 
@@ -46,11 +48,32 @@ class TileCache:
         self._share, self._error = 0.0, ""
         self._index: TileIndex | None = None
 
+    @property
+    def _picture(self) -> Path:
+        return self.folder.with_name(f"{PICTURE}{self._mark}")
+
+    def kept_picture(self) -> FirstPicture | None:
+        """Return the first picture of an earlier opening, None if there is none of these files."""
+        try:
+            facts, _, chunk = self._picture.read_bytes().partition(b"\n")
+        except FileNotFoundError:
+            return None
+        return FirstPicture(chunk, json.loads(facts))
+
+    def keep_picture(self, picture: FirstPicture) -> None:
+        """Keep the first picture for the next opening."""
+        if not self._picture.is_file() and self.folder.parent.is_dir():
+            with atomic_file(self._picture) as stream:
+                stream.write(json.dumps(picture.facts).encode() + b"\n" + picture.chunk)
+
     def start(self) -> None:
-        """Start to build the tiles if there are none; tiles of other versions of the files are removed."""
+        """Start to build the tiles if there are none; those of other versions of the files are removed."""
         for other in self.folder.parent.glob(f"{TILES}*"):
             if other != self.folder:
                 shutil.rmtree(other, ignore_errors=True)
+        for picture in self.folder.parent.glob(f"{PICTURE}*"):
+            if picture != self._picture:
+                picture.unlink()
         if self.index() is not None:
             return
         self._channel, other_end = _START.Pipe(duplex=False)
