@@ -170,3 +170,21 @@ def test_results_below_a_survey_are_no_part_of_it_and_its_stores_may_stay(projec
     assert {path.name for path in out.glob(".mlsroad/*/*")} >= {"files", "pieces", "results", "written", "model"}
     label(project, folder, out)  # the same run, finished, without its stores
     assert sorted(path.name for path in out.glob(".mlsroad/*/*")) == ["run.json", "summary.json"]
+
+
+def test_a_store_of_mlflow_that_fails_loses_no_result(project, surveys, first, tmp_path, monkeypatch):
+    from mlsroad_pipeline.hooks.run_records import RunRecords
+
+    def fails(*_):
+        raise sqlite3.OperationalError("database is locked\n[SQL: INSERT INTO metrics]")
+
+    monkeypatch.setattr(RunRecords, "add", fails)
+    with pytest.raises(Exception) as caught:
+        label(project, surveys["east"], tmp_path / "out")
+    said = last_line(caught.value)
+    assert "TrackingStoreError: the store of MLflow sqlite:///" in said
+    assert "mlflow.db failed: database is locked; the results are written, but this run is not recorded whole" in said
+    assert (tmp_path / "out/street.laz").read_bytes() == (first / "street.laz").read_bytes()
+    assert list(contents(tmp_path / "out")) == NAMES
+    (record,) = tmp_path.glob("out/.mlsroad/*/run.json")
+    assert json.loads(record.read_text())["state"] == "finished"

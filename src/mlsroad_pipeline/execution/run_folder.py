@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -173,6 +173,26 @@ class RunFolder:
         if own is not None or any(name in other.versions() for other in self.others()):
             return f"{target} has been edited since it was written"
         return f"{target} exists and was not written by label"
+
+    def remove_stale(self, is_companion: Callable[[str, Collection[str]], bool]) -> list[str]:
+        """Remove results of replaced runs that this run has not written, if they are unedited; return their names.
+
+        `is_companion` returns whether a file of a given name belongs to the files that this run has written.
+        """
+        journal = (self._files.read_json(f"{JOURNAL}/{path.name}") for path in Path(self.path, JOURNAL).glob("*.json"))
+        written = {entry["path"] for entry in journal}
+        known: dict[str, list[FileState]] = {}
+        for run in (self, *self.others()):
+            for name, states in run.versions().items():
+                known.setdefault(name, []).extend(states)
+        stale = sorted(
+            name
+            for name, states in known.items()
+            if name not in written and is_companion(name, written) and state_of(self.output / name) in states
+        )
+        for name in stale:
+            (self.output / name).unlink()
+        return stale
 
     def remove_stores(self, *names: str) -> None:
         """Remove scene stores of this run; folders that are none stay.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Any
 
 from kedro.framework.context import KedroContext
@@ -11,9 +12,12 @@ from kedro.io import CatalogProtocol
 from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.execution.output_lock import release_output
+from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.run_identity import run_folder, run_settings
 from mlsroad_pipeline.hooks.data_fingerprint import source_files
 from mlsroad_pipeline.pipelines.composition import create_pipeline
+
+logger = logging.getLogger(__name__)
 
 LABEL, RUN, SUMMARY, OPENED = "label", "label_run", "label_summary", "plan_label_files"
 """Names of the pipeline, of two of its datasets, and of the node that opens the run."""
@@ -59,7 +63,7 @@ class LabelRunHooks:
         """Collect the raw files that tasks read."""
         self._sources.update(source_files(data))
 
-    @hook_impl(trylast=True)
+    @hook_impl(tryfirst=True)  # before MLflow, whose store may fail
     def after_pipeline_run(self, pipeline: Pipeline, catalog: CatalogProtocol) -> None:
         """Close the record of a run that wrote all results, and release the output."""
         if RUN not in pipeline.inputs():
@@ -68,6 +72,7 @@ class LabelRunHooks:
         if {OPENED, "write_label_report"} <= {node.name for node in pipeline.nodes}:
             parameters = catalog.load("params:label")
             sources = self._sources | ({parameters.sections} if parameters.sections else set())
+            _remove_stale(run)
             run.close(catalog.load(SUMMARY), sources, keep_state=parameters.keep_state)
         release_output(run.output)
 
@@ -76,3 +81,14 @@ class LabelRunHooks:
         """Release the output."""
         if RUN in pipeline.inputs():
             release_output(catalog.load(RUN).output)
+
+
+def _remove_stale(run: RunFolder) -> None:
+    """Remove what describes the results that a run with `label.overwrite` has replaced."""
+    if not run.read().get("overwrite"):
+        return
+    from mlsroad_pipeline.label.runs import is_companion  # noqa: PLC0415  # `label` alone needs it
+
+    stale = run.remove_stale(is_companion)
+    if stale:
+        logger.warning("Removed %d files of the replaced run: %s", len(stale), ", ".join(stale[:5]))

@@ -5,8 +5,10 @@ This module imports MLflow only where a run is tracked: `mlsroad` also runs pipe
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
+from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,11 +20,18 @@ from kedro.io import CatalogProtocol
 from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.hooks.run_details import is_parameter
-from mlsroad_pipeline.hooks.tracking_store import check_tracking_store, resolve_store
+from mlsroad_pipeline.hooks.tracking_store import (
+    TrackingStoreError,
+    check_tracking_store,
+    is_of_store,
+    resolve_store,
+    store_failure,
+)
 
 if TYPE_CHECKING:
     from mlsroad_pipeline.hooks.run_records import RunRecords
 
+logger = logging.getLogger(__name__)
 
 VARIABLES = {
     "MLFLOW_ENABLE_SYSTEM_METRICS_LOGGING": "true",  # processor, memory, disk and network of a run
@@ -35,11 +44,13 @@ VARIABLES = {
 class MlflowDetailsHooks:
     """Add parameters, scores, figures, the fingerprint of the data, the commit and the environment to a run.
 
-    Without tracking, nothing is recorded.
+    Without tracking, nothing is recorded. A store that fails during a run ends the recording, not the run: results are
+    written all the same, and an error at the end names the store.
     """
 
     def __init__(self) -> None:
         self._records: RunRecords | None = None
+        self._failure: str | None = None
 
     @hook_impl(tryfirst=True)
     def after_context_created(self, context: KedroContext) -> None:
@@ -60,16 +71,29 @@ class MlflowDetailsHooks:
     @hook_impl(trylast=True)
     def before_pipeline_run(self, run_params: dict[str, Any], pipeline: Pipeline, catalog: CatalogProtocol) -> None:
         """Take the run that kedro-mlflow has opened, and record parameters, code and environment."""
-        self._records = None
+        self._records, self._failure = None, None
         run = sys.modules["mlflow"].active_run() if "mlflow" in sys.modules else None
         if run is None:
             return
         from mlsroad_pipeline.hooks.interrupted_runs import at_exit, close_stale_runs  # noqa: PLC0415  # imports MLflow
         from mlsroad_pipeline.hooks.run_records import RunRecords  # noqa: PLC0415  # imports MLflow
 
-        close_stale_runs(run.info.experiment_id)
         at_exit(self._end_killed)
-        self._records = RunRecords(run, run_params, pipeline, catalog)
+
+        def begin() -> None:
+            close_stale_runs(run.info.experiment_id)
+            self._records = RunRecords(run, run_params, pipeline, catalog)
+
+        self._guarded(begin)
+
+    def _guarded(self, action: Callable[[], None]) -> None:
+        """Call a function that records something; the first error ends the recording."""
+        try:
+            action()
+        except Exception as error:  # of SQLite, of a server, of a full disk
+            self._records = None
+            self._failure = store_failure(error)
+            logger.error("%s; nothing more of this run is recorded, its results are written", self._failure)
 
     @hook_impl(tryfirst=True)
     def before_node_run(self, inputs: dict[str, Any]) -> None:
@@ -81,19 +105,31 @@ class MlflowDetailsHooks:
     @hook_impl
     def before_dataset_saved(self, dataset_name: str) -> None:
         """Open the run of a method before its model is registered."""
-        if self._records is not None:
-            self._records.before_saving(dataset_name)
+        if (records := self._records) is not None:
+            self._guarded(lambda: records.before_saving(dataset_name))
 
     @hook_impl
     def after_dataset_saved(self, dataset_name: str, data: Any) -> None:
         """Record scores and series as metrics, figures, reports and inventories as artifacts; collect raw files."""
-        if self._records is not None:
-            self._records.add(dataset_name, data)
+        if (records := self._records) is not None:
+            self._guarded(lambda: records.add(dataset_name, data))
 
-    @hook_impl(tryfirst=True)
-    def after_pipeline_run(self) -> None:
-        """Record the raw files of the run, and end the runs of the methods."""
+    @hook_impl(wrapper=True)
+    def after_pipeline_run(self) -> Generator[None, Any, Any]:
+        """Record the raw files of the run, end the runs of the methods, and raise TrackingStoreError if that failed."""
         self._end("FINISHED")
+        try:
+            result = yield
+        except Exception as error:
+            if self._failure is None and not is_of_store(error):
+                raise
+            raise TrackingStoreError(self._said(store_failure(error))) from error
+        if self._failure is not None:
+            raise TrackingStoreError(self._said(self._failure))
+        return result
+
+    def _said(self, failure: str) -> str:
+        return f"{self._failure or failure}; the results are written, but this run is not recorded whole in MLflow"
 
     @hook_impl(tryfirst=True)
     def on_pipeline_error(self) -> None:
@@ -109,4 +145,4 @@ class MlflowDetailsHooks:
     def _end(self, status: str) -> None:
         records, self._records = self._records, None
         if records is not None:
-            records.finish(status)
+            self._guarded(lambda: records.finish(status))

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
+from mlsroad_pipeline.algorithms.core.plain_text import printable, without_password
 
 WAIT = 10.0
 """Time to wait for another program that holds the database, seconds."""
@@ -86,3 +87,20 @@ def check_tracking_store(uri: str, *, wait: float = WAIT) -> None:
     except sqlite3.Error as error:
         advice = next((text for word, text in _ADVICE.items() if word in str(error)), "")
         raise TrackingStoreError(f"{path}: {error}" + (f": {advice}" if advice else "")) from error
+
+
+def is_of_store(error: BaseException) -> bool:
+    """Return whether an error comes from MLflow or its database."""
+    return isinstance(error, sqlite3.Error) or type(error).__module__.split(".")[0] in (
+        "mlflow",
+        "sqlalchemy",
+        "requests",
+    )
+
+
+def store_failure(error: BaseException) -> str:
+    """Return what is wrong with the store in one line, without a password."""
+    import mlflow  # noqa: PLC0415  # a run is tracked: it is loaded
+
+    text = without_password(printable(error).partition(" [SQL:")[0])
+    return f"the store of MLflow {without_password(mlflow.get_tracking_uri())} failed: {text[:300]}"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pyproj import CRS
 from pyproj.exceptions import CRSError
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.datasets.inventory.vector_files import prj_text, to_wgs84
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.formats.crs import crs_units
@@ -39,11 +39,23 @@ def check_headers(plan: SurveyPlan, parameters: LabelParameters) -> None:
     """Check from the headers, before any point is read, that the results of all files can be written.
 
     Raises DataError for columns that LAS cannot hold, waveforms in a cloud-optimised copy, and coordinate reference
-    systems that are not understood or have no lengths (degrees, geocentric coordinates).
+    systems that are not understood or have no lengths (degrees, geocentric coordinates), and ParameterError for
+    sections of several drives.
     """
+    drives = plan.drives()
+    if parameters.sections is not None and len(drives) > 1:
+        raise ParameterError(
+            f"label.sections has stations of one path, but the survey has {len(drives)} drives ({_some(drives)}): "
+            "label them one at a time, or leave it out"
+        )
     for file in plan.files:
         with suppress(ReadError):  # damaged: the reading reports it, after the files that can be read
             check_header(file.source.path, plan.options, copc=parameters.copc)
+
+
+def _some(drives: Mapping[str, Sequence[PlannedFile]]) -> str:
+    names = [str(Path(files[0].source.path).parent) for files in drives.values()]
+    return ", ".join(names[:2]) + (", ..." if len(names) > 2 else "")
 
 
 def check_header(path: str, options: ReadOptions, *, copc: bool = False) -> None:

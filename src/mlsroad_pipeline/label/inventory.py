@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,8 @@ from mlsroad_pipeline.formats.files import WRONG
 from mlsroad_pipeline.label.work import join_objects
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import SurveyPlan
+
+logger = logging.getLogger(__name__)
 
 OBJECTS = "inventory"
 """Key of the joined objects in their store."""
@@ -91,6 +94,8 @@ def inventory_of(
     trajectory = corridor if isinstance(corridor, Trajectory) else None
     objects = joined.part("objects")[OBJECTS].load()
     given = None if parameters.sections is None else read_sections(Path(parameters.sections))
+    if given is not None and trajectory is None:
+        logger.warning("label.sections is not used: the survey has no path with stations")
     sections = None if trajectory is None else section_table(objects, trajectory.length, sections=given)
     return RoadInventory(objects, survey_crs(plan, files), trajectory, sections)
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
+from mlsroad_pipeline.datasets.inventory.exports import EXPORTS
 from mlsroad_pipeline.execution.fingerprints import code_digest
 from mlsroad_pipeline.execution.output_lock import lock_output
 from mlsroad_pipeline.execution.run_folder import (
@@ -20,7 +21,9 @@ from mlsroad_pipeline.execution.run_folder import (
     entries_of,
     state_of,
 )
-from mlsroad_pipeline.label.targets import existing, planned_paths
+from mlsroad_pipeline.formats.crs import SIDECAR
+from mlsroad_pipeline.label.photos import FOLDER, TABLE
+from mlsroad_pipeline.label.targets import FOR_ALL, existing, planned_paths
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import SurveyPlan
 
@@ -102,3 +105,13 @@ def finished_record(run: RunFolder, record: Mapping[str, Any], plan: SurveyPlan,
         return all(state_of(run.output / name) in versions.get(name, ()) for name in names)
     except MlsRoadError:  # the run itself reports it
         return False
+
+
+def is_companion(name: str, written: Collection[str]) -> bool:
+    """Return whether a result describes others that a run has written: part of the inventory, or beside a cloud."""
+    path = PurePosixPath(name)
+    of_all = {file for form in EXPORTS.values() for file in (*form.files, *form.others)} | {*FOR_ALL, TABLE}
+    if name in of_all or path.parent == PurePosixPath(FOLDER):
+        return FOR_ALL[0] in written
+    stem = f"{path.with_suffix('')}."
+    return path.suffix == SIDECAR and any(other.startswith(stem) for other in written)

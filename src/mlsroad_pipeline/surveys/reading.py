@@ -52,6 +52,9 @@ UNUSED_COLUMNS = ("gps_time", "scanner")
 VISIT_COLUMNS = ("scanner_channel", "point_source_id")
 """Dimensions of LAS that tell scanners and routes apart."""
 
+LABEL_COLUMNS = ("label", "instance")
+"""Columns of a file that `label` keeps and does not use."""
+
 FEATURE_COLUMNS = ("rgb", "intensity")
 """Columns with features; a column with a single value, as in files exported without it, counts as missing."""
 
@@ -62,12 +65,13 @@ def _scene_options(
     """Return options to read the scene columns of a file, its withheld flags, and the classes of LAS files to label."""
     form = get_format(path)
     columns = form.info(Path(path), replace(options, coding=options.coding if labels else None)).columns
-    skipped = {*constant, *(() if labels else ("label", "instance"))}
+    skipped = {*constant, *(() if labels else LABEL_COLUMNS)}
     selected = [name for name in SCENE_COLUMNS if name in columns and name not in skipped]
+    wanted = [WITHHELD] if labels else [WITHHELD, *(added if form.name == "LAS" else set(added) & set(LABEL_COLUMNS))]
     if not labels and form.name == "LAS":
-        selected += [name for name in (CLASS, *added) if name in columns]
-    selected += [name for name in (WITHHELD,) if name in columns]
-    return replace(options, only=tuple(selected), coding=options.coding if "label" in selected else None)
+        wanted.append(CLASS)
+    selected += [name for name in wanted if name in columns]
+    return replace(options, only=tuple(selected), coding=options.coding if labels and "label" in selected else None)
 
 
 def constant_columns(sample: PointCloud) -> list[str]:
@@ -244,11 +248,12 @@ def read_and_cut(
     constant: Sequence[str] = (),
 ) -> CutRange:
     """Read a range of rows, inspect its quality and sort it into bins of the corridor."""
-    chosen = _scene_options(path, options, labels=labels, constant=constant, added=VISIT_COLUMNS)
+    added = (*VISIT_COLUMNS, *LABEL_COLUMNS)  # labels are read, so that a wrong one is an error before the labelling
+    chosen = _scene_options(path, options, labels=labels, constant=constant, added=added)
     cloud = get_format(path).read(Path(path), chosen, start=start, stop=stop)
     has_classes = np.array([cloud[CLASS].any()] if CLASS in cloud else [], dtype=np.bool_)
     visits = {} if labels else visit_columns(cloud)
-    cloud = cloud.without_columns([CLASS, *VISIT_COLUMNS])
+    cloud = cloud.without_columns([CLASS, *VISIT_COLUMNS, *(() if labels else LABEL_COLUMNS)])
     quality = chunk_to_arrays(inspect_chunk(cloud, max_gap=time_gap, n_total=n_total))
     used = np.ones(len(cloud), dtype=np.bool_) if WITHHELD not in cloud else cloud[WITHHELD] == 0
     cloud = cloud.without_columns([WITHHELD])

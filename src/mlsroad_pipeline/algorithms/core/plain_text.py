@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import re
+
+_PASSWORD = re.compile(r"(?<=://)([^\s/@:]*):[^\s@]*@")
+_SECRET = re.compile(r"(?i)((?:password|passwd|token|secret|api_?key)\s*[=:]\s*)[^\s&;,)\"']+")
+
 
 def printable(text: object) -> str:
     """Return a text as one line without control characters.
@@ -24,3 +29,24 @@ def printable(text: object) -> str:
     """
     line = " ".join(str(text).split())
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
+
+
+def without_password(text: str) -> str:
+    """Return a text in which passwords of addresses, and values named as secrets, are replaced by stars.
+
+    Parameters
+    ----------
+    text : str
+        The text, such as an error about a database.
+
+    Returns
+    -------
+    str
+        The text without them.
+
+    Examples
+    --------
+    >>> without_password("postgresql://ann:pa:ss@db/mlflow?password=x is down")
+    'postgresql://ann:***@db/mlflow?password=*** is down'
+    """
+    return _SECRET.sub(r"\1***", _PASSWORD.sub(r"\1:***@", text))

@@ -103,7 +103,7 @@ def _patch_graph(arrays: Arrays, p: str) -> None:
     _starts(arrays, f"{p}cell_starts", len(_shaped(arrays, f"{p}centres", (None, width))) + 1, n)
     _shaped(arrays, f"{p}xyz", (n, 3))
     _shaped(arrays, f"{p}heights", (n,))
-    n_classes = int(_shaped(arrays, f"{p}n_classes", (), "iu"))
+    n_classes = int(_indices(arrays, f"{p}n_classes", (), 1, 256))
     _indices(arrays, f"{p}labels", (n,), 0, n_classes)
     weights = _shaped(arrays, f"{p}weights", (None,))
     _check(bool((np.abs(weights) < LARGEST_SEARCH).all()), f"{p}weights", f"exceeds {LARGEST_SEARCH:g}")

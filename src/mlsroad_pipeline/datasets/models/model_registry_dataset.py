@@ -19,6 +19,7 @@ from mlflow.exceptions import MlflowException
 from mlflow.models.model import ModelInfo
 
 from mlsroad_pipeline import __version__
+from mlsroad_pipeline.algorithms.core.plain_text import printable, without_password
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
 from mlsroad_pipeline.datasets.models.model_notes import annotate_version
@@ -88,7 +89,8 @@ def latest_version(name: str) -> int:
     client = mlflow.MlflowClient()
     versions = [int(found.version) for found in client.search_model_versions(f"name='{name}'")]
     if not versions:
-        raise DatasetError(f"no model {name!r} is registered in {mlflow.get_registry_uri()}: run the comparison first")
+        store = without_password(mlflow.get_registry_uri())
+        raise DatasetError(f"no model {name!r} is registered in {store}: run the comparison first")
     return max(versions)
 
 
@@ -118,7 +120,9 @@ def load_registered_bundle(name: str, *, model_version: int | str | None = None)
         found = mlflow.MlflowClient().get_model_version(name, str(number))
         folder = mlflow.artifacts.download_artifacts(f"models:/{name}/{number}")
     except MlflowException as error:
-        raise DatasetError(f"model {name!r} version {number} cannot be read: {error}") from error
+        raise DatasetError(
+            f"model {name!r} version {number} cannot be read: {without_password(printable(error))}"
+        ) from error
     files = Path(folder) / "artifacts" / "bundle"
     if found.tags.get(FINGERPRINT) not in (None, digest_file(str(files))):
         raise DatasetError(f"model {name!r} version {number}: {files} differs from the files that were registered")
