@@ -52,17 +52,13 @@ class Trials:
             **{"PYTHONPATH": places, "LD_PRELOAD": str(build(work)), "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"},
             **{"FAULT_ROOT": str(self.root), "FAULT_CONTROL": str(self._control), "FAULT_LIST": str(work / "list")},
         }
+        reading, writing = os.pipe()
+        line = [sys.executable, "-W", "ignore", "-m", "helpers.faults.commands", command, str(work), str(writing)]
         with (work / "server.log").open("wb") as log:
-            self._server = subprocess.Popen(
-                [sys.executable, "-W", "ignore", "-m", "helpers.faults.commands", command, str(work)],
-                **{
-                    "env": environment,
-                    "stdin": subprocess.PIPE,
-                    "stdout": subprocess.PIPE,
-                    "stderr": log,
-                    "text": True,
-                },
-            )
+            streams = {"stdin": subprocess.PIPE, "stdout": log, "stderr": log}
+            self._server = subprocess.Popen(line, env=environment, text=True, pass_fds=[writing], **streams)
+        os.close(writing)
+        self._answers = os.fdopen(reading)
         self._log = work / "run.log"
 
     def run(self, output: str, *, at: int = 0, kind: str = "fail") -> tuple[int, int, int]:
