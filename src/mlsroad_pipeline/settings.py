@@ -12,10 +12,12 @@ from mlsroad_pipeline.hooks.default_pipeline import DefaultPipelineHooks  # noqa
 from mlsroad_pipeline.hooks.label_run import LabelRunHooks  # noqa: E402
 from mlsroad_pipeline.hooks.library_warnings import silence  # noqa: E402
 from mlsroad_pipeline.hooks.mlflow_run import MlflowDetailsHooks  # noqa: E402
+from mlsroad_pipeline.hooks.plain_logs import install  # noqa: E402
 from mlsroad_pipeline.hooks.progress import ProgressHooks  # noqa: E402
 from mlsroad_pipeline.hooks.stage_costs import StageCostsHooks  # noqa: E402
 
 silence()
+install()
 
 HOOKS = (
     MlflowDetailsHooks(),

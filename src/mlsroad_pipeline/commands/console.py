@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
+from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.execution.progress import reporting_to
 
 PACKAGE_LOGGER = "mlsroad_pipeline"
@@ -141,12 +142,12 @@ def count_table(rows: Sequence[tuple[str, ...]], titles: tuple[str, ...]) -> Tab
 def shown_path(path: str | Path) -> str:
     """Return a path relative to the working folder if it lies below, else as it is."""
     resolved, here = Path(path).absolute(), Path.cwd()
-    return str(resolved.relative_to(here)) if resolved.is_relative_to(here) else str(resolved)
+    return printable(resolved.relative_to(here) if resolved.is_relative_to(here) else resolved)
 
 
 def print_warnings(console: Console, messages: list[Any]) -> None:
     """Print each warning on a line of its own, once."""
-    unique = list(dict.fromkeys(" ".join(str(message).split()) for message in messages))
+    unique = list(dict.fromkeys(printable(message) for message in messages))
     if unique:
         console.print("\nWarnings")
         for message in unique:

@@ -95,6 +95,12 @@ class RunFolder:
         """Write the record atomically."""
         self._files.write_json(RECORD, {"format": FORMAT, **record})
 
+    def clean(self) -> None:
+        """Remove unfinished files of a killed process; the caller holds the lock of the output."""
+        for folder in (Path(self.path), Path(self.path, JOURNAL)):
+            for part in folder.glob(".*.tmp"):
+                part.unlink(missing_ok=True)
+
     def others(self) -> list[RunFolder]:
         """Return the other runs of this output."""
         folders = sorted(path.parent for path in Path(self.path).parent.glob(f"*/{RECORD}"))

@@ -20,6 +20,7 @@ from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.image_labels.projection import project_points
 from mlsroad_pipeline.algorithms.inventory.boxes import convex_hull
 from mlsroad_pipeline.datasets.inventory.qgis_styles import COLOURS
+from mlsroad_pipeline.datasets.inventory.vector_files import without_formulas
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.formats.files import atomic_file
 from mlsroad_pipeline.surveys.images import PosedImage, SurveyImages
@@ -167,7 +168,7 @@ def write_photos(objects: pd.DataFrame, drives: Mapping[str, SurveyImages], run:
             run.publish(folder / str(line["photo"]))
             lines.append(line)
     table = pd.DataFrame(lines, columns=list(COLUMNS)).sort_values("object_id")
-    _write(folder / Path(TABLE).name, table.to_csv(index=False, lineterminator="\n").encode())
+    _write(folder / Path(TABLE).name, without_formulas(table).to_csv(index=False, lineterminator="\n").encode())
     logger.info("Photos of %d of %d objects", len(table), len(objects))
     return str(run.publish(folder / Path(TABLE).name))
 

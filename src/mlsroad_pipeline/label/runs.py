@@ -45,6 +45,7 @@ def open_run(plan: SurveyPlan, parameters: LabelParameters, run: RunFolder) -> N
     """
     targets = existing(planned_paths(plan, run.output, parameters, possible=True))
     lock_output(run.output)
+    run.clean()
     before, inputs = run.read(), plan_inputs(plan)
     for target in targets:
         check_closed(Path(target))

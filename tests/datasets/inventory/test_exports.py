@@ -228,3 +228,15 @@ def test_geojson_of_a_survey_without_a_place_on_the_earth_is_refused(inventory, 
     with pytest.raises(DataError, match=message):
         EXPORTS["geojson"].write(RoadInventory(inventory.objects, crs), tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+def test_no_text_of_a_csv_is_a_formula(tmp_path):
+    objects = pd.DataFrame([planted(1, "pole", **{"class": '=HYPERLINK("http://x")'})])
+    sections = pd.DataFrame(
+        {"section": ["@SUM(A1)", "+1", "B"], "from_station": [-1.0, 0, 1], "to_station": [0.0, 1, 2]}
+    )
+    vector_files.write_csv(RoadInventory(objects, CRS(UTM), None, sections), tmp_path)
+    table, given = pd.read_csv(tmp_path / "inventory.csv"), pd.read_csv(tmp_path / "sections.csv")
+    assert table["class"].tolist() == ["""'=HYPERLINK("http://x")"""]
+    assert given["section"].tolist() == ["'@SUM(A1)", "'+1", "B"]
+    assert given["from_station"].tolist() == [-1, 0, 1]

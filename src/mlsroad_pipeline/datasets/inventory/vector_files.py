@@ -44,6 +44,7 @@ SHAPEFILE_NAMES = {
 TEXT_BYTES = 254
 """Largest length of a text in a Shapefile, bytes of UTF-8."""
 
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
 _WGS84 = "OGC:CRS84"
 _SECONDS = ("first_time", "last_time")  # whole numbers: a Shapefile has no room for their decimals
 
@@ -68,13 +69,23 @@ def write_prj(crs: CRS | None, path: Path) -> list[Path]:
     return [path]
 
 
+def without_formulas(table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table whose texts no spreadsheet runs: an apostrophe stands before those that begin like a formula."""
+    texts = [name for name in table.columns if not pd.api.types.is_numeric_dtype(table[name])]
+
+    def plain(value: Any) -> Any:
+        return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
+
+    return table.assign(**{str(name): table[name].map(plain) for name in texts})
+
+
 def write_csv(inventory: RoadInventory, folder: Path) -> list[Path]:
     """Write all fields as ``inventory.csv`` (UTF-8, footprints as WKT), types, system and sections of the road."""
     target = folder / "inventory.csv"
     table, crs = checked(inventory, target)
     columns = attributes(table).assign(footprint=table["footprint"])
     with atomic_file(target) as stream:
-        stream.write(columns.to_csv(index=False, lineterminator="\n").encode())
+        stream.write(without_formulas(columns).to_csv(index=False, lineterminator="\n").encode())
     types = target.with_suffix(".csvt")
     with atomic_file(types) as stream:
         stream.write((",".join(f'"{CSV_TYPES[FIELDS[str(name)].dtype]}"' for name in columns) + "\n").encode())
@@ -87,7 +98,7 @@ def _write_sections(inventory: RoadInventory, folder: Path) -> list[Path]:
         return []
     target = folder / "sections.csv"
     with atomic_file(target) as stream:
-        stream.write(inventory.sections.to_csv(index=False, lineterminator="\n").encode())
+        stream.write(without_formulas(inventory.sections).to_csv(index=False, lineterminator="\n").encode())
     return [target]
 
 

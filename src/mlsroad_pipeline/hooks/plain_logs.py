@@ -1,0 +1,36 @@
+"""Log records without control characters: names of files may hold some that move the cursor or forge lines."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import PurePath
+from typing import Any
+
+from mlsroad_pipeline.algorithms.core.plain_text import printable
+
+_PACKAGE = "mlsroad_pipeline"
+
+
+def _plain(value: Any) -> Any:
+    """Return an argument of a record; texts such as tracebacks keep their lines."""
+    if isinstance(value, PurePath):
+        return printable(value)
+    if isinstance(value, str) and not value.isprintable():
+        return "\n".join(printable(line) if not line.isprintable() else line for line in value.split("\n"))
+    return value
+
+
+def install() -> None:
+    """Make all further records of the package plain, once."""
+    make = logging.getLogRecordFactory()
+    if getattr(make, "is_plain", False):
+        return
+
+    def plain_record(*args: Any, **kwargs: Any) -> logging.LogRecord:
+        record = make(*args, **kwargs)
+        if record.name.startswith(_PACKAGE) and isinstance(record.args, tuple):
+            record.args = tuple(_plain(value) for value in record.args)
+        return record
+
+    plain_record.is_plain = True  # type: ignore[attr-defined]  # a mark on the function
+    logging.setLogRecordFactory(plain_record)
