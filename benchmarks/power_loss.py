@@ -21,7 +21,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-from helpers.faults.trials import Trials, results  # noqa: E402
+from helpers.faults.trials import Trials, results
 
 SHUTDOWN, WITHOUT_JOURNAL = 0x8004587D, 2
 """EXT4_IOC_SHUTDOWN, and its flag that drops the journal too."""
