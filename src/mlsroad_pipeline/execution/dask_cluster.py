@@ -18,7 +18,6 @@ from distributed import Client, Future, LocalCluster, Security, default_client
 from distributed.comm.core import CommClosedError
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
-from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.execution.settings import Execution
 from mlsroad_pipeline.execution.worker import Outcome, SceneJob, run_scene
 
@@ -88,8 +87,8 @@ def _run(client: Client, jobs: Sequence[SceneJob], execution: Execution) -> Iter
         raise
     except _LOST as error:
         raise ClusterError(
-            f"the Dask scheduler {address} was stopped or restarted ({printable(error) or type(error).__name__}): "
-            "start it and its workers, then the same command continues"
+            f"the Dask scheduler {address} was stopped or restarted, or the network is cut: start it and its workers, "
+            "then the same command continues"
         ) from error
     finally:
         if client.status == "running":
