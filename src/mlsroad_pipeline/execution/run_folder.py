@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
 from mlsroad_pipeline.execution.digests import digest_file, digest_json
 from mlsroad_pipeline.execution.run_identity import first_difference
-from mlsroad_pipeline.execution.store_files import StoreFiles, sync_folder
+from mlsroad_pipeline.execution.store_files import StoreFiles, sync_file, sync_folder
 
 FORMAT = 1
 RECORD, JOURNAL, STAGED, REMOVED = "run.json", "journal", "staged", "removed"
@@ -147,6 +147,7 @@ class RunFolder:
         Raises OutputExistsError if another file has taken the place during the run.
         """
         target = self.target(staged)
+        sync_file(staged)
         name, fresh, now = self._name(target), state_of(staged), state_of(target)
         known = [state for state in self._versions_of(name) if state == now]
         if now is not None and not known and not self.read().get("overwrite"):

@@ -47,6 +47,15 @@ class HashingStream(io.RawIOBase):
         return self.size
 
 
+def sync_file(path: str | os.PathLike[str]) -> None:
+    """Write the content of a local file to the disk, whichever library has written it."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
 def sync_folder(folder: str | os.PathLike[str]) -> None:
     """Write the entries of a local folder to the disk, so that a renamed file survives a power failure."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)

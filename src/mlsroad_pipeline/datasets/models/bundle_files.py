@@ -17,6 +17,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
 from mlsroad_pipeline.algorithms.models.array_checks import check_model_arrays
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.execution.mapped_arrays import map_arrays
+from mlsroad_pipeline.execution.store_files import sync_file, sync_folder
 from mlsroad_pipeline.execution.task import SourceFile
 from mlsroad_pipeline.formats.files import named_errors
 
@@ -41,6 +42,7 @@ def save_bundle(bundle: ModelBundle, folder: str | Path) -> None:
     arrays: dict[str, Any] = {name: np.asarray(bundle.arrays[name]) for name in sorted(bundle.arrays)}
     fresh = target / f".new.{_ARRAYS}"
     np.savez(fresh, **arrays)
+    sync_file(fresh)
     fresh.replace(target / _ARRAYS)  # the arrays may be mapped from the file that this replaces
     content = {
         "format": FORMAT,
@@ -49,6 +51,8 @@ def save_bundle(bundle: ModelBundle, folder: str | Path) -> None:
         "metadata": dict(bundle.metadata),
     }
     (target / _JSON).write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    sync_file(target / _JSON)
+    sync_folder(target)
 
 
 def load_bundle(folder: str | Path) -> ModelBundle:

@@ -9,6 +9,7 @@ from typing import Any
 import torch
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.execution.store_files import sync_file, sync_folder
 
 
 @dataclass(frozen=True)
@@ -39,12 +40,14 @@ class TorchCheckpoints:
         return state
 
     def save(self, name: str, state: dict[str, Any]) -> None:
-        """Write a state to a temporary file and rename it, so that a killed run leaves no partial checkpoint."""
+        """Write a state to a temporary file, sync and rename it: a kill or a power failure leaves no partial one."""
         path = self._file(name)
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_name(f".{path.name}.part")
         torch.save(state, partial)
+        sync_file(partial)
         partial.replace(path)
+        sync_folder(path.parent)
 
     def remove(self, name: str) -> None:
         """Remove a state, and the folder if it is empty then."""

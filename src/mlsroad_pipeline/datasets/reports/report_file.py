@@ -12,6 +12,8 @@ import fsspec
 from fsspec.implementations.local import LocalFileSystem
 from kedro.io import AbstractDataset, DatasetError
 
+from mlsroad_pipeline.execution.store_files import sync_file, sync_folder
+
 Saved = TypeVar("Saved")
 Loaded = TypeVar("Loaded")
 
@@ -63,7 +65,9 @@ class ReportFileDataset(AbstractDataset[Saved, Loaded], Generic[Saved, Loaded]):
         temporary = target.with_name(f".{target.name}.{uuid.uuid4().hex}.tmp")
         try:
             temporary.write_bytes(content)
+            sync_file(temporary)
             os.replace(temporary, target)
+            sync_folder(target.parent)
         finally:
             temporary.unlink(missing_ok=True)
 
