@@ -8,9 +8,13 @@ import time
 from multiprocessing import get_context
 
 import pytest
+from helpers.corrected import PLACES, object_rows, write_inventory
 from helpers.page_output import COMMAND, EVIL, FILES, Served, served, write_output
 
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.corrections import open_corrections
+from mlsroad_pipeline.page.output_folder import OutputFolder
+from mlsroad_pipeline.page.served import ServedSurvey
 
 PRIVATE = (
     "/api/survey",
@@ -180,10 +184,19 @@ def test_painted_points_are_rows_of_their_files(page, folder):
     page.post("/api/undo", answer)
 
 
+def test_decisions_about_a_survey_that_was_labelled_again_are_refused(tmp_path):
+    write_output(tmp_path)
+    survey = ServedSurvey(OutputFolder.find(tmp_path), user="ann")
+    accept = {"action": "accept", "object_id": 1}
+    assert survey.decide(accept) == {"ids": [1]}
+    write_inventory(tmp_path, object_rows(places=PLACES[::-1]))
+    with pytest.raises(ReadError, match="labelled again since the page was opened"):
+        survey.decide(accept)
+    survey.close()
+
+
 def _serve(folder, port, address):
     """Serve in a process that is forked from this one, which has the libraries already."""
-    from mlsroad_pipeline.page.output_folder import OutputFolder
-    from mlsroad_pipeline.page.served import ServedSurvey
     from mlsroad_pipeline.page.server import serve
 
     serve(ServedSurvey(OutputFolder.find(folder), user="ann"), port=port, browser=False, say=address.send)

@@ -58,15 +58,13 @@ def export_page(output: OutputFolder, target: Path, *, most: int = MOST_POINTS) 
 
 def _sample(clouds: CloudFiles, most: int) -> FirstPicture:
     """Return random points of a survey, all of a small one."""
-    chosen = np.random.default_rng(0).random(clouds.n_points) < most / max(1, clouds.n_points)
+    generator, share = np.random.default_rng(0), most / max(1, clouds.n_points)
     xyz: list[NDArray] = []
     values: list[NDArray] = []
-    done = 0
     for block in clouds.blocks(_BLOCK):
-        kept = chosen[done : done + len(block.xyz)]
+        kept = generator.random(len(block.xyz)) < share
         xyz.append(block.xyz[kept])
         values.append(block.values[kept])
-        done += len(block.xyz)
     return picture_of(clouds, np.concatenate(xyz), np.concatenate(values))
 
 

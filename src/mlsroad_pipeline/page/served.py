@@ -37,6 +37,7 @@ class ServedSurvey:
         self._guard, self._reading = threading.Lock(), threading.Lock()
         self._first: FirstPicture | None = None
         self._store: CorrectionStore | None = None
+        self._objects = ""
 
     @property
     def first(self) -> FirstPicture:
@@ -54,7 +55,13 @@ class ServedSurvey:
         with self._guard:
             if self._store is None:
                 self._store = open_corrections(self.output.path)
+                self._objects = self._store.objects().digest
             return self._store
+
+    def _check_current(self) -> None:
+        """Raise ReadError if the survey has been labelled again: numbers of points and objects are others now."""
+        if self.store.objects().digest != self._objects or self.tiles.status()["state"] == "stale":
+            raise ReadError("the survey was labelled again since the page was opened: end the page and open it again")
 
     def prepare(self) -> None:
         """Start to read the sample, to build the tiles and to open the decisions, in a thread."""
@@ -137,6 +144,7 @@ class ServedSurvey:
         )
         if correction.action == "paint":
             raise ParameterError("points are painted by a selection")
+        self._check_current()
         return {"ids": [self.store.add(correction, who=self.user)]}
 
     def undo(self, wanted: dict[str, Any]) -> dict[str, Any]:
@@ -150,6 +158,7 @@ class ServedSurvey:
         index = self.tiles.index()
         if index is None:
             raise ReadError("the points are still being prepared: paint when that is finished")
+        self._check_current()
         name = wanted.get("class")
         codes = {text: code for code, text in self.output.class_names().items()}
         if name not in codes:
