@@ -226,6 +226,12 @@ def open_corrections(folder: str | Path) -> CorrectionStore:
     return CorrectionStore(place, connection)
 
 
+def check_corrections(folder: str | Path) -> None:
+    """Raise the errors of `open_corrections` for a folder that has a store."""
+    if has_corrections(folder):
+        open_corrections(folder).close()
+
+
 def has_corrections(folder: str | Path) -> bool:
     """Return whether an output folder has a store."""
     return Path(folder, NAME).is_file()

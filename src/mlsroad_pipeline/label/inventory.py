@@ -17,6 +17,7 @@ from mlsroad_pipeline.algorithms.inventory.sections import section_table
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
 from mlsroad_pipeline.algorithms.scenes.cutting import corridor_from_arrays
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+from mlsroad_pipeline.corrections.inventory_columns import corrected_table
 from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
 from mlsroad_pipeline.datasets.models.object_judges import judge_digest
 from mlsroad_pipeline.execution.collection import SceneCollection
@@ -87,12 +88,16 @@ def inventory_of(
     corridors: SceneCollection,
     joined: SceneCollection,
     parameters: LabelParameters,
+    output: Path,
 ) -> RoadInventory:
-    """Return the inventory of a survey, with its trajectory and sections if it has a single one."""
+    """Return the inventory of a survey, with its trajectory and sections if it has a single one.
+
+    Decisions of an earlier inventory in the output folder are transferred.
+    """
     drives = list(plan.drives())
     corridor = corridor_from_arrays(corridors[drives[0]].load()) if len(drives) == 1 else None
     trajectory = corridor if isinstance(corridor, Trajectory) else None
-    objects = joined.part("objects")[OBJECTS].load()
+    objects = corrected_table(joined.part("objects")[OBJECTS].load(), output)
     given = None if parameters.sections is None else read_sections(Path(parameters.sections))
     if given is not None and trajectory is None:
         logger.warning("label.sections is not used: the survey has no path with stations")

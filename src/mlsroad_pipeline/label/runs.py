@@ -8,6 +8,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
+from mlsroad_pipeline.corrections.store import check_corrections
 from mlsroad_pipeline.datasets.inventory.exports import EXPORTS
 from mlsroad_pipeline.execution.fingerprints import code_digest
 from mlsroad_pipeline.execution.output_lock import lock_output
@@ -45,6 +46,7 @@ def open_run(plan: SurveyPlan, parameters: LabelParameters, run: RunFolder) -> N
     """
     targets = existing(planned_paths(plan, run.output, parameters, possible=True))
     lock_output(run.output)
+    check_corrections(run.output)
     run.clean()
     before, inputs = run.read(), plan_inputs(plan)
     for target in targets:

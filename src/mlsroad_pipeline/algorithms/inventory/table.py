@@ -84,6 +84,10 @@ FIELDS: dict[str, Field] = {
         "float64", "First seen [s]", "Time of its first point, in whole seconds of the files' GPS time."
     ),
     "last_time": Field("float64", "Last seen [s]", "Time of its last point, in whole seconds of the files' GPS time."),
+    "status": Field(
+        "str", "Status", "Decision of a user: accepted, rejected, changed, merged, split or moved; empty without one."
+    ),
+    "checked_class": Field("str", "Checked class", "Class or kind that a user gave; empty without one."),
     "reasons": Field("str", "Reasons", "What the score rests on, in phrases separated by semicolons."),
     "scene": Field("str", "Scene", "Scene that holds its base."),
     "method": Field("str", "Method", "Method that found it."),
@@ -141,7 +145,7 @@ def object_table(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
     unknown: dict[str, Any] = {
         **dict.fromkeys(("object_id", "pole_id", *SEEN_BY), 0),
         **dict.fromkeys(("station", "offset", "first_time", "last_time"), np.nan),
-        **dict.fromkeys(("method", "model_version", "reasons"), ""),
+        **dict.fromkeys(("method", "model_version", "status", "checked_class", "reasons"), ""),
     }
     known = pd.DataFrame(list(rows))
     missing = {name: value for name, value in unknown.items() if name not in known}

@@ -24,6 +24,7 @@ from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.datasets.inventory import qgis_styles
 from mlsroad_pipeline.datasets.inventory.geopackage_tables import add_tables
 from mlsroad_pipeline.datasets.inventory.road_inventory import (
+    DECIDED,
     RoadInventory,
     attributes,
     base_points,
@@ -165,7 +166,7 @@ def read_geopackage(path: str | Path) -> RoadInventory:
         if layer not in layers:
             raise ReadError(f"{source}: no layer {layer!r} among {layers}")
     frame = gpd.read_file(source, layer="objects")
-    missing = [name for name in FIELDS if name != "footprint" and name not in frame]
+    missing = [name for name in FIELDS if name not in ("footprint", *DECIDED) and name not in frame]
     if missing:
         raise ReadError(f"{source}: layer 'objects' has no field {missing[0]!r}")
     trajectory = None

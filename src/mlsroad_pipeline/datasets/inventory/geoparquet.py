@@ -16,6 +16,7 @@ import shapely
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS
 from mlsroad_pipeline.datasets.inventory.road_inventory import (
+    DECIDED,
     MAY_LACK,
     RoadInventory,
     attributes,
@@ -110,10 +111,10 @@ def read_geoparquet(path: str | Path) -> RoadInventory:
         raise ReadError(f"{source}: not a Parquet file") from error
     except ValueError as error:
         raise ReadError(f"{source}: Parquet without the metadata of GeoParquet") from error
-    missing = [name for name in OBJECT_FIELDS if name not in table]
+    missing = [name for name in OBJECT_FIELDS if name not in table and name not in DECIDED]
     if missing:
         raise ReadError(f"{source}: no column {missing[0]!r}")
-    objects = pd.DataFrame(table[list(OBJECT_FIELDS)])
+    objects = pd.DataFrame(table[[name for name in OBJECT_FIELDS if name in table]])
     objects["footprint"] = footprint_text(table["footprint"].to_numpy())
     crs = None if table.crs is None else table.crs.to_wkt()
-    return RoadInventory(with_empty_text(objects).astype(OBJECT_FIELDS), crs)
+    return RoadInventory(with_empty_text(objects)[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS), crs)

@@ -15,8 +15,11 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
-MAY_LACK = ("facing_from", "reasons", "method", "model_version")
+MAY_LACK = ("facing_from", "status", "checked_class", "reasons", "method", "model_version")
 """Text columns whose empty values are NULL in files."""
+
+DECIDED = ("status", "checked_class")
+"""Columns that files of earlier versions lack; they are read as empty."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,7 @@ def attributes(table: pd.DataFrame) -> pd.DataFrame:
 def with_empty_text(objects: pd.DataFrame) -> pd.DataFrame:
     """Return a table read from a file with empty text in place of missing values: the inverse of `attributes`."""
     columns = pd.DataFrame(objects)
+    columns = columns.assign(**{name: "" for name in DECIDED if name not in columns})
     for name in MAY_LACK:
         columns[name] = columns[name].astype(object).where(columns[name].notna(), "")
     return columns

@@ -38,6 +38,7 @@ SHAPEFILE_NAMES = {
     "panel_height": "panel_h", "panel_width": "panel_w", "facing_from": "facing_src", "visible_share": "visible",
     "point_count": "points", "disagreeing_share": "other_cls", "file_count": "files", "passes_there": "passes_of",
     "scanners_there": "scanner_of", "first_time": "first_sec", "last_time": "last_sec", "model_version": "model",
+    "checked_class": "checked",
 }  # fmt: skip
 """Field to its name of at most ten characters in a Shapefile; the others keep theirs."""
 

@@ -166,9 +166,10 @@ def make_inventory(
     corridors: SceneCollection,
     joined: SceneCollection,
     parameters: LabelParameters,
+    run: RunFolder,
 ) -> tuple[RoadInventory, RoadInventory]:
     """Return the inventory, once per output format."""
-    inventory = inventory_of(plan, files, corridors, joined, parameters)
+    inventory = inventory_of(plan, files, corridors, joined, parameters, run.output)
     return inventory, inventory
 
 

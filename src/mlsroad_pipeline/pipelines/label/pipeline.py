@@ -127,7 +127,14 @@ def _reporting() -> list[Node]:
     return [
         Node(
             make_inventory,
-            inputs=["label_plan", "label_files_store", "label_corridors_store", "label_objects_store", "params:label"],
+            inputs=[
+                "label_plan",
+                "label_files_store",
+                "label_corridors_store",
+                "label_objects_store",
+                "params:label",
+                "label_run",
+            ],
             outputs=["label_inventory", "label_inventory_table"],
             name="make_inventory",
         ),

@@ -1,0 +1,295 @@
+"""Boosting that goes on from a trained model, with the answers of a user on a survey that it labelled.
+
+Three sources of equal weight keep the model from forgetting: the answers, a sample of the model's own training voxels
+(replay), and voxels of the survey that the model labels with high confidence, the same number of each class
+(self-training). Trees are added; those of the model stay as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import softmax
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.training import partial_label_objective
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
+from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+
+
+@dataclass(frozen=True)
+class ContinuationParameters:
+    """Parameters of the boosting from answers.
+
+    Parameters
+    ----------
+    rounds : int, default 40
+        Rounds of boosting, of one tree per class each.
+    bags : int, default 2
+        Sets of trees from different samples; their mean is added. More of them vary less and take longer.
+    leaves : int, default 7
+        Maximum leaves of a tree: few, since there are few answers.
+    learning_rate : float, default 0.2
+        Factor of the leaf values.
+    min_child_samples : int, default 20
+        Minimum training voxels of a leaf.
+    per_answer : int, default 300
+        Maximum training voxels of one answer.
+    per_class : int, default 300
+        Maximum confident voxels of the survey per class.
+    confident : float, default 0.5
+        Share of the voxels of a class, those with the highest confidence, that the confident ones are drawn from.
+    replayed : int, default 4000
+        Maximum voxels of the model's own training data in a set of trees.
+    answer_weight, replay_weight, confident_weight : float, default 1.0
+        Weight of each source; 0 leaves a source out, but not the answers.
+    seed : int, default 2026
+        Seed of samples and trees.
+
+    Raises
+    ------
+    ParameterError
+        If a value is outside its domain.
+    """
+
+    rounds: int = 40
+    bags: int = 2
+    leaves: int = 7
+    learning_rate: float = 0.2
+    min_child_samples: int = 20
+    per_answer: int = 300
+    per_class: int = 300
+    confident: float = 0.5
+    replayed: int = 4000
+    answer_weight: float = 1.0
+    replay_weight: float = 1.0
+    confident_weight: float = 1.0
+    seed: int = 2026
+
+    def __post_init__(self) -> None:
+        for name in ("learning_rate", "confident", "answer_weight"):
+            check_positive(getattr(self, name), f"learn.{name}")
+        for name, least in (("rounds", 1), ("bags", 1), ("leaves", 2), ("per_answer", 1), ("min_child_samples", 1)):
+            check_at_least(getattr(self, name), least, f"learn.{name}")
+        for name in ("per_class", "replayed", "replay_weight", "confident_weight"):
+            check_at_least(getattr(self, name), 0, f"learn.{name}")
+
+
+class Answer(NamedTuple):
+    """One answer of a user: the voxels of an object, or of a supervoxel, and what they are.
+
+    Attributes
+    ----------
+    values : ndarray of float32, shape (v, f)
+        Features of the voxels.
+    classes : ndarray of bool, shape (classes,)
+        Classes that the answer allows; several where the user named a kind that holds them.
+    """
+
+    values: NDArray[np.float32]
+    classes: NDArray[np.bool_]
+
+
+class Replay(NamedTuple):
+    """Sample of the training voxels of a model, drawn in proportion to their weights.
+
+    Attributes
+    ----------
+    values : ndarray of float, shape (v, f)
+        Features.
+    allowed : ndarray of bool, shape (v, classes)
+        Allowed classes.
+    """
+
+    values: NDArray[np.floating]
+    allowed: NDArray[np.bool_]
+
+
+class _Rows(NamedTuple):
+    values: NDArray[np.float32]
+    allowed: NDArray[np.bool_]
+    weight: NDArray[np.float64]
+
+
+def continue_training(
+    bundle: ModelBundle,
+    answers: Sequence[Answer],
+    survey: NDArray[np.float32],
+    replay: Replay,
+    *,
+    parameters: ContinuationParameters | None = None,
+    learned_from: Mapping[str, Any] | None = None,
+    n_threads: int = 1,
+) -> ModelBundle:
+    """Return a model that has learned from answers.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        A model of `training.fit`.
+    answers : sequence of Answer
+        The answers.
+    survey : ndarray of float32, shape (v, f)
+        Voxels of the same survey that no answer is about.
+    replay : Replay
+        Sample of the model's own training voxels.
+    parameters : ContinuationParameters, optional
+        The parameters.
+    learned_from : mapping, optional
+        Description of the answers for the metadata; JSON values.
+    n_threads : int, default 1
+        Threads of LightGBM; the trees do not depend on it.
+
+    Returns
+    -------
+    ModelBundle
+        The model with added trees. Its metadata gain an entry in ``learned``.
+
+    Raises
+    ------
+    DataError
+        If no answer has voxels, or the number of features or classes differs from the model's.
+    """
+    own = parameters or ContinuationParameters()
+    trees = BoostedTrees.from_arrays(bundle.arrays)
+    used = [answer for answer in answers if len(answer.values)]
+    if not used:
+        raise DataError("there is no answer to learn from: correct or accept objects, or paint points, first")
+    n_classes = len(bundle.metadata["classes"])
+    for what, table in (("an answer", np.stack([answer.classes for answer in used])), ("the replay", replay.allowed)):
+        if table.shape[1] != n_classes or not table.any(axis=1).all():
+            raise DataError(f"{what} must allow one or more of the {n_classes} classes of the model")
+    codes = _Codes(trees)
+    temperature = float(bundle.arrays["temperature"])
+    scores = trees.scores(survey, n_threads=n_threads) if len(survey) else np.zeros((0, n_classes))
+    probabilities = softmax(scores / temperature + bundle.arrays["offsets"])
+    groups = bundle.arrays.get("groups", np.arange(n_classes))
+    parts = [trees]
+    for bag in range(own.bags):
+        rng = np.random.default_rng((own.seed, bag))
+        rows = [
+            _weighted(_of_answers(used, own, rng), own.answer_weight),
+            _weighted(_of_replay(replay, own, rng), own.replay_weight),
+            _weighted(_confident(survey, probabilities, groups, own, rng), own.confident_weight),
+        ]
+        values, allowed, weight = (np.concatenate(part) for part in zip(*rows, strict=True))
+        initial = trees.scores(values, n_threads=n_threads) / temperature + bundle.arrays["offsets"]
+        added = _boost(codes, values, allowed, weight * (len(weight) / weight.sum()), initial, own, bag, n_threads)
+        parts.append(replace(added, leaf=(added.leaf * (temperature / own.bags)).astype(np.float32)))
+    entry = {"answers": len(used), "parameters": asdict(own), **(learned_from or {})}
+    metadata = {**bundle.metadata, "learned": [*bundle.metadata.get("learned", ()), entry]}
+    kept = {name: array for name, array in bundle.arrays.items() if name not in trees.to_arrays()}
+    return ModelBundle(bundle.slug, {**BoostedTrees.joined(parts).to_arrays(), **kept}, metadata)
+
+
+class _Codes:
+    """Features as numbers among the thresholds of a model, so that added trees use no others.
+
+    The kernel of the prediction has room for a limited number of thresholds per feature.
+    """
+
+    def __init__(self, trees: BoostedTrees) -> None:
+        self._thresholds = [np.unique(trees.threshold[trees.feature == f]) for f in range(trees.n_features)]
+
+    def encode(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the number of thresholds below each value; NaN stays."""
+        out = np.empty(values.shape, np.float32)
+        for f, thresholds in enumerate(self._thresholds):
+            column = values[:, f].astype(np.float32)
+            out[:, f] = np.where(np.isnan(column), np.nan, np.searchsorted(thresholds, column))
+        return out
+
+    def decode(self, trees: BoostedTrees) -> BoostedTrees:
+        """Return trees on numbers as trees on values."""
+        limits = [self._thresholds[f] for f in trees.feature]
+        found = [own[min(int(t), len(own) - 1)] for own, t in zip(limits, trees.threshold, strict=True)]
+        return replace(trees, threshold=np.array(found, np.float32))
+
+
+def _weighted(rows: _Rows, total: float) -> _Rows:
+    """Return rows whose weights have a given sum; none for a source of weight 0."""
+    if not len(rows.weight) or total == 0:
+        return _Rows(rows.values[:0], rows.allowed[:0], rows.weight[:0])
+    return rows._replace(weight=rows.weight * (total / rows.weight.sum()))
+
+
+def _of_answers(answers: Sequence[Answer], own: ContinuationParameters, rng: np.random.Generator) -> _Rows:
+    """Return the voxels of the answers: an answer weighs as the root of its voxels, a class as the root of its sum."""
+    drawn = [rng.permutation(len(answer.values))[: own.per_answer] for answer in answers]
+    sizes = np.array([len(rows) for rows in drawn])
+    each = np.sqrt([len(answer.values) for answer in answers])
+    classes = np.stack([answer.classes for answer in answers])
+    _, group = np.unique(classes, axis=0, return_inverse=True)
+    group = group.reshape(-1)
+    each = each / np.sqrt(np.bincount(group, weights=each))[group]
+    values = np.concatenate([answer.values[rows] for answer, rows in zip(answers, drawn, strict=True)])
+    return _Rows(values, np.repeat(classes, sizes, axis=0), np.repeat(each / sizes, sizes))
+
+
+def _of_replay(replay: Replay, own: ContinuationParameters, rng: np.random.Generator) -> _Rows:
+    rows = rng.permutation(len(replay.values))[: own.replayed]
+    return _Rows(replay.values[rows].astype(np.float32), replay.allowed[rows], np.ones(len(rows)))
+
+
+def _confident(
+    survey: NDArray[np.float32],
+    probabilities: NDArray[np.float64],
+    groups: NDArray[np.integer],
+    own: ContinuationParameters,
+    rng: np.random.Generator,
+) -> _Rows:
+    """Return voxels of the survey that the model is sure of; each class that it finds has the same weight."""
+    member = groups[None, :] == np.arange(int(groups.max()) + 1)[:, None]
+    of_group = probabilities @ member.T
+    best, sure = of_group.argmax(axis=1), of_group.max(axis=1, initial=0.0)
+    chosen, weights = [np.zeros(0, np.int64)], [np.zeros(0)]
+    for group in range(len(member)):
+        rows = np.flatnonzero(best == group)
+        if len(rows) < own.min_child_samples:
+            continue
+        rows = rows[sure[rows] >= np.quantile(sure[rows], 1.0 - own.confident)]
+        rows = rng.permutation(rows)[: own.per_class]
+        chosen.append(rows)
+        weights.append(np.full(len(rows), 1.0 / max(len(rows), 1)))
+    picked = np.concatenate(chosen)
+    return _Rows(survey[picked], member[best[picked]], np.concatenate(weights))
+
+
+def _boost(
+    codes: _Codes,
+    values: NDArray[np.float32],
+    allowed: NDArray[np.bool_],
+    weight: NDArray[np.float64],
+    initial: NDArray[np.float64],
+    own: ContinuationParameters,
+    bag: int,
+    n_threads: int,
+) -> BoostedTrees:
+    import lightgbm  # noqa: PLC0415  # labelling needs none
+
+    seed = own.seed + bag
+    settings: dict[str, Any] = {
+        "num_class": allowed.shape[1],
+        "num_leaves": own.leaves,
+        "learning_rate": own.learning_rate,
+        "min_child_samples": own.min_child_samples,
+        "feature_fraction": 0.3,
+        "extra_trees": True,
+        "lambda_l2": 1.0,
+        "max_bin": 31,
+        "data_random_seed": seed,
+        "feature_fraction_seed": seed,
+        "extra_seed": seed,
+        "deterministic": True,
+        "force_row_wise": True,
+        "num_threads": n_threads,
+        "verbosity": -1,
+    }
+    data = lightgbm.Dataset(codes.encode(values), np.zeros(len(values)), params=settings, init_score=initial)
+    booster = lightgbm.train({**settings, "objective": partial_label_objective(allowed, weight)}, data, own.rounds)
+    return codes.decode(BoostedTrees.from_lightgbm(booster.model_to_string()))
