@@ -87,3 +87,11 @@ def test_verbose_prints_the_traceback_first(capsys):
     lines = capsys.readouterr().err.strip().splitlines()
     assert lines[0].startswith("Traceback")
     assert lines[-1] == "Error: bad"
+
+
+def test_no_password_and_no_control_character_is_shown():
+    foreign = RuntimeError("request to https://ann:secret@registry/api failed with \x1b[31mtoken=abc")
+    text = describe(foreign)
+    assert "secret" not in text and "abc" not in text and "\x1b" not in text
+    assert "https://ann:***@registry/api failed with \\x1b[31mtoken=***" in text
+    assert describe(ReadError("/data/a\x1b[2J\nb.laz: is empty")) == "/data/a\\x1b[2J b.laz: is empty"

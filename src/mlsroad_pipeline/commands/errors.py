@@ -13,7 +13,7 @@ from pathlib import Path
 import typer
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
-from mlsroad_pipeline.algorithms.core.plain_text import printable
+from mlsroad_pipeline.algorithms.core.plain_text import printable, without_password
 from mlsroad_pipeline.commands.console import error_console
 from mlsroad_pipeline.execution.task import SceneError
 
@@ -40,7 +40,11 @@ def _chain(error: BaseException) -> Iterator[BaseException]:
 
 
 def describe(error: BaseException) -> str:
-    """Return an error as one line: cause, file, value and remedy as the project's own errors state them."""
+    """Return an error as one line without passwords: cause, file, value and remedy as the project's errors state them."""
+    return without_password(_described(error))
+
+
+def _described(error: BaseException) -> str:
     chain = list(_chain(error))
     own = next((cause for cause in chain if isinstance(cause, MlsRoadError)), None)
     if isinstance(own, SceneError):
