@@ -40,7 +40,7 @@ def _chain(error: BaseException) -> Iterator[BaseException]:
 
 
 def describe(error: BaseException) -> str:
-    """Return an error as one line without passwords: cause, file, value and remedy as the project's errors state them."""
+    """Return an error as one line without passwords: cause, file, value and remedy as the own errors state them."""
     return without_password(_described(error))
 
 

@@ -40,7 +40,7 @@ def expanded(places: Sequence[str]) -> list[str]:
     """Return places as absolute paths; ``~`` is the home folder."""
     if "" in places:
         raise typer.BadParameter("an empty name is no file or folder: is a variable of the shell unset?")
-    return [os.path.abspath(local_path(os.path.expanduser(place), "a file or folder")) for place in places]
+    return [os.path.abspath(local_path(os.path.expanduser(place), "FILE or FOLDER")) for place in places]
 
 
 def check_exist(places: Sequence[str]) -> None:

@@ -102,5 +102,5 @@ def integer_labels(values: NDArray, name: str, *, source: Path) -> NDArray:
         whole = values.astype(np.int32)
     if not np.array_equal(whole, values):
         row = int(np.flatnonzero(whole != values)[0])
-        raise DataError(f"{source}: column {name!r} holds {values[row]!r}, which is not a whole number")
+        raise DataError(f"{source}: column {name!r} holds {values[row]:g}, which is not a whole number")
     return whole
