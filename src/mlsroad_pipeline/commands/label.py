@@ -126,6 +126,7 @@ def print_summary(console: Console, summary: Mapping[str, Any], logged: list[str
     ]
     console.print(count_table(rows, ("class", "points", "share", "confidence")))
     objects = [(kind, f"{count:,}") for kind, count in summary["objects"].items()]
+    objects += [(kind, f"{length:,.0f} m") for kind, length in summary.get("lines", {}).items()]
     console.print()
     if objects:
         console.print(count_table(objects, ("object", "count")))

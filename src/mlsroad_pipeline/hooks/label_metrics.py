@@ -46,6 +46,7 @@ def label_metrics(summary: Mapping[str, Any], seconds: float) -> dict[str, float
         metrics[f"share/{_part(name)}"] = count / labelled
     metrics |= {f"confidence/median/{_part(name)}": value for name, value in confidence["class_medians"].items()}
     metrics |= {f"objects/{_part(kind)}": count for kind, count in summary["objects"].items()}
+    metrics |= {f"metres/{_part(kind)}": length for kind, length in summary.get("lines", {}).items()}
     return {name: float(value) for name, value in metrics.items() if value is not None and np.isfinite(value)}
 
 

@@ -12,13 +12,14 @@ import pandas as pd
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
+from mlsroad_pipeline.algorithms.inventory.lines import LINE_KINDS
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
-from mlsroad_pipeline.algorithms.inventory.sections import section_table
+from mlsroad_pipeline.algorithms.inventory.sections import line_lengths, section_table
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
 from mlsroad_pipeline.algorithms.scenes.cutting import corridor_from_arrays
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.corrections.inventory_columns import corrected_table
-from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
+from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory, line_vertices
 from mlsroad_pipeline.datasets.models.object_judges import judge_digest
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import Deferred, SceneTask
@@ -44,13 +45,13 @@ def objects_task(
     results: SceneCollection,
     rules: Mapping[str, ObjectRule],
     bundle: ModelBundle,
-    least_score: float,
+    parameters: LabelParameters,
 ) -> SceneTask:
     """Return the task that joins the objects of all scenes of a survey."""
     drives = {drive: scenes_of(drive, results) for drive in plan.drives()}
     parts: dict[str, Any] = {
         name: {drive: Deferred(tuple(stored[key] for key in keys)) for drive, keys in drives.items()}
-        for name in ("objects", "fragments", "evidence")
+        for name in ("objects", "fragments", "evidence", "kerbs", "wires")
         for stored in [results.part(name)]
     }
     parts["sightings"] = Deferred(tuple(results.part("sightings").values()))
@@ -64,7 +65,8 @@ def objects_task(
             "rules": dict(rules),
             "labels": labels,
             "judge": judge_digest(),
-            "least_score": least_score,
+            "least_score": parameters.least_score,
+            "least_length": parameters.least_kerb,
             "method": bundle.slug,
             "model_version": version,
         },
@@ -102,7 +104,12 @@ def inventory_of(
     if given is not None and trajectory is None:
         logger.warning("label.sections is not used: the survey has no path with stations")
     sections = None if trajectory is None else section_table(objects, trajectory.length, sections=given)
-    return RoadInventory(objects, survey_crs(plan, files), trajectory, sections)
+    lines = joined.part("lines")[OBJECTS].load()
+    if sections is not None and trajectory is not None:
+        for kind in LINE_KINDS:
+            of_kind = line_vertices(lines[lines["kind"] == kind])
+            sections[f"{kind}_length"] = line_lengths(of_kind, trajectory, sections)
+    return RoadInventory(objects, survey_crs(plan, files), trajectory, sections, lines)
 
 
 def read_sections(path: Path) -> pd.DataFrame:

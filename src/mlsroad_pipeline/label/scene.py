@@ -18,12 +18,15 @@ from mlsroad_pipeline.algorithms.inventory.candidates import CANDIDATE_LIMITS
 from mlsroad_pipeline.algorithms.inventory.class_groups import ClassEvidence, evidence_of_labels, group_shares
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects
 from mlsroad_pipeline.algorithms.inventory.judging import STEM
+from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import ground_classes, kerb_steps, no_steps
+from mlsroad_pipeline.algorithms.inventory.kerbs.steps import StepLimits
 from mlsroad_pipeline.algorithms.inventory.merging import MergedObjects, merge_scenes
 from mlsroad_pipeline.algorithms.inventory.object_features import FEATURES
 from mlsroad_pipeline.algorithms.inventory.rules import KINDS, ObjectRule, rules_for_scheme
 from mlsroad_pipeline.algorithms.inventory.sightings import sightings_of_scene
 from mlsroad_pipeline.algorithms.inventory.stem_features import STEM_FEATURES
 from mlsroad_pipeline.algorithms.inventory.table import OBJECT_FIELDS
+from mlsroad_pipeline.algorithms.inventory.wires import wire_points, wire_probability
 from mlsroad_pipeline.algorithms.models.bundle import Labeller, ModelBundle, SoftLabels, bundle_scheme, label_softly
 from mlsroad_pipeline.algorithms.models.object_judge import ObjectJudge
 from mlsroad_pipeline.algorithms.scenes.cutting import OutlierParameters
@@ -56,6 +59,8 @@ class LabelSettings:
         Parameters of the statistical outlier filter.
     judge : str, default ""
         SHA256 of the shipped judge of objects that gives the scores; empty: the score is the mean confidence.
+    kerbs : StepLimits, optional
+        Limits of a kerb's step; None finds no kerbs.
     """
 
     codes: NDArray[np.uint8]
@@ -63,6 +68,7 @@ class LabelSettings:
     ground: GroundParameters = field(default_factory=GroundParameters)
     outliers: OutlierParameters = field(default_factory=OutlierParameters)
     judge: str = ""
+    kerbs: StepLimits | None = None
 
 
 class CoreLabels(TypedDict):
@@ -96,6 +102,8 @@ class LabelCounts(TypedDict):
 class LabelledScene(TypedDict):
     """Stored parts of a labelled scene; `objects`, `fragments` and `evidence` are those of `SceneObjects`.
 
+    `kerbs` are the steps of `kerb_steps`, `wires` the points of `wire_points`.
+
     The counts are those of the labels of the points, before they get the classes of their objects.
     """
 
@@ -107,6 +115,8 @@ class LabelledScene(TypedDict):
     evidence: pd.DataFrame
     sightings: pd.DataFrame
     sample: PictureSample
+    kerbs: pd.DataFrame
+    wires: pd.DataFrame
 
 
 def label_new_scene(
@@ -130,7 +140,8 @@ def label_new_scene(
     starts = np.flatnonzero(np.diff(files, prepend=-1))  # scenes are ordered by file, and within one by row
     ends = np.append(starts[1:], len(files)) - 1
     core_label, core_confidence = label[core], confidence[core].astype(np.float32)
-    extracted = _objects(scene, soft, bundle_scheme(bundle), settings, height=ground["height"], name=name)
+    evidence = _evidence(soft, bundle_scheme(bundle))
+    extracted = _objects(scene, soft, evidence, settings, height=ground["height"], name=name)
     return {
         "labels": {
             "file": files,
@@ -149,23 +160,49 @@ def label_new_scene(
         "evidence": extracted.evidence,
         "sightings": sightings_of_scene(extracted.part, scene, core),
         "sample": scene_sample(scene.xyz, scene.origin, label, core),
+        "kerbs": _kerbs(scene, label, ground["height"], bundle_scheme(bundle), settings.kerbs),
+        "wires": wire_points(
+            *(scene.xyz, ground["height"], wire_probability(evidence)),
+            core=core,
+            origin=scene.origin,
+        ),
     }
+
+
+def _kerbs(
+    scene: PointCloud,
+    label: NDArray[np.integer],
+    height: NDArray[np.float32],
+    scheme: ClassScheme,
+    limits: StepLimits | None,
+) -> pd.DataFrame:
+    if limits is None:
+        return no_steps()
+    return kerb_steps(
+        *(scene.xyz, height, label),
+        is_ground=ground_classes(scheme),
+        core=scene["core"],
+        origin=scene.origin,
+        limits=limits,
+    )
+
+
+def _evidence(soft: SoftLabels, scheme: ClassScheme) -> ClassEvidence:
+    if soft.probabilities is None or soft.owner is None:
+        return evidence_of_labels(soft.labels, soft.confidence, scheme)
+    return ClassEvidence(soft.probabilities, soft.owner, group_shares(scheme))
 
 
 def _objects(
     scene: PointCloud,
     soft: SoftLabels,
-    scheme: ClassScheme,
+    evidence: ClassEvidence,
     settings: LabelSettings,
     *,
     height: NDArray[np.float32],
     name: str,
 ) -> SceneObjects:
     known = np.isfinite(height)
-    if soft.probabilities is None or soft.owner is None:
-        evidence = evidence_of_labels(soft.labels, soft.confidence, scheme)
-    else:
-        evidence = ClassEvidence(soft.probabilities, soft.owner, group_shares(scheme))
     return extract_objects(
         scene.xyz,
         np.where(known, soft.labels, -1) if known.any() else soft.labels,

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
+from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
 from mlsroad_pipeline.execution.run_identity import absolute
 from mlsroad_pipeline.label.confidence import LOW, confidence_table
 from mlsroad_pipeline.label.scene import LabelCounts
@@ -51,6 +52,7 @@ class LabelSummary(TypedDict):
     classes: dict[str, int]
     confidence: ConfidenceSummary
     objects: dict[str, int]
+    lines: dict[str, float]
     strange: list[str]
     warnings: list[str]
     outputs: OutputPaths
@@ -80,7 +82,7 @@ def summarise_labels(
     parameters: LabelParameters,
     quality: pd.DataFrame,
     written: Mapping[str, WrittenFile],
-    objects: pd.DataFrame,
+    inventory: RoadInventory,
     warnings: Sequence[str],
     *,
     strange: Sequence[str] = (),
@@ -88,9 +90,9 @@ def summarise_labels(
 ) -> LabelSummary:
     """Return the summary of a labelled survey; strange are its properties outside the range of the training data.
 
-    `exports` are the files of `label.export`.
+    `exports` are the files of `label.export`; `lines` has the metres of line of each kind.
     """
-    total = summed_counts(written)
+    total, objects = summed_counts(written), inventory.objects
     output = Path(str(parameters.output))
     return {
         "survey": parameters.survey_name,
@@ -103,6 +105,7 @@ def summarise_labels(
         "classes": {name: count for name, count in class_counts(bundle, total).items() if count},
         "confidence": _confidence(confidence_table(total["confidences"], bundle_scheme(bundle).classes)),
         "objects": {str(kind): int(count) for kind, count in objects["kind"].value_counts(sort=False).items()},
+        "lines": line_totals(inventory.lines),
         "strange": list(strange),
         "warnings": list(warnings),
         "outputs": {
@@ -113,6 +116,13 @@ def summarise_labels(
             "report": str(output / "report.html"),
         },
     }
+
+
+def line_totals(lines: pd.DataFrame | None) -> dict[str, float]:
+    """Return the metres of line of each kind."""
+    if lines is None:
+        return {}
+    return {str(kind): round(float(length), 1) for kind, length in lines.groupby("kind")["length"].sum().items()}
 
 
 def _confidence(table: pd.DataFrame) -> ConfidenceSummary:

@@ -11,8 +11,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects
+from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import join_kerbs
+from mlsroad_pipeline.algorithms.inventory.lines import numbered
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.sightings import Sightings, with_sightings
+from mlsroad_pipeline.algorithms.inventory.wires import join_wires
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.scenes.cutting import CorridorArrays, corridor_from_arrays, join_pieces
 from mlsroad_pipeline.algorithms.scenes.tiling import SceneSpan
@@ -117,11 +120,15 @@ class _StoredObjects(Sequence[SceneObjects]):
 
 
 class JoinedObjects(TypedDict):
-    """Objects of a survey, their numbers in each scene (see `merging.MergedObjects`), and their classes."""
+    """Objects of a survey, their numbers in each scene (see `merging.MergedObjects`), and their classes.
+
+    `lines` are the kerbs and wires of all drives.
+    """
 
     objects: pd.DataFrame
     numbers: dict[str, NDArray[np.uint32]]
     classes: ObjectClasses
+    lines: pd.DataFrame
 
 
 def join_objects(
@@ -130,20 +137,26 @@ def join_objects(
     fragments: Mapping[str, Sequence[StoredResult]],
     evidence: Mapping[str, Sequence[StoredResult]],
     sightings: Sequence[StoredResult],
+    kerbs: Mapping[str, Sequence[StoredResult]],
+    wires: Mapping[str, Sequence[StoredResult]],
     *,
     rules: Mapping[str, ObjectRule],
     labels: Mapping[str, int],
     judge: str,
     least_score: float,
+    least_length: float,
     method: str,
     model_version: str,
 ) -> JoinedObjects:
     """Join the objects of all scenes of a survey into one table; `labels` are the classes of the model by name."""
-    drives = []
+    drives, lines = [], []
     for drive, arrays in corridors.items():
         corridor = corridor_from_arrays(arrays)
         scenes = _StoredObjects(objects[drive], fragments[drive], evidence[drive])
-        drives.append((scenes, corridor if isinstance(corridor, Trajectory) else None))
+        trajectory = corridor if isinstance(corridor, Trajectory) else None
+        drives.append((scenes, trajectory))
+        lines.append(join_kerbs([stored.load() for stored in kerbs[drive]], trajectory, least_length=least_length))
+        lines.append(join_wires([stored.load() for stored in wires[drive]], trajectory))
     judges = object_judge() if judge else None
     joined, numbers = join_inventories(drives, rules, judge=judges, least_score=least_score)
     table = with_sightings(joined, numbers, (Sightings(stored.key, stored.load()) for stored in sightings))
@@ -152,4 +165,4 @@ def join_objects(
         "score": np.append(0.0, table["score"]).astype(np.float32),
     }
     table = table.assign(method=method, model_version=model_version)
-    return {"objects": table, "numbers": numbers, "classes": classes}
+    return {"objects": table, "numbers": numbers, "classes": classes, "lines": numbered(lines)}

@@ -10,6 +10,9 @@ from typing import Any
 
 from mlsroad_pipeline.algorithms.core.classes import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
+from mlsroad_pipeline.algorithms.core.validation import check_positive
+from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import LEAST_LENGTH
+from mlsroad_pipeline.algorithms.inventory.kerbs.steps import StepLimits
 from mlsroad_pipeline.formats.crs import parse_crs
 from mlsroad_pipeline.formats.options import BY_CRS, TAXONOMY_CODING, ReadOptions
 
@@ -122,6 +125,8 @@ class LabelParameters:
     least_score : float, default 0.4
         Least score of a listed object, 0 to 1. Larger lists fewer objects, of which more are right; 0 lists all
         candidates.
+    kerbs : mapping or None
+        Changes of the limits of kerbs: `StepLimits`, and `least_length` in metres. None finds no kerbs.
     copc : bool, default False
         Whether to write a cloud-optimised copy (``.copc.laz``) beside each LAZ, for web viewers and QGIS.
     coloured_ply : bool, default False
@@ -160,6 +165,7 @@ class LabelParameters:
     read: Mapping[str, Any] = field(default_factory=dict)
     inventory: Mapping[str, Any] = field(default_factory=dict)
     least_score: float = 0.4
+    kerbs: Mapping[str, Any] | None = field(default_factory=dict)
     copc: bool = False
     coloured_ply: bool = False
     export: Sequence[str] = ()
@@ -183,6 +189,7 @@ class LabelParameters:
         for name in ("read", "inventory"):
             if not isinstance(getattr(self, name), Mapping):
                 raise ParameterError(f"label.{name} must have parameters below it, got {getattr(self, name)!r}")
+        self.kerb_limits()
         object.__setattr__(self, "export", _formats(self.export))
         if self.photos and self.images is None:
             raise ParameterError("label.photos needs images: set label.images to the name of their camera file")
@@ -202,6 +209,28 @@ class LabelParameters:
         """Return the options of the readers."""
         given = {} if self.crs is None else {"crs": str(self.crs)}
         return ReadOptions.from_config({**NEW_SURVEY, **self.read, **given})
+
+    @property
+    def least_kerb(self) -> float:
+        """Length of the shortest kerb, metres."""
+        return check_positive((self.kerbs or {}).get("least_length", LEAST_LENGTH), "label.kerbs.least_length")
+
+    def kerb_limits(self) -> StepLimits | None:
+        """Return the limits of a kerb's step; None where no kerbs are wanted."""
+        if self.kerbs is None:
+            return None
+        if not isinstance(self.kerbs, Mapping):
+            raise ParameterError(f"label.kerbs must have parameters below it, or be null, got {self.kerbs!r}")
+        _ = self.least_kerb
+        changes = {name: value for name, value in self.kerbs.items() if name != "least_length"}
+        unknown = [name for name in changes if name not in StepLimits.__dataclass_fields__]
+        if unknown:
+            known = ", ".join((*StepLimits.__dataclass_fields__, "least_length"))
+            raise ParameterError(f"label.kerbs has no parameter {unknown[0]!r} (parameters: {known})")
+        try:
+            return StepLimits(**changes)
+        except ParameterError as error:
+            raise ParameterError(f"label.kerbs: {error}") from error
 
     @property
     def survey_name(self) -> str:

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.inventory.sections import equal_sections, part_of_path, section_table
+from mlsroad_pipeline.algorithms.inventory.sections import equal_sections, line_lengths, part_of_path, section_table
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 OBJECTS = pd.DataFrame(
@@ -46,6 +46,14 @@ def test_wrong_sections_are_named():
     given = pd.DataFrame({"section": [7], "from_station": [10.0], "to_station": [5.0]})
     with pytest.raises(DataError, match=r"section 7 ends at 5\.0, before 10\.0"):
         section_table(OBJECTS, 250.0, sections=given)
+
+
+def test_lengths_of_lines_by_section():
+    path = Trajectory.from_positions(np.array([[0.0, 0, 0], [250, 0, 0]]))
+    lines = [np.array([[90.0, 3, 0], [130, 3, 0]]), np.array([[-20.0, -3, 0], [10, -3, 0]]), np.zeros((1, 3))]
+    table = equal_sections(path.length)
+    assert line_lengths(lines, path, table).tolist() == [40.0, 30.0, 0.0]
+    assert line_lengths([], path, table).tolist() == [0.0, 0.0, 0.0]
 
 
 def test_parts_of_the_path_join_and_have_the_length_of_their_section():

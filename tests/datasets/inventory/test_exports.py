@@ -14,13 +14,14 @@ from ezdxf.filemanagement import readfile
 from pyproj import CRS, Transformer
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.inventory.lines import LINE_FIELDS, LINE_KINDS
 from mlsroad_pipeline.algorithms.inventory.sections import section_table
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS, empty_table
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.datasets.inventory import vector_files
 from mlsroad_pipeline.datasets.inventory.drawing import APPLICATION, ATTRIBUTES
 from mlsroad_pipeline.datasets.inventory.exports import EXPORTS
-from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory, hulls, vehicle_boxes
+from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory, hulls, line_vertices, vehicle_boxes
 from mlsroad_pipeline.datasets.inventory.vector_files import TEXT_BYTES, short_name
 from mlsroad_pipeline.surveys.parameters import EXPORT_FORMATS
 
@@ -41,6 +42,22 @@ def planted(number, kind, **values):
     return row | values
 
 
+def planted_lines():
+    """Return a kerb and a wire."""
+    rows = []
+    for number, kind in enumerate(LINE_KINDS, start=1):
+        x, y = 391_000.25 + number, 5_820_000.5
+        row = {"line_id": number, "kind": kind, "length": 5.0, "height": 0.125, "least_height": 0.0625, "x": x, "y": y}
+        row |= {"most_height": 0.25, "from_station": 1.5, "to_station": 6.5, "offset": -3.0, "sag": 0.5}
+        row |= {
+            "clearance": 5.25,
+            "score": 0.75,
+            "line": f"LINESTRING Z ({x:.3f} {y:.3f} 34.250, {x + 3:.3f} {y + 4:.3f} 34.500)",
+        }
+        rows.append(row)
+    return pd.DataFrame(rows)[list(LINE_FIELDS)].astype({name: field.dtype for name, field in LINE_FIELDS.items()})
+
+
 @pytest.fixture(scope="module")
 def inventory():
     rows = [
@@ -55,7 +72,7 @@ def inventory():
         [[391_000.0, 5_820_000, 35], [391_050.0, 5_820_000, 36], [391_099.0, 5_819_990, 36]]
     )
     objects = pd.DataFrame(rows)[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
-    return RoadInventory(objects, UTM, path, section_table(objects, path.length))
+    return RoadInventory(objects, UTM, path, section_table(objects, path.length), planted_lines())
 
 
 @pytest.fixture(scope="module")
@@ -117,6 +134,26 @@ def test_geojson_is_in_longitudes_and_latitudes(inventory, folder):
     assert points(found)[0, 0] == pytest.approx(13.4, abs=0.1)
 
 
+def test_lines_are_the_same_in_every_format(inventory, folder):
+    table = inventory.lines
+    vertices = np.array(line_vertices(table))
+    assert vertices.shape == (2, 2, 3) and vertices[0, 1].tolist() == [391_004.25, 5_820_004.5, 34.5]
+    pd.testing.assert_frame_equal(pd.read_csv(folder / "lines.csv"), table)
+    columns = [name for name in LINE_FIELDS if name != "line"]
+    for path in (folder / "lines.fgb", folder / "lines.geojson", folder / "inventory_shp" / "lines.shp"):
+        found = gpd.read_file(path).sort_values("line_id")
+        found = found.rename(columns={short_name(name): name for name in columns}).to_crs(UTM)
+        pd.testing.assert_frame_equal(
+            pd.DataFrame(found[columns]).reset_index(drop=True), table[columns], check_dtype=False
+        )
+        read = np.array([shapely.get_coordinates(line, include_z=True) for line in found.geometry])
+        np.testing.assert_allclose(read, vertices, atol=1e-3)
+    drawn = readfile(folder / "inventory.dxf").modelspace().query('POLYLINE[layer!="trajectory"]')
+    assert [line.dxf.layer for line in drawn] == ["kerb", "wire"]
+    assert [list(map(tuple, line.points())) for line in drawn] == [list(map(tuple, line)) for line in vertices]
+    assert [line.get_xdata(APPLICATION)[0].value for line in drawn] == [1, 2]
+
+
 def test_flatgeobuf(inventory, folder):
     found = gpd.read_file(folder / "inventory.fgb")
     assert found.crs.to_epsg() == 25833
@@ -127,7 +164,8 @@ def test_flatgeobuf(inventory, folder):
 def test_shapefile(inventory, folder, tmp_path, caplog):
     table, shapes = inventory.objects, folder / "inventory_shp"
     names = pd.read_csv(shapes / "fields.csv")
-    assert names["field"].tolist() == WRITTEN and names["shapefile_field"].str.len().max() <= 10
+    further = [name for name in LINE_FIELDS if name not in (*WRITTEN, "line")]
+    assert names["field"].tolist() == [*WRITTEN, *further] and names["shapefile_field"].str.len().max() <= 10
     assert names["shapefile_field"].is_unique
     read = gpd.read_file(shapes / "objects.shp")
     assert read.crs.to_epsg(min_confidence=60) == 25833
@@ -176,7 +214,7 @@ def test_dxf_by_ezdxf(inventory, folder):
     for line, shape in zip(outlines, kept, strict=True):
         assert line.closed and line.dxf.elevation == 34.25
         np.testing.assert_array_equal(line.get_points("xy"), shapely.get_coordinates(shape)[:-1])
-    (path,) = doc.modelspace().query("POLYLINE")
+    (path,) = doc.modelspace().query('POLYLINE[layer=="trajectory"]')
     np.testing.assert_array_equal([tuple(vertex.dxf.location) for vertex in path.vertices], inventory.trajectory.xyz)
     assert CRS((folder / "inventory.prj").read_text()).to_epsg(min_confidence=60) == 25833
 

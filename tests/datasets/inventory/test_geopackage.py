@@ -13,6 +13,7 @@ import pytest
 import shapely
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
+from mlsroad_pipeline.algorithms.inventory.lines import LINE_FIELDS
 from mlsroad_pipeline.algorithms.inventory.sections import section_table
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS, empty_table
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
@@ -55,6 +56,25 @@ def layers(path):
 def query(path, statement):
     with closing(sqlite3.connect(path)) as base:
         return base.execute(statement).fetchall()
+
+
+def test_lines_are_a_layer_of_each_kind_and_read_again(inventory, tmp_path):
+    path = tmp_path / "inventory.gpkg"
+    row = {name: 1.5 for name in LINE_FIELDS} | {"line_id": 1, "kind": "kerb", "offset": np.nan}
+    row["line"] = "LINESTRING Z (583000.000 4477000.000 120.000, 583003.000 4477004.000 120.250)"
+    lines = pd.DataFrame([row, row | {"line_id": 2, "kind": "wire"}]).astype(
+        {name: field.dtype for name, field in LINE_FIELDS.items()}
+    )
+    write_geopackage(replace(inventory, lines=lines), path)
+    assert layers(path)["kerbs"] == layers(path)["wires"] == "LineString Z"
+    pd.testing.assert_frame_equal(read_geopackage(path).lines, lines)
+    names = query(path, "SELECT name FROM gpkg_data_columns WHERE table_name = 'kerbs'")
+    assert ("From station [m]",) in names
+    assert query(path, "SELECT count(*) FROM layer_styles WHERE f_table_name = 'kerbs'") == [(1,)]
+    write_geopackage(replace(inventory, lines=lines[:0]), path)
+    assert len(read_geopackage(path).lines) == 0
+    write_geopackage(inventory, path)
+    assert read_geopackage(path).lines is None
 
 
 def test_layers_fields_and_crs(inventory, tmp_path):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -88,6 +90,48 @@ def section_table(objects: pd.DataFrame, length: float, *, sections: pd.DataFram
         table[kind] = [int((mine & of_kind).sum()) for mine in inside]
     table["objects"] = table[kinds].sum(axis=1)
     return table
+
+
+def line_lengths(
+    lines: Sequence[NDArray[np.float64]], trajectory: Trajectory, table: pd.DataFrame
+) -> NDArray[np.float64]:
+    """Return the length of lines in each section of a road.
+
+    Parameters
+    ----------
+    lines : sequence of ndarray of float64, shape (k, 3)
+        Vertices of each line, world coordinates in metres.
+    trajectory : Trajectory
+        The trajectory that the stations refer to.
+    table : DataFrame
+        Sections with `from_station` and `to_station`, metres.
+
+    Returns
+    -------
+    ndarray of float64
+        Metres of line per section, in pieces of at most 1 m; a piece counts in the section beside its middle.
+    """
+    pieces = [_pieces(line) for line in lines if len(line) > 1]
+    if not pieces:
+        return np.zeros(len(table))
+    middle, length = (np.concatenate(part) for part in zip(*pieces, strict=True))
+    station, _ = trajectory.locate(middle)
+    station = np.clip(station, 0.0, trajectory.length)
+    last = table["to_station"].max()
+    return np.array(
+        [
+            round(float(length[(station >= low) & ((station < high) | ((station == high) & (high == last)))].sum()), 1)
+            for low, high in table[["from_station", "to_station"]].to_numpy(dtype=np.float64)
+        ]
+    )
+
+
+def _pieces(line: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the middles and lengths of pieces of a line of at most 1 m."""
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line[:, :2], axis=0).T))])
+    ends = np.linspace(0.0, way[-1], max(2, int(np.ceil(way[-1])) + 1))
+    middle = (ends[1:] + ends[:-1]) / 2
+    return np.column_stack([np.interp(middle, way, line[:, k]) for k in range(3)]), np.diff(ends)
 
 
 def part_of_path(trajectory: Trajectory, begin: float, end: float) -> NDArray[np.float64]:

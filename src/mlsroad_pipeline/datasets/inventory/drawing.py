@@ -21,8 +21,8 @@ from ezdxf.layouts.layout import Modelspace
 from pyproj import CRS
 
 from mlsroad_pipeline.algorithms.inventory.rules import KINDS
-from mlsroad_pipeline.datasets.inventory.qgis_styles import COLOURS
-from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory, checked, hulls
+from mlsroad_pipeline.datasets.inventory.qgis_styles import COLOURS, LINE_COLOURS
+from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory, checked, hulls, line_vertices
 from mlsroad_pipeline.datasets.inventory.vector_files import crs_name, write_prj
 from mlsroad_pipeline.formats.files import atomic_file
 
@@ -128,6 +128,16 @@ def _add_layers(doc: Drawing, table: pd.DataFrame) -> None:
                     doc.layers.add(layer).rgb = (red, green, blue)
 
 
+def _add_lines(doc: Drawing, space: Modelspace, lines: pd.DataFrame) -> None:
+    """Add kerbs and wires as 3D polylines, in a layer per kind."""
+    for kind in sorted(set(lines["kind"])):
+        red, green, blue = (int(part) for part in LINE_COLOURS[kind].split(","))
+        doc.layers.add(kind).rgb = (red, green, blue)
+    for kind, number, vertices in zip(lines["kind"], lines["line_id"], line_vertices(lines), strict=True):
+        line = space.add_polyline3d(vertices.tolist(), dxfattribs={"layer": kind})
+        line.set_xdata(APPLICATION, [(1071, int(number))])
+
+
 def _drawn(inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> Drawing:
     doc = new(VERSION, units=units.M)
     doc.appids.add(APPLICATION)
@@ -138,6 +148,8 @@ def _drawn(inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> Dr
     for row in table.to_dict("records"):
         _add_object(space, {str(name): value for name, value in row.items()})
     _add_outlines(space, table)
+    if inventory.lines is not None:
+        _add_lines(doc, space, inventory.lines)
     if inventory.trajectory is not None:
         doc.layers.add("trajectory").rgb = (130, 60, 160)
         space.add_polyline3d(inventory.trajectory.xyz.tolist(), dxfattribs={"layer": "trajectory"})
@@ -148,7 +160,7 @@ def _drawn(inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> Dr
 
 
 def write_dxf(inventory: RoadInventory, folder: Path) -> list[Path]:
-    """Write ``inventory.dxf`` (AutoCAD 2010): blocks with attributes, outlines, the trajectory; and its ``.prj``.
+    """Write ``inventory.dxf`` (AutoCAD 2010): blocks with attributes, outlines, lines, the path; and its ``.prj``.
 
     Layers are named after the classes. Blocks lie at the base points with their elevations. The drawing is in metres;
     its custom property `CRS` names the coordinate reference system.

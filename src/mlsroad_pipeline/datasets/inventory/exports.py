@@ -43,13 +43,14 @@ _PARTS = ("shp", "shx", "dbf", "cpg")
 _SHAPEFILE = tuple(
     f"inventory_shp/{layer}.{part}" for layer in ("objects", "vehicles", "footprints") for part in _PARTS
 )
-_LINE = tuple(f"inventory_shp/trajectory.{part}" for part in _PARTS)
-_SYSTEMS = tuple(f"inventory_shp/{layer}.prj" for layer in ("objects", "vehicles", "footprints", "trajectory"))
+_LINE = tuple(f"inventory_shp/{layer}.{part}" for layer in ("lines", "trajectory") for part in _PARTS)
+_LAYERS = ("objects", "vehicles", "footprints", "lines", "trajectory")
+_SYSTEMS = tuple(f"inventory_shp/{layer}.prj" for layer in _LAYERS)
 
 EXPORTS: dict[str, Export] = {
-    "csv": Export(write_csv, ("inventory.csv", "inventory.csvt"), ("inventory.prj", "sections.csv")),
-    "geojson": Export(write_geojson, ("inventory.geojson",)),
-    "flatgeobuf": Export(write_flatgeobuf, ("inventory.fgb",)),
+    "csv": Export(write_csv, ("inventory.csv", "inventory.csvt"), ("inventory.prj", "sections.csv", "lines.csv")),
+    "geojson": Export(write_geojson, ("inventory.geojson",), ("lines.geojson",)),
+    "flatgeobuf": Export(write_flatgeobuf, ("inventory.fgb",), ("lines.fgb",)),
     "shapefile": Export(write_shapefile, (*_SHAPEFILE, "inventory_shp/fields.csv"), (*_LINE, *_SYSTEMS)),
     "dxf": Export(_write_dxf, ("inventory.dxf",), ("inventory.prj",)),
 }

@@ -18,6 +18,7 @@ from pyproj import CRS
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.inventory.boxes import polygon_area
+from mlsroad_pipeline.algorithms.inventory.lines import LINE_FIELDS, numbered
 from mlsroad_pipeline.algorithms.inventory.sections import part_of_path
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
@@ -31,12 +32,17 @@ from mlsroad_pipeline.datasets.inventory.road_inventory import (
     checked,
     footprint_text,
     hulls,
+    line_attributes,
+    line_shapes,
     vehicle_boxes,
     with_empty_text,
 )
 
 LAYERS = {"poles": "pole", "signs": "sign", "trees": "tree", "vehicles": "vehicle"}
 """Layer name to kind of object."""
+
+LINE_LAYERS = {"kerbs": "kerb", "wires": "wire"}
+"""Layer name to kind of line."""
 
 _FIXED_DATE = "2000-01-01T00:00:00.000Z"
 _POINT, _POLYGON, _LINE = "Point Z", "Polygon Z", "LineString Z"
@@ -61,10 +67,10 @@ def write_geopackage(inventory: RoadInventory, path: str | Path) -> None:
     """Write an inventory as layers of a GeoPackage.
 
     Layers: `objects` (base points, all kinds), `poles`, `signs`, `trees` (base points), `vehicles` (oriented boxes),
-    `footprints` (convex hulls), `trajectory` (a line) and `sections` (parts of that line with the numbers of objects),
-    with field aliases and styles for QGIS. The file is written atomically, and equal inventories give equal bytes.
-    Layers without objects are written empty and typed; `trajectory` and `sections` are omitted if the inventory has
-    none.
+    `footprints` (convex hulls), `kerbs` (lines along their feet), `wires`, `trajectory` (a line) and `sections` (parts
+    of that line with the numbers of objects), with field aliases and styles for QGIS. The file is written atomically,
+    and equal inventories give equal bytes. Layers without objects are written empty and typed; `kerbs`, `wires`,
+    `trajectory` and `sections` are omitted if the inventory has none.
 
     Parameters
     ----------
@@ -110,6 +116,11 @@ def _write_layers(path: Path, inventory: RoadInventory, table: pd.DataFrame, crs
         shape = _POLYGON if kind == "vehicle" else _POINT
         _write_layer(path, layer, columns[rows], geometry=shapes, kind=shape, crs=crs)
     _write_footprints(path, table, crs=crs)
+    for layer, kind in LINE_LAYERS.items():
+        if inventory.lines is None:
+            break
+        of_kind = inventory.lines[inventory.lines["kind"] == kind]
+        _write_layer(path, layer, line_attributes(of_kind), geometry=line_shapes(of_kind), kind=_LINE, crs=crs)
     if inventory.trajectory is not None:
         line = np.array([shapely.LineString(inventory.trajectory.xyz)])
         length = pd.DataFrame({"length": [round(inventory.trajectory.length, 3)]})
@@ -148,7 +159,7 @@ def read_geopackage(path: str | Path) -> RoadInventory:
     Returns
     -------
     RoadInventory
-        Objects, CRS as WKT, the trajectory without times, and the sections.
+        Objects, CRS as WKT, the trajectory without times, the sections and the kerbs.
 
     Raises
     ------
@@ -180,7 +191,19 @@ def read_geopackage(path: str | Path) -> RoadInventory:
     # GDAL reads an undefined CRS as an engineering CRS of that name.
     known = frame.crs is not None and "Undefined" not in frame.crs.name
     crs = frame.crs.to_wkt() if known else None
-    return RoadInventory(_objects_of(source, frame), crs, trajectory, sections)
+    there = [name for name in LINE_LAYERS if name in layers]
+    lines = numbered([_lines_of(source, name) for name in there]) if there else None
+    return RoadInventory(_objects_of(source, frame), crs, trajectory, sections, lines)
+
+
+def _lines_of(source: Path, layer: str) -> pd.DataFrame:
+    frame = gpd.read_file(source, layer=layer)
+    missing = [name for name in LINE_FIELDS if name != "line" and name not in frame]
+    if missing:
+        raise ReadError(f"{source}: layer {layer!r} has no field {missing[0]!r}")
+    text = shapely.to_wkt(frame.geometry.to_numpy(), rounding_precision=3, trim=False)
+    table = pd.DataFrame(frame.drop(columns="geometry")).assign(line=text)
+    return table[list(LINE_FIELDS)].astype({name: field.dtype for name, field in LINE_FIELDS.items()})
 
 
 def _objects_of(source: Path, frame: gpd.GeoDataFrame) -> pd.DataFrame:

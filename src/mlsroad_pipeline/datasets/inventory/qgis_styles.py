@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree as XML
 
+from mlsroad_pipeline.algorithms.inventory.lines import LINE_FIELDS
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS
 
 COLOURS = {"pole": "70,70,80", "sign": "214,40,40", "tree": "60,140,60", "vehicle": "40,100,190"}
 """Kind of object to colour (red, green, blue)."""
+
+LINE_COLOURS = {"kerb": "150,90,20", "wire": "110,40,150"}
+"""Kind of line to colour."""
 
 _LABEL_SCALE = 1500  # labels are drawn at this scale and larger
 _BESIDE, _OVER = "6", "1"  # QGIS codes of label placement: around a point, over the centre of an area
@@ -107,6 +111,16 @@ _TRAJECTORY: _Symbols = (
         {},
     ),
 )  # fmt: skip
+
+
+def _line(colour: str) -> _Symbols:
+    look = {
+        "line_color": f"{colour},255", "line_width": "0.4", "line_width_unit": "MM", "line_style": "solid",
+        "capstyle": "round", "joinstyle": "round",
+    }  # fmt: skip
+    return (("SimpleLine", look, {}),)
+
+
 _ALL = ""  # a filter that passes all objects
 
 _RULES: dict[str, tuple[str, Sequence[tuple[str, str, _Symbols]]]] = {
@@ -129,6 +143,8 @@ _RULES: dict[str, tuple[str, Sequence[tuple[str, str, _Symbols]]]] = {
     "trees": ("marker", [("tree, as wide as its crown", _ALL, _TREE)]),
     "vehicles": ("fill", [("vehicle, its box", _ALL, _VEHICLE)]),
     "footprints": ("fill", [("outline of what was seen", _ALL, _FOOTPRINT)]),
+    "kerbs": ("line", [("foot of a kerb", _ALL, _line(LINE_COLOURS["kerb"]))]),
+    "wires": ("line", [("overhead wire", _ALL, _line(LINE_COLOURS["wire"]))]),
     "trajectory": ("line", [("path of the scanner", _ALL, _TRAJECTORY)]),
     "sections": ("line", [("section of the road", _ALL, _SECTION)]),
 }
@@ -200,7 +216,8 @@ def qml(layer: str, *, scaled: bool = True, drawn: bool = True) -> str:
         _labels(root, layer, scaled=scaled)
     if layer not in ("trajectory", "sections"):
         aliases = XML.SubElement(root, "aliases")
-        for name, field in FIELDS.items():
+        fields = {n: f for n, f in LINE_FIELDS.items() if n != "line"} if layer in ("kerbs", "wires") else FIELDS
+        for name, field in fields.items():
             XML.SubElement(aliases, "alias", field=name, name=field.alias)
     XML.indent(root)
     doctype = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"

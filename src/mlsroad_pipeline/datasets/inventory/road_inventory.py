@@ -12,6 +12,7 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.inventory.lines import LINE_FIELDS
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
@@ -36,12 +37,15 @@ class RoadInventory:
         Trajectory of the scanner.
     sections : DataFrame or None
         Objects per section of the road, of `section_table`.
+    lines : DataFrame or None
+        Kerbs and wires: columns of `LINE_FIELDS`, as `join_kerbs` and `join_wires` return them.
     """
 
     objects: pd.DataFrame
     crs: str | None = None
     trajectory: Trajectory | None = None
     sections: pd.DataFrame | None = None
+    lines: pd.DataFrame | None = None
 
 
 def checked(inventory: RoadInventory, target: Path) -> tuple[pd.DataFrame, CRS | None]:
@@ -83,6 +87,22 @@ def hulls(table: pd.DataFrame) -> np.ndarray:
     """Return the footprints of objects as counterclockwise shapely polygons, None for those without area."""
     shapes: np.ndarray = shapely.from_wkt([text or None for text in table["footprint"]])
     return shapes
+
+
+def line_shapes(lines: pd.DataFrame) -> np.ndarray:
+    """Return the lines of a table as shapely lines with heights."""
+    shapes: np.ndarray = shapely.from_wkt(lines["line"].to_numpy(dtype=object))
+    return shapes
+
+
+def line_vertices(lines: pd.DataFrame) -> list[np.ndarray]:
+    """Return the vertices of the lines of a table, (k, 3) each, metres."""
+    return [shapely.get_coordinates(shape, include_z=True) for shape in line_shapes(lines)]
+
+
+def line_attributes(lines: pd.DataFrame) -> pd.DataFrame:
+    """Return the columns of lines but their shapes."""
+    return lines[[name for name in LINE_FIELDS if name != "line"]].reset_index(drop=True)
 
 
 def footprint_text(shapes: np.ndarray) -> np.ndarray:

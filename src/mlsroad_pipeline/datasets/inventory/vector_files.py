@@ -17,6 +17,7 @@ from pyproj import CRS, Transformer
 from pyproj.exceptions import ProjError
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.inventory.lines import LINE_FIELDS
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS
 from mlsroad_pipeline.datasets.inventory.road_inventory import (
     RoadInventory,
@@ -24,6 +25,8 @@ from mlsroad_pipeline.datasets.inventory.road_inventory import (
     base_points,
     checked,
     hulls,
+    line_attributes,
+    line_shapes,
     vehicle_boxes,
 )
 from mlsroad_pipeline.formats.files import atomic_file
@@ -37,7 +40,8 @@ SHAPEFILE_NAMES = {
     "lean_azimuth": "lean_az", "crown_diameter": "crown_diam", "panel_bottom": "panel_low", "panel_centre": "panel_mid",
     "panel_height": "panel_h", "panel_width": "panel_w", "facing_from": "facing_src", "visible_share": "visible",
     "point_count": "points", "disagreeing_share": "other_cls", "file_count": "files", "passes_there": "passes_of",
-    "scanners_there": "scanner_of", "first_time": "first_sec", "last_time": "last_sec", "model_version": "model",
+    "scanners_there": "scanner_of", "least_height": "height_min", "most_height": "height_max",
+    "from_station": "from_stat", "first_time": "first_sec", "last_time": "last_sec", "model_version": "model",
     "checked_class": "checked",
 }  # fmt: skip
 """Field to its name of at most ten characters in a Shapefile; the others keep theirs."""
@@ -90,7 +94,18 @@ def write_csv(inventory: RoadInventory, folder: Path) -> list[Path]:
     types = target.with_suffix(".csvt")
     with atomic_file(types) as stream:
         stream.write((",".join(f'"{CSV_TYPES[FIELDS[str(name)].dtype]}"' for name in columns) + "\n").encode())
-    return [target, types, *write_prj(crs, target.with_suffix(".prj")), *_write_sections(inventory, folder)]
+    written = [target, types, *write_prj(crs, target.with_suffix(".prj"))]
+    return [*written, *_write_sections(inventory, folder), *_write_lines(inventory, folder)]
+
+
+def _write_lines(inventory: RoadInventory, folder: Path) -> list[Path]:
+    """Write the lines as ``lines.csv`` (WKT), if there is a table of them."""
+    if inventory.lines is None:
+        return []
+    target = folder / "lines.csv"
+    with atomic_file(target) as stream:
+        stream.write(inventory.lines.to_csv(index=False, lineterminator="\n").encode())
+    return [target]
 
 
 def _write_sections(inventory: RoadInventory, folder: Path) -> list[Path]:
@@ -131,7 +146,14 @@ def write_geojson(inventory: RoadInventory, folder: Path) -> list[Path]:
     options = {"RFC7946": "YES", "COORDINATE_PRECISION": "9", "ID_FIELD": "id"}
     columns = attributes(table).assign(crs=crs_name(crs), id=table["object_id"])
     _write(target, columns, points, "Point Z", _WGS84, driver="GeoJSON", layer="objects", options=options)
-    return [target]
+    if inventory.lines is None:
+        return [target]
+    further = folder / "lines.geojson"
+    change = to_wgs84(crs, str(further)).transform
+    lines = shapely.transform(line_shapes(inventory.lines), change, include_z=True, interleaved=False)
+    columns = line_attributes(inventory.lines).assign(crs=crs_name(crs), id=inventory.lines["line_id"])
+    _write(further, columns, lines, "LineString Z", _WGS84, driver="GeoJSON", layer="lines", options=options)
+    return [target, further]
 
 
 def crs_name(crs: CRS | None) -> str:
@@ -145,7 +167,11 @@ def write_flatgeobuf(inventory: RoadInventory, folder: Path) -> list[Path]:
     target = folder / "inventory.fgb"
     table, crs = checked(inventory, target)
     _write(target, attributes(table), base_points(table), "Point Z", crs, driver="FlatGeobuf", layer="objects")
-    return [target]
+    if inventory.lines is None:
+        return [target]
+    further, lines = folder / "lines.fgb", line_shapes(inventory.lines)
+    _write(further, line_attributes(inventory.lines), lines, "LineString Z", crs, driver="FlatGeobuf", layer="lines")
+    return [target, further]
 
 
 def _write(
@@ -209,6 +235,8 @@ def write_shapefile(inventory: RoadInventory, folder: Path) -> list[Path]:
         line = np.array([shapely.LineString(inventory.trajectory.xyz)])
         length = pd.DataFrame({"length": [round(inventory.trajectory.length, 3)]})
         layers.append(("trajectory", length, line, "LineString Z"))
+    if inventory.lines is not None:
+        layers.append(("lines", line_attributes(inventory.lines), line_shapes(inventory.lines), "LineString Z"))
     written: list[Path] = []
     for layer, rows, geometry, kind in layers:
         path = target / f"{layer}.shp"
@@ -218,11 +246,15 @@ def write_shapefile(inventory: RoadInventory, folder: Path) -> list[Path]:
         written += [path.with_suffix(end) for end in (".shp", ".shx", ".dbf", ".cpg", ".prj")]
     names = target / "fields.csv"
     with atomic_file(names) as stream:
-        stream.write(_names([str(name) for name in columns]).to_csv(index=False, lineterminator="\n").encode())
+        fields = [str(name) for name in columns]
+        if inventory.lines is not None:
+            fields += [name for name in LINE_FIELDS if name != "line" and name not in fields]
+        stream.write(_names(fields).to_csv(index=False, lineterminator="\n").encode())
     return [*(path for path in written if path.exists()), names]
 
 
 def _names(columns: Sequence[str]) -> pd.DataFrame:
     """Return the table of the short names of fields."""
-    rows = [(short_name(name), name, FIELDS[name].alias, FIELDS[name].description) for name in columns]
+    fields = {**LINE_FIELDS, **FIELDS}
+    rows = [(short_name(name), name, fields[name].alias, fields[name].description) for name in columns]
     return pd.DataFrame(rows, columns=["shapefile_field", "field", "alias", "description"])

@@ -122,7 +122,9 @@ def label_new_scenes(
     """Create one task per scene, which labels its points."""
     bundle = model.load()
     codes = output_codes(bundle, parameters.scheme, classes["schemes"])
-    settings = LabelSettings(codes, object_rules(bundle, parameters.inventory), ground, ingest.outliers, judge_digest())
+    rules = object_rules(bundle, parameters.inventory)
+    limits = parameters.kerb_limits()
+    settings = LabelSettings(codes, rules, ground, ingest.outliers, judge_digest(), limits)
     return label_tasks(plan, pieces, corridors, model, images, ingest, settings)
 
 
@@ -136,7 +138,7 @@ def join_label_objects(
     """Create the task that joins the objects of all scenes and numbers them."""
     bundle = model.load()
     rules = object_rules(bundle, parameters.inventory)
-    return {OBJECTS: objects_task(plan, corridors, results, rules, bundle, parameters.least_score)}
+    return {OBJECTS: objects_task(plan, corridors, results, rules, bundle, parameters)}
 
 
 def write_labelled_files(
@@ -195,7 +197,7 @@ def write_report(
     facts: dict[str, float],
 ) -> tuple[str, LabelSummary]:
     """Return the report of the labelled survey as HTML and its summary, and log the warnings."""
-    bundle, objects = model.load(), inventory.objects
+    bundle = model.load()
     counts, files = results.load_all("counts"), written.load_all()
     warnings = label_warnings(bundle, counts, files)
     for warning in warnings:
@@ -205,5 +207,5 @@ def write_report(
     sections = label_report_sections(bundle, parameters, quality, counts, files, inventory, pictures, warnings)
     strange = strange_properties(bundle, facts)
     more = {"strange": strange, "exports": exports}
-    summary = summarise_labels(bundle, parameters, quality, files, objects, warnings, **more)
+    summary = summarise_labels(bundle, parameters, quality, files, inventory, warnings, **more)
     return build_report(sections, title="Labelled survey", subtitle=summary["survey"]), summary

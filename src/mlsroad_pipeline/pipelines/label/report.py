@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from shlex import quote
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.palette import class_palette
@@ -13,7 +15,7 @@ from mlsroad_pipeline.algorithms.inventory.measures import EXTENT
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
 from mlsroad_pipeline.algorithms.models.methods import needs_images
-from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
+from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory, line_vertices
 from mlsroad_pipeline.label.confidence import confidence_table
 from mlsroad_pipeline.label.scene import LabelCounts
 from mlsroad_pipeline.label.summary import class_counts, summed_counts, written_clouds
@@ -35,6 +37,7 @@ from mlsroad_pipeline.surveys.parameters import LabelParameters
 _NOT_LISTED = (*EXTENT, "scene", "method", "model_version", "footprint")
 """Columns of the inventory that the report omits."""
 
+SECTION_NOTE = "Number of objects, and metres of kerb and wire, by station along the path."
 OBJECT_NOTE = "From above and from the south; a red cross marks the base point. Colours are those of the classes."
 CONFIDENCE_NOTE = (
     "Median confidence of the points of each class. There is a warning above if a fifth of all points, or half of the "
@@ -89,19 +92,27 @@ def _map_and_pictures(inventory: RoadInventory, pictures: ReportPictures, scheme
     objects, trajectory = inventory.objects, inventory.trajectory
     counts = {str(kind): int(n) for kind, n in objects["kind"].value_counts().sort_index().items()}
     path = None if trajectory is None else trajectory.xyz[:, :2]
+    lines = _lines_by_kind(inventory)
     colours = dict(zip(scheme.classes, class_palette(scheme), strict=False))
     return [
-        ObjectMapSection("Map", shown_objects(objects), pictures.frame, counts, path, pictures.background),
+        ObjectMapSection("Map", shown_objects(objects), pictures.frame, counts, path, pictures.background, lines),
         SceneSection("Pictures", pictures.scene, colours),
         GallerySection("Most and least certain objects", pictures.objects, OBJECT_NOTE),
     ]
+
+
+def _lines_by_kind(inventory: RoadInventory) -> dict[str, list[NDArray[np.float64]]]:
+    """Return the vertices of the lines of each kind in plan."""
+    if inventory.lines is None:
+        return {}
+    return {str(kind): [xyz[:, :2] for xyz in line_vertices(lines)] for kind, lines in inventory.lines.groupby("kind")}
 
 
 def _sections_of_the_road(inventory: RoadInventory) -> list[Section]:
     """Return the table of objects per section of the road; none without a single trajectory."""
     if inventory.sections is None:
         return []
-    return [TableSection("Sections of the road", inventory.sections, "Number of objects by station along the path.")]
+    return [TableSection("Sections of the road", inventory.sections, SECTION_NOTE)]
 
 
 def _object_table(objects: pd.DataFrame, pictures: ReportPictures) -> ObjectTableSection:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from html import escape
 
 import numpy as np
@@ -59,6 +59,8 @@ class ObjectMapSection:
         Positions of the scanner in the order of travel.
     background : ndarray of uint8, shape (rows, columns, 3), optional
         Picture of the whole frame.
+    lines : mapping of str to sequence of ndarray of float64, shape (n, 2)
+        Kind of line to the vertices of each.
     """
 
     title: str
@@ -67,6 +69,7 @@ class ObjectMapSection:
     counts: dict[str, int]
     path: NDArray[np.float64] | None = None
     background: NDArray[np.uint8] | None = None
+    lines: Mapping[str, Sequence[NDArray[np.float64]]] = field(default_factory=dict)
 
     def body(self) -> str:
         """Return the map with its legend, its buttons and the place for the measures of an object."""
@@ -84,8 +87,8 @@ class ObjectMapSection:
             '<button type="button" data-zoom="0.625" aria-label="Zoom out">&minus;</button>'
             '<button type="button" data-zoom="0" aria-label="Show all">All</button></div>'
             f'<svg id="map" role="img" aria-label="{label}" tabindex="0" viewBox="0 0 {width:.2f} {height:.2f}" '
-            f'style="height:{pixels}px" preserveAspectRatio="xMidYMid meet">{self._background()}{self._path()}'
-            f"{self._symbols(kinds)}</svg>{self._north()}{_scale_bar(width)}</div>\n"
+            f'style="height:{pixels}px" preserveAspectRatio="xMidYMid meet">{self._background()}{self._lines()}'
+            f"{self._path()}{self._symbols(kinds)}</svg>{self._north()}{_scale_bar(width)}</div>\n"
             '<div id="object-details" class="details" role="status" aria-live="polite"><p class="none">'
             f"{_HINT if len(self.objects) else 'No objects were found.'}</p></div>\n"
         )
@@ -98,6 +101,9 @@ class ObjectMapSection:
         ]
         if self.path is not None:
             boxes.append('<label><input type="checkbox" checked data-layer="path"><i class="line"></i>path</label>')
+        for kind in self._drawn_lines():
+            box = f'<input type="checkbox" checked data-layer="{escape(kind)}s">'
+            boxes.append(f'<label>{box}<i class="line {escape(kind)}"></i>{escape(kind)}s</label>')
         if self.background is not None:
             boxes.append('<label><input type="checkbox" checked data-layer="cloud">cloud by class</label>')
         return f'<fieldset class="legend"><legend>On the map</legend>{"".join(boxes)}</fieldset>\n'
@@ -118,6 +124,19 @@ class ObjectMapSection:
         kept = np.concatenate([self.path[:-1:step], self.path[-1:]])
         places = " ".join(f"{x:.1f},{y:.1f}" for x, y in self.frame.place(kept))
         return f'<polyline data-layer="path" class="path" points="{places}"/>'
+
+    def _drawn_lines(self) -> dict[str, Sequence[NDArray[np.float64]]]:
+        return {kind: lines for kind, lines in self.lines.items() if len(lines)}
+
+    def _lines(self) -> str:
+        return "".join(
+            f'<path data-layer="{escape(kind)}s" class="{escape(kind)}s" d="{self._moves(lines)}"/>'
+            for kind, lines in self._drawn_lines().items()
+        )
+
+    def _moves(self, lines: Sequence[NDArray[np.float64]]) -> str:
+        placed = [self.frame.place(line).round(2) for line in lines]
+        return "".join("M" + "L".join(f"{x:g} {y:g}" for x, y in line) for line in placed)
 
     def _symbols(self, kinds: Sequence[str]) -> str:
         places = self.frame.place(self.objects[["x", "y"]].to_numpy())

@@ -49,11 +49,15 @@ a { color: var(--accent); }
 .legend i { margin: 0; border: 0; }
 .legend i.dot { border-radius: 50%; }
 .legend i.line { height: 3px; background: #22262e; border-radius: 0; width: 1.2em; }
+.legend i.kerb { background: #96571a; }
+.legend i.wire { background: #6e2896; }
 .map { position: relative; border: 1px solid var(--line); border-radius: 4px; overflow: hidden; background: #fff; }
 #map { display: block; width: 100%; touch-action: pan-y; cursor: grab; }
 #map:focus-visible, button:focus-visible, input:focus-visible, select:focus-visible { outline: 3px solid #e0a100;
   outline-offset: -3px; }
 #map .path { fill: none; stroke: #22262e; stroke-width: 2px; stroke-dasharray: 6 3; vector-effect: non-scaling-stroke; }
+#map .kerbs, #map .wires { fill: none; stroke: #96571a; stroke-width: 2px; vector-effect: non-scaling-stroke; }
+#map .wires { stroke: #6e2896; stroke-width: 1px; }
 #map .o path { stroke-width: 9px; stroke-linecap: round; vector-effect: non-scaling-stroke; }
 #map .o.square path { stroke-linecap: square; stroke-width: 7px; }
 #map .o path.chosen { stroke-width: 18px; stroke: #e0a100; }

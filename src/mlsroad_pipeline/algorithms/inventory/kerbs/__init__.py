@@ -1,0 +1,1 @@
+"""Kerbs: steps in the ground beside the carriageway, as lines."""
