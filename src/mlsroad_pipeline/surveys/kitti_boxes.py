@@ -30,11 +30,12 @@ def kitti_boxes(path: Path) -> tuple[pd.DataFrame, shapely.Geometry]:
         matrices = _matrices(calibration)
         boxes = pd.DataFrame([_box(row, matrices["to_scan"]) for row in rows if row[0] in VEHICLES], columns=COLUMNS)
         unknown = [(float(row[4]), float(row[6])) for row in rows if row[0] == UNKNOWN]
-    except (ValueError, IndexError, KeyError) as error:
+        camera = matrices["P2"]
+        seen = _wedge(camera, 0.0, 2 * camera[0, 2])  # the principal point is the middle of the image
+        region = shapely.difference(seen, shapely.union_all([_wedge(camera, *limits) for limits in unknown]))
+    except (ValueError, IndexError, KeyError, shapely.errors.ShapelyError) as error:  # the last for NaN
         raise ReadError(f"{path}: not a KITTI label file: {error}") from error
-    camera = matrices["P2"]
-    seen = _wedge(camera, 0.0, 2 * camera[0, 2])  # the principal point is the middle of the image
-    return boxes, shapely.difference(seen, shapely.union_all([_wedge(camera, *limits) for limits in unknown]))
+    return boxes, region
 
 
 COLUMNS = ["kind", "name", "x", "y", "z", "height", "width", "length", "heading"]
