@@ -30,6 +30,8 @@ export function kindColour(kind: string, kinds: string[]): string {
   return KINDS[kind] ?? OTHERS[Math.max(0, kinds.indexOf(kind)) % OTHERS.length];
 }
 
+export const LINE_COLOURS: Record<string, string> = { kerb: "#e0a030", wire: "#35c6d8" };
+
 export function channels(colour: string): [number, number, number] {
   const value = parseInt(colour.slice(1), 16);
   return [value >> 16, (value >> 8) & 255, value & 255];

@@ -1,6 +1,6 @@
 // Map of path and objects, drawn without a network; it moves with the cloud.
 
-import { kindColour, STATUS_COLOURS, classColour, channels } from "./colours";
+import { channels, classColour, kindColour, LINE_COLOURS, STATUS_COLOURS } from "./colours";
 import type { Cloud } from "./cloud";
 import { el } from "./dom";
 import type { Model } from "./model";
@@ -133,6 +133,10 @@ export class SurveyMap {
       context.globalAlpha = 1;
     }
     this.line(context, model.survey.path.map(([x, y]) => this.at(x - model.survey.origin[0], y - model.survey.origin[1])), "#2b8be0", 2);
+    const { origin } = model.survey;
+    for (const [kind, lines] of Object.entries(model.survey.lines)) {
+      for (const line of lines) this.line(context, line.map(([x, y]) => this.at(x - origin[0], y - origin[1])), LINE_COLOURS[kind] ?? ink, 1);
+    }
     this.objects(context, ink);
     this.camera(context);
     this.bar(context, ink);

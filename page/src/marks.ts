@@ -2,7 +2,7 @@
 
 import * as THREE from "three";
 
-import { kindColour, STATUS_COLOURS } from "./colours";
+import { kindColour, LINE_COLOURS, STATUS_COLOURS } from "./colours";
 import type { Model, Place, RoadObject } from "./model";
 
 export class Marks {
@@ -22,6 +22,8 @@ export class Marks {
     new THREE.WireframeGeometry(new THREE.IcosahedronGeometry(1, 1)),
     new THREE.LineBasicMaterial({ color: "#ffd21f", transparent: true, opacity: 0.6, depthTest: false }),
   );
+  /** Lines of the inventory: kerbs and wires. */
+  private readonly surveyed = new THREE.Group();
   private tops: { id: number; place: THREE.Vector3 }[] = [];
   visible = true;
 
@@ -37,6 +39,14 @@ export class Marks {
     const { path, origin } = model.survey;
     this.path.geometry.setFromPoints(path.map(([x, y, z]) => new THREE.Vector3(x - origin[0], y - origin[1], z - origin[2])));
     this.path.visible = path.length > 1;
+    for (const [kind, lines] of Object.entries(model.survey.lines)) {
+      const ends = lines.flatMap((line) => line.slice(1).flatMap((end, i) => [line[i], end]));
+      const drawn = new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: LINE_COLOURS[kind] ?? "#ffffff" }));
+      setPositions(drawn.geometry, ends.flatMap((end) => end.map((value, axis) => value - origin[axis])));
+      drawn.frustumCulled = false;
+      this.surveyed.add(drawn);
+    }
+    this.group.add(this.surveyed);
   }
 
   update(): void {
@@ -75,6 +85,8 @@ export class Marks {
     this.box.visible = chosen !== undefined;
     if (chosen) setPositions(this.box.geometry, boxLines(this.extent(chosen)));
     this.masts.visible = this.dots.visible = this.visible;
+    this.surveyed.visible = this.visible && model.section === null;
+    this.path.visible = model.survey.path.length > 1 && model.section === null;
   }
 
   private extent(object: RoadObject): THREE.Box3 {

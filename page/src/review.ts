@@ -6,7 +6,7 @@ import type { Actions } from "./actions";
 import type { Model, RoadObject } from "./model";
 
 const HIDDEN = new Set(["object_id", "class", "kind", "score", "reasons", "scene", "x_min", "x_max", "y_min", "y_max", "z_min", "z_max",
-  "passes", "passes_there", "scanners", "scanners_there", "file_count", "first_time", "last_time", "pole_id"]);
+  "passes", "passes_there", "scanners", "scanners_there", "file_count", "first_time", "last_time", "pole_id", "status", "checked_class"]);
 
 function percent(value: number): string {
   return `${(100 * value).toFixed(1)}\u00a0%`;

@@ -25,6 +25,7 @@ export interface Survey {
   objects: { columns: string[]; headings: Record<string, string>; rows: Cell[][] };
   footprints: Record<string, [number, number][]>;
   path: [number, number, number][];
+  lines: Record<string, [number, number, number][][]>;
   photos: number[];
   report: boolean;
   warnings: string[];

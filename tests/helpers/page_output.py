@@ -14,6 +14,7 @@ import numpy as np
 from helpers.corrected import object_rows
 from PIL import Image
 
+from mlsroad_pipeline.algorithms.inventory.lines import line_row, line_table
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.datasets.inventory.geopackage import write_geopackage
 from mlsroad_pipeline.datasets.inventory.geoparquet import write_geoparquet
@@ -68,7 +69,8 @@ def write_output(folder):
     path = Trajectory.from_positions(
         np.column_stack([np.linspace(495, 595, 50), np.full(50, 897.0), np.full(50, 14.0)])
     )
-    inventory = RoadInventory(table, None, path)
+    kerb = np.array([[495.0, 895.0, 12.0], [540.0, 895.5, 12.1], [590.0, 896.0, 12.2]])
+    inventory = RoadInventory(table, None, path, None, line_table([line_row("kerb", kerb, path)]))
     write_geopackage(inventory, folder / "inventory.gpkg")
     write_geoparquet(inventory, folder / "inventory.parquet")
     (folder / "report.html").write_text("<script>window.ran = 1</script>report", encoding="utf-8")

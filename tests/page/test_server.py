@@ -134,6 +134,21 @@ def test_photos_and_ranges_of_tiles_are_given(page, folder):
         assert part is None or content == part
 
 
+def test_the_survey_has_path_lines_and_objects_as_the_inventory_states_them(page):
+    survey = page.json("/api/survey")
+    assert survey["lines"] == {"kerb": [[[495.0, 895.0, 12.0], [540.0, 895.5, 12.1], [590.0, 896.0, 12.2]]], "wire": []}
+    assert (len(survey["path"]), survey["path"][0], survey["path"][-1]) == (
+        50,
+        [495.0, 897.0, 14.0],
+        [595.0, 897.0, 14.0],
+    )
+    columns = survey["objects"]["columns"]
+    assert survey["objects"]["headings"]["x"] == "Easting [m]"
+    rows = [dict(zip(columns, row, strict=True)) for row in survey["objects"]["rows"]]
+    assert [(row["object_id"], row["kind"], row["score"], row["x"]) for row in rows][3] == (4, "tree", 0.95, 520.0)
+    assert survey["photos"] == [1] and survey["n_points"] == 136_000
+
+
 def test_names_are_data(page):
     survey = page.json("/api/survey")
     assert survey["name"] == "<i>survey.laz"

@@ -20,6 +20,8 @@ from mlsroad_pipeline.execution.run_identity import STATE
 from mlsroad_pipeline.page.cloud_files import CloudFiles
 
 INVENTORY, REPORT, PHOTOS = "inventory.gpkg", "report.html", "photos"
+LINE_LAYERS = {"kerbs": "kerb", "wires": "wire"}
+"""Layers of lines, as `datasets.inventory.geopackage` writes them; that module imports geopandas."""
 FINISHED = "finished"
 """State in the record of a finished run, as `execution.run_folder` writes it; that module imports pandas."""
 _HIDDEN = ("fid", "geom", "geometry", "footprint", "method", "model_version")
@@ -109,6 +111,17 @@ class OutputFolder:
         kept = np.concatenate([vertices[:-1:step], vertices[-1:]])
         rounded: list[list[float]] = np.round(kept, 3).tolist()
         return rounded
+
+    def lines(self) -> dict[str, list[list[list[float]]]]:
+        """Return the lines of the inventory by kind, each as x, y, z."""
+        path = self.path / INVENTORY
+        if not path.is_file():
+            return {}
+        with _reading(path) as base:
+            found = {kind: _rows(base, f"SELECT geom FROM {layer}") for layer, kind in LINE_LAYERS.items()}
+        return {
+            kind: [np.round(_vertices(blob), 2).tolist() for (blob,) in rows if blob] for kind, rows in found.items()
+        }
 
     def photos(self) -> list[int]:
         """Return the numbers of the objects that have a photo."""

@@ -92,6 +92,7 @@ class ServedSurvey:
             "objects": output.objects(),
             "footprints": output.footprints(),
             "path": output.path_vertices(),
+            "lines": output.lines(),
             "photos": output.photos(),
             "report": (output.path / REPORT).is_file(),
             "warnings": output.run["summary"].get("warnings", []),
