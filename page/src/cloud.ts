@@ -26,6 +26,7 @@ export class Cloud {
   private readonly material = pointMaterial();
   private first: PointNode | null = null;
   private tiles: Tiles | null = null;
+  private tiled = false;
   private waiting = false;
   private measuring = false;
   private moved = 0;
@@ -193,11 +194,12 @@ export class Cloud {
     const begin = performance.now();
     const tiled = this.tiles?.show(this.camera, this.focal, budget, !moving, this.detail * this.renderer.getPixelRatio(), this.model.section) ?? 0;
     if (this.first?.points) {
-      // The sample of the first picture stays until the tiles show as much.
-      const stays = !this.tiles || (tiled < 20_000 && this.tiles.busy);
-      this.first.points.visible = stays;
-      this.first.points.geometry.setDrawRange(0, budget);
-      this.shown = tiled + (stays ? Math.min(budget, this.first.count) : 0);
+      // The sample of the first picture stays until all tiles of a view are there.
+      if (this.tiles && !moving && !this.tiles.busy) this.tiled = true;
+      const n = this.tiled ? 0 : Math.max(0, Math.min(budget - tiled, this.first.count));
+      this.first.points.visible = n > 0;
+      this.first.points.geometry.setDrawRange(0, n);
+      this.shown = tiled + n;
     } else this.shown = tiled;
     this.marks.place(this.camera, this.renderer.domElement.height);
     this.renderer.render(this.scene, this.camera);

@@ -129,6 +129,7 @@ interface Chosen {
 }
 
 const LARGEST_REQUEST = 4e6;
+const LARGEST_GAP = 1e5;
 const REQUESTS = 4;
 
 /** All points of the coarse levels, as x, y, z and class, for the map. */
@@ -169,6 +170,7 @@ export class Tiles {
   readonly nodes: PointNode[];
   private readonly bytes: number;
   private running = 0;
+  private pending: PointNode[] = [];
   private clock = 0;
   failed = "";
 
@@ -184,7 +186,7 @@ export class Tiles {
   }
 
   get busy(): boolean {
-    return this.running > 0;
+    return this.running > 0 || this.pending.length > 0;
   }
 
   /** Show the nodes that a view needs, coarse ones first, up to a number of points; returns the number shown. */
@@ -208,7 +210,7 @@ export class Tiles {
     const visible = new Set<PointNode>();
     for (const { node } of wanted) {
       planned += node.count;
-      if (planned > budget && planned > node.count) break;
+      if (planned > budget && planned > node.count) break; // at least one node
       node.used = this.clock;
       if (node.state === "loaded") {
         visible.add(node);
@@ -220,7 +222,8 @@ export class Tiles {
     }
     if (load) {
       this.forget(3 * budget + 1e6);
-      void this.fetch(missing.slice(0, 400));
+      this.pending = missing;
+      this.pump();
     }
     return shown;
   }
@@ -238,19 +241,24 @@ export class Tiles {
     }
   }
 
-  private async fetch(missing: PointNode[]): Promise<void> {
-    while (missing.length && this.running < REQUESTS) {
-      const first = missing.shift()!;
+  /** Start requests for the pending nodes; each one that ends starts the next. */
+  private pump(): void {
+    while (this.pending.length && this.running < REQUESTS) {
+      const first = this.pending[0];
+      // Chunks that lie close together in the file of a level come with one request.
       const run = [first];
-      // Chunks that follow each other in the file of a level come with one request.
-      const following = missing.filter((node) => node.level === first.level).sort((a, b) => a.first - b.first);
+      const following = this.pending
+        .filter((node) => node.level === first.level && node.first > first.first)
+        .sort((a, b) => a.first - b.first);
       let end = first.first + first.count;
       for (const node of following) {
-        if (node.first !== end || (end - first.first) * this.bytes > LARGEST_REQUEST) continue;
+        if ((node.first - end) * this.bytes > LARGEST_GAP) break;
+        if ((node.first + node.count - first.first) * this.bytes > LARGEST_REQUEST) break;
         run.push(node);
-        end += node.count;
+        end = node.first + node.count;
       }
-      missing = missing.filter((node) => !run.includes(node));
+      const taken = new Set(run);
+      this.pending = this.pending.filter((node) => !taken.has(node));
       void this.request(first.level, run);
     }
   }
@@ -266,13 +274,16 @@ export class Tiles {
         const at = node.first * this.bytes - begin;
         node.decode(data.slice(at, at + node.count * this.bytes), this.facts.coloured, this.material);
         this.group.add(node.points!);
+        node.points!.visible = false; // until the next frame chooses it
         this.loaded(node);
       }
+      this.failed = "";
     } catch (error) {
       this.failed = String(error instanceof Error ? error.message : error);
       for (const node of run) node.state = "absent";
     } finally {
       this.running -= 1;
+      if (!this.failed) this.pump();
     }
   }
 }
