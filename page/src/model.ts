@@ -104,8 +104,11 @@ export class Model {
     const places = [...this.objects.map((object) => object.place), ...path.map(([x, y, z]) => [x - origin[0], y - origin[1], z - origin[2]])];
     if (places.length < 2) return [low, high];
     const room = 15;
-    const least = [0, 1].map((axis) => Math.max(low[axis], Math.min(...places.map((place) => place[axis])) - room));
-    const most = [0, 1].map((axis) => Math.min(high[axis], Math.max(...places.map((place) => place[axis])) + room));
+    // Single places far off do not count: of each side 2 % are left out.
+    const sorted = [0, 1].map((axis) => places.map((place) => place[axis]).sort((a, b) => a - b));
+    const skipped = Math.floor(0.02 * places.length);
+    const least = [0, 1].map((axis) => Math.max(low[axis], sorted[axis][skipped] - room));
+    const most = [0, 1].map((axis) => Math.min(high[axis], sorted[axis][places.length - 1 - skipped] + room));
     return [[least[0], least[1], low[2]], [most[0], most[1], high[2]]];
   }
 

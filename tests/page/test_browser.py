@@ -159,6 +159,18 @@ def test_nothing_of_the_names_was_executed_and_nothing_was_asked_elsewhere(opene
     assert errors(tab) == ([], [])
 
 
+def test_a_decision_that_the_server_did_not_answer_is_not_shown_as_saved(opened, folder):
+    server, tab = opened
+    server.process.kill()
+    server.process.wait()
+    tab.js("page.model.saved = {text: '', kind: ''}; page.actions.go(4)")
+    tab.press("a")
+    assert saved(tab) == "Not saved: The server does not answer. Start it again: mlsroad open"
+    assert tab.js("[page.model.saved.kind, page.model.status(4)]") == ["bad", ""]
+    with open_corrections(folder) as store:
+        assert 4 not in [decision.correction.object_id for decision in store.current()]
+
+
 def test_an_exported_page_draws_its_points_without_a_server(folder, tmp_path):
     from mlsroad_pipeline.page.export import export_page
     from mlsroad_pipeline.page.output_folder import OutputFolder
