@@ -3,7 +3,7 @@
     python benchmarks/object_judges.py [--folder data/07_model_output/object_judges] [--write]
 
 Simulates the streets of `SURVEYS`, none of which `general` was trained on, labels them with `general`, and makes the
-candidates of `algorithms/inventory` on each. Boosted trees answer whether an upright line is a trunk or a pole, and
+candidates of `algorithms/inventory` on each. Boosted trees classify whether an upright line is a trunk or a pole, and
 whether a candidate is an object of its kind. A candidate is true if it lies within the reach of a true object (0.5 m
 for poles and signs, 1 m for vehicles and trees), one to one. Every fourth street is used a second time as a method
 would label it that gives a class and a confidence, but no probabilities. Scores are calibrated on folds of streets that
@@ -243,9 +243,9 @@ def seen_in_part(table: pd.DataFrame, truth: pd.DataFrame) -> np.ndarray:
     return (vehicle & (table["shared"] == largest)).to_numpy()
 
 
-def fit(table: pd.DataFrame, target: np.ndarray, question: str, seed: int = 1) -> BoostedTrees:
-    """Train the trees of a question."""
-    several = question == STEM
+def fit(table: pd.DataFrame, target: np.ndarray, classifier: str, seed: int = 1) -> BoostedTrees:
+    """Train the trees of a classifier."""
+    several = classifier == STEM
     parameters = {
         **TREES,
         "seed": seed,
@@ -253,7 +253,7 @@ def fit(table: pd.DataFrame, target: np.ndarray, question: str, seed: int = 1) -
     }
     # The scores begin at 0, which keeps the trees independent of the library's own start.
     data = lightgbm.Dataset(table.to_numpy(np.float32), target, params={"max_bin": TREES["max_bin"]})
-    booster = lightgbm.train({**parameters, "boost_from_average": False}, data, ROUNDS[question])
+    booster = lightgbm.train({**parameters, "boost_from_average": False}, data, ROUNDS[classifier])
     return BoostedTrees.from_lightgbm(booster.model_to_string())
 
 
@@ -263,12 +263,12 @@ def folds_of(streets: pd.Series) -> np.ndarray:
     return streets.map(number).to_numpy()
 
 
-def held_out_scores(table: pd.DataFrame, target: np.ndarray, streets: pd.Series, question: str) -> np.ndarray:
+def held_out_scores(table: pd.DataFrame, target: np.ndarray, streets: pd.Series, classifier: str) -> np.ndarray:
     """Return the scores of each row by trees that were trained on other streets."""
     fold = folds_of(streets)
-    out = np.zeros((len(table), 3 if question == STEM else 1))
+    out = np.zeros((len(table), 3 if classifier == STEM else 1))
     for k in range(FOLDS):
-        out[fold == k] = fit(table[fold != k], target[fold != k], question).scores(
+        out[fold == k] = fit(table[fold != k], target[fold != k], classifier).scores(
             table[fold == k].to_numpy(np.float32)
         )
     return out
@@ -300,11 +300,11 @@ def stem_judge(stems: pd.DataFrame) -> ObjectJudge:
     scores = held_out_scores(table, target, stems["street"], STEM)
     powers = np.exp(scores - scores.max(axis=1, keepdims=True))
     p = powers / powers.sum(axis=1, keepdims=True)
-    for name, answer, least in (("trunk", TRUNK, 0.5), ("pole", POLE, 0.6)):
-        chosen, right = p[:, answer] > least, target == answer
+    for name, column, least in (("trunk", TRUNK, 0.5), ("pole", POLE, 0.6)):
+        chosen, right = p[:, column] > least, target == column
         line = {
-            "question": STEM,
-            "answer": name,
+            "classifier": STEM,
+            "class": name,
             "stems": len(target),
             "precision": right[chosen].mean(),
             "recall": chosen[right].mean(),
@@ -337,7 +337,7 @@ def kind_judge(
             )
         )
         figures[kind] = held_out_figures(held[-1], n_true[kind])
-        print(json.dumps({"question": kind, **figures[kind]}), flush=True)
+        print(json.dumps({"classifier": kind, **figures[kind]}), flush=True)
     return ObjectJudge(*parts), figures
 
 

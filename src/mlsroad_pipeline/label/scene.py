@@ -220,8 +220,8 @@ def _objects(
 def object_judge() -> ObjectJudge:
     """Return the shipped judge of objects, after checking that it has the features of this version."""
     judge = shipped_judge()
-    for question, names in ((STEM, STEM_FEATURES), *((kind, FEATURES) for kind in KINDS)):
-        judge.check_features(question, names)
+    for classifier, names in ((STEM, STEM_FEATURES), *((kind, FEATURES) for kind in KINDS)):
+        judge.check_features(classifier, names)
     return judge
 
 

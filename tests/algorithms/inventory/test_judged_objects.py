@@ -42,14 +42,14 @@ UTM = np.array([583_000.0, 4_477_000.0, 120.0])
 class Planted:
     """Judge that looks at the evidence alone: the share of the class that an object should have."""
 
-    def probabilities(self, question, features):
-        if question == STEM:
+    def probabilities(self, classifier, features):
+        if classifier == STEM:
             own = features[:, [STEM_FEATURES.index("own tree"), STEM_FEATURES.index("own pole")]]
             return np.eye(3)[np.where(own[:, 0] > 0.6, TRUNK, np.where(own[:, 1] > 0.6, POLE, NEITHER))]
-        return features[:, [FEATURES.index(f"own {question}")]].astype(np.float64)
+        return features[:, [FEATURES.index(f"own {classifier}")]].astype(np.float64)
 
-    def reasons(self, question, features):
-        return [f"{question} of {np.exp(row[FEATURES.index('log_points')]):.0f} points" for row in features]
+    def reasons(self, classifier, features):
+        return [f"{classifier} of {np.exp(row[FEATURES.index('log_points')]):.0f} points" for row in features]
 
 
 def planted_street():

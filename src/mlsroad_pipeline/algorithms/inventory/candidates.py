@@ -96,9 +96,11 @@ def classify_stems(
     stems = find_scene_stems(local, height, points, cells)
     if not len(stems.features):
         return out
-    answer = judge.probabilities(STEM, stems.features)
-    answer = np.concatenate([answer, np.zeros((1, answer.shape[1]))])[stems.owner]  # points of no stem are last
+    probability = judge.probabilities(STEM, stems.features)
+    probability = np.concatenate([probability, np.zeros((1, probability.shape[1]))])[
+        stems.owner
+    ]  # points of no stem are last
     is_tree = np.isin(out[points], of_kind["tree"])
-    out[points[~is_tree & (answer[:, TRUNK] > _LEAST_TRUNK)]] = of_kind["tree"][0]
-    out[points[is_tree & (answer[:, POLE] > _LEAST_POLE)]] = of_kind["pole"][0]
+    out[points[~is_tree & (probability[:, TRUNK] > _LEAST_TRUNK)]] = of_kind["tree"][0]
+    out[points[is_tree & (probability[:, POLE] > _LEAST_POLE)]] = of_kind["pole"][0]
     return out

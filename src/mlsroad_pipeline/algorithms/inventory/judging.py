@@ -11,34 +11,34 @@ STEM = "stem"
 """Name of the classifier of upright lines: trunk, pole or post, or neither."""
 
 TRUNK, POLE, NEITHER = range(3)
-"""Columns of the answers about stems."""
+"""Columns of the probabilities of stems."""
 
 
 class Judge(Protocol):
     """A trained judge: `models.object_judge.ObjectJudge`."""
 
-    def probabilities(self, question: str, features: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Return the probabilities of the answers to a question.
+    def probabilities(self, classifier: str, features: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Return the probabilities of the classes of a classifier.
 
         Parameters
         ----------
-        question : str
+        classifier : str
             `STEM` or a kind of object.
         features : ndarray of float32, shape (n, f)
             Features of n candidates, `stem_features.STEM_FEATURES` or `object_features.FEATURES`.
 
         Returns
         -------
-        ndarray of float64, shape (n, answers)
+        ndarray of float64, shape (n, classes)
             `TRUNK`, `POLE` and `NEITHER` for stems; of a kind the probability that it is an object of this kind.
         """
 
-    def reasons(self, question: str, features: NDArray[np.float32]) -> list[str]:
+    def reasons(self, classifier: str, features: NDArray[np.float32]) -> list[str]:
         """Return what the score of each candidate rests on.
 
         Parameters
         ----------
-        question : str
+        classifier : str
             A kind of object.
         features : ndarray of float32, shape (n, f)
             Features of n candidates.

@@ -68,18 +68,18 @@ REASONS: dict[str, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
 
 @dataclass(frozen=True)
 class ObjectJudge:
-    """Answers to questions about candidates: `inventory.judging.Judge`.
+    """Classifiers of candidates: `inventory.judging.Judge`.
 
     Parameters
     ----------
     features : mapping of str to sequence of str
-        Question to the names of its features.
+        Classifier to the names of its features.
     trees : mapping of str to BoostedTrees
-        Question to its trees: one score for yes and no, else one per answer.
+        Classifier to its trees: one score for two classes, else one per class.
     calibration : mapping of str to tuple of float
-        Question to factor and summand of the scores, which make probabilities of them.
+        Classifier to factor and summand of the scores, which make probabilities of them.
     typical : mapping of str to ndarray
-        Question to the medians of the features of false candidates; the effect of a feature is measured against them.
+        Classifier to the medians of the features of false candidates; the effect of a feature is measured against them.
     """
 
     features: Mapping[str, Sequence[str]]
@@ -87,33 +87,33 @@ class ObjectJudge:
     calibration: Mapping[str, tuple[float, float]]
     typical: Mapping[str, NDArray[np.float32]]
 
-    def check_features(self, question: str, names: Sequence[str]) -> None:
+    def check_features(self, classifier: str, names: Sequence[str]) -> None:
         """Check that the judge was trained on given features.
 
         Parameters
         ----------
-        question : str
-            A question.
+        classifier : str
+            Name of a classifier: `STEM` or a kind of object.
         names : sequence of str
             Names of the features.
 
         Raises
         ------
         DataError
-            If the judge has no answer to the question, or was trained on other features.
+            If there is no such classifier, or it was trained on other features.
         """
-        if question not in self.trees or list(self.features[question]) != list(names):
+        if classifier not in self.trees or list(self.features[classifier]) != list(names):
             raise DataError(
-                f"the judge of objects has other features of {question!r} than this version: train it again"
+                f"the judge of objects has other features of {classifier!r} than this version: train it again"
             )
 
-    def scores(self, question: str, features: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Return the calibrated log odds, shape (n, 1), or log probabilities but for a constant, shape (n, answers).
+    def scores(self, classifier: str, features: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Return the calibrated log odds, shape (n, 1), or log probabilities but for a constant, shape (n, classes).
 
         Parameters
         ----------
-        question : str
-            A question.
+        classifier : str
+            Name of a classifier: `STEM` or a kind of object.
         features : ndarray of float32, shape (n, f)
             Features of n candidates; NaN does not apply.
 
@@ -122,31 +122,31 @@ class ObjectJudge:
         ndarray of float64
             Scores.
         """
-        factor, summand = self.calibration[question]
-        return factor * self.trees[question].scores(features) + summand
+        factor, summand = self.calibration[classifier]
+        return factor * self.trees[classifier].scores(features) + summand
 
-    def probabilities(self, question: str, features: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Return the probabilities of the answers to a question.
+    def probabilities(self, classifier: str, features: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Return the probabilities of the classes of a classifier.
 
         Parameters
         ----------
-        question : str
-            A question.
+        classifier : str
+            Name of a classifier: `STEM` or a kind of object.
         features : ndarray of float32, shape (n, f)
             Features of n candidates; NaN does not apply.
 
         Returns
         -------
-        ndarray of float64, shape (n, answers)
-            One answer, yes, to a question of yes or no; else the probabilities of all answers.
+        ndarray of float64, shape (n, classes)
+            The probability of the kind, for a classifier of two classes; else those of all classes.
         """
-        scores = self.scores(question, features)
+        scores = self.scores(classifier, features)
         if scores.shape[1] == 1:
             return 1.0 / (1.0 + np.exp(-scores))
         powers = np.exp(scores - scores.max(axis=1, keepdims=True))
         return powers / powers.sum(axis=1, keepdims=True)
 
-    def reasons(self, question: str, features: NDArray[np.float32]) -> list[str]:
+    def reasons(self, classifier: str, features: NDArray[np.float32]) -> list[str]:
         """Return what the score of each candidate rests on.
 
         A group of features has the effect by which the log odds fall when these features get the medians of false
@@ -154,7 +154,7 @@ class ObjectJudge:
 
         Parameters
         ----------
-        question : str
+        classifier : str
             A kind of object.
         features : ndarray of float32, shape (n, f)
             Features of n candidates; NaN does not apply.
@@ -164,15 +164,15 @@ class ObjectJudge:
         list of str
             Up to three phrases each, separated by semicolons; empty where no group has an effect.
         """
-        groups = REASONS[question]
+        groups = REASONS[classifier]
         table = np.asarray(features, dtype=np.float32)
-        whole = self.scores(question, table)[:, 0]
+        whole = self.scores(classifier, table)[:, 0]
         effects = np.zeros((len(table), len(groups)))
         for k, (_, _, prefixes) in enumerate(groups):
-            columns = [i for i, name in enumerate(self.features[question]) if name.startswith(prefixes)]
+            columns = [i for i, name in enumerate(self.features[classifier]) if name.startswith(prefixes)]
             changed = table.copy()
-            changed[:, columns] = self.typical[question][columns]
-            effects[:, k] = whole - self.scores(question, changed)[:, 0]
+            changed[:, columns] = self.typical[classifier][columns]
+            effects[:, k] = whole - self.scores(classifier, changed)[:, 0]
         phrases = []
         for row in effects:
             order = np.argsort(-np.abs(row), kind="stable")[:_MOST]
@@ -183,11 +183,11 @@ class ObjectJudge:
     def to_arrays(self) -> dict[str, NDArray]:
         """Return the judge as named arrays, for an NPZ file."""
         arrays: dict[str, NDArray] = {"questions": np.array(list(self.trees))}
-        for question, trees in self.trees.items():
-            arrays |= {f"{question}/{name}": values for name, values in trees.to_arrays().items()}
-            arrays[f"{question}/features"] = np.array(list(self.features[question]))
-            arrays[f"{question}/calibration"] = np.array(self.calibration[question])
-            arrays[f"{question}/typical"] = self.typical[question]
+        for classifier, trees in self.trees.items():
+            arrays |= {f"{classifier}/{name}": values for name, values in trees.to_arrays().items()}
+            arrays[f"{classifier}/features"] = np.array(list(self.features[classifier]))
+            arrays[f"{classifier}/calibration"] = np.array(self.calibration[classifier])
+            arrays[f"{classifier}/typical"] = self.typical[classifier]
         return arrays
 
     @classmethod
@@ -210,23 +210,23 @@ class ObjectJudge:
             If an array is missing.
         """
         try:
-            questions = [str(name) for name in arrays["questions"]]
+            classifiers = [str(name) for name in arrays["questions"]]
             parts = {
-                question: {
-                    name.removeprefix(f"{question}/"): values
+                classifier: {
+                    name.removeprefix(f"{classifier}/"): values
                     for name, values in arrays.items()
-                    if name.startswith(f"{question}/")
+                    if name.startswith(f"{classifier}/")
                 }
-                for question in questions
+                for classifier in classifiers
             }
             return cls(
-                {question: [str(name) for name in part["features"]] for question, part in parts.items()},
-                {question: BoostedTrees.from_arrays(part) for question, part in parts.items()},
+                {classifier: [str(name) for name in part["features"]] for classifier, part in parts.items()},
+                {classifier: BoostedTrees.from_arrays(part) for classifier, part in parts.items()},
                 {
-                    question: (float(part["calibration"][0]), float(part["calibration"][1]))
-                    for question, part in parts.items()
+                    classifier: (float(part["calibration"][0]), float(part["calibration"][1]))
+                    for classifier, part in parts.items()
                 },
-                {question: part["typical"] for question, part in parts.items()},
+                {classifier: part["typical"] for classifier, part in parts.items()},
             )
         except KeyError as error:
             raise DataError(f"the judge of objects lacks the array {error}") from error
