@@ -11,8 +11,10 @@ from typing import Annotated
 import typer
 
 from mlsroad_pipeline import __version__
+from mlsroad_pipeline.commands.corrections import corrections
 from mlsroad_pipeline.commands.inspect import inspect
 from mlsroad_pipeline.commands.label import label
+from mlsroad_pipeline.commands.learn import learn
 from mlsroad_pipeline.commands.models import models
 from mlsroad_pipeline.commands.open_results import open_results
 from mlsroad_pipeline.commands.score import score
@@ -25,9 +27,10 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["--help", "-h"]},
 )
-for command in (label, inspect, simulate, models, score):
+for command in (label, learn, inspect, simulate, models, score):
     app.command()(command)
 app.command("open")(open_results)
+app.add_typer(corrections, name="corrections")
 
 
 def _print_version(wanted: bool) -> None:

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
+from mlsroad_pipeline.algorithms.inventory.table import OBJECT_FIELDS
 from mlsroad_pipeline.corrections.listed_objects import ListedObjects
 from mlsroad_pipeline.corrections.states import States, fold_states
 from mlsroad_pipeline.corrections.store import has_corrections, open_corrections
+from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
 
 logger = logging.getLogger(__name__)
 
@@ -40,3 +44,38 @@ def with_states(table: pd.DataFrame, states: States) -> pd.DataFrame:
         status=pd.array([state.get("status", "") for state in found], dtype="str"),
         checked_class=pd.array([state.get("checked_class", "") for state in found], dtype="str"),
     )
+
+
+def corrected_inventory(inventory: RoadInventory, states: States, *, keep_rejected: bool) -> RoadInventory:
+    """Return an inventory with the base points and states that users gave, and the objects that they added.
+
+    Rejected objects, and those that were merged into others, are left out unless `keep_rejected` is set.
+    """
+    table = with_states(inventory.objects, states)
+    for number, state in states.of_objects.items():
+        if "x" in state:
+            table.loc[table["object_id"] == number, ["x", "y", "z"]] = [state["x"], state["y"], state["z"]]
+    if not keep_rejected:
+        gone = [n for n, state in states.of_objects.items() if state["status"] == "rejected" or "merged_into" in state]
+        table = table[~table["object_id"].isin(gone)]
+        table = table.assign(pole_id=table["pole_id"].where(~table["pole_id"].isin(gone), 0))
+    return replace(inventory, objects=pd.concat([table, _added_rows(states, inventory.objects)], ignore_index=True))
+
+
+def _added_rows(states: States, objects: pd.DataFrame) -> pd.DataFrame:
+    """Return the objects that users added, numbered after all others; their measures are unknown."""
+    blank = {n: np.nan if kind == "float64" else 0 if kind == "int64" else "" for n, kind in OBJECT_FIELDS.items()}
+    first = int(objects["object_id"].max() or 0) + 1 if len(objects) else 1
+    rows = [
+        {
+            **blank,
+            "object_id": first + k,
+            "class": decision.correction.checked_class,
+            "kind": decision.correction.kind,
+            "status": "added",
+            "checked_class": decision.correction.checked_class,
+            **{axis: float(decision.correction.payload[axis]) for axis in "xyz"},
+        }
+        for k, decision in enumerate(states.added)
+    ]
+    return pd.DataFrame(rows, columns=list(OBJECT_FIELDS)).astype(OBJECT_FIELDS)

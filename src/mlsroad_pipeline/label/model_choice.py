@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -15,6 +16,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.quality.training_facts import strange_facts, strangeness
+from mlsroad_pipeline.datasets.models.bundle_files import load_bundle
 from mlsroad_pipeline.datasets.models.registered_models import (
     MlflowStore,
     ModelStore,
@@ -62,18 +64,56 @@ class SurveyFacts:
 
 
 @dataclass(frozen=True)
+class StoredModel:
+    """A model in a folder, as `mlsroad learn` writes it where no MLflow store is configured.
+
+    Parameters
+    ----------
+    folder : str
+        The folder.
+    method : str
+        Slug of the method.
+    trained_on : str
+        Training data.
+    """
+
+    folder: str
+    method: str
+    trained_on: str = ""
+
+    @property
+    def name(self) -> str:
+        """Return the folder."""
+        return self.folder
+
+    @classmethod
+    def at(cls, folder: str) -> StoredModel:
+        """Return the model of a folder; ReadError if it is damaged."""
+        bundle = load_bundle(folder)
+        facts = bundle.metadata.get("trained_on", {})
+        text = ", ".join(f"{name} {value}" for name, value in facts.items()) if isinstance(facts, Mapping) else ""
+        return cls(folder, bundle.slug, text)
+
+    def load(self) -> ModelBundle:
+        """Return the bundle; its metadata gain ``stored``."""
+        bundle = load_bundle(self.folder)
+        stored = {"name": Path(self.folder).name, "version": "", "folder": self.folder}
+        return replace(bundle, metadata={**bundle.metadata, "stored": stored})
+
+
+@dataclass(frozen=True)
 class ModelChoice:
     """The chosen model.
 
     Parameters
     ----------
-    model : ShippedModel or RegisteredVersion
+    model : ShippedModel, RegisteredVersion or StoredModel
         The model.
     reason : str
         Reason of the choice, in one line.
     """
 
-    model: ShippedModel | RegisteredVersion
+    model: ShippedModel | RegisteredVersion | StoredModel
     reason: str
 
     @property
@@ -198,7 +238,7 @@ def named_choice(
     method : str, optional
         Method of the model (``label.method``).
     model : int or str, optional
-        Name of a shipped model, or version or alias of a registered one (``label.model``).
+        Name of a shipped model, version or alias of a registered one, or folder of a model (``label.model``).
     store : ModelStore, optional
         Registered models; None for none.
 
@@ -218,6 +258,8 @@ def named_choice(
     if model is not None and str(model) in shipped:
         return _named_shipped(shipped[str(model)], method)
     own = [item for item in registered if method in (None, item.method)]
+    if model is not None and Path(str(model), "model.json").is_file():
+        return _named_folder(str(model), method)
     if model is not None:
         return ModelChoice(_named_registered(str(model), own, method, shipped, store), f"label.model is {model}")
     champions = [item for item in own if CHAMPION in item.aliases and (method is not None or _labels_points(item))]
@@ -284,6 +326,8 @@ def load_choice(choice: ModelChoice, store: ModelStore | None = None) -> ModelBu
     """Return the bundle of a chosen model."""
     if isinstance(choice.model, ShippedModel):
         return load_shipped(choice.model.name)
+    if isinstance(choice.model, StoredModel):
+        return choice.model.load()
     if store is None:
         raise ParameterError(f"{choice.name} needs an MLflow store: set MLFLOW_TRACKING_URI")
     return store.load(choice.model)
@@ -325,6 +369,13 @@ def _named_shipped(model: ShippedModel, method: str | None) -> ModelChoice:
     if method not in (None, model.method):
         raise ParameterError(f"label.model {model.name!r} is a model of {model.method}, label.method is {method!r}")
     return ModelChoice(model, f"label.model is {model.name}")
+
+
+def _named_folder(folder: str, method: str | None) -> ModelChoice:
+    model = StoredModel.at(folder)
+    if method not in (None, model.method):
+        raise ParameterError(f"label.model {folder!r} is a model of {model.method}, label.method is {method!r}")
+    return ModelChoice(model, "label.model is this folder")
 
 
 def _named_registered(

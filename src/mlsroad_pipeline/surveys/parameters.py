@@ -113,7 +113,7 @@ class LabelParameters:
     method : str, optional
         Slug of the method; None takes the champion of the registered models or a shipped model.
     model : int or str, optional
-        Name of a shipped model, or version or alias of a registered one.
+        Name of a shipped model, version or alias of a registered one, or path of a model's folder.
     scheme : str, default "asprs"
         Codes to write: ``"asprs"``, or a class scheme that the model's classes nest in, as codes from 64.
     trajectory : str, optional
@@ -200,9 +200,12 @@ class LabelParameters:
                 raise ParameterError(
                     f"label.crs {self.crs!r} and label.read.crs {self.read['crs']!r} differ: give one of them"
                 )
-        if self.model is not None and re.fullmatch(r"[1-9]\d*|[A-Za-z][\w.-]*", str(self.model)) is None:
+        is_folder = "/" in str(self.model) and Path(str(self.model), "model.json").is_file()
+        named = self.model is None or re.fullmatch(r"[1-9]\d*|[A-Za-z][\w.-]*", str(self.model)) is not None
+        if not named and not is_folder:
             raise ParameterError(
-                f"label.model must be a version such as 3, an alias, or the name of a shipped model; got {self.model!r}"
+                "label.model must be a version such as 3, an alias, the name of a shipped model, or the path of a "
+                f"folder with a model.json; got {self.model!r}"
             )
 
     def options(self) -> ReadOptions:

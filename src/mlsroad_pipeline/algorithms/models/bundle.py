@@ -154,14 +154,15 @@ def model_source(bundle: ModelBundle) -> dict[str, Any]:
     Parameters
     ----------
     bundle : ModelBundle
-        The model; registered ones have ``registered`` and those of the package ``shipped`` in their metadata.
+        The model; registered ones have ``registered``, those of the package ``shipped``, and those of a folder that
+        `label` was given ``stored`` in their metadata.
 
     Returns
     -------
     dict of str to any
-        ``name``, ``version`` (empty for a model that is neither) and, for registered and shipped models, ``source``.
+        ``name``, ``version`` (empty for a model that is none of these) and, except for those, ``source``.
     """
-    for source in ("registered", "shipped"):
+    for source in ("registered", "shipped", "stored"):
         if source in bundle.metadata:
             return {**bundle.metadata[source], "source": source}
     return {"name": bundle.slug, "version": ""}

@@ -210,5 +210,7 @@ def _objects_of(source: Path, frame: gpd.GeoDataFrame) -> pd.DataFrame:
     shapes = gpd.read_file(source, layer="footprints")
     text = footprint_text(shapes.geometry.to_numpy())
     objects = with_empty_text(frame.drop(columns="geometry"))
-    objects["footprint"] = objects["object_id"].map(dict(zip(shapes["object_id"], text, strict=True))).fillna("")
+    objects["footprint"] = (
+        objects["object_id"].map(dict(zip(shapes["object_id"], text, strict=True))).astype(object).fillna("")
+    )
     return objects[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)

@@ -15,7 +15,7 @@ from mlsroad_pipeline.datasets.models.registered_models import PREFIX, configure
 from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel
 from mlsroad_pipeline.execution.output_lock import OutputInUseError, lock_output
 from mlsroad_pipeline.execution.run_folder import FINISHED, RunFolder
-from mlsroad_pipeline.label.model_choice import ModelChoice, named_choice
+from mlsroad_pipeline.label.model_choice import ModelChoice, StoredModel, named_choice
 from mlsroad_pipeline.label.runs import finished_record
 from mlsroad_pipeline.label.summary import LabelSummary, moved_summary
 from mlsroad_pipeline.surveys.parameters import LabelParameters
@@ -46,6 +46,8 @@ def _is_same(named: ModelChoice | None, used: Any) -> bool:
     name, version, shipped = used["name"], str(used["version"]), used.get("source") == "shipped"
     if named is None or isinstance(named.model, ShippedModel):
         return shipped and (named is None or named.model.name == name)
+    if isinstance(named.model, StoredModel):
+        return used.get("source") == "stored" and used.get("folder") == named.model.folder
     return not shipped and (f"{PREFIX}{named.method}", str(named.model.version)) == (name, version)
 
 

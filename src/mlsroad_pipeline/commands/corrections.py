@@ -1,0 +1,184 @@
+"""Commands `mlsroad corrections list|import|export`: decisions about a labelled survey, and those of other programs."""
+
+from __future__ import annotations
+
+import getpass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mlsroad_pipeline.commands.options import Verbose, check_exist, expanded
+
+if TYPE_CHECKING:
+    from mlsroad_pipeline.corrections import Correction, CorrectionStore, Decision
+
+corrections = typer.Typer(no_args_is_help=True, help="List, import and export the corrections of a labelled survey.")
+
+Out = Annotated[str, typer.Argument(metavar="OUT", help="Folder of results of label.")]
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return "unknown"
+
+
+@corrections.command("list")
+def list_corrections(out: Out, verbose: Verbose = False) -> None:
+    """List the decisions about a labelled survey, and those that match no object any more."""
+    from mlsroad_pipeline.commands.console import count_table, output_console
+    from mlsroad_pipeline.commands.errors import one_line_errors
+    from mlsroad_pipeline.corrections import has_corrections, open_corrections
+
+    with one_line_errors(verbose=verbose):
+        folder = expanded([out])[0]
+        check_exist([folder])
+        console = output_console()
+        if not has_corrections(folder):
+            console.print(f"{folder} has no corrections.", markup=False)
+            return
+        with open_corrections(folder) as store:
+            decisions, states = store.current(), store.states()
+        lost = {decision.identifier for decision in states.unmatched}
+        rows = [_row(decision, decision.identifier in lost) for decision in decisions]
+        console.print(count_table(rows, ("decision", "made", "who", "action", "object", "what", "matches")))
+        console.print(f"\n{len(decisions)} decisions, {len(lost)} match no object of the inventory.")
+
+
+def _row(decision: Decision, lost: bool) -> tuple[str, ...]:
+    given = decision.correction
+    painted = f"{len(given.payload['points'])} points of {given.payload['file']}: " if given.action == "paint" else ""
+    number = "" if given.object_id is None else str(given.object_id)
+    what = f"{painted}{given.checked_class}"
+    return (
+        str(decision.identifier),
+        decision.made[:19],
+        decision.who,
+        given.action,
+        number,
+        what,
+        "no" if lost else "yes",
+    )
+
+
+@corrections.command("import")
+def import_corrections(
+    edited: Annotated[str, typer.Argument(metavar="FILE", help="Edited inventory (.gpkg) or labelled file (.laz).")],
+    out: Out,
+    who: Annotated[str | None, typer.Option(help="Name of the user. Default: that of the account.")] = None,
+    file: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Labelled file that FILE is a copy of. Default: of its name.")
+    ] = None,
+    many_deleted: Annotated[
+        bool, typer.Option("--many-deleted", help="Reject missing objects even if more than half are missing.")
+    ] = False,
+    verbose: Verbose = False,
+) -> None:
+    """Import corrections from an inventory or a labelled file that was edited in another program."""
+    from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+    from mlsroad_pipeline.commands.console import output_console
+    from mlsroad_pipeline.commands.errors import one_line_errors
+    from mlsroad_pipeline.corrections import open_corrections
+    from mlsroad_pipeline.corrections.edited_inventory import corrections_of_inventory
+
+    with one_line_errors(verbose=verbose):
+        path, folder = (Path(place) for place in expanded([edited, out]))
+        check_exist([str(path), str(folder)])
+        with open_corrections(folder) as store:
+            if path.suffix.lower() == ".gpkg":
+                found = corrections_of_inventory(
+                    path, store.objects(), store.object_states(), many_deleted=many_deleted
+                )
+                found, how = _new_ones(found, store), ""
+            elif path.suffix.lower() in (".laz", ".las"):
+                found, how = _edited_points(path, folder, file, store)
+            else:
+                raise ParameterError(f"{path}: corrections are read from .gpkg, .laz and .las")
+            store.add_all(found, who=_user() if who is None else who)
+        console = output_console()
+        console.print(f"{len(found)} new corrections from {path}{how}.", markup=False)
+        for action in dict.fromkeys(correction.action for correction in found):
+            console.print(f"  {action:12} {sum(correction.action == action for correction in found)}", markup=False)
+
+
+def _new_ones(found: list[Correction], store: CorrectionStore) -> list[Correction]:
+    """Return corrections without the added objects that the store has already."""
+    known = [decision.correction for decision in store.states().added]
+    return [correction for correction in found if correction.action != "add" or correction not in known]
+
+
+def _edited_points(path: Path, folder: Path, file: str | None, store: CorrectionStore) -> tuple[list[Correction], str]:
+    import numpy as np
+
+    from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+    from mlsroad_pipeline.corrections.edited_points import corrections_of_points, names_of_codes
+    from mlsroad_pipeline.corrections.labelled_output import LabelledOutput
+
+    clouds = LabelledOutput.at(folder).clouds()
+    named = [name for name in clouds if file in (name, Path(name).name) or (file is None and _alike(path, name))]
+    if len(named) != 1:
+        raise ParameterError(
+            f"{path}: name the labelled file that it is a copy of with --file, one of {', '.join(clouds)}"
+        )
+    name = named[0]
+    names = names_of_codes(clouds[name])
+    codes = {text: code for code, text in names.items()}
+    painted: dict[int, Any] = {}
+    for decision in store.states().painted:
+        given = decision.correction.payload
+        if given["file"] in (name, Path(name).name) and given["class"][:15] in codes:
+            rows = np.asarray(given["points"], np.int64)
+            painted = {code: np.setdiff1d(old, rows) for code, old in painted.items()}
+            code = codes[given["class"][:15]]
+            painted[code] = np.union1d(painted.get(code, rows[:0]), rows)
+    found, how = corrections_of_points(path, clouds[name], name, names, painted)
+    return found, f", points matched {how}"
+
+
+def _alike(path: Path, name: str) -> bool:
+    return Path(name).stem == path.stem
+
+
+@corrections.command("export")
+def export_corrections(
+    out: Out,
+    output: Annotated[
+        str | None,
+        typer.Option("--output", "-o", metavar="FILE", help="GeoPackage to write. Default: OUT/corrected.gpkg."),
+    ] = None,
+    keep_rejected: Annotated[
+        bool, typer.Option("--keep-rejected", help="Keep rejected and merged objects, with their status.")
+    ] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file.")] = False,
+    verbose: Verbose = False,
+) -> None:
+    """Write the inventory with all corrections: moved bases, checked classes, without rejected objects."""
+    from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
+    from mlsroad_pipeline.commands.console import output_console
+    from mlsroad_pipeline.commands.errors import one_line_errors
+    from mlsroad_pipeline.corrections import open_corrections
+    from mlsroad_pipeline.corrections.inventory_columns import corrected_inventory
+    from mlsroad_pipeline.datasets.inventory.geopackage import read_geopackage, write_geopackage
+
+    with one_line_errors(verbose=verbose):
+        folder = Path(expanded([out])[0])
+        check_exist([str(folder)])
+        target = folder / "corrected.gpkg" if output is None else Path(expanded([output])[0])
+        if target.suffix.lower() != ".gpkg":
+            raise ParameterError(f"{target}: the corrected inventory is written as .gpkg")
+        if not target.parent.is_dir():
+            raise ReadError(f"{target.parent} does not exist")
+        if target.exists() and (not overwrite or target.name == "inventory.gpkg"):
+            raise ParameterError(f"{target} exists: name another file with -o, or replace it with --overwrite")
+        inventory = read_geopackage(folder / "inventory.gpkg")
+        with open_corrections(folder) as store:
+            states = store.states()
+        corrected = corrected_inventory(inventory, states, keep_rejected=keep_rejected)
+        write_geopackage(corrected, target)
+        output_console().print(
+            f"{len(corrected.objects)} of {len(inventory.objects)} objects, {len(states.of_objects)} of them checked: "
+            f"{target}",
+            markup=False,
+        )

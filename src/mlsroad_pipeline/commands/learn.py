@@ -1,0 +1,161 @@
+"""Command `mlsroad learn`: a model that has learned from the corrections of labelled surveys."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from shlex import quote
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mlsroad_pipeline.commands.options import Verbose, Workers, check_exist, expanded, literal
+
+if TYPE_CHECKING:
+    from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+    from mlsroad_pipeline.commands.session import Place
+    from mlsroad_pipeline.corrections.labelled_output import LabelledOutput
+
+MODELS = "models"
+"""Folder in an output that holds learned models where no MLflow store is configured."""
+
+
+def learn(
+    outputs: Annotated[list[str], typer.Argument(metavar="OUT...", help="Folders of results of label, corrected.")],
+    label: Annotated[
+        bool, typer.Option("--label/--no-label", help="Label the surveys again with the new model.")
+    ] = True,
+    workers: Workers = None,
+    verbose: Verbose = False,
+) -> None:
+    """Learn from the corrections of labelled surveys, and label them again.
+
+    The model that labelled the surveys continues its training. The new model is registered in MLflow,
+    or written into the first folder where no store is configured.
+    """
+    from mlsroad_pipeline.commands.console import collected_warnings, error_console, output_console
+    from mlsroad_pipeline.commands.errors import one_line_errors
+    from mlsroad_pipeline.commands.session import configure, find_place
+    from mlsroad_pipeline.corrections.labelled_output import LabelledOutput
+    from mlsroad_pipeline.corrections.learning import learn_from
+    from mlsroad_pipeline.execution.output_lock import lock_output, release_output
+
+    with one_line_errors(verbose=verbose):
+        places = expanded(outputs)
+        check_exist(places)
+        place = find_place()
+        configure(place)
+        found = [LabelledOutput.at(folder) for folder in places]
+        bundle, parent = _one_model(found, place)
+        console, told = output_console(), error_console()
+        for output in found:
+            lock_output(output.path)
+        with collected_warnings(verbose=verbose) as logged:
+            model, n_answers = learn_from(
+                bundle, found, parent=parent, progress=lambda name: told.print(f"Reading {name}", markup=False)
+            )
+            name, chosen = _stored(model, parent, found[0], place)
+        for output in found:
+            release_output(output.path)
+        console.print(f"Learned from {n_answers} answers. New model: {name}", markup=False)
+        for line in logged:
+            console.print(f"Warning: {line}", markup=False)
+        if label:
+            told.print("The new trees can change the label of every point: the whole of each survey is labelled again.")
+            for output in found:
+                _label_again(output, chosen, workers, place, verbose=verbose)
+        else:
+            options = " ".join(f"--{key} {quote(str(value))}" for key, value in chosen.items())
+            console.print(f"Use it: mlsroad label FILE {options}", markup=False)
+
+
+def _one_model(outputs: list[LabelledOutput], place: Place) -> tuple[ModelBundle, dict[str, Any]]:
+    """Return the model that labelled all outputs, and its name and version."""
+    from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+    from mlsroad_pipeline.commands.session import model_store
+    from mlsroad_pipeline.corrections.learning import check_learnable
+    from mlsroad_pipeline.datasets.models.registered_models import PREFIX
+    from mlsroad_pipeline.label.model_choice import load_choice, named_choice
+
+    for output in outputs:
+        check_learnable(output)
+    first = outputs[0]
+    for other in outputs[1:]:
+        if (other.model["name"], other.model["version"]) != (first.model["name"], first.model["version"]):
+            raise ParameterError(
+                f"{first.path} was labelled by {first.model['name']} {first.model['version']}, {other.path} by "
+                f"{other.model['name']} {other.model['version']}: label both with one model, or learn one by one"
+            )
+    used, store = first.model, model_store(place)
+    registered = used.get("source") == "registered"
+    method = str(used["name"]).removeprefix(PREFIX) if registered else None
+    wanted = used["version"] if registered else used.get("folder", used["name"])
+    choice = named_choice(method=method, model=wanted, store=store)
+    if choice is None:
+        raise ParameterError(f"{first.path}: the model {used['name']} that labelled it is unknown here")
+    kept = {name: used[name] for name in ("name", "version", "source") if name in used}
+    return load_choice(choice, store), kept
+
+
+def _stored(
+    model: ModelBundle, parent: dict[str, Any], output: LabelledOutput, place: Place
+) -> tuple[str, dict[str, Any]]:
+    """Register or write a model; return its name, and the parameters of `label` that choose it."""
+    if place.tracked:
+        return _registered(model, parent, place)
+    import hashlib
+
+    import numpy as np
+
+    from mlsroad_pipeline.datasets.models.bundle_files import save_bundle
+
+    digest = hashlib.blake2b(digest_size=4)
+    for name in sorted(model.arrays):
+        digest.update(np.ascontiguousarray(model.arrays[name]).tobytes())
+    folder = (output.path / MODELS / f"{model.slug}-{digest.hexdigest()}").absolute()
+    save_bundle(model, folder)
+    return str(folder), {"model": str(folder)}
+
+
+def _registered(model: ModelBundle, parent: dict[str, Any], place: Place) -> tuple[str, dict[str, Any]]:
+    import os
+
+    import mlflow
+
+    from mlsroad_pipeline.commands.session import STORE
+    from mlsroad_pipeline.datasets.models.model_registry_dataset import register_bundle
+    from mlsroad_pipeline.datasets.models.registered_models import PREFIX
+
+    mlflow.set_tracking_uri(os.environ.get("MLFLOW_TRACKING_URI") or f"sqlite:///{place.folder / STORE}")
+    name = f"{PREFIX}{model.slug}"
+    version, _ = register_bundle(model, name)
+    client = mlflow.MlflowClient()
+    tags = {"parent": f"{parent['name']} {parent['version']}".strip(), "trained_on": str(model.metadata["trained_on"])}
+    for tag, text in tags.items():
+        client.set_model_version_tag(name, str(version), tag, text)
+    return f"{name} version {version}", {"method": model.slug, "model": str(version)}
+
+
+def _label_again(
+    output: LabelledOutput, chosen: dict[str, Any], workers: int | None, place: Place, *, verbose: bool
+) -> None:
+    """Label a survey again with the same settings and another model."""
+    from mlsroad_pipeline.commands.console import Stages, collected_warnings, error_console, output_console
+    from mlsroad_pipeline.commands.label import STAGES, print_summary
+    from mlsroad_pipeline.commands.session import run_pipeline
+
+    settings = {name: _literal(value) for name, value in output.parameters().items()}
+    parameters: dict[str, Any] = {"label": {**settings, **{key: literal(str(v)) for key, v in chosen.items()}}}
+    parameters["label"]["output"] = literal(str(Path(output.path).absolute()))
+    if workers is not None:
+        parameters["execution"] = {"n_workers": workers}
+    begin = time.perf_counter()
+    with collected_warnings(verbose=verbose) as logged, Stages(STAGES, error_console()).shown():
+        summary = run_pipeline("label", parameters, place=place).catalog.load("label_summary")
+    print_summary(output_console(), summary, logged, seconds=time.perf_counter() - begin)
+
+
+def _literal(value: Any) -> Any:
+    if isinstance(value, str):
+        return literal(value)
+    return [_literal(item) for item in value] if isinstance(value, list) else value

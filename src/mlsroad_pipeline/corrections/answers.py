@@ -1,0 +1,120 @@
+"""Points that decisions are about, and the classes that each decision allows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, UnknownClassError
+from mlsroad_pipeline.corrections.states import States
+
+_LOOKUP_LENGTH = 15
+"""Characters of a class name in the header of a LAZ file."""
+
+
+class NamedClasses:
+    """Classes of a model by the names that users give.
+
+    Parameters
+    ----------
+    scheme : ClassScheme
+        Classes of the model.
+    schemes : mapping
+        Configured schemes; their classes that are unions of the model's classes are known too.
+    """
+
+    def __init__(self, scheme: ClassScheme, schemes: Mapping[str, Any]) -> None:
+        self.scheme = scheme
+        self._sets: dict[str, NDArray[np.bool_]] = {}
+        for name in ("common", *schemes):
+            self._add(name, schemes)
+        own = np.eye(len(scheme), dtype=np.bool_)
+        for label, text in enumerate(scheme.classes):
+            self._sets[text] = self._sets[text[:_LOOKUP_LENGTH]] = own[label]
+
+    def _add(self, name: str, schemes: Mapping[str, Any]) -> None:
+        if name not in schemes:
+            return
+        coarse = ClassScheme.from_config(name, schemes[name])
+        try:
+            group = self.scheme.coarsen(coarse)
+        except (ParameterError, UnknownClassError):  # a scheme that divides the classes in another way
+            return
+        for label, text in enumerate(coarse.classes):
+            if (group == label).any():
+                self._sets.setdefault(text, group == label)
+
+    def allowed(self, name: str) -> NDArray[np.bool_]:
+        """Return the classes of a name; DataError if it is unknown."""
+        if name not in self._sets:
+            raise DataError(f"class {name!r} is unknown to the model: use one of {', '.join(self._sets)}")
+        return self._sets[name]
+
+
+@dataclass(frozen=True)
+class FileAnswers:
+    """Answers about the points of one file.
+
+    Parameters
+    ----------
+    answer : ndarray of int64, shape (n,)
+        Number of the answer of each point, -1 without one.
+    classes : list of ndarray of bool
+        Classes that each answer allows.
+    """
+
+    answer: NDArray[np.int64]
+    classes: list[NDArray[np.bool_]]
+
+
+def object_classes(states: States, table: Mapping[int, str], named: NamedClasses) -> dict[int, NDArray[np.bool_]]:
+    """Return the classes that decided objects allow; `table` has the class of each object in the inventory."""
+    allowed: dict[int, NDArray[np.bool_]] = {}
+    for number, state in states.of_objects.items():
+        own = table.get(number)
+        if own is None:
+            continue
+        if state["status"] == "rejected" and not state["checked_class"]:
+            allowed[number] = ~named.allowed(own)
+        else:
+            allowed[number] = named.allowed(state["checked_class"] or own)
+    return allowed
+
+
+def answers_of_file(
+    name: str,
+    object_id: NDArray[np.integer],
+    states: States,
+    objects: Mapping[int, NDArray[np.bool_]],
+    named: NamedClasses,
+) -> FileAnswers:
+    """Return the answers about the points of a labelled file; painted points come before objects.
+
+    Raises DataError if painted points are not in the file.
+    """
+    answer = np.full(len(object_id), -1, dtype=np.int64)
+    classes: list[NDArray[np.bool_]] = []
+    for number, allowed in objects.items():
+        rows = np.flatnonzero(object_id == number)
+        if len(rows):
+            answer[rows] = len(classes)
+            classes.append(allowed)
+    for decision in states.painted:
+        given = decision.correction.payload
+        if given["file"] not in (name, Path(name).name):
+            continue
+        rows = np.asarray(given["points"], dtype=np.int64)
+        if rows.max() >= len(object_id):
+            raise DataError(
+                f"{name} has {len(object_id)} points, correction {decision.identifier} paints point {rows.max()}: "
+                "it is about another file; undo it"
+            )
+        answer[rows] = len(classes)
+        classes.append(named.allowed(given["class"]))
+    return FileAnswers(answer, classes)

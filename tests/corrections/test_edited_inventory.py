@@ -1,0 +1,131 @@
+"""Corrections that come back from a GeoPackage edited in another program: statuses, classes, places, rows."""
+
+import shutil
+import sqlite3
+from contextlib import closing
+
+import geopandas as gpd
+import pyogrio
+import pytest
+import shapely
+from typer.testing import CliRunner
+
+from mlsroad_pipeline.commands.app import app
+from mlsroad_pipeline.corrections import open_corrections
+from tests.helpers.corrected import object_rows, write_inventory
+
+
+@pytest.fixture(scope="module")
+def labelled(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("labelled")
+    write_inventory(folder, object_rows())
+    return folder
+
+
+@pytest.fixture
+def folder(labelled, tmp_path):
+    shutil.copytree(labelled, tmp_path / "out")
+    shutil.copy(labelled / "inventory.gpkg", tmp_path / "edited.gpkg")
+    return tmp_path / "out"
+
+
+def edit(folder, layer, change):
+    """Edit a layer of the copy as GDAL and QGIS do: read, change, write in its place."""
+    path = folder.parent / "edited.gpkg"
+    frame = change(gpd.read_file(path, layer=layer))
+    pyogrio.write_dataframe(frame, path, layer=layer, driver="GPKG")
+    return path
+
+
+def run(*arguments):
+    result = CliRunner().invoke(app, ["corrections", *map(str, arguments)])
+    return result.exit_code, " ".join(result.output.split())
+
+
+def states(folder):
+    with open_corrections(folder) as store:
+        return {n: (s["status"], s["checked_class"]) for n, s in store.object_states().items()}
+
+
+def test_edits_of_several_layers_come_back_once(folder):
+    def poles(frame):
+        frame.loc[frame["object_id"] == 1, "status"] = "accepted"
+        frame.loc[frame["object_id"] == 2, "checked_class"] = "sign"
+        frame.loc[frame["object_id"] == 1, "geometry"] = shapely.Point(500.5, 900.0, 12.0)
+        return frame
+
+    edit(folder, "poles", poles)
+    edit(folder, "trees", lambda frame: frame[:0])
+    path = edit(folder, "objects", lambda frame: frame.assign(kind=frame["kind"].replace("vehicle", "tree")))
+    code, said = run("import", path, folder, "--who", "ann")
+    assert (code, "5 new corrections" in said) == (0, True), said
+    assert states(folder) == {
+        1: ("accepted", "pole"), 2: ("changed", "sign"), 4: ("rejected", ""), 5: ("changed", "tree"),
+    }  # fmt: skip
+    with open_corrections(folder) as store:
+        assert store.object_states()[1]["x"] == 500.5
+        assert {decision.who for decision in store.current()} == {"ann"}
+    assert "0 new corrections" in run("import", path, folder)[1]
+
+
+def test_new_rows_are_added_objects_and_the_export_holds_them(folder):
+    def with_new(frame):
+        new = frame.iloc[:1].assign(object_id=None, kind="pole", geometry=[shapely.Point(490.0, 880.0, 11.0)])
+        return gpd.GeoDataFrame(
+            gpd.pd.concat([frame.astype({"object_id": "object"}), new.astype({"object_id": "object"})]), crs=frame.crs
+        ).astype({"object_id": "Int64"})
+
+    path = edit(folder, "objects", with_new)
+    edit(folder, "signs", lambda frame: frame[:0])
+    assert "2 new corrections" in run("import", path, folder)[1]
+    assert "0 new corrections" in run("import", path, folder)[1]
+    code, said = run("export", folder)
+    assert (code, "5 of 5 objects" in said) == (0, True), said
+    table = gpd.read_file(folder / "corrected.gpkg", layer="objects").set_index("object_id")
+    assert sorted(table.index) == [1, 2, 4, 5, 6]
+    assert (table.loc[6, "status"], table.loc[6, "x"], table.loc[6, "kind"]) == ("added", 490.0, "pole")
+    assert "exists: name another file" in run("export", folder)[1]
+    assert run("export", folder, "--overwrite", "--keep-rejected")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda f: f.assign(status="fine"), "unknown status 'fine' of object 1: use accepted, rejected, changed"),
+        (lambda f: f.assign(status="changed"), "status changed without another checked_class"),
+        (lambda f: f.assign(x=f["x"] + 5), "is no copy of this inventory"),
+        (lambda f: f[:1], "lacks 4 of 5 objects"),
+        (lambda f: f.drop(columns="kind"), "layer 'objects' has no field 'kind'"),
+    ],
+)
+def test_edits_that_cannot_be_understood_are_one_line(folder, change, message):
+    code, said = run("import", edit(folder, "objects", change), folder)
+    assert (code, message in said) == (1, True), said
+    assert states(folder) == {}
+
+
+def test_layers_that_contradict_each_other_are_one_line(folder):
+    edit(folder, "objects", lambda frame: frame.assign(status=["accepted", None, None, None, None]))
+    path = edit(folder, "poles", lambda frame: frame.assign(status=["rejected", None]))
+    assert "object 1 is edited in two ways (accept; reject)" in run("import", path, folder)[1]
+
+
+def test_damaged_and_foreign_files_are_one_line(folder):
+    path = folder.parent / "edited.gpkg"
+    path.write_bytes(b"no database" * 99)
+    assert "not a GeoPackage" in run("import", path, folder)[1]
+    path.unlink()
+    with closing(sqlite3.connect(path)) as base, base:
+        base.execute("CREATE TABLE other (x)")
+    code, said = run("import", path, folder)
+    assert (code, "edited.gpkg" in said) == (1, True)
+    assert "read from .gpkg, .laz and .las" in run("import", folder / "inventory.parquet", folder)[1]
+
+
+def test_list_prints_each_decision_and_whether_it_matches(folder):
+    assert "has no corrections" in run("list", folder)[1]
+    path = edit(folder, "objects", lambda frame: frame.assign(status=["accepted", None, None, None, "rejected"]))
+    run("import", path, folder, "--who", "ann")
+    write_inventory(folder, object_rows()[:3])
+    code, said = run("list", folder)
+    assert (code, "2 decisions, 1 match no object" in said, "ann" in said) == (0, True, True), said
