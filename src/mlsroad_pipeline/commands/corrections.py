@@ -159,8 +159,7 @@ def export_corrections(
     from mlsroad_pipeline.commands.console import output_console
     from mlsroad_pipeline.commands.errors import one_line_errors
     from mlsroad_pipeline.corrections import open_corrections
-    from mlsroad_pipeline.corrections.inventory_columns import corrected_inventory
-    from mlsroad_pipeline.datasets.inventory.geopackage import read_geopackage, write_geopackage
+    from mlsroad_pipeline.corrections.inventory_columns import write_corrected
 
     with one_line_errors(verbose=verbose):
         folder = Path(expanded([out])[0])
@@ -172,13 +171,9 @@ def export_corrections(
             raise ReadError(f"{target.parent} does not exist")
         if target.exists() and (not overwrite or target.name == "inventory.gpkg"):
             raise ParameterError(f"{target} exists: name another file with -o, or replace it with --overwrite")
-        inventory = read_geopackage(folder / "inventory.gpkg")
         with open_corrections(folder) as store:
             states = store.states()
-        corrected = corrected_inventory(inventory, states, keep_rejected=keep_rejected)
-        write_geopackage(corrected, target)
+        kept, listed = write_corrected(folder / "inventory.gpkg", target, states, keep_rejected=keep_rejected)
         output_console().print(
-            f"{len(corrected.objects)} of {len(inventory.objects)} objects, {len(states.of_objects)} of them checked: "
-            f"{target}",
-            markup=False,
+            f"{kept} of {listed} objects, {len(states.of_objects)} of them checked: {target}", markup=False
         )

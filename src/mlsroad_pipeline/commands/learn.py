@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from pathlib import Path
 from shlex import quote
@@ -15,9 +16,6 @@ if TYPE_CHECKING:
     from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
     from mlsroad_pipeline.commands.session import Place
     from mlsroad_pipeline.corrections.labelled_output import LabelledOutput
-
-MODELS = "models"
-"""Folder in an output that holds learned models where no MLflow store is configured."""
 
 
 def learn(
@@ -35,8 +33,9 @@ def learn(
     """
     from mlsroad_pipeline.commands.console import collected_warnings, error_console, output_console
     from mlsroad_pipeline.commands.errors import one_line_errors
-    from mlsroad_pipeline.commands.session import configure, find_place
+    from mlsroad_pipeline.commands.session import STORE, configure, find_place
     from mlsroad_pipeline.corrections.labelled_output import LabelledOutput
+    from mlsroad_pipeline.corrections.learned_models import register_learned, write_learned
     from mlsroad_pipeline.corrections.learning import learn_from
     from mlsroad_pipeline.execution.output_lock import lock_output, release_output
 
@@ -54,7 +53,11 @@ def learn(
             model, n_answers = learn_from(
                 bundle, found, parent=parent, progress=lambda name: told.print(f"Reading {name}", markup=False)
             )
-            name, chosen = _stored(model, parent, found[0], place)
+            store = os.environ.get("MLFLOW_TRACKING_URI") or f"sqlite:///{place.folder / STORE}"
+            if place.tracked:
+                name, chosen = register_learned(model, parent, store)
+            else:
+                name, chosen = write_learned(model, found[0].path)
         for output in found:
             release_output(output.path)
         console.print(f"Learned from {n_answers} answers. New model: {name}", markup=False)
@@ -74,7 +77,6 @@ def _one_model(outputs: list[LabelledOutput], place: Place) -> tuple[ModelBundle
     from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
     from mlsroad_pipeline.commands.session import model_store
     from mlsroad_pipeline.corrections.learning import check_learnable
-    from mlsroad_pipeline.datasets.models.registered_models import PREFIX
     from mlsroad_pipeline.label.model_choice import load_choice, named_choice
 
     for output in outputs:
@@ -88,52 +90,13 @@ def _one_model(outputs: list[LabelledOutput], place: Place) -> tuple[ModelBundle
             )
     used, store = first.model, model_store(place)
     registered = used.get("source") == "registered"
-    method = str(used["name"]).removeprefix(PREFIX) if registered else None
+    method = first.method if registered else None
     wanted = used["version"] if registered else used.get("folder", used["name"])
     choice = named_choice(method=method, model=wanted, store=store)
     if choice is None:
         raise ParameterError(f"{first.path}: the model {used['name']} that labelled it is unknown here")
     kept = {name: used[name] for name in ("name", "version", "source") if name in used}
     return load_choice(choice, store), kept
-
-
-def _stored(
-    model: ModelBundle, parent: dict[str, Any], output: LabelledOutput, place: Place
-) -> tuple[str, dict[str, Any]]:
-    """Register or write a model; return its name, and the parameters of `label` that choose it."""
-    if place.tracked:
-        return _registered(model, parent, place)
-    import hashlib
-
-    import numpy as np
-
-    from mlsroad_pipeline.datasets.models.bundle_files import save_bundle
-
-    digest = hashlib.blake2b(digest_size=4)
-    for name in sorted(model.arrays):
-        digest.update(np.ascontiguousarray(model.arrays[name]).tobytes())
-    folder = (output.path / MODELS / f"{model.slug}-{digest.hexdigest()}").absolute()
-    save_bundle(model, folder)
-    return str(folder), {"model": str(folder)}
-
-
-def _registered(model: ModelBundle, parent: dict[str, Any], place: Place) -> tuple[str, dict[str, Any]]:
-    import os
-
-    import mlflow
-
-    from mlsroad_pipeline.commands.session import STORE
-    from mlsroad_pipeline.datasets.models.model_registry_dataset import register_bundle
-    from mlsroad_pipeline.datasets.models.registered_models import PREFIX
-
-    mlflow.set_tracking_uri(os.environ.get("MLFLOW_TRACKING_URI") or f"sqlite:///{place.folder / STORE}")
-    name = f"{PREFIX}{model.slug}"
-    version, _ = register_bundle(model, name)
-    client = mlflow.MlflowClient()
-    tags = {"parent": f"{parent['name']} {parent['version']}".strip(), "trained_on": str(model.metadata["trained_on"])}
-    for tag, text in tags.items():
-        client.set_model_version_tag(name, str(version), tag, text)
-    return f"{name} version {version}", {"method": model.slug, "model": str(version)}
 
 
 def _label_again(

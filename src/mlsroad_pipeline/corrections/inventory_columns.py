@@ -13,6 +13,7 @@ from mlsroad_pipeline.algorithms.inventory.table import OBJECT_FIELDS
 from mlsroad_pipeline.corrections.listed_objects import ListedObjects
 from mlsroad_pipeline.corrections.states import States, fold_states
 from mlsroad_pipeline.corrections.store import has_corrections, open_corrections
+from mlsroad_pipeline.datasets.inventory.geopackage import read_geopackage, write_geopackage
 from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
 
 logger = logging.getLogger(__name__)
@@ -44,6 +45,14 @@ def with_states(table: pd.DataFrame, states: States) -> pd.DataFrame:
         status=pd.array([state.get("status", "") for state in found], dtype="str"),
         checked_class=pd.array([state.get("checked_class", "") for state in found], dtype="str"),
     )
+
+
+def write_corrected(source: Path, target: Path, states: States, *, keep_rejected: bool) -> tuple[int, int]:
+    """Write a corrected GeoPackage; return its number of objects, and that of the inventory."""
+    inventory = read_geopackage(source)
+    corrected = corrected_inventory(inventory, states, keep_rejected=keep_rejected)
+    write_geopackage(corrected, target)
+    return len(corrected.objects), len(inventory.objects)
 
 
 def corrected_inventory(inventory: RoadInventory, states: States, *, keep_rejected: bool) -> RoadInventory:

@@ -1,0 +1,91 @@
+"""Corrections from a LAZ whose classes were edited: in order, reordered, cut; points that are none of the file."""
+
+import json
+
+import laspy
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from mlsroad_pipeline.commands.app import app
+from mlsroad_pipeline.corrections import open_corrections
+from tests.helpers.corrected import object_rows, write_inventory
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder as `label` leaves it: a record, an inventory and a labelled file with names of classes."""
+    out = tmp_path / "out"
+    (out / ".mlsroad" / "run").mkdir(parents=True)
+    write_inventory(out, object_rows())
+    las = laspy.LasData(laspy.LasHeader(point_format=6, version="1.4"))
+    las.header.scales = [0.001] * 3
+    las.x, las.y, las.z = np.random.default_rng(0).uniform(0, 30, (3, 400))
+    las.classification = np.repeat([2, 5, 6, 64], 100)
+    entries = np.zeros(256, dtype=[("code", "u1"), ("name", "S15")])
+    entries["code"] = np.arange(256)
+    for code, name in {2: b"ground", 5: b"tree", 6: b"building", 64: b"pole"}.items():
+        entries["name"][code] = name
+    las.vlrs.append(laspy.VLR("LASF_Spec", 0, "Classification Lookup", entries.tobytes()))
+    las.write(out / "street.laz")
+    record = {
+        "state": "finished",
+        "settings": {"label": {"survey": "street.laz"}},
+        "summary": {"model": {"name": "general", "version": "1"}, "method": "boosted_trees"},
+        "outputs": [{"path": "street.laz"}],
+    }
+    (out / ".mlsroad" / "run" / "run.json").write_text(json.dumps(record))
+    return out
+
+
+def run(*arguments):
+    result = CliRunner().invoke(app, ["corrections", "import", *map(str, arguments)])
+    return result.exit_code, " ".join(result.output.split())
+
+
+def edited(folder, change, name="street.laz"):
+    las = laspy.read(folder / "street.laz")
+    las = change(las) or las
+    path = folder.parent / name
+    las.write(path)
+    return path
+
+
+def repaint(las):
+    las.classification[[5, 7, 150]] = [6, 6, 64]
+
+
+def painted(folder):
+    with open_corrections(folder) as store:
+        return {d.correction.payload["class"]: d.correction.payload["points"] for d in store.states().painted}
+
+
+@pytest.mark.parametrize("order", ["same", "reversed and cut"])
+def test_changed_classes_become_painted_points_once(folder, order):
+    def change(las):
+        repaint(las)
+        if order != "same":
+            las.points = las.points[np.arange(380)[::-1]]
+        return las
+
+    path = edited(folder, change)
+    code, said = run(path, folder)
+    assert (code, "2 new corrections" in said) == (0, True), said
+    assert ("in order" in said) == (order == "same")
+    assert painted(folder) == {"building": [5, 7], "pole": [150]}
+    assert "0 new corrections" in run(path, folder)[1]
+
+
+def test_files_that_are_no_copies_are_one_line(folder):
+    def shifted(las):
+        las.x = las.x + 1.0
+
+    code, said = run(edited(folder, shifted), folder)
+    assert (code, "400 of 400 points are none of" in said) == (1, True), said
+
+    def strange(las):
+        las.classification[3] = 77
+
+    assert "class 77 has no name; known are 2 ground, 5 tree" in run(edited(folder, strange), folder)[1]
+    assert "name the labelled file" in run(edited(folder, repaint, "other.laz"), folder)[1]
+    assert run(edited(folder, repaint, "other.laz"), folder, "--file", "street.laz")[0] == 0
