@@ -242,3 +242,34 @@ def test_a_closed_standard_output_is_no_error(folder):
         f"'{COMMAND}' models >&-", shell=True, cwd=folder, stderr=subprocess.PIPE, text=True, timeout=60, check=False
     )
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_learn_continues_the_model_and_keeps_the_corrections(labelled, folder, tmp_path):
+    """Accept, reject and paint, learn, label again: the decisions stand in the new inventory."""
+    from mlsroad_pipeline.corrections import Correction, open_corrections
+
+    assert labelled.returncode == 0
+    out = tmp_path / "out"
+    shutil.copytree(folder / "one, two_mlsroad", out)
+    with open_corrections(out) as store:
+        table = store.objects().table
+        sure = table.sort_values("score")["object_id"].to_numpy()
+        store.add(Correction("accept", int(sure[-1])), who="ann")
+        payload = {"file": "one, two.laz", "points": list(range(300)), "class": "building"}
+        store.add(Correction("paint", payload=payload), who="ann")
+    done = mlsroad("learn", out, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    said = " ".join(done.stdout.split())
+    assert "Learned from 2 answers" in said and "boosted_trees-" in said
+    assert "the whole of each survey is labelled again" in " ".join(done.stderr.split())
+    (model,) = (out / "models").iterdir()
+    metadata = json.loads((model / "model.json").read_text())["metadata"]
+    assert metadata["learned"][0]["parent"]["name"] == "general"
+    objects = geopandas.read_file(out / "inventory.gpkg", layer="objects")
+    assert set(objects["model_version"]) == {model.name}
+    assert (objects["status"] == "accepted").sum() == 1
+    with open_corrections(out) as store:
+        assert len(store.current()) == 2
+    (out / "corrections.sqlite").write_bytes(b"x" * 5000)
+    refused = mlsroad("label", folder / "one, two.laz", "-o", out, "--overwrite", *ALONE, cwd=folder)
+    assert refused.returncode == 1 and "corrections.sqlite is damaged" in " ".join(refused.stderr.split())

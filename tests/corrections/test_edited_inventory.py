@@ -8,11 +8,11 @@ import geopandas as gpd
 import pyogrio
 import pytest
 import shapely
+from helpers.corrected import object_rows, write_inventory
 from typer.testing import CliRunner
 
 from mlsroad_pipeline.commands.app import app
 from mlsroad_pipeline.corrections import open_corrections
-from tests.helpers.corrected import object_rows, write_inventory
 
 
 @pytest.fixture(scope="module")

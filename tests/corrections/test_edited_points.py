@@ -5,11 +5,11 @@ import json
 import laspy
 import numpy as np
 import pytest
+from helpers.corrected import object_rows, write_inventory
 from typer.testing import CliRunner
 
 from mlsroad_pipeline.commands.app import app
 from mlsroad_pipeline.corrections import open_corrections
-from tests.helpers.corrected import object_rows, write_inventory
 
 
 @pytest.fixture

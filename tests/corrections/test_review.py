@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from helpers.corrected import object_rows
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.inventory.review import order_of_review
 from mlsroad_pipeline.corrections import review_order
-from tests.helpers.corrected import object_rows
 
 
 def test_uncertain_objects_come_first_and_each_has_a_reason():

@@ -9,11 +9,11 @@ import textwrap
 from contextlib import closing
 
 import pytest
+from helpers.corrected import PLACES, object_rows, write_inventory
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.corrections import Correction, open_corrections
 from mlsroad_pipeline.corrections.store import NAME, CorrectionsInUseError
-from tests.helpers.corrected import PLACES, object_rows, write_inventory
 
 
 @pytest.fixture

@@ -21,6 +21,9 @@ from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_po
 from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 
+FULL_WEIGHT = 10
+"""Number of answers from which they have their whole weight: a few would shift the shares of the classes."""
+
 
 @dataclass(frozen=True)
 class ContinuationParameters:
@@ -143,7 +146,7 @@ def continue_training(
     learned_from : mapping, optional
         Description of the answers for the metadata; JSON values.
     n_threads : int, default 1
-        Threads of LightGBM; the trees do not depend on it.
+        Threads of LightGBM; the trees depend on it by rounding alone.
 
     Returns
     -------
@@ -173,7 +176,7 @@ def continue_training(
     for bag in range(own.bags):
         rng = np.random.default_rng((own.seed, bag))
         rows = [
-            _weighted(_of_answers(used, own, rng), own.answer_weight),
+            _weighted(_of_answers(used, own, rng), own.answer_weight * min(1.0, len(used) / FULL_WEIGHT)),
             _weighted(_of_replay(replay, own, rng), own.replay_weight),
             _weighted(_confident(survey, probabilities, groups, own, rng), own.confident_weight),
         ]

@@ -115,7 +115,7 @@ def order_of_questions(
         worth[known] = 0.0
     order: list[int] = []
     for _ in range(min(number, int((worth > 0).sum()))):
-        row = int(np.argmax(worth * novelty))
+        row = int(np.argmax(np.where(worth > 0, worth * novelty, -1.0)))
         order.append(row)
         worth[row] = 0.0
         novelty = np.minimum(novelty, _distance(segments.features, row, scale))
