@@ -29,6 +29,8 @@ export class Cloud {
   private tiled = false;
   private waiting = false;
   private measuring = false;
+  private missed = false;
+  private awaited: (() => void)[] = [];
   private moved = 0;
   private refine = 0;
   private budgets: { still: number; moving: number };
@@ -97,7 +99,15 @@ export class Cloud {
     return this.tiles?.failed ?? "";
   }
 
-  private *drawn(): Generator<PointNode> {
+  /** Wait until a frame with points is on the screen. */
+  drawn(): Promise<void> {
+    return new Promise((done) => {
+      this.awaited.push(done);
+      this.draw();
+    });
+  }
+
+  private *chosen(): Generator<PointNode> {
     if (this.first?.points?.visible) yield this.first;
     for (const node of this.tiles?.nodes ?? []) if (node.points?.visible) yield node;
   }
@@ -211,7 +221,11 @@ export class Cloud {
   /** Measure the time until the picture is drawn, and fit the budget to it. */
   private measure(begin: number, moving: boolean): void {
     const gl = this.renderer.getContext() as WebGL2RenderingContext;
-    if (this.measuring) return;
+    if (this.measuring) {
+      this.missed = true;
+      return;
+    }
+    const points = Boolean(this.first?.points);
     const fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     if (!fence) return;
     this.measuring = true;
@@ -225,6 +239,9 @@ export class Cloud {
       this.measuring = false;
       this.frame = performance.now() - begin;
       this.adapt(moving);
+      if (points) for (const done of this.awaited.splice(0)) done();
+      else if (this.missed) this.draw();
+      this.missed = false;
     };
     window.setTimeout(check, 4);
   }
@@ -382,7 +399,7 @@ export class Cloud {
     const place = new THREE.Vector3();
     let best = Infinity;
     let found: { node: PointNode; index: number } | null = null;
-    for (const node of this.drawn()) {
+    for (const node of this.chosen()) {
       const reach = angle * node.box.distanceToPoint(o) + angle * node.edge;
       if (!ray.intersectsBox(grown.copy(node.box).expandByScalar(reach))) continue;
       const step = node.edge / 65536;

@@ -99,8 +99,9 @@ async function start(): Promise<void> {
   });
   const data = await points;
   cloud.setFirst(data);
-  map.setBackground(...sampled(data, survey));
+  await cloud.drawn();
   performance.mark("first-picture");
+  map.setBackground(...sampled(data, survey));
   await model.load();
   if (!source.readOnly) await watch(model, cloud, map, progress);
 }
@@ -110,8 +111,13 @@ function sampled(data: ArrayBuffer, survey: Survey): [Float32Array, Uint8Array] 
   const { n_points: n, low, edge } = survey.first;
   const steps = new Uint16Array(data, 0, 4 * n);
   const codes = new Uint8Array(data, 16 * n, 4 * n);
-  const places = Float32Array.from({ length: 3 * n }, (_, i) => low[i % 3] + (steps[4 * Math.floor(i / 3) + (i % 3)] * edge) / 65536);
-  return [places, Uint8Array.from({ length: n }, (_, i) => codes[4 * i])];
+  const places = new Float32Array(3 * n);
+  const classes = new Uint8Array(n);
+  for (let i = 0; i < n; i++) {
+    for (let axis = 0; axis < 3; axis++) places[3 * i + axis] = low[axis] + (steps[4 * i + axis] * edge) / 65536;
+    classes[i] = codes[4 * i];
+  }
+  return [places, classes];
 }
 
 /** Follow the building of the tiles, and take them once they are ready. */

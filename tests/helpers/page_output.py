@@ -127,6 +127,7 @@ class Served:
     def until_ready(self):
         import time
 
+        assert self.ask("/first.bin")[0] == 200
         for _ in range(600):
             if self.json("/api/status")["state"] == "ready":
                 return

@@ -181,7 +181,7 @@ def test_an_exported_page_draws_its_points_without_a_server(folder, tmp_path):
         tab.until("window.page?.cloud.shown > 40000")
         settle(tab)
         assert pixels(tab, ROAD) > 20_000
-        assert tab.js("page.model.status(2)") == "rejected"
+        tab.until("page.model.status(2) === 'rejected'")
         tab.js("page.actions.go(3)")
         tab.press("a")
         assert "a copy to look at" in saved(tab)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError, ParameterError, ReadError
 from mlsroad_pipeline.page.first_picture import FirstPicture, first_picture
 from mlsroad_pipeline.page.output_folder import REPORT, OutputFolder
 from mlsroad_pipeline.page.selection import brushed, cluster
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from mlsroad_pipeline.corrections import Correction, CorrectionStore
 
 # The corrections need pandas and SciPy, a second of imports that the first picture does not wait for.
+
+
+_PATIENCE = 4.0  # for a browser that asks for the first picture, seconds
 
 
 class ServedSurvey:
@@ -38,6 +41,7 @@ class ServedSurvey:
         self._first: FirstPicture | None = None
         self._store: CorrectionStore | None = None
         self._objects = ""
+        self.given = threading.Event()
 
     @property
     def first(self) -> FirstPicture:
@@ -68,9 +72,16 @@ class ServedSurvey:
         threading.Thread(target=self._prepare, daemon=True).start()
 
     def _prepare(self) -> None:
-        self.tiles.keep_picture(self.first)
-        self.tiles.start()
-        _ = self.store
+        try:
+            _ = self.first
+            self.given.wait(_PATIENCE)  # the picture comes first, also where processors are busy
+            self.tiles.keep_picture(self.first)
+            self.tiles.start()
+            _ = self.store
+        except MlsRoadError as error:  # the page shows it
+            self.tiles.fail(" ".join(str(error).split()))
+        except OSError as error:  # such as a full disk
+            self.tiles.fail(f"{error.filename or self.tiles.folder}: {error.strerror}")
 
     def close(self) -> None:
         """End what was started."""

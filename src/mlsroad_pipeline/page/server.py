@@ -14,6 +14,7 @@ from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
+from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
@@ -49,7 +50,7 @@ def application(survey: ServedSurvey) -> Starlette:
 
     async def first(request: Request) -> Response:
         chunk = await run_in_threadpool(lambda: survey.first.chunk)
-        return Response(chunk, media_type="application/octet-stream")
+        return Response(chunk, media_type="application/octet-stream", background=BackgroundTask(survey.given.set))
 
     async def tile(request: Request) -> Response:
         name = request.path_params["name"]

@@ -108,10 +108,14 @@ class TileCache:
                 self._share = value
             else:
                 self._error = value
-        alive = self._process is not None and self._process.is_alive()
+        alive = not self._error if self._process is None else self._process.is_alive()
         if not alive and self.index() is None:
             return {"state": "failed", "share": self._share, "error": self._error or "the process ended early"}
         return {"state": "building", "share": self._share}
+
+    def fail(self, reason: str) -> None:
+        """State why the tiles cannot be built."""
+        self._error = reason
 
     def stop(self) -> None:
         """End the process that builds."""
