@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.page.cloud_files import REFERENCE, CloudFiles
 from mlsroad_pipeline.page.tile_format import POINT, pack
 
-SIZE = 300_000
+SIZE = 150_000
 """Points of the first picture."""
 
 
