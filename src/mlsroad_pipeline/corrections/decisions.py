@@ -159,7 +159,18 @@ class Decision:
 
 
 def named_objects(correction: Correction) -> list[int]:
-    """Return the numbers of the objects that a correction names, its own first."""
+    """Return the numbers of the objects that a correction names, its own first.
+
+    Parameters
+    ----------
+    correction : Correction
+        The correction.
+
+    Returns
+    -------
+    list of int
+        The numbers.
+    """
     own = [] if correction.object_id is None else [correction.object_id]
     return own + [int(number) for number in correction.payload.get("objects", ())]
 

@@ -92,7 +92,20 @@ class CorrectionStore:
         return self.add_all([correction], who=who)[0]
 
     def add_all(self, corrections: list[Correction], *, who: str) -> list[int]:
-        """Write decisions in one transaction, all or none, and return their identifiers; else as `add`."""
+        """Write decisions in one transaction, all or none; errors are those of `add`.
+
+        Parameters
+        ----------
+        corrections : list of Correction
+            The decisions.
+        who : str
+            Name of the user.
+
+        Returns
+        -------
+        list of int
+            Their identifiers.
+        """
         if not who.strip():
             raise ParameterError("the name of the user who corrects is empty: give one")
         rows = [self._row(correction, who) for correction in corrections]
@@ -123,7 +136,17 @@ class CorrectionStore:
     def undo(self, identifier: int, *, who: str = "") -> None:
         """Take a decision back; it stays in the store, marked.
 
-        Raises ParameterError if there is no decision in force with this identifier.
+        Parameters
+        ----------
+        identifier : int
+            Identifier of the decision.
+        who : str
+            Name of the user who takes it back.
+
+        Raises
+        ------
+        ParameterError
+            If there is no decision in force with this identifier.
         """
         made = datetime.now(UTC).isoformat(timespec="milliseconds")
         with self._transaction() as base:
@@ -227,13 +250,30 @@ def open_corrections(folder: str | Path) -> CorrectionStore:
 
 
 def check_corrections(folder: str | Path) -> None:
-    """Raise the errors of `open_corrections` for a folder that has a store."""
+    """Raise the errors of `open_corrections` for a folder that has a store.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Output folder of `label`.
+    """
     if has_corrections(folder):
         open_corrections(folder).close()
 
 
 def has_corrections(folder: str | Path) -> bool:
-    """Return whether an output folder has a store."""
+    """Return whether an output folder has a store.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Output folder of `label`.
+
+    Returns
+    -------
+    bool
+        Whether it has.
+    """
     return Path(folder, NAME).is_file()
 
 
