@@ -104,11 +104,12 @@ VARYING = re.compile(rb"\d{4}-\d\d-\d\dT[\d:.]+Z|\d{4}-\d\d-\d\d \d\d:\d\d(:\d\d
 
 
 def results(folder: Path) -> dict[str, str]:
-    """Return the digests of the files of a folder, less dates and the records of runs."""
+    """Return the digests of the files of a folder, less dates, the records of runs and what MLflow keeps."""
     found = {}
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
-        if not path.is_file() or name.endswith(("run.json", "record.json", "manifest.json", ".mlsroad/lock")):
+        records = name.endswith(("run.json", "record.json", "manifest.json", ".mlsroad/lock"))
+        if not path.is_file() or records or name.startswith(("mlartifacts/", "mlflow.db")):
             continue
         content = VARYING.sub(b"", path.read_bytes()).replace(str(folder).encode(), b"")
         found[name] = hashlib.blake2b(content, digest_size=8).hexdigest()
@@ -116,9 +117,13 @@ def results(folder: Path) -> dict[str, str]:
 
 
 def distinct(operations: list[str]) -> list[int]:
-    """Return the numbers, from 1, of the first and the last of consecutive operations of one kind on one file."""
+    """Return the numbers, from 1, of the first and the last of consecutive operations of one kind on one file.
+
+    Those that copy a project before a training are left out.
+    """
     ends = [k for k in range(1, len(operations)) if operations[k] != operations[k - 1]]
-    return sorted({1, len(operations), *ends, *(end + 1 for end in ends)})
+    copied = max((k for k, name in enumerate(operations, start=1) if name.startswith("sendfile")), default=0)
+    return sorted(k for k in {1, len(operations), *ends, *(end + 1 for end in ends)} if k > copied)
 
 
 def tries(trials: Trials, expected: dict[str, str], points: Iterator[tuple[int, str]]) -> Iterator[dict[str, Any]]:
