@@ -248,3 +248,29 @@ def test_bad_input_is_named(inventory, tmp_path):
     gpd.GeoDataFrame({"a": [1]}, geometry=gpd.points_from_xy([0], [0]), crs=4326).to_file(path, layer="footprints")
     with pytest.raises(ReadError, match="layer 'objects' has no field 'object_id'"):
         read_geopackage(path)
+
+
+def test_a_part_that_the_disk_has_lost_is_an_error(tmp_path, monkeypatch):
+    """GDAL goes on when a write to the journal of SQLite fails; an index or a trigger is missing then."""
+    import sqlite3
+
+    from mlsroad_pipeline.algorithms.inventory.table import OBJECT_FIELDS, empty_table
+    from mlsroad_pipeline.datasets.inventory import geopackage
+    from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
+
+    whole = geopackage.add_tables
+
+    def lossy(path, *arguments, **options):
+        whole(path, *arguments, **options)
+        with sqlite3.connect(path) as database:
+            (trigger,) = database.execute(
+                "SELECT name FROM sqlite_master WHERE type = 'trigger' AND name LIKE 'rtree_poles_%'"
+            ).fetchone()
+            database.execute(f"DROP TRIGGER {trigger}")
+        database.close()
+
+    geopackage.write_geopackage(RoadInventory(empty_table(OBJECT_FIELDS), None), tmp_path / "a.gpkg")
+    monkeypatch.setattr(geopackage, "add_tables", lossy)
+    with pytest.raises(OSError, match="the disk has lost a part of the GeoPackage"):
+        geopackage.write_geopackage(RoadInventory(empty_table(OBJECT_FIELDS), None), tmp_path / "b.gpkg")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.gpkg"]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import sqlite3
 import uuid
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import geopandas as gpd
@@ -92,8 +94,26 @@ def write_geopackage(inventory: RoadInventory, path: str | Path) -> None:
     try:
         with _replaced(target) as temporary:
             _write_layers(temporary, inventory, table, crs)
+            _check_whole(temporary, target)
     finally:
         pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
+
+
+def _check_whole(path: Path, target: Path) -> None:
+    """Raise OSError if a layer lacks rows of its index, or tables and triggers: GDAL ignores some failed writes."""
+    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as database:
+        sound = database.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
+        layers = [name for (name,) in database.execute("SELECT table_name FROM gpkg_geometry_columns")]
+        parts, rows = set(), []
+        for layer in layers:
+            query = "SELECT count(*) FROM sqlite_master WHERE name LIKE ? OR (type = 'trigger' AND tbl_name = ?)"
+            parts.add(database.execute(query, (f"rtree_{layer}_geom%", layer)).fetchone()[0])
+            if not parts & {0}:
+                tables = (f'"{layer}" WHERE geom IS NOT NULL', f"rtree_{layer}_geom")
+                counts = [f"SELECT count(*) FROM {table}" for table in tables]
+                rows.append(len({database.execute(count).fetchone() for count in counts}) == 1)
+    if not (sound and len(parts) == 1 and 0 not in parts and all(rows)):
+        raise OSError(errno.EIO, "the disk has lost a part of the GeoPackage while it was written", str(target))
 
 
 @contextmanager
