@@ -11,16 +11,14 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.datasets.models.registered_models import RegisteredVersion
 from mlsroad_pipeline.datasets.models.shipped_models import shipped_models
 from mlsroad_pipeline.label import model_choice
+from mlsroad_pipeline.label.available_models import AvailableModel, available_models, strange_of
 from mlsroad_pipeline.label.model_choice import (
-    AvailableModel,
     SurveyFacts,
-    available_models,
     choose,
     explain_choice,
     facts_of_quality,
     named_choice,
     shipped_choice,
-    strange_of,
 )
 
 DENSE, SPARSE = SurveyFacts(300.0, 0.9), SurveyFacts(8.0, 0.9)

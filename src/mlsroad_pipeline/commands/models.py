@@ -9,7 +9,7 @@ import typer
 from mlsroad_pipeline.commands.options import Verbose, expanded
 
 if TYPE_CHECKING:
-    from mlsroad_pipeline.label.model_choice import AvailableModel
+    from mlsroad_pipeline.label.available_models import AvailableModel
 
 
 def models(
@@ -24,7 +24,8 @@ def models(
     from mlsroad_pipeline.commands.console import collected_warnings, output_console, print_warnings
     from mlsroad_pipeline.commands.errors import one_line_errors
     from mlsroad_pipeline.commands.session import find_place, model_store
-    from mlsroad_pipeline.label.model_choice import available_models, choose, facts_of_survey, strange_of
+    from mlsroad_pipeline.label.available_models import available_models, strange_of
+    from mlsroad_pipeline.label.model_choice import choose, facts_of_survey
 
     console = output_console()
     with one_line_errors(verbose=verbose):

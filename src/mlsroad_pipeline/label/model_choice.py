@@ -1,6 +1,6 @@
 """Choice of the model that labels a survey: a shipped one, unless a registered one is named or is the champion.
 
-`available_models` and `explain_choice` serve the command line and need no Kedro session.
+`explain_choice` serves the command line and needs no Kedro session.
 """
 
 from __future__ import annotations
@@ -16,14 +16,13 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.quality.training_facts import strange_facts, strangeness
-from mlsroad_pipeline.datasets.models.bundle_files import load_bundle
 from mlsroad_pipeline.datasets.models.registered_models import (
-    MlflowStore,
     ModelStore,
     RegisteredVersion,
     configured_store,
 )
-from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel, load_shipped, shipped_models
+from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel, shipped_models
+from mlsroad_pipeline.label.chosen_model import ModelChoice, StoredModel, load_choice
 from mlsroad_pipeline.label.survey_facts import read_survey
 from mlsroad_pipeline.surveys.inspection import InspectParameters
 
@@ -63,124 +62,6 @@ class SurveyFacts:
         return self.median_density < SPARSE_BELOW or is_scan
 
 
-@dataclass(frozen=True)
-class StoredModel:
-    """A model in a folder, as `mlsroad learn` writes it where no MLflow store is configured.
-
-    Parameters
-    ----------
-    folder : str
-        The folder.
-    method : str
-        Slug of the method.
-    trained_on : str
-        Training data.
-    """
-
-    folder: str
-    method: str
-    trained_on: str = ""
-
-    @property
-    def name(self) -> str:
-        """Return the folder."""
-        return self.folder
-
-    @classmethod
-    def at(cls, folder: str) -> StoredModel:
-        """Return the model of a folder; ReadError if it is damaged."""
-        bundle = load_bundle(folder)
-        facts = bundle.metadata.get("trained_on", {})
-        text = ", ".join(f"{name} {value}" for name, value in facts.items()) if isinstance(facts, Mapping) else ""
-        return cls(folder, bundle.slug, text)
-
-    def load(self) -> ModelBundle:
-        """Return the bundle; its metadata gain ``stored``."""
-        bundle = load_bundle(self.folder)
-        stored = {"name": Path(self.folder).name, "version": "", "folder": self.folder}
-        return replace(bundle, metadata={**bundle.metadata, "stored": stored})
-
-
-@dataclass(frozen=True)
-class ModelChoice:
-    """The chosen model.
-
-    Parameters
-    ----------
-    model : ShippedModel, RegisteredVersion or StoredModel
-        The model.
-    reason : str
-        Reason of the choice, in one line.
-    """
-
-    model: ShippedModel | RegisteredVersion | StoredModel
-    reason: str
-
-    @property
-    def method(self) -> str:
-        """Return the slug of the method."""
-        return self.model.method
-
-    @property
-    def name(self) -> str:
-        """Return the name of the model, with its version if it is a registered one."""
-        return f"the shipped model {self.model.name}" if isinstance(self.model, ShippedModel) else self.model.name
-
-    @property
-    def trained_on(self) -> str:
-        """Return the training data."""
-        return f"trained on {self.model.trained_on or 'unknown data'}"
-
-
-@dataclass(frozen=True)
-class AvailableModel:
-    """A model that `label` can use.
-
-    Parameters
-    ----------
-    name : str
-        Name of a shipped model, or the registered name.
-    method : str
-        Slug of the method.
-    version : str
-        Version of the package of a shipped model, or the registered version.
-    aliases : tuple of str
-        Aliases of a registered version.
-    shipped : bool
-        Whether the model is part of the package.
-    trained_on : str
-        Training data.
-    entry : ShippedModel or None
-        Classes, scores, licence and size of a shipped model.
-    """
-
-    name: str
-    method: str
-    version: str
-    aliases: tuple[str, ...]
-    shipped: bool
-    trained_on: str
-    entry: ShippedModel | None = None
-
-
-def registered_models_at(uri: str) -> ModelStore:
-    """Return the registered models of an MLflow store."""
-    return MlflowStore(uri)
-
-
-def available_models(store: ModelStore | None = None) -> list[AvailableModel]:
-    """Return the shipped models, then the registered ones of a store (`MlflowStore`, or None for none)."""
-    found = [
-        AvailableModel(name, model.method, model.version, (), True, model.trained_on, model)
-        for name, model in shipped_models().items()
-    ]
-    registered = () if store is None else store.versions()
-    return found + [
-        AvailableModel(item.registered_name, item.method, str(item.version), item.aliases, False, item.trained_on)
-        for item in registered
-    ]
-
-
 def explain_choice(
     survey: str | Sequence[str],
     *,
@@ -197,11 +78,6 @@ def facts_of_survey(survey: str | Sequence[str], *, parameters: InspectParameter
     """Return the facts of a file, folder or glob; reads all points once and those of a sample twice."""
     quality, of_scenes = read_survey(replace(parameters or InspectParameters(), survey=survey))
     return facts_of_quality(quality, of_scenes)
-
-
-def strange_of(model: AvailableModel, facts: SurveyFacts) -> list[str]:
-    """Return one sentence per property of a survey outside the training data of a shipped model; none without facts."""
-    return [] if model.entry is None else strange_facts(facts.of_scenes, model.entry.training_facts)
 
 
 def facts_of_quality(quality: pd.DataFrame, of_scenes: Mapping[str, float] | None = None) -> SurveyFacts:
@@ -320,17 +196,6 @@ def _reason(facts: SurveyFacts) -> str:
     scan = "" if facts.sparse else "not "
     concentration = f"concentration {facts.concentration:.2g}, {side} {SCAN_CONCENTRATION:g}"
     return f"{text} and is {scan}a scan from one place ({concentration})"
-
-
-def load_choice(choice: ModelChoice, store: ModelStore | None = None) -> ModelBundle:
-    """Return the bundle of a chosen model."""
-    if isinstance(choice.model, ShippedModel):
-        return load_shipped(choice.model.name)
-    if isinstance(choice.model, StoredModel):
-        return choice.model.load()
-    if store is None:
-        raise ParameterError(f"{choice.name} needs an MLflow store: set MLFLOW_TRACKING_URI")
-    return store.load(choice.model)
 
 
 @dataclass(frozen=True)

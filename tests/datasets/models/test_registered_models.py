@@ -12,7 +12,8 @@ from helpers.wiring import empty_store
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.datasets.models.model_registry_dataset import register_bundle
 from mlsroad_pipeline.datasets.models.registered_models import MlflowStore, configured_store
-from mlsroad_pipeline.label.model_choice import SurveyFacts, choose, load_choice
+from mlsroad_pipeline.label.chosen_model import load_choice
+from mlsroad_pipeline.label.model_choice import SurveyFacts, choose
 
 CLASSES = {"classes": ["ground", "object"], "trained_on": "a planted street"}
 
@@ -72,7 +73,8 @@ def test_process_without_tracking_has_no_store_and_imports_no_mlflow():
     code = (
         "import sys\n"
         "from mlsroad_pipeline.datasets.models.registered_models import configured_store\n"
-        "from mlsroad_pipeline.label.model_choice import SurveyFacts, choose, load_choice\n"
+        "from mlsroad_pipeline.label.chosen_model import load_choice\n"
+        "from mlsroad_pipeline.label.model_choice import SurveyFacts, choose\n"
         "assert configured_store() is None\n"
         "print(load_choice(choose(SurveyFacts(300.0, 0.9))).slug, 'mlflow' in sys.modules)"
     )

@@ -15,7 +15,8 @@ from mlsroad_pipeline.datasets.models.registered_models import PREFIX, configure
 from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel
 from mlsroad_pipeline.execution.output_lock import OutputInUseError, lock_output
 from mlsroad_pipeline.execution.run_folder import FINISHED, RunFolder
-from mlsroad_pipeline.label.model_choice import ModelChoice, StoredModel, named_choice
+from mlsroad_pipeline.label.chosen_model import ModelChoice, StoredModel
+from mlsroad_pipeline.label.model_choice import named_choice
 from mlsroad_pipeline.label.runs import finished_record
 from mlsroad_pipeline.label.summary import LabelSummary, moved_summary
 from mlsroad_pipeline.surveys.parameters import LabelParameters

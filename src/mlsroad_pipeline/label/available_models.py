@@ -1,0 +1,64 @@
+"""The models that `label` can use, for the command line; needs no Kedro session."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mlsroad_pipeline.algorithms.quality.training_facts import strange_facts
+from mlsroad_pipeline.datasets.models.registered_models import MlflowStore, ModelStore
+from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel, shipped_models
+from mlsroad_pipeline.label.model_choice import SurveyFacts
+
+
+@dataclass(frozen=True)
+class AvailableModel:
+    """A model that `label` can use.
+
+    Parameters
+    ----------
+    name : str
+        Name of a shipped model, or the registered name.
+    method : str
+        Slug of the method.
+    version : str
+        Version of the package of a shipped model, or the registered version.
+    aliases : tuple of str
+        Aliases of a registered version.
+    shipped : bool
+        Whether the model is part of the package.
+    trained_on : str
+        Training data.
+    entry : ShippedModel or None
+        Classes, scores, licence and size of a shipped model.
+    """
+
+    name: str
+    method: str
+    version: str
+    aliases: tuple[str, ...]
+    shipped: bool
+    trained_on: str
+    entry: ShippedModel | None = None
+
+
+def registered_models_at(uri: str) -> ModelStore:
+    """Return the registered models of an MLflow store."""
+    return MlflowStore(uri)
+
+
+def available_models(store: ModelStore | None = None) -> list[AvailableModel]:
+    """Return the shipped models, then the registered ones of a store (`MlflowStore`, or None for none)."""
+    found = [
+        AvailableModel(name, model.method, model.version, (), True, model.trained_on, model)
+        for name, model in shipped_models().items()
+    ]
+    registered = () if store is None else store.versions()
+    return found + [
+        AvailableModel(item.registered_name, item.method, str(item.version), item.aliases, False, item.trained_on)
+        for item in registered
+    ]
+
+
+def strange_of(model: AvailableModel, facts: SurveyFacts) -> list[str]:
+    """Return one sentence per property of a survey outside the training data of a shipped model; none without facts."""
+    return [] if model.entry is None else strange_facts(facts.of_scenes, model.entry.training_facts)
