@@ -6,11 +6,13 @@ import errno
 import fcntl
 import os
 import socket
+import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TextIO
 
-from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
+from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
 
 CACHE = ".page"
 """Folder below an output that holds the tiles and the lock; it can be removed at any time."""
@@ -28,9 +30,7 @@ def page_lock(folder: Path) -> Iterator[Callable[[str], None]]:
 
     The lock is that of `flock`: it ends with its process, also after a kill.
     """
-    path = folder / CACHE / "lock"
-    path.parent.mkdir(exist_ok=True)
-    with path.open("a+", encoding="utf-8") as stream:
+    with _opened(folder / CACHE) as stream:
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -52,3 +52,23 @@ def page_lock(folder: Path) -> Iterator[Callable[[str], None]]:
             yield enter
         finally:
             stream.truncate(0)
+
+
+def _opened(cache: Path) -> TextIO:
+    """Open the lock file; raise ReadError where it or its folder is a link, since the file is emptied."""
+    if cache.is_symlink() or (cache.exists() and not cache.is_dir()):
+        raise ReadError(f"{cache} is no folder of its own: remove this link or file and try again")
+    cache.mkdir(exist_ok=True)
+    path = cache / "lock"
+    foreign = ReadError(f"{path} is a link, or no file: remove it and try again")
+    try:
+        number = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+    except OSError as error:
+        if error.errno in (errno.ELOOP, errno.EISDIR):
+            raise foreign from None
+        raise
+    found = os.fstat(number)
+    if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
+        os.close(number)
+        raise foreign
+    return os.fdopen(number, "a+", encoding="utf-8")
