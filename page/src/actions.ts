@@ -39,6 +39,7 @@ export class Actions {
   }
 
   private async decideAndGoOn(action: string): Promise<void> {
+    if (this.model.busy) return; // a second key is for the object that is shown next
     const id = this.chosen();
     if (id === null) return;
     const ids = this.model.queue.map((item) => item.object_id);

@@ -57,6 +57,8 @@ export class Model {
   tiles: Status = { state: "building", share: 0 };
   private strokes = new Map<number, { ids: number[]; rows: number[]; code: number }>();
   private done: number[][] = [];
+  private last: Promise<unknown> = Promise.resolve();
+  private waiting = 0;
   private listeners = new Map<Change, (() => void)[]>();
 
   constructor(
@@ -206,12 +208,17 @@ export class Model {
     this.emit("saved");
   }
 
+  /** Whether an answer is awaited; the lists and the next object are not shown yet. */
+  get busy(): boolean {
+    return this.waiting > 0;
+  }
+
   /** Send a decision; true once the server has it on disk. */
   async decide(wanted: Wanted): Promise<boolean> {
     return this.save(async () => {
       const { ids } = await this.source.decide(wanted);
       this.done.push(ids);
-      return ids.length > 0;
+      return "Saved";
     });
   }
 
@@ -224,42 +231,52 @@ export class Model {
       for (const row of rows) this.painted.set(row, code);
       this.done.push(ids);
       this.emit("paint");
-      return true;
+      return "Saved";
     });
   }
 
   async undo(): Promise<boolean> {
-    const last = this.decisions.at(-1);
-    if (!last) {
-      this.say("Nothing to undo", "ok");
-      return false;
-    }
-    const ids = this.done.find((group) => group.includes(last.id)) ?? [last.id];
     return this.save(async () => {
+      const last = this.decisions.at(-1); // after what was being saved
+      if (!last) return "Nothing to undo";
+      const ids = this.done.find((group) => group.includes(last.id)) ?? [last.id];
       await this.source.undo(ids);
       for (const id of ids) this.strokes.delete(id);
       this.painted.clear();
       for (const stroke of this.strokes.values()) for (const row of stroke.rows) this.painted.set(row, stroke.code);
       this.emit("paint");
-      return true;
-    }, `Undone: ${last.action.replace("_", " ")}`);
+      return `Undone: ${last.action.replace("_", " ")}`;
+    });
   }
 
-  private async save(act: () => Promise<boolean>, done?: string): Promise<boolean> {
+  /** Save once all that is being saved is finished, such as the first part of a long stroke. */
+  private async save(act: () => Promise<string>): Promise<boolean> {
+    this.waiting++;
+    const own = this.last.then(() => this.saveNow(act));
+    this.last = own.catch(() => false);
+    try {
+      return await own;
+    } finally {
+      this.waiting--;
+    }
+  }
+
+  private async saveNow(act: () => Promise<string>): Promise<boolean> {
     if (this.source.readOnly) {
       this.report(new ServerError("this page is a copy to look at"), "Not saved");
       return false;
     }
     this.say("Saving", "busy");
     const begin = performance.now();
+    let done: string;
     try {
-      await act();
+      done = await act();
     } catch (error) {
       this.report(error, "Not saved");
       return false;
     }
     const milliseconds = Math.round(performance.now() - begin);
-    this.say(`${done ?? "Saved"} at ${new Date().toLocaleTimeString()} (${milliseconds} ms)`, "ok");
+    this.say(`${done} at ${new Date().toLocaleTimeString()} (${milliseconds} ms)`, "ok");
     try {
       await this.refresh();
     } catch (error) {

@@ -14,6 +14,7 @@ const TOOLS: [Tool, string, string, string][] = [
   ["paint", "Paint", "P", "Drag over points to give them the class. Right drag turns the view."],
   ["add", "Add object", "I", "Click the base of an object that is missing."],
 ];
+const MOST_PLACES = 150; // of a request; the server takes 200
 const HINTS: Partial<Record<Tool, string>> = {
   base: "Click the right base of the chosen object.",
   merge: "Click the object that belongs to the chosen one.",
@@ -116,19 +117,26 @@ export function tools(model: Model, cloud: Cloud, actions: Actions): HTMLElement
     if (!point || !stroke) return;
     const last = stroke.at(-1);
     const far = !last || Math.hypot(...point.place.map((value, i) => value - last[i])) > model.brush.radius / 2;
-    if (far && stroke.length < 150) stroke.push(point.place);
-    if (stroke.length === 1 && model.brush.only) strokeClass = point.code;
+    if (!far) return;
+    strokeClass ??= point.code;
+    stroke.push(point.place);
+    if (stroke.length < MOST_PLACES || model.brush.cluster) return;
+    send(stroke); // a long stroke is saved in parts
+    stroke = [point.place];
   }
   let strokeClass: number | null = null;
 
-  async function endStroke(): Promise<void> {
+  function send(places: Place[]): void {
+    if (!places.length || strokeClass === null) return;
+    const { radius, cluster, only } = model.brush;
+    const own = only || cluster ? { only: strokeClass } : {};
+    void model.paint({ places: cluster ? places.slice(0, 1) : places, radius, class: model.brush.class, cluster, ...own });
+  }
+
+  function endStroke(): void {
     const places = stroke;
     stroke = null;
-    if (!places?.length) return;
-    const { radius, cluster, only } = model.brush;
-    const name = model.brush.class;
-    const same = only || cluster ? (strokeClass ?? undefined) : undefined;
-    await model.paint({ places: cluster ? places.slice(0, 1) : places, radius, class: name, cluster, ...(same === undefined ? {} : { only: same }) });
+    if (places) send(places);
   }
 
   cloud.canvas.addEventListener("pointerdown", (event) => {
@@ -159,10 +167,14 @@ export function tools(model: Model, cloud: Cloud, actions: Actions): HTMLElement
     const begin = down;
     down = null;
     if (stroke) {
-      void endStroke();
+      endStroke();
       return;
     }
     if (begin && begin.button === 0 && Math.hypot(event.clientX - begin.x, event.clientY - begin.y) < 4) click(event);
+  });
+  cloud.canvas.addEventListener("pointercancel", () => {
+    down = null;
+    endStroke(); // what was painted until then is saved
   });
   cloud.canvas.addEventListener("dblclick", (event) => {
     const point = cloud.pick(event.clientX, event.clientY);

@@ -199,6 +199,39 @@ def test_painted_points_are_rows_of_their_files(page, folder):
     page.post("/api/undo", answer)
 
 
+def test_painted_points_can_be_painted_over(page):
+    place = [[65.0, 8.0, 3.0]]  # the second pole of the second file
+    stroke = {"places": place, "radius": 0.3}
+    assert page.post("/api/paint", {"places": place, "cluster": True, "class": "wire"}) == (
+        409, {"error": "a cluster needs the class of its points (only)"},
+    )  # fmt: skip
+    _, first = page.post("/api/paint", {**stroke, "class": "wire", "only": 64})
+    assert page.post("/api/paint", {**stroke, "class": "road", "only": 64})[1]["rows"] == []
+    _, second = page.post("/api/paint", {**stroke, "class": "road", "only": 14})
+    assert second["rows"] == first["rows"] != []
+    _, third = page.post("/api/paint", {"places": place, "cluster": True, "class": "pole", "only": 11})
+    assert set(first["rows"]) <= set(third["rows"])
+    for answer in (first, second, third):
+        assert page.post("/api/undo", answer)[0] == 200
+
+
+@pytest.mark.parametrize("target", ["lock", "folder"])
+def test_a_link_in_place_of_the_lock_is_refused_and_its_file_stays(tmp_path, target):
+    from mlsroad_pipeline.page.lock import page_lock
+
+    precious = tmp_path / "precious"
+    precious.mkdir()
+    (precious / "lock").write_text("mine", encoding="utf-8")
+    if target == "folder":
+        (tmp_path / ".page").symlink_to(precious)
+    else:
+        (tmp_path / ".page").mkdir()
+        (tmp_path / ".page/lock").symlink_to(precious / "lock")
+    with pytest.raises(ReadError, match="remove"), page_lock(tmp_path):
+        pass
+    assert (precious / "lock").read_text(encoding="utf-8") == "mine"
+
+
 def test_decisions_about_a_survey_that_was_labelled_again_are_refused(tmp_path):
     write_output(tmp_path)
     survey = ServedSurvey(OutputFolder.find(tmp_path), user="ann")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -24,8 +25,37 @@ class Near(NamedTuple):
     classes: NDArray[np.uint8]
 
 
-def points_in_box(tiles: TileIndex, low: NDArray[np.float64], high: NDArray[np.float64]) -> Near:
-    """Return all points of a box."""
+class Painted(NamedTuple):
+    """Points that strokes in force have painted: rows in ascending order, and their class codes."""
+
+    rows: NDArray[np.uint32] = np.empty(0, np.uint32)
+    codes: NDArray[np.uint8] = np.empty(0, np.uint8)
+
+    @classmethod
+    def of(cls, strokes: Iterable[tuple[NDArray[np.int64], int]]) -> Painted:
+        """Return the points of strokes in order, each with the class of its last stroke."""
+        parts = [(rows, np.full(len(rows), code)) for rows, code in strokes]
+        if not parts:
+            return cls()
+        rows, codes = (np.concatenate(columns)[::-1] for columns in zip(*parts, strict=True))
+        found, last = np.unique(rows, return_index=True)
+        return cls(found.astype(np.uint32), codes[last].astype(np.uint8))
+
+    def on(self, near: Near) -> Near:
+        """Return points with the painted classes in place of those of the tiles."""
+        if not len(self.rows):
+            return near
+        at = np.minimum(np.searchsorted(self.rows, near.rows), len(self.rows) - 1)
+        return near._replace(classes=np.where(self.rows[at] == near.rows, self.codes[at], near.classes))
+
+
+NONE = Painted()
+
+
+def points_in_box(
+    tiles: TileIndex, low: NDArray[np.float64], high: NDArray[np.float64], painted: Painted = NONE
+) -> Near:
+    """Return all points of a box with their classes in force."""
     parts = []
     for row in tiles.touching(low, high):
         xyz, chunk = tiles.load(row)
@@ -33,11 +63,15 @@ def points_in_box(tiles: TileIndex, low: NDArray[np.float64], high: NDArray[np.f
         parts.append(Near(xyz[inside], chunk.rows[inside], chunk.codes[inside, 0]))
     if not parts:
         return Near(np.empty((0, 3), np.float32), np.empty(0, np.uint32), np.empty(0, np.uint8))
-    return Near(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    return painted.on(Near(*(np.concatenate(columns) for columns in zip(*parts, strict=True))))
 
 
 def brushed(
-    tiles: TileIndex, centres: NDArray[np.float64], radius: float, only: int | None = None
+    tiles: TileIndex,
+    centres: NDArray[np.float64],
+    radius: float,
+    only: int | None = None,
+    painted: Painted = NONE,
 ) -> NDArray[np.uint32]:
     """Return the rows of the points within a radius of the centres of a stroke; `only` keeps those of one class.
 
@@ -45,20 +79,20 @@ def brushed(
     """
     found = []
     for centre in centres:
-        near = points_in_box(tiles, centre - radius, centre + radius)
+        near = points_in_box(tiles, centre - radius, centre + radius, painted)
         inside = ((near.xyz - centre) ** 2).sum(axis=1) <= radius**2
         found.append(near.rows[inside & (True if only is None else near.classes == only)])
     return _checked(np.unique(np.concatenate(found)) if found else np.empty(0, np.uint32))
 
 
-def cluster(tiles: TileIndex, place: NDArray[np.float64], only: int) -> NDArray[np.uint32]:
+def cluster(tiles: TileIndex, place: NDArray[np.float64], only: int, painted: Painted = NONE) -> NDArray[np.uint32]:
     """Return the rows of the points of one class that are connected with a place, over cells of `GAP` metres.
 
     Raises ParameterError for more than `MOST_POINTS` points.
     """
     from scipy import ndimage  # noqa: PLC0415  # half a second that the first picture does not wait for
 
-    near = points_in_box(tiles, place - REACH, place + REACH)
+    near = points_in_box(tiles, place - REACH, place + REACH, painted)
     near = Near(*(column[near.classes == only] for column in near))
     if not len(near.rows):
         return near.rows

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError, ParameterError, ReadError
 from mlsroad_pipeline.page.first_picture import FirstPicture, first_picture
 from mlsroad_pipeline.page.output_folder import REPORT, OutputFolder
-from mlsroad_pipeline.page.selection import brushed, cluster
+from mlsroad_pipeline.page.selection import Painted, brushed, cluster
 from mlsroad_pipeline.page.tile_cache import TileCache
 
 if TYPE_CHECKING:
@@ -161,7 +163,10 @@ class ServedSurvey:
 
     def undo(self, wanted: dict[str, Any]) -> dict[str, Any]:
         """Take decisions back."""
-        for identifier in wanted.get("ids") or []:
+        identifiers = wanted.get("ids")
+        if not isinstance(identifiers, list) or not all(type(identifier) is int for identifier in identifiers):
+            raise ParameterError("ids must be a list of numbers of decisions")
+        for identifier in identifiers:
             self.store.undo(identifier, who=self.user)
         return {}
 
@@ -172,21 +177,33 @@ class ServedSurvey:
             raise ReadError("the points are still being prepared: paint when that is finished")
         self._check_current()
         name = wanted.get("class")
-        codes = {text: code for code, text in self.output.class_names().items()}
+        codes = self._codes()
         if name not in codes:
             raise ParameterError(f"{name!r} is no class of the survey")
         places = _places(wanted.get("places"))
-        only = wanted.get("only")
+        only = _only(wanted.get("only"))
+        painted = Painted.of((rows, codes.get(text, 0)) for rows, text in self._painted())
         if wanted.get("cluster"):
-            rows = cluster(index, places[0], int(only or 0))
+            if only is None:
+                raise ParameterError("a cluster needs the class of its points (only)")
+            rows = cluster(index, places[0], only, painted)
         else:
-            radius = float(wanted.get("radius", 0.0))
-            if not 0.01 <= radius <= 5.0:
-                raise ParameterError(f"the radius of the brush must be 0.01 m to 5 m, got {radius:g} m")
-            rows = brushed(index, places, radius, None if only is None else int(only))
+            rows = brushed(index, places, _radius(wanted.get("radius")), only, painted)
         if not len(rows):
             return {"ids": [], "rows": []}
         return {"ids": self.store.add_all(self._strokes(rows, str(name)), who=self.user), "rows": rows.tolist()}
+
+    def _codes(self) -> dict[str, int]:
+        """Return the code of each class name, the least where several have the name."""
+        return {text: code for code, text in sorted(self.output.class_names().items(), reverse=True)}
+
+    def _painted(self) -> Iterator[tuple[NDArray[np.int64], str]]:
+        """Yield the rows and the class of each stroke in force, in order."""
+        first = {file.name: file.first for file in self.output.clouds.files}
+        for decision in self.store.current():
+            payload = decision.correction.payload
+            if decision.correction.action == "paint" and payload["file"] in first:
+                yield np.asarray(payload["points"], dtype=np.int64) + first[payload["file"]], payload["class"]
 
     def _strokes(self, rows: np.ndarray, name: str) -> list[Correction]:
         """Return one decision per file for painted rows."""
@@ -210,6 +227,18 @@ def _places(value: object) -> np.ndarray:
     if places.ndim != 2 or places.shape[1] != 3 or not 1 <= len(places) <= 200 or not np.isfinite(places).all():
         raise DataError("places must be 1 to 200 finite x, y, z")
     return places
+
+
+def _radius(value: object) -> float:
+    if not isinstance(value, int | float) or isinstance(value, bool) or not 0.01 <= value <= 5.0:
+        raise ParameterError(f"the radius of the brush must be 0.01 m to 5 m, got {value!r}")
+    return float(value)
+
+
+def _only(value: object) -> int | None:
+    if value is not None and (not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= 255):
+        raise ParameterError(f"only must be a class code from 0 to 255, got {value!r}")
+    return value
 
 
 def _described(correction: Correction) -> str:
