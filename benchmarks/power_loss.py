@@ -42,10 +42,12 @@ def unmount(place: Path) -> None:
     sys.exit(f"{place} cannot be unmounted")
 
 
-def shut_down(place: Path) -> None:
-    """Drop everything that is not on the device."""
+def shut_down(place: Path, device: int) -> None:
+    """Drop everything of the mounted image that is not on its device; no other file system is touched."""
     folder = os.open(place, os.O_RDONLY)
     try:
+        if os.fstat(folder).st_dev != device:
+            return
         fcntl.ioctl(folder, SHUTDOWN, struct.pack("I", WITHOUT_JOURNAL))
     finally:
         os.close(folder)
@@ -63,7 +65,11 @@ def main() -> int:
         image.write_bytes(b"")
         os.truncate(image, SIZE)
         subprocess.run(["mkfs.ext4", "-q", str(image)], check=True)
+        beside = trials.root.stat().st_dev
         mount(image, trials.root)
+        device = trials.root.stat().st_dev
+        assert device != beside, f"{image} is not mounted"
+        timer = threading.Timer(0.0, shut_down)
         try:
             trials.run("warm")
             began = time.monotonic()
@@ -73,7 +79,7 @@ def main() -> int:
             for number in range(options.tries):
                 output = trials.root / f"o{number}"
                 moment = chance.uniform(0.05, 1.0) * seconds
-                timer = threading.Timer(moment, shut_down, [trials.root])
+                timer = threading.Timer(moment, shut_down, [trials.root, trials.root.stat().st_dev])
                 timer.start()
                 first = trials.run(output.name)[0]
                 timer.join()
@@ -88,6 +94,9 @@ def main() -> int:
                     print(json.dumps({"moment": moment, "said": trials.said, "wrong": wrong}), flush=True)
                 shutil.rmtree(output, ignore_errors=True)
         finally:
+            timer.cancel()
+            if timer.ident is not None:
+                timer.join()
             unmount(trials.root)
     row = {"stage": "power_loss", "seconds": round(seconds, 1), "tries": options.tries, "interrupted": lost}
     print(json.dumps({**row, "failures": failed}))

@@ -91,25 +91,29 @@ def trial(folder: Path, cuts: tuple[tuple[str, float, float | None], ...]) -> tu
     """Run the stage while hosts are cut off; return the seconds it took and the last line of its error."""
     with network():
         processes = [started("scheduler", "dask_scheduler", "--host", "10.77.0.2", "--no-dashboard", "--no-show")]
-        time.sleep(4)
-        for host in HOSTS[1:]:
-            processes.append(started(host, "dask_worker", ADDRESS, "--nthreads", "1", "--no-dashboard", "--no-nanny"))
-        time.sleep(5)
-        timers = [threading.Timer(begin, link, [host, "down"]) for host, begin, _ in cuts]
-        timers += [threading.Timer(end, link, [host, "up"]) for host, _, end in cuts if end is not None]
-        for timer in timers:
-            timer.start()
-        began, said = time.monotonic(), ""
+        timers: list[threading.Timer] = []
         try:
-            store(folder, backend="dask", scheduler=ADDRESS).save(TASKS)
-        except Exception as error:
-            said = str(error.__cause__ or error).strip().splitlines()[-1]
-        seconds = time.monotonic() - began
-        for timer in timers:
-            timer.cancel()
-        for process in processes:
-            process.kill()
-            process.wait()
+            time.sleep(4)
+            for host in HOSTS[1:]:
+                worker = started(host, "dask_worker", ADDRESS, "--nthreads", "1", "--no-dashboard", "--no-nanny")
+                processes.append(worker)
+            time.sleep(5)
+            timers += [threading.Timer(begin, link, [host, "down"]) for host, begin, _ in cuts]
+            timers += [threading.Timer(end, link, [host, "up"]) for host, _, end in cuts if end is not None]
+            for timer in timers:
+                timer.start()
+            began, said = time.monotonic(), ""
+            try:
+                store(folder, backend="dask", scheduler=ADDRESS).save(TASKS)
+            except Exception as error:
+                said = str(error.__cause__ or error).strip().splitlines()[-1]
+            seconds = time.monotonic() - began
+        finally:
+            for timer in timers:
+                timer.cancel()
+            for process in processes:
+                process.kill()
+                process.wait()
     return seconds, said
 
 

@@ -64,6 +64,20 @@ def test_wires_side_by_side_and_in_a_stack_are_told_apart():
     assert sorted(table["clearance"]) == pytest.approx([6.8, 7.4, 7.4, 8.4], abs=0.06)
 
 
+@pytest.mark.parametrize("beside", [(0.3, 0.0), (0.5, 0.0), (0.0, 0.3)])
+def test_close_wires_are_told_apart(beside):
+    across, above = beside
+    table = wires_of(
+        span((0, 0, 8), (40, 0, 8), 0.8), span((0, across, 8 + above), (40, across, 8 + above), 0.8, seed=1)
+    )
+    assert table["length"].tolist() == pytest.approx([40.0, 40.0], abs=1.5)
+
+
+def test_a_long_span_is_one_wire():
+    (row,) = wires_of(span((0, 0, 20), (160, 0, 20), 5.0, n=1200)).to_dict("records")
+    assert row["length"] == pytest.approx(160.0, abs=1.0) and row["sag"] == pytest.approx(5.0, abs=0.1)
+
+
 def test_spans_on_both_sides_of_a_pole_are_two_wires():
     table = wires_of(span((0, 0, 8), (35, 0, 8), 0.8), span((35, 0, 8), (65, 14, 8), 0.6, seed=1))
     assert sorted(table["length"]) == pytest.approx([33.1, 35.0], abs=1.2)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+_BREAK = re.compile(r" *[\t\n\r\v\f\x1c-\x1e\x85\u2028\u2029]\s*")
 _PASSWORD = re.compile(r"(?<=://)([^\s/@:]*):[^\s@]*@")
 _SECRET = re.compile(r"(?i)((?:password|passwd|token|secret|api_?key)\s*[=:]\s*)[^\s&;,)\"']+")
 
@@ -19,15 +20,15 @@ def printable(text: object) -> str:
     Returns
     -------
     str
-        The text with single blanks in place of white space; control characters, which move the cursor or colour a
-        terminal, and undecodable bytes of file names are escaped.
+        The text with a blank in place of each line break and tab, and of the blanks around it. Control characters,
+        which move the cursor or colour a terminal, and undecodable bytes of file names are escaped.
 
     Examples
     --------
-    >>> printable("a\\x1b[31m\\nb.laz")
-    'a\\\\x1b[31m b.laz'
+    >>> printable("a\\x1b[31m\\nb  c.laz")
+    'a\\\\x1b[31m b  c.laz'
     """
-    line = " ".join(str(text).split())
+    line = _BREAK.sub(" ", str(text)).strip()
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
 
 

@@ -12,15 +12,17 @@ LEAST_LENGTH = 3.0
 """Shorter wires are left out, metres."""
 
 _NEAR = 0.8  # radius of the neighbourhood that gives a direction, metres
-_NEIGHBOURS, _FEWEST = 12, 3  # largest and least number of points in it
+_NEIGHBOURS, _FEWEST = (4, 12), 3  # largest numbers of points in it, and the least one
+_CHUNK = 100_000  # points whose neighbourhoods are in memory
 _STRAIGHT, _FLAT = 0.7, 0.7  # least straightness of a neighbourhood, and least share of its direction in plan
-_REACH = 80.0  # from the first point of a wire to its ends, metres
+_REACH = 200.0  # from the first point of a wire to its ends, metres
 _LOCAL, _TUBE = 3.0, 0.4  # length and radius of the surroundings that a first look takes, metres
 _LEAST_LOCAL, _LEAST_SHARE = 5, 0.3  # points near the line there, and their share in the tube around it
 _LEAST_POINTS = 8
 _LATERAL, _VERTICAL = 0.12, 0.1  # largest distances of the points of a wire from its curve, metres
 _GAP = 6.0  # largest gap within a wire, metres
-_TRIES, _LEAST_APART = 100, 0.3  # parabolas through three points, and least distance of these, metres
+_TRIES, _LEAST_APART = 40, 0.3  # parabolas through three points per window, and least distance of these, metres
+_WINDOWS = (10.0, 30.0, 90.0, np.inf)  # largest distances of the points of a parabola from its first one, metres
 _MOST_SAG = 0.02  # largest curvature of a parabola, 1/m: a span of 40 m with a sag of 4 m
 _MOST_BEND, _LEAST_BENT = 0.002, 10.0  # curvature in plan, 1/m (wind, errors of the path), from this length on, metres
 _ROUNDS = 5
@@ -123,11 +125,26 @@ class Wires:
         return wires
 
     def _directions(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return direction in plan and straightness (0 to 1) of the neighbourhood of each point, 0 without one."""
-        apart, near = self.tree.query(self.points[:, :3], k=_NEIGHBOURS + 1, distance_upper_bound=_NEAR)
-        there = np.isfinite(apart)
+        """Return direction in plan and straightness (0 to 1) of the neighbourhood of each point, 0 without one.
+
+        Of a smaller and a larger neighbourhood the straighter one counts: the larger one of a wire may hold its
+        neighbour, the smaller one only noise.
+        """
+        along, straight = np.zeros((len(self.points), 2)), np.zeros(len(self.points))
+        for first in range(0, len(self.points), _CHUNK):
+            part = slice(first, first + _CHUNK)
+            apart, near = self.tree.query(self.points[part, :3], k=max(_NEIGHBOURS) + 1, distance_upper_bound=_NEAR)
+            for number in _NEIGHBOURS:
+                found, value = self._direction(part, near[:, : number + 1], np.isfinite(apart[:, : number + 1]))
+                better = value > straight[part]
+                along[part][better], straight[part][better] = found[better], value[better]
+        return along, straight
+
+    def _direction(
+        self, part: slice, near: NDArray[np.int64], there: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         count = there.sum(axis=1)
-        places = np.append(self.points[:, :3], np.zeros((1, 3)), axis=0)[near] - self.points[:, None, :3]
+        places = self.points[np.where(there, near, 0), :3] - self.points[part, None, :3]
         places[~there] = 0.0
         places -= (places.sum(axis=1) / count[:, None])[:, None]
         places[~there] = 0.0
@@ -205,7 +222,11 @@ class Wires:
 
     def _best_parabola(self, way: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return the points near the parabola through the origin and two random points that has most of them."""
-        first, second = self.random.integers(len(way), size=(2, _TRIES))
+        pairs = [
+            inside[self.random.integers(len(inside), size=(2, _TRIES))]
+            for inside in (np.flatnonzero(np.abs(way) <= window) for window in _WINDOWS)
+        ]
+        first, second = np.concatenate(pairs, axis=1)
         a, b = way[first], way[second]
         apart = np.minimum(np.minimum(np.abs(a), np.abs(b)), np.abs(a - b)) >= _LEAST_APART
         a, b, za, zb = a[apart], b[apart], z[first[apart]], z[second[apart]]
