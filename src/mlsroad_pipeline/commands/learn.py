@@ -45,10 +45,11 @@ def learn(
         place = find_place()
         configure(place)
         found = [LabelledOutput.at(folder) for folder in places]
-        bundle, parent = _one_model(found, place)
-        console, told = output_console(), error_console()
         for output in found:
             lock_output(output.path)
+            output.check_unedited()
+        bundle, parent = _one_model(found, place)
+        console, told = output_console(), error_console()
         with collected_warnings(verbose=verbose) as logged:
             model, n_answers = learn_from(
                 bundle, found, parent=parent, progress=lambda name: told.print(f"Reading {name}", markup=False)

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.datasets.inventory.exports import EXPORTS
-from mlsroad_pipeline.execution.run_folder import FINISHED
+from mlsroad_pipeline.execution.run_folder import FINISHED, FileState, RunFolder, state_of
 from mlsroad_pipeline.execution.run_identity import STATE
+from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.formats.ply.coloured_ply import COLOURED
+from mlsroad_pipeline.surveys.parameters import NEW_SURVEY
+
+_OF_POINTS = ("units", "height_units", "crs", "reproject")
+_OF_LAS = ("intensity_scale", "intensity_range", "columns", "rgb_bits")
+"""Options of the readers that hold for the labelled LAZ too: always, and where the survey was LAS or LAZ."""
 
 
 @dataclass(frozen=True)
@@ -74,9 +81,36 @@ class LabelledOutput:
             raise ReadError(f"{self.path / (missing or ['*.laz'])[0]} is missing: label the survey again")
         return {name: self.path / name for name in sorted(names)}
 
+    def check_unedited(self, names: Collection[str] | None = None) -> None:
+        """Raise DataError if a result is not as its run wrote it; `names` are paths below the folder, None for all."""
+        for entry in self.record["outputs"]:
+            path = self.path / entry["path"]
+            now = state_of(path) if names is None or entry["path"] in names else None
+            if now is None or now == FileState(entry["bytes"], entry["blake2b"]):
+                continue
+            if any(now in run.versions().get(entry["path"], ()) for run in self._other_runs()):
+                raise DataError(f"{path} is of a run of label that was not finished: label the survey again")
+            raise DataError(
+                f"{path} was edited since it was written: copy it, label the survey again (--overwrite), "
+                f"and run mlsroad corrections import COPY {self.path}"
+            )
+
+    def _other_runs(self) -> list[RunFolder]:
+        runs = [RunFolder(str(path.parent)) for path in self.path.glob(f"{STATE}/*/run.json")]
+        return [run for run in runs if run.read().get("state") != FINISHED]
+
+    def read_options(self) -> ReadOptions:
+        """Return the options that read the labelled LAZ as `label` read the survey: in metres, whatever their unit."""
+        label = self.record["settings"]["label"]
+        given = dict(label.get("read") or {}) | ({"crs": label["crs"]} if label.get("crs") else {})
+        sources = [str(entry["path"]).lower() for entry in self.record.get("inputs", ())]
+        is_las = any(path.endswith((".las", ".laz")) for path in sources)
+        names = (*_OF_POINTS, *_OF_LAS) if is_las else _OF_POINTS
+        return ReadOptions.from_config({**NEW_SURVEY, **{name: given[name] for name in names if name in given}})
+
     def parameters(self) -> dict[str, Any]:
         """Return the parameters of `label` that gave this output, without the model."""
-        known = {name: value for name, value in self.record["settings"]["label"].items() if value not in (None, {}, [])}
+        known = {name: value for name, value in self.record["settings"]["label"].items() if value not in ({}, [])}
         known = {name: value for name, value in known.items() if name not in ("model", "method")}
         names = self._names()
         exports = [
@@ -86,5 +120,6 @@ class LabelledOutput:
         ]
         extra: dict[str, Any] = {"export": exports} if exports else {}
         extra |= {"copc": True} if any(name.endswith(".copc.laz") for name in names) else {}
+        extra |= {"coloured_ply": True} if any(name.endswith(COLOURED) for name in names) else {}
         extra |= {"photos": True} if (self.path / "photos").is_dir() else {}
         return {**known, **extra, "output": str(self.path), "overwrite": True}

@@ -73,7 +73,7 @@ def corrected_voxels(
     for name, path in output.clouds().items():
         if progress is not None:
             progress(name)
-        found = _of_file(name, path, states, of_objects, named, bundle)
+        found = _of_file(name, path, states, of_objects, named, bundle, output.read_options())
         answers += found.answers
         survey.append(found.survey)
     if not answers:
@@ -90,8 +90,9 @@ def _of_file(
     of_objects: Mapping[int, NDArray[np.bool_]],
     named: NamedClasses,
     bundle: ModelBundle,
+    options: ReadOptions,
 ) -> Voxels:
-    cloud = get_format(path).read(path, ReadOptions())
+    cloud = get_format(path).read(path, options)
     numbers = cloud.get("object_id")
     object_id = np.zeros(len(cloud), np.int64) if numbers is None else numbers.astype(np.int64)
     given = answers_of_file(name, object_id, states, of_objects, named)

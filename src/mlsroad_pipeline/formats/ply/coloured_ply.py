@@ -15,6 +15,9 @@ from mlsroad_pipeline.formats.labelled_names import CLASS, CONFIDENCE, OBJECT, R
 from mlsroad_pipeline.formats.las.format import LasFormat
 
 CHUNK = 1_000_000
+COLOURED = "_classes.ply"
+"""Ending of the name of a coloured copy."""
+
 RECORD = np.dtype(
     [
         *(("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")),
@@ -37,7 +40,7 @@ def coloured_path(path: str) -> str:
     str
         The path with ``_classes.ply``.
     """
-    return str(Path(path).with_suffix("")) + "_classes.ply"
+    return str(Path(path).with_suffix("")) + COLOURED
 
 
 def write_coloured_ply(source: str | Path, target: str | Path) -> None:
