@@ -1,7 +1,9 @@
 """Tiles of points: each point in one node, exact places, brush and cluster against a search over all points."""
 
+import multiprocessing
 from itertools import pairwise
 
+import laspy
 import numpy as np
 import pytest
 from helpers.page_output import FILES, ORIGIN, write_laz, write_output
@@ -11,7 +13,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.page.cloud_files import CloudFiles
 from mlsroad_pipeline.page.first_picture import first_picture
 from mlsroad_pipeline.page.selection import brushed, cluster
-from mlsroad_pipeline.page.tile_building import NoSpaceError, build_tiles, cube_edge
+from mlsroad_pipeline.page.tile_building import NoSpaceError, build_tiles, cube_edge, unfinished
 from mlsroad_pipeline.page.tile_cache import TileCache
 from mlsroad_pipeline.page.tile_format import LEVELS, TileIndex, spacing
 from mlsroad_pipeline.page.tile_levels import LARGEST, nodes_of_cube
@@ -124,6 +126,56 @@ def test_tiles_of_a_changed_file_are_built_again(tmp_path, rng):
         assert not first.folder.exists() and first.kept_picture() is None
     finally:
         second.stop()
+
+
+@pytest.mark.parametrize("damage", ["empty index", "short level", "no level", "other format"])
+def test_damaged_tiles_are_built_again(tmp_path, rng, damage):
+    write_laz(tmp_path / "one.laz", rng.uniform(0, 5, (100, 3)), np.full(100, 11), np.zeros(100))
+    clouds = CloudFiles.at(tmp_path, ["one.laz"])
+    cache = TileCache(tmp_path, ["one.laz"])
+    build_tiles(clouds, cache.folder)
+    index, level = cache.folder / "index.json", cache.folder / "level0.bin"
+    if damage == "empty index":
+        index.write_bytes(b"")
+    elif damage == "other format":
+        index.write_text(index.read_text().replace('"format":2', '"format":1'))
+    elif damage == "no level":
+        level.unlink()
+    else:
+        level.write_bytes(level.read_bytes()[:-1])
+    assert cache.index() is None
+    build_tiles(clouds, cache.folder)
+    assert cache.index() is not None
+    cache.keep_picture(first_picture(clouds))
+    (picture,) = cache.folder.parent.glob("first-*")
+    picture.write_bytes(picture.read_bytes()[:-1])
+    assert cache.kept_picture() is None
+    cache.keep_picture(first_picture(clouds))
+    assert cache.kept_picture() == first_picture(clouds)
+
+
+def test_the_end_of_the_page_leaves_no_unfinished_tiles(tmp_path, rng):
+    write_laz(tmp_path / "one.laz", rng.uniform(0, 5, (100, 3)), np.full(100, 11), np.zeros(100))
+    cache = TileCache(tmp_path, ["one.laz"])
+    cache.folder.parent.mkdir()
+    cache.start()
+    unfinished(cache.folder).mkdir()
+    cache.stop()
+    assert not unfinished(cache.folder).exists()
+    cache.start()  # by the thread that prepares, after the end
+    assert cache.folder.exists() or not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize("most", [255, 65280])
+def test_colours_of_8_and_16_bits_are_shown_alike(tmp_path, rng, most):
+    path = tmp_path / "one.laz"
+    write_laz(path, rng.uniform(0, 5, (100, 3)), np.full(100, 11), np.zeros(100))
+    las = laspy.read(path)
+    las.red[:] = most
+    las.green[:] = las.blue[:] = 0
+    las.write(path)
+    (block,) = CloudFiles.at(tmp_path, ["one.laz"]).blocks(1000)
+    assert set(map(tuple, block.values["rgb"].tolist())) == {(255, 0, 0, 0)}
 
 
 def test_a_full_disk_is_told_before_anything_is_written(tmp_path, rng, monkeypatch):

@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.crs import with_units
+from mlsroad_pipeline.formats.files import file_key
 from mlsroad_pipeline.formats.las.crs import read_crs
+from mlsroad_pipeline.formats.las.depths import colour_bits
 from mlsroad_pipeline.formats.las.dimensions import local_xyz, near_corner
 from mlsroad_pipeline.formats.las.header import LasHeader, read_header
 from mlsroad_pipeline.formats.las.lookup import class_names
@@ -85,6 +87,11 @@ class CloudFile:
     def metres(self) -> NDArray[np.float64]:
         """Factors from the file's units to metres."""
         return np.asarray(with_units(ReadOptions(units=BY_CRS), read_crs(self.header), self.path).factors)
+
+    @cached_property
+    def colour_shift(self) -> int:
+        """Bits to leave out of the 16-bit colours: none where they hold 8-bit colours."""
+        return colour_bits(file_key(self.path)) - 8
 
     def corner(self) -> NDArray[np.float64]:
         """Return a position near the points in metres."""
@@ -175,5 +182,5 @@ class CloudFiles:
             values["reference"] = records[REFERENCE]
         if "red" in names:
             for i, channel in enumerate(("red", "green", "blue")):
-                values["rgb"][:, i] = records[channel] >> 8
+                values["rgb"][:, i] = records[channel] >> file.colour_shift
         return Block(xyz, values)

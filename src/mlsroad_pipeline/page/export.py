@@ -8,15 +8,20 @@ import hashlib
 import html
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
+from mlsroad_pipeline.corrections import has_corrections, review_order
+from mlsroad_pipeline.corrections.listed_objects import INVENTORIES, read_objects
+from mlsroad_pipeline.corrections.store import NAME as STORE
 from mlsroad_pipeline.formats.files import atomic_file
 from mlsroad_pipeline.page.cloud_files import CloudFiles
+from mlsroad_pipeline.page.contained import resolved
 from mlsroad_pipeline.page.first_picture import FirstPicture, picture_of
-from mlsroad_pipeline.page.output_folder import PHOTOS, OutputFolder
+from mlsroad_pipeline.page.output_folder import INVENTORY, PHOTOS, OutputFolder
 from mlsroad_pipeline.page.served import ServedSurvey
 from mlsroad_pipeline.page.server import STATIC
 
@@ -42,11 +47,13 @@ def export_page(output: OutputFolder, target: Path, *, most: int = MOST_POINTS) 
     if not target.parent.is_dir():
         raise ExportError(f"{target.parent} is no folder: create it first")
     survey = ServedSurvey(output, user="")
+    _check_inside(output)
+    corrections, queue = _decisions(survey)
     picture = _sample(output.clouds, most)
     content = {
         "survey": survey.survey(picture),
-        "corrections": survey.corrections(points=False),
-        "queue": survey.queue(100),
+        "corrections": corrections,
+        "queue": queue,
         "photos": _photos(output.path),
     }
     survey.close()
@@ -54,6 +61,24 @@ def export_page(output: OutputFolder, target: Path, *, most: int = MOST_POINTS) 
     with atomic_file(target) as stream:
         stream.write(page.encode())
     return target
+
+
+def _check_inside(output: OutputFolder) -> None:
+    """Raise ExportError if a file of the output is elsewhere: the page to send would hold its content."""
+    for name in (
+        *output.cloud_names,
+        *(name for name in (INVENTORY, STORE, *INVENTORIES) if (output.path / name).exists()),
+    ):
+        if resolved(output.path, name) is None:
+            raise ExportError(f"{output.path / name} is not in the folder, but a link or path out of it: copy it there")
+
+
+def _decisions(survey: ServedSurvey) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Return decisions and queue; a folder without decisions is left without their store."""
+    if has_corrections(survey.output.path):
+        return survey.corrections(points=False), survey.queue(100)
+    none: dict[str, Any] = {"states": {}, "painted": [], "decisions": [], "added": []}
+    return none, review_order(read_objects(survey.output.path).rows(), {}, 100)
 
 
 def _sample(clouds: CloudFiles, most: int) -> FirstPicture:
@@ -73,6 +98,8 @@ def _photos(folder: Path) -> dict[str, str]:
     found: dict[str, str] = {}
     size = 0
     for path in sorted(folder.glob(f"{PHOTOS}/*.jpg")):
+        if resolved(folder, f"{PHOTOS}/{path.name}") is None:
+            continue
         content = path.read_bytes()
         size += len(content)
         if size > _MOST_PHOTOS:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import sqlite3
 import struct
-from collections.abc import Mapping
-from contextlib import closing
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -95,7 +95,7 @@ class OutputFolder:
             return {}
         with _reading(path) as base:
             rows = _rows(base, "SELECT object_id, geom FROM footprints")
-        return {str(number): np.round(_vertices(blob)[:, :2], 2).tolist() for number, blob in rows if blob}
+            return {str(number): np.round(_vertices(blob)[:, :2], 2).tolist() for number, blob in rows if blob}
 
     def path_vertices(self) -> list[list[float]]:
         """Return the path of the scanner as x, y, z; empty if it is unknown."""
@@ -104,9 +104,9 @@ class OutputFolder:
             return []
         with _reading(path) as base:
             rows = _rows(base, "SELECT geom FROM trajectory")
-        if not rows:
+            vertices = _vertices(rows[0][0]) if rows else np.empty((0, 3))
+        if not len(vertices):
             return []
-        vertices = _vertices(rows[0][0])
         step = max(1, len(vertices) // _MOST_VERTICES)
         kept = np.concatenate([vertices[:-1:step], vertices[-1:]])
         rounded: list[list[float]] = np.round(kept, 3).tolist()
@@ -119,9 +119,10 @@ class OutputFolder:
             return {}
         with _reading(path) as base:
             found = {kind: _rows(base, f"SELECT geom FROM {layer}") for layer, kind in LINE_LAYERS.items()}
-        return {
-            kind: [np.round(_vertices(blob), 2).tolist() for (blob,) in rows if blob] for kind, rows in found.items()
-        }
+            return {
+                kind: [np.round(_vertices(blob), 2).tolist() for (blob,) in rows if blob]
+                for kind, rows in found.items()
+            }
 
     def photos(self) -> list[int]:
         """Return the numbers of the objects that have a photo."""
@@ -137,19 +138,23 @@ def _scheme_of(run: Mapping[str, Any]) -> Mapping[str, Any]:
     return min(fitting, key=len) if fitting else {}
 
 
-def _reading(path: Path) -> closing[sqlite3.Connection]:
+@contextmanager
+def _reading(path: Path) -> Iterator[sqlite3.Connection]:
     try:
-        return closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True))
-    except sqlite3.Error as error:
-        raise ReadError(f"{path}: not a GeoPackage inventory: {error}") from error
+        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as base:
+            yield base
+    except (sqlite3.Error, struct.error, IndexError, ValueError, TypeError) as error:
+        raise ReadError(f"{path} is damaged, or no inventory of mlsroad ({error}): label the survey again") from error
 
 
 def _rows(base: sqlite3.Connection, query: str) -> list[tuple[Any, ...]]:
     """Return the rows of a layer that may be missing."""
     try:
         return base.execute(query).fetchall()
-    except sqlite3.OperationalError:
-        return []
+    except sqlite3.OperationalError as error:
+        if "no such" in str(error):  # table or column
+            return []
+        raise
 
 
 def _vertices(blob: bytes) -> NDArray[np.float64]:

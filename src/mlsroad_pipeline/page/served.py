@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError, ParameterError, ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.page.first_picture import FirstPicture, first_picture
 from mlsroad_pipeline.page.output_folder import REPORT, OutputFolder
 from mlsroad_pipeline.page.selection import Painted, brushed, cluster
@@ -37,6 +36,8 @@ class ServedSurvey:
     """
 
     def __init__(self, output: OutputFolder, *, user: str) -> None:
+        if not output.clouds.n_points:
+            raise ReadError(f"{output.path}: the labelled files hold no points, there is nothing to show")
         self.output, self.user = output, user
         self.tiles = TileCache(output.path, output.cloud_names)
         self._guard, self._reading = threading.Lock(), threading.Lock()
@@ -80,10 +81,8 @@ class ServedSurvey:
             self.tiles.keep_picture(self.first)
             self.tiles.start()
             _ = self.store
-        except MlsRoadError as error:  # the page shows it
-            self.tiles.fail(" ".join(str(error).split()))
-        except OSError as error:  # such as a full disk
-            self.tiles.fail(f"{error.filename or self.tiles.folder}: {error.strerror}")
+        except Exception as error:  # such as a full disk; the page shows it
+            self.tiles.fail(one_line(error))
 
     def close(self) -> None:
         """End what was started."""
@@ -250,13 +249,8 @@ def _described(correction: Correction) -> str:
     return correction.checked_class
 
 
-def resolved(folder: Path, name: str) -> Path | None:
-    """Return a file below a folder, None if it is missing, hidden, or outside of the folder by `..` or a link."""
-    parts = Path(name).parts
-    if not parts or any(part.startswith(".") or "\0" in part for part in parts):
-        return None
-    try:
-        path, root = (folder / name).resolve(strict=True), folder.resolve(strict=True)
-    except OSError:
-        return None
-    return path if path.is_file() and path.is_relative_to(root) else None
+def one_line(error: Exception) -> str:
+    """Return what an error says, in one line; of the system's errors the file and the reason."""
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return " ".join(str(error).split()) or type(error).__name__

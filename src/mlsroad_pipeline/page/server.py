@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import secrets
 import socket
+import threading
 import webbrowser
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
@@ -22,9 +23,10 @@ from starlette.routing import Route
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
 from mlsroad_pipeline.page.access import Guard
+from mlsroad_pipeline.page.contained import resolved
 from mlsroad_pipeline.page.lock import page_lock
 from mlsroad_pipeline.page.output_folder import REPORT
-from mlsroad_pipeline.page.served import ServedSurvey, resolved
+from mlsroad_pipeline.page.served import ServedSurvey, one_line
 from mlsroad_pipeline.page.tile_format import INDEX, LEVELS, level_file
 
 LOOPBACK = "127.0.0.1"
@@ -49,7 +51,10 @@ def application(survey: ServedSurvey) -> Starlette:
         survey.close()
 
     async def first(request: Request) -> Response:
-        chunk = await run_in_threadpool(lambda: survey.first.chunk)
+        try:
+            chunk = await run_in_threadpool(lambda: survey.first.chunk)
+        except (MlsRoadError, OSError) as error:
+            return _refused(error)
         return Response(chunk, media_type="application/octet-stream", background=BackgroundTask(survey.given.set))
 
     async def tile(request: Request) -> Response:
@@ -109,12 +114,16 @@ def _answer(value: Callable[[Request], Any]) -> Callable[[Request], Any]:
     async def endpoint(request: Request) -> Response:
         try:
             return JSONResponse(await run_in_threadpool(value, request))
-        except MlsRoadError as error:
-            return JSONResponse({"error": " ".join(str(error).split())}, 409)
-        except ValueError:
+        except (MlsRoadError, OSError) as error:
+            return _refused(error)
+        except (ValueError, TypeError, OverflowError, RecursionError):
             return JSONResponse({"error": "the request is not understood"}, 400)
 
     return endpoint
+
+
+def _refused(error: Exception) -> Response:
+    return JSONResponse({"error": one_line(error)}, 409)
 
 
 def _change(act: Callable[[dict[str, Any]], dict[str, Any]]) -> Callable[[Request], Any]:
@@ -125,7 +134,7 @@ def _change(act: Callable[[dict[str, Any]], dict[str, Any]]) -> Callable[[Reques
             wanted = json.loads(await request.body())
             if not isinstance(wanted, dict):
                 raise ValueError
-        except ValueError:
+        except (ValueError, RecursionError):
             return JSONResponse({"error": "the request is not a JSON object"}, 400)
         response: Response = await _answer(lambda request: act(wanted))(request)
         return response
@@ -144,14 +153,26 @@ def serve(survey: ServedSurvey, *, port: int, browser: bool, say: Callable[[str]
         guarded = Guard(application(survey), port=port, token=token)
         config = uvicorn.Config(guarded, log_level="warning", access_log=False, server_header=False, lifespan="on")
         server = _Server(config, lambda: _announce(address, browser, say))
-        with suppress(KeyboardInterrupt):  # the usual end
-            server.run(sockets=[listener])
+        try:
+            with suppress(KeyboardInterrupt):  # the usual end
+                server.run(sockets=[listener])
+        finally:
+            survey.close()  # also where the server was ended before it had started
         say("The page is closed.")
 
 
 def _announce(address: str, browser: bool, say: Callable[[str], None]) -> None:
     say(f"The page is at {address}\nThe address is valid once. Ctrl-C ends the page; decisions are saved at once.")
-    if browser and not webbrowser.open(address):
+    if browser:  # in a thread: a browser of the terminal returns when it ends
+        threading.Thread(target=_start_browser, args=(address, say), daemon=True).start()
+
+
+def _start_browser(address: str, say: Callable[[str], None]) -> None:
+    try:
+        found = webbrowser.open(address)
+    except webbrowser.Error:
+        found = False
+    if not found:
         say("No browser was found: open this address in one.")
 
 

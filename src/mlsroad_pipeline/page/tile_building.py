@@ -33,12 +33,17 @@ class NoSpaceError(MlsRoadError):
     """The disk has no room for the tiles."""
 
 
+def unfinished(folder: Path) -> Path:
+    """Return the folder in which the tiles of a folder are built."""
+    return folder.with_name(f"{folder.name}.part")
+
+
 def build_tiles(clouds: CloudFiles, folder: Path, *, progress: Callable[[float], None] = lambda share: None) -> None:
     """Write the tiles of a survey to a folder; memory does not depend on the number of points.
 
     Raises NoSpaceError if the disk has no room.
     """
-    working = folder.with_name(f"{folder.name}.part")
+    working = unfinished(folder)
     shutil.rmtree(working, ignore_errors=True)
     working.mkdir(parents=True)
     try:
@@ -54,9 +59,18 @@ def build_tiles(clouds: CloudFiles, folder: Path, *, progress: Callable[[float],
         scratch.unlink()
         facts = {"n_points": clouds.n_points, "classes": {str(code): n for code, n in counts.items()}}
         TileIndex(working, edge, coloured, nodes).write(facts)
+        _sync(working)
+        shutil.rmtree(folder, ignore_errors=True)  # damaged ones
         os.replace(working, folder)
     finally:
         shutil.rmtree(working, ignore_errors=True)
+
+
+def _sync(folder: Path) -> None:
+    """Wait until all files of a folder are on the disk."""
+    for path in folder.iterdir():
+        with path.open("rb") as stream:
+            os.fsync(stream.fileno())
 
 
 def _check_room(n_points: int, folder: Path) -> None:

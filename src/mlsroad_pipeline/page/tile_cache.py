@@ -7,6 +7,9 @@ import json
 import multiprocessing
 import multiprocessing.process
 import shutil
+import signal
+import threading
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -15,8 +18,8 @@ from mlsroad_pipeline.formats.files import atomic_file
 from mlsroad_pipeline.page.cloud_files import CloudFiles
 from mlsroad_pipeline.page.first_picture import FirstPicture
 from mlsroad_pipeline.page.lock import CACHE
-from mlsroad_pipeline.page.tile_building import build_tiles
-from mlsroad_pipeline.page.tile_format import FORMAT, TileIndex
+from mlsroad_pipeline.page.tile_building import build_tiles, unfinished
+from mlsroad_pipeline.page.tile_format import FORMAT, TileIndex, point_bytes
 
 TILES, PICTURE = "tiles-", "first-"
 _START = multiprocessing.get_context("spawn")
@@ -46,6 +49,7 @@ class TileCache:
         self._process: multiprocessing.process.BaseProcess | None = None
         self._channel: Connection | None = None
         self._share, self._error = 0.0, ""
+        self._guard, self._stopped = threading.Lock(), False
         self._index: TileIndex | None = None
 
     @property
@@ -53,16 +57,18 @@ class TileCache:
         return self.folder.with_name(f"{PICTURE}{self._mark}")
 
     def kept_picture(self) -> FirstPicture | None:
-        """Return the first picture of an earlier opening, None if there is none of these files."""
+        """Return the first picture of an earlier opening, None if there is none of these files or it is damaged."""
         try:
-            facts, _, chunk = self._picture.read_bytes().partition(b"\n")
-        except FileNotFoundError:
+            text, _, chunk = self._picture.read_bytes().partition(b"\n")
+            facts = json.loads(text)
+            whole = len(chunk) == facts["n_points"] * point_bytes(facts["coloured"])
+        except (OSError, ValueError, KeyError, TypeError):
             return None
-        return FirstPicture(chunk, json.loads(facts))
+        return FirstPicture(chunk, facts) if whole else None
 
     def keep_picture(self, picture: FirstPicture) -> None:
         """Keep the first picture for the next opening."""
-        if not self._picture.is_file() and self.folder.parent.is_dir():
+        if self.folder.parent.is_dir() and self.kept_picture() is None:
             with atomic_file(self._picture) as stream:
                 stream.write(json.dumps(picture.facts).encode() + b"\n" + picture.chunk)
 
@@ -74,13 +80,22 @@ class TileCache:
         for picture in self.folder.parent.glob(f"{PICTURE}*"):
             if picture != self._picture:
                 picture.unlink()
-        if self.index() is not None:
-            return
+        with self._guard:
+            if self.index() is None and not self._stopped:
+                self._start()
+
+    def _start(self) -> None:
+        """Start the process; Ctrl-C does not reach it, it is ended by `stop`."""
         self._channel, other_end = _START.Pipe(duplex=False)
         arguments = (str(self._output), self._names, str(self.folder), other_end)
         self._process = _START.Process(target=_build, args=arguments, daemon=True)
-        self._process.start()
-        other_end.close()
+        resource_tracker.ensure_running()  # it would unblock the signal
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT,))  # inherited by the process
+        try:
+            self._process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            other_end.close()
 
     def index(self) -> TileIndex | None:
         """Return the index, None while the tiles are not finished."""
@@ -98,6 +113,14 @@ class TileCache:
             return {"state": "stale", "share": 1.0}
         if self.index() is not None:
             return {"state": "ready", "share": 1.0}
+        with self._guard:  # two tabs ask at a time
+            self._receive()
+        alive = not self._error if self._process is None else self._process.is_alive()
+        if not alive and self.index() is None:
+            return {"state": "failed", "share": self._share, "error": self._error or "the process ended early"}
+        return {"state": "building", "share": self._share}
+
+    def _receive(self) -> None:
         while self._channel is not None and self._channel.poll():
             try:
                 kind, value = self._channel.recv()
@@ -108,10 +131,6 @@ class TileCache:
                 self._share = value
             else:
                 self._error = value
-        alive = not self._error if self._process is None else self._process.is_alive()
-        if not alive and self.index() is None:
-            return {"state": "failed", "share": self._share, "error": self._error or "the process ended early"}
-        return {"state": "building", "share": self._share}
 
     def fail(self, reason: str) -> None:
         """State why the tiles cannot be built."""
@@ -119,9 +138,12 @@ class TileCache:
 
     def stop(self) -> None:
         """End the process that builds."""
-        if self._process is not None and self._process.is_alive():
-            self._process.terminate()
-            self._process.join()
+        with self._guard:
+            self._stopped = True
+            if self._process is not None and self._process.is_alive():
+                self._process.terminate()
+                self._process.join()
+                shutil.rmtree(unfinished(self.folder), ignore_errors=True)
 
 
 def _build(output: str, names: list[str], folder: str, channel: Connection) -> None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.page.cloud_files import VALUES
 
-FORMAT = 1
+FORMAT = 2
 INDEX = "index.json"
 POINT = np.dtype([("xyz", "<u2", (3,)), *VALUES.descr])
 """A point relative to its cube."""
@@ -100,12 +100,23 @@ class TileIndex:
 
     @classmethod
     def read(cls, folder: Path) -> TileIndex | None:
-        """Return the index in a folder, None if there is none."""
+        """Return the index in a folder, None if there is none or it does not fit the files of the levels."""
         try:
             found: dict[str, Any] = json.loads((folder / INDEX).read_bytes())
-        except FileNotFoundError:
+            nodes = np.array(found["nodes"], np.int64).reshape(-1, 6)
+            index = cls(folder, float(found["edge"]), bool(found["coloured"]), nodes)
+            return index if found["format"] == FORMAT and index._fits() else None
+        except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
             return None
-        return cls(folder, found["edge"], found["coloured"], np.array(found["nodes"], np.int64).reshape(-1, 6))
+
+    def _fits(self) -> bool:
+        """Return whether each level has a file of the size that the nodes need."""
+        sizes = [(self.folder / level_file(level)).stat().st_size for level in range(LEVELS)]
+        levels, counts = self.nodes[:, 0], self.nodes[:, 5]
+        if len(levels) and not (levels.min() >= 0 and levels.max() < LEVELS):
+            return False
+        points = [int(counts[levels == level].sum()) for level in range(LEVELS)]
+        return sizes == [n * point_bytes(self.coloured) for n in points]
 
     def write(self, facts: dict[str, Any]) -> None:
         """Write the index, with more facts about the points."""
