@@ -15,7 +15,7 @@ from mlsroad_pipeline.corrections.learning import check_learnable
 
 @pytest.fixture
 def named():
-    schemes = {name: scheme(name) for name in ("common", "road_inventory", "oakland5")}
+    schemes = {name: scheme(name) for name in ("common", "road_inventory", "oakland5", "asprs")}
     return NamedClasses(ClassScheme.from_config("road_inventory", schemes["road_inventory"]), schemes)
 
 
@@ -28,6 +28,11 @@ def test_names_of_other_schemes_allow_the_classes_that_they_hold(named):
     assert names(named, named.allowed("ground")) == {"paved ground", "natural ground"}
     assert names(named, named.allowed("vegetation")) == {"tree", "low vegetation"}
     assert names(named, named.allowed("street furnitur")) == {"street furniture"}  # as a LAZ file names it
+    assert names(named, named.allowed("high vegetation")) == {"tree"}  # code 5
+    assert names(named, named.allowed("road surface")) == {"paved ground"}
+    assert names(named, named.allowed("wire conductor")) == {"wire"}
+    for text in ("unclassified", "low noise", "low point (nois"):
+        assert not named.allowed(text).any()
     with pytest.raises(DataError, match="class 'lamp' is unknown to the model: use one of"):
         named.allowed("lamp")
 
@@ -40,6 +45,7 @@ def test_points_of_objects_and_painted_points(named, tmp_path):
         store.add(Correction("other_kind", 3, kind="pole"), who="a")
         for points, name in (([0, 1], "wire"), ([1, 6], "building")):
             store.add(Correction("paint", payload={"file": "a.laz", "points": points, "class": name}), who="a")
+        store.add(Correction("paint", payload={"file": "a.laz", "points": [7], "class": "unclassified"}), who="a")
         store.add(Correction("paint", payload={"file": "b.laz", "points": [5], "class": "wire"}), who="a")
         states, table = store.states(), store.objects().table
     objects = object_classes(states, dict(zip(table["object_id"], table["class"], strict=True)), named)

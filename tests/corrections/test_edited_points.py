@@ -1,15 +1,18 @@
 """Corrections from a LAZ whose classes were edited: in order, reordered, cut; points that are none of the file."""
 
 import json
+import shutil
 
 import laspy
 import numpy as np
 import pytest
 from helpers.corrected import object_rows, write_inventory
+from helpers.labelled import scheme
 from typer.testing import CliRunner
 
 from mlsroad_pipeline.commands.app import app
 from mlsroad_pipeline.corrections import open_corrections
+from mlsroad_pipeline.execution.run_folder import entries_of
 
 
 @pytest.fixture
@@ -32,7 +35,7 @@ def folder(tmp_path):
         "state": "finished",
         "settings": {"label": {"survey": "street.laz"}},
         "summary": {"model": {"name": "general", "version": "1"}, "method": "boosted_trees"},
-        "outputs": [{"path": "street.laz"}],
+        "outputs": [{**entry, "path": "street.laz"} for entry in entries_of([str(out / "street.laz")])],
     }
     (out / ".mlsroad" / "run" / "run.json").write_text(json.dumps(record))
     return out
@@ -89,3 +92,33 @@ def test_files_that_are_no_copies_are_one_line(folder):
     assert "class 77 has no name; known are 2 ground, 5 tree" in run(edited(folder, strange), folder)[1]
     assert "name the labelled file" in run(edited(folder, repaint, "other.laz"), folder)[1]
     assert run(edited(folder, repaint, "other.laz"), folder, "--file", "street.laz")[0] == 0
+
+
+def test_codes_are_the_classes_of_the_model(folder):
+    """The names of standard codes, such as high vegetation, are none of the model."""
+    record = folder / ".mlsroad" / "run" / "run.json"
+    given = json.loads(record.read_text())
+    given["settings"]["classes"] = {"schemes": {name: scheme(name) for name in ("common", "road_inventory", "asprs")}}
+    given["summary"]["classes"] = {"natural ground": 100, "tree": 100, "building": 100, "wall or fence": 100}
+    las = laspy.read(folder / "street.laz")
+    entries = np.zeros(256, dtype=[("code", "u1"), ("name", "S15")])
+    entries["code"] = np.arange(256)
+    for code in (1, 2, 3, 5, 6, 7, 11, 14, *range(64, 71)):
+        entries["name"][code] = f"code {code}".encode()
+    las.vlrs[:] = [laspy.VLR("LASF_Spec", 0, "Classification Lookup", entries.tobytes())]
+    las.write(folder / "street.laz")
+    given["outputs"] = [{**entry, "path": "street.laz"} for entry in entries_of([str(folder / "street.laz")])]
+    record.write_text(json.dumps(given))
+
+    def change(las):
+        las.classification[:7] = [11, 5, 3, 14, 7, 67, 1]
+
+    path = edited(folder, change)
+    assert "7 new corrections" in run(path, folder)[1]
+    assert painted(folder) == {
+        "paved ground": [0], "tree": [1], "low vegetation": [2], "wire": [3], "low noise": [4], "street furniture": [5],
+        "unclassified": [6],
+    }  # fmt: skip
+    assert "0 new corrections" in run(path, folder)[1]
+    shutil.copy(path, folder / "street.laz")
+    assert "street.laz was edited since it was written" in run(path, folder)[1]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import getpass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -110,29 +110,21 @@ def _new_ones(found: list[Correction], store: CorrectionStore) -> list[Correctio
 
 
 def _edited_points(path: Path, folder: Path, file: str | None, store: CorrectionStore) -> tuple[list[Correction], str]:
-    import numpy as np
-
     from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-    from mlsroad_pipeline.corrections.edited_points import corrections_of_points, names_of_codes
+    from mlsroad_pipeline.corrections.edited_points import corrections_of_points, names_of_codes, painted_before
     from mlsroad_pipeline.corrections.labelled_output import LabelledOutput
 
-    clouds = LabelledOutput.at(folder).clouds()
+    output = LabelledOutput.at(folder)
+    clouds = output.clouds()
     named = [name for name in clouds if file in (name, Path(name).name) or (file is None and _alike(path, name))]
     if len(named) != 1:
         raise ParameterError(
             f"{path}: name the labelled file that it is a copy of with --file, one of {', '.join(clouds)}"
         )
     name = named[0]
-    names = names_of_codes(clouds[name])
-    codes = {text: code for code, text in names.items()}
-    painted: dict[int, Any] = {}
-    for decision in store.states().painted:
-        given = decision.correction.payload
-        if given["file"] in (name, Path(name).name) and given["class"][:15] in codes:
-            rows = np.asarray(given["points"], np.int64)
-            painted = {code: np.setdiff1d(old, rows) for code, old in painted.items()}
-            code = codes[given["class"][:15]]
-            painted[code] = np.union1d(painted.get(code, rows[:0]), rows)
+    output.check_unedited([name])
+    names = names_of_codes(clouds[name], output)
+    painted = painted_before(name, store.states().painted, names, clouds[name])
     found, how = corrections_of_points(path, clouds[name], name, names, painted)
     return found, f", points matched {how}"
 

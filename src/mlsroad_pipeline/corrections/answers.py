@@ -12,31 +12,53 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, UnknownClassError
+from mlsroad_pipeline.algorithms.core.las_codes import CODE_NAMES
 from mlsroad_pipeline.corrections.states import States
 
-_LOOKUP_LENGTH = 15
+LOOKUP_LENGTH = 15
 """Characters of a class name in the header of a LAZ file."""
+
+
+_NO_CLASS = (0, 1, 7, 18)
+"""Codes of points without a class: never classified, unclassified, noise."""
+
+
+def classes_of_codes(scheme: ClassScheme) -> dict[int, list[str]]:
+    """Return the classes of a scheme that are written as each LAS code; none for unclassified points and noise."""
+    found: dict[int, list[str]] = {}
+    for name, code in zip(scheme.classes, scheme.asprs, strict=True):
+        found.setdefault(code, []).append(name)
+    return found | {code: [] for code in _NO_CLASS}
 
 
 class NamedClasses:
     """Classes of a model by the names that users give.
+
+    Known are the classes of the model, those of configured schemes that are unions of them, and the names of the LAS
+    codes that the model writes; of all of these also the first 15 characters, as a LAZ file names them.
 
     Parameters
     ----------
     scheme : ClassScheme
         Classes of the model.
     schemes : mapping
-        Configured schemes; their classes that are unions of the model's classes are known too.
+        Configured schemes.
     """
 
     def __init__(self, scheme: ClassScheme, schemes: Mapping[str, Any]) -> None:
         self.scheme = scheme
-        self._sets: dict[str, NDArray[np.bool_]] = {}
+        own = np.eye(len(scheme), dtype=np.bool_)
+        self._sets: dict[str, NDArray[np.bool_]] = {text: own[label] for label, text in enumerate(scheme.classes)}
         for name in ("common", *schemes):
             self._add(name, schemes)
-        own = np.eye(len(scheme), dtype=np.bool_)
-        for label, text in enumerate(scheme.classes):
-            self._sets[text] = self._sets[text[:_LOOKUP_LENGTH]] = own[label]
+        standard = schemes.get("asprs", {}).get("classes", {})
+        for code, names in classes_of_codes(scheme).items():
+            group = own[[scheme.classes.index(name) for name in names]].any(axis=0)
+            others = [name for name, spec in standard.items() if spec["asprs"] == code]
+            for text in (CODE_NAMES.get(code, ""), *others, "/".join(names)):
+                self._sets.setdefault(text, group)
+        self._sets.pop("", None)
+        self._cut = {text[:LOOKUP_LENGTH]: group for text, group in reversed(self._sets.items())}
 
     def _add(self, name: str, schemes: Mapping[str, Any]) -> None:
         if name not in schemes:
@@ -51,10 +73,11 @@ class NamedClasses:
                 self._sets.setdefault(text, group == label)
 
     def allowed(self, name: str) -> NDArray[np.bool_]:
-        """Return the classes of a name; DataError if it is unknown."""
-        if name not in self._sets:
+        """Return the classes of a name, none for points without a class; DataError if it is unknown."""
+        found = self._sets.get(name, self._cut.get(name))
+        if found is None:
             raise DataError(f"class {name!r} is unknown to the model: use one of {', '.join(self._sets)}")
-        return self._sets[name]
+        return found
 
 
 @dataclass(frozen=True)
@@ -78,7 +101,7 @@ def object_classes(states: States, table: Mapping[int, str], named: NamedClasses
     allowed: dict[int, NDArray[np.bool_]] = {}
     for number, state in states.of_objects.items():
         own = table.get(number)
-        if own is None:
+        if own is None or (state["checked_class"] and not named.allowed(state["checked_class"]).any()):
             continue
         if state["status"] == "rejected" and not state["checked_class"]:
             allowed[number] = ~named.allowed(own)
@@ -115,6 +138,7 @@ def answers_of_file(
                 f"{name} has {len(object_id)} points, correction {decision.identifier} paints point {rows.max()}: "
                 "it is about another file; undo it"
             )
-        answer[rows] = len(classes)
-        classes.append(named.allowed(given["class"]))
+        allowed = named.allowed(given["class"])
+        answer[rows] = len(classes) if allowed.any() else -1
+        classes += [allowed] if allowed.any() else []
     return FileAnswers(answer, classes)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +10,19 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.corrections.decisions import Correction
+from mlsroad_pipeline.algorithms.core.las_codes import CODE_NAMES
+from mlsroad_pipeline.corrections.answers import LOOKUP_LENGTH, classes_of_codes
+from mlsroad_pipeline.corrections.decisions import Correction, Decision
+from mlsroad_pipeline.corrections.labelled_output import LabelledOutput
 from mlsroad_pipeline.formats.las.header import read_header
 from mlsroad_pipeline.formats.las.lookup import class_names
 from mlsroad_pipeline.formats.las.records import RecordReader
 
 NEAR = 0.005
 """Largest distance of a point from its original, metres."""
+
+PRIVATE = 64
+"""Code of the first class of a scheme other than the LAS codes."""
 
 _MOST = 500_000  # points of one correction
 
@@ -75,9 +81,39 @@ def corrections_of_points(
     return corrections, "in order" if same else "by coordinates"
 
 
-def names_of_codes(path: Path) -> dict[int, str]:
-    """Return the names of the class codes of a labelled file."""
-    return class_names(read_header(path))
+def names_of_codes(path: Path, output: LabelledOutput) -> dict[int, str]:
+    """Return the classes of the codes of a labelled file, by the names that `NamedClasses` knows.
+
+    A LAS code stands for the classes of the model that are written as this code; these names are joined by a slash.
+    """
+    written = class_names(read_header(path))
+    coarse, scheme = output.written_scheme, output.model_scheme(written)
+    if coarse is not None:
+        own = {k + PRIVATE: name for k, name in enumerate(coarse.classes)}
+        return {code: own.get(code, text) for code, text in written.items() if code in own or code in CODE_NAMES}
+    if scheme is None:
+        return written
+    classes = classes_of_codes(scheme)
+    return {code: "/".join(classes[code]) or CODE_NAMES[code] for code, text in written.items() if code in classes}
+
+
+def painted_before(
+    name: str, strokes: Sequence[Decision], names: Mapping[int, str], path: Path
+) -> dict[int, NDArray[np.int64]]:
+    """Return the points of a labelled file that were painted before, by class code."""
+    codes: dict[str, int] = {}
+    for code, text in (*names.items(), *CODE_NAMES.items(), *class_names(read_header(path)).items()):
+        if code in names:
+            codes.setdefault(text[:LOOKUP_LENGTH], code)
+    painted: dict[int, NDArray[np.int64]] = {}
+    for decision in strokes:
+        given = decision.correction.payload
+        code = codes.get(given["class"][:LOOKUP_LENGTH])
+        if given["file"] in (name, Path(name).name) and code is not None:
+            rows = np.asarray(given["points"], np.int64)
+            painted = {other: np.setdiff1d(old, rows) for other, old in painted.items()}
+            painted[code] = np.union1d(painted.get(code, rows[:0]), rows)
+    return painted
 
 
 def _points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.datasets.inventory.exports import EXPORTS
 from mlsroad_pipeline.execution.run_folder import FINISHED, FileState, RunFolder, state_of
@@ -67,8 +68,28 @@ class LabelledOutput:
     @property
     def schemes(self) -> Mapping[str, Any]:
         """Class schemes of the configuration."""
-        found: Mapping[str, Any] = self.record["settings"]["classes"]["schemes"]
+        found: Mapping[str, Any] = (self.record["settings"].get("classes") or {}).get("schemes", {})
         return found
+
+    def model_scheme(self, codes: Collection[int]) -> ClassScheme | None:
+        """Return the configured scheme of the model, None if it is none of them; `codes` are those with a name."""
+        counted = set(self.record["summary"].get("classes", ())) - {"unlabelled"}
+        schemes = [ClassScheme.from_config(name, spec) for name, spec in self.schemes.items()]
+        is_standard = self.written_scheme is None
+        fitting = [
+            scheme
+            for scheme in schemes
+            if counted and counted <= set(scheme.classes) and (not is_standard or set(scheme.asprs) <= set(codes))
+        ]
+        return max(fitting, key=len) if fitting else None
+
+    @property
+    def written_scheme(self) -> ClassScheme | None:
+        """Scheme whose classes are written as codes from 64; None where LAS codes are written."""
+        name = self.record["settings"]["label"].get("scheme", "asprs")
+        return (
+            None if name == "asprs" or name not in self.schemes else ClassScheme.from_config(name, self.schemes[name])
+        )
 
     def _names(self) -> list[str]:
         return [str(entry["path"]) for entry in self.record["outputs"]]
