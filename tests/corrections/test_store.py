@@ -75,6 +75,19 @@ def test_decisions_find_their_objects_in_another_inventory(folder, moved):
     assert [decision.correction.object_id for decision in states.unmatched] == [5]
 
 
+def test_a_decision_does_not_go_to_the_neighbour_of_its_object(folder):
+    """Two poles 1.2 m apart, of which one is gone: the other one is another object."""
+    write_inventory(folder, object_rows([("pole", 0.0, 0.0), ("pole", 1.2, 0.0)], [0.5] * 2))
+    with open_corrections(folder) as store:
+        store.add(Correction("reject", 1), who="a")
+    write_inventory(folder, object_rows([("pole", 0.9, 0.0)], [0.5]))
+    with open_corrections(folder) as store:
+        assert store.object_states() == {} and len(store.states().unmatched) == 1
+    write_inventory(folder, object_rows([("pole", 0.3, 0.0)], [0.5]))
+    with open_corrections(folder) as store:
+        assert store.object_states()[1]["status"] == "rejected"
+
+
 def test_an_object_of_the_kind_that_the_user_gave_is_found(folder):
     with open_corrections(folder) as store:
         store.add(Correction("other_kind", 5, kind="tree"), who="a")

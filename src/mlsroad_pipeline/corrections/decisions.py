@@ -119,6 +119,8 @@ class Anchor:
         Its base point.
     point_count : int
         Number of its points.
+    nearest : float, optional
+        Distance in plan to the nearest other object of its kind, metres; None without one.
     """
 
     inventory: str
@@ -128,6 +130,7 @@ class Anchor:
     y: float
     z: float
     point_count: int
+    nearest: float | None = None
 
 
 @dataclass(frozen=True)

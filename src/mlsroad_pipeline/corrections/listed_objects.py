@@ -25,6 +25,8 @@ FARTHEST = {"tree": 2.0, "vehicle": 1.5}
 NEAR = 1.0
 """Largest distance in plan of an object from the place of a decision about it, metres; `FARTHEST` by kind."""
 
+_SAME = 0.01  # metres
+
 _NEEDED = ("object_id", "class", "kind", "x", "y", "z", "point_count")
 _NOT_READ = ("geometry", "geom", "footprint", "bbox")
 
@@ -70,7 +72,10 @@ class ListedObjects:
             return None
         row = rows.iloc[0]
         x, y, z = (float(row[axis]) for axis in "xyz")
-        return Anchor(self.digest, str(row["kind"]), str(row["class"]), x, y, z, int(row["point_count"]))
+        others = self.table[(self.table["kind"] == row["kind"]) & (self.table["object_id"] != number)]
+        apart = np.hypot(others["x"].to_numpy(np.float64) - x, others["y"].to_numpy(np.float64) - y)
+        nearest = round(float(apart.min()), 3) if len(apart) else None
+        return Anchor(self.digest, str(row["kind"]), str(row["class"]), x, y, z, int(row["point_count"]), nearest)
 
     def find(self, anchors: Mapping[int, Sequence[tuple[int, Anchor, str]]]) -> dict[int, int | None]:
         """Find the objects of decisions again.
@@ -78,8 +83,8 @@ class ListedObjects:
         `anchors` has, per group of decisions about one object (any key), the number then, the object then, and the
         kind that the user gave ("" for the same). Each group gets the number of the object now, None where there is
         none. In the same inventory it is that of the same number. In another one it is the nearest of the same kind
-        (or the kind that the user gave) within `NEAR` or `FARTHEST`; an object is found
-        for one group of each inventory alone.
+        (or the kind that the user gave) within `NEAR` or `FARTHEST`, and nearer than half the distance to the next
+        object of the kind then; an object is found for one group of each inventory alone.
         """
         found: dict[int, int | None] = {}
         strangers: dict[str, list[int]] = {}
@@ -105,6 +110,8 @@ class ListedObjects:
             alike = np.isin(kinds, [kind for kind in (anchor.kind, given) if kind])
             distance = np.hypot(*(places - (anchor.x, anchor.y)).T)
             near = alike & (distance <= FARTHEST.get(anchor.kind, NEAR))
+            if anchor.nearest is not None:
+                near &= (distance < anchor.nearest / 2) | (distance <= _SAME)
             cost[row, near] = distance[near]
         pairs = zip(*linear_sum_assignment(cost), strict=True)
         return {keys[row]: int(numbers[column]) for row, column in pairs if cost[row, column] < far}
