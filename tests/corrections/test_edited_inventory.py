@@ -12,7 +12,7 @@ from helpers.corrected import object_rows, write_inventory
 from typer.testing import CliRunner
 
 from mlsroad_pipeline.commands.app import app
-from mlsroad_pipeline.corrections import open_corrections
+from mlsroad_pipeline.corrections import Correction, open_corrections
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +86,20 @@ def test_new_rows_are_added_objects_and_the_export_holds_them(folder):
     assert (table.loc[6, "status"], table.loc[6, "x"], table.loc[6, "kind"]) == ("added", 490.0, "pole")
     assert "exists: name another file" in run("export", folder)[1]
     assert run("export", folder, "--overwrite", "--keep-rejected")[0] == 0
+
+
+def test_the_export_has_added_vehicles_and_the_classes_that_users_gave(folder):
+    with open_corrections(folder) as store:
+        store.add(Correction("add", kind="vehicle", payload={"x": 510.0, "y": 905.0, "z": 12.0}), who="a")
+        store.add(Correction("other_kind", 1, kind="sign"), who="a")
+        store.add(Correction("other_kind", 4, payload={"class": "low vegetation"}), who="a")
+    code, said = run("export", folder)
+    assert code == 0, said
+    table = gpd.read_file(folder / "corrected.gpkg", layer="objects").set_index("object_id")
+    kept = {n: (table.loc[n, "class"], table.loc[n, "kind"]) for n in (1, 2, 4, 6)}
+    assert kept == {1: ("sign", "sign"), 2: ("pole", "pole"), 4: ("low vegetation", "tree"), 6: ("vehicle", "vehicle")}
+    vehicles = gpd.read_file(folder / "corrected.gpkg", layer="vehicles").set_index("object_id").geometry
+    assert vehicles[6] is None and vehicles[5].area == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize(

@@ -53,7 +53,7 @@ class NamedClasses:
             self._add(name, schemes)
         standard = schemes.get("asprs", {}).get("classes", {})
         for code, names in classes_of_codes(scheme).items():
-            group = own[[scheme.classes.index(name) for name in names]].any(axis=0)
+            group = np.isin(scheme.classes, names)
             others = [name for name, spec in standard.items() if spec["asprs"] == code]
             for text in (CODE_NAMES.get(code, ""), *others, "/".join(names)):
                 self._sets.setdefault(text, group)

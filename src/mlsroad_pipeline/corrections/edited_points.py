@@ -108,11 +108,11 @@ def painted_before(
     painted: dict[int, NDArray[np.int64]] = {}
     for decision in strokes:
         given = decision.correction.payload
-        code = codes.get(given["class"][:LOOKUP_LENGTH])
-        if given["file"] in (name, Path(name).name) and code is not None:
+        now = codes.get(given["class"][:LOOKUP_LENGTH])
+        if given["file"] in (name, Path(name).name) and now is not None:
             rows = np.asarray(given["points"], np.int64)
             painted = {other: np.setdiff1d(old, rows) for other, old in painted.items()}
-            painted[code] = np.union1d(painted.get(code, rows[:0]), rows)
+            painted[now] = np.union1d(painted.get(now, rows[:0]), rows)
     return painted
 
 

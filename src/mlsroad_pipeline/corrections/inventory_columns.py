@@ -56,7 +56,7 @@ def write_corrected(source: Path, target: Path, states: States, *, keep_rejected
 
 
 def corrected_inventory(inventory: RoadInventory, states: States, *, keep_rejected: bool) -> RoadInventory:
-    """Return an inventory with the base points and states that users gave, and the objects that they added.
+    """Return an inventory with the base points, classes and states that users gave, and the objects that they added.
 
     Rejected objects, and those that were merged into others, are left out unless `keep_rejected` is set.
     """
@@ -64,6 +64,9 @@ def corrected_inventory(inventory: RoadInventory, states: States, *, keep_reject
     for number, state in states.of_objects.items():
         if "x" in state:
             table.loc[table["object_id"] == number, ["x", "y", "z"]] = [state["x"], state["y"], state["z"]]
+        if state["status"] != "rejected":
+            given = [state["checked_class"], state["checked_kind"]]
+            table.loc[table["object_id"] == number, ["class", "kind"]] = given
     if not keep_rejected:
         gone = [n for n, state in states.of_objects.items() if state["status"] == "rejected" or "merged_into" in state]
         table = table[~table["object_id"].isin(gone)]

@@ -112,7 +112,10 @@ def footprint_text(shapes: np.ndarray) -> np.ndarray:
 
 
 def vehicle_boxes(objects: pd.DataFrame) -> np.ndarray:
-    """Return the oriented boxes of vehicles as counterclockwise polygons at the height of their base."""
+    """Return the oriented boxes of vehicles as counterclockwise polygons at the height of their base.
+
+    Vehicles without a measure, such as those that a user added, have none.
+    """
     centre = objects[["x", "y"]].to_numpy()
     turn = np.radians(objects["heading"].to_numpy())
     along = np.column_stack([np.sin(turn), np.cos(turn)]) * objects["length"].to_numpy()[:, None] / 2
@@ -121,5 +124,8 @@ def vehicle_boxes(objects: pd.DataFrame) -> np.ndarray:
         [centre - along - across, centre + along - across, centre + along + across, centre - along + across], 1
     )
     heights = np.repeat(objects["z"].to_numpy()[:, None, None], 4, axis=1)
-    boxes: np.ndarray = shapely.polygons(np.concatenate([corners, heights], axis=2))
+    rings = np.concatenate([corners, heights], axis=2)
+    measured = np.isfinite(rings).all(axis=(1, 2))
+    boxes: np.ndarray = np.full(len(rings), None, dtype=object)
+    boxes[measured] = shapely.polygons(rings[measured])
     return boxes
