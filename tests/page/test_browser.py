@@ -174,6 +174,38 @@ def test_the_brush_paints_points_and_undo_takes_it_back(opened, folder):
     tab.press("v")
 
 
+def test_long_and_cancelled_strokes_are_saved(opened):
+    _, tab = opened
+    tab.js(
+        """(() => {
+        const { model, cloud } = page, { canvas } = cloud, own = [model.paint, cloud.pick, { ...model.brush }];
+        window.sent = [];
+        model.paint = async (stroke) => { sent.push([stroke.places.length, stroke.only]); return true; };
+        let x = 0;
+        cloud.pick = () => ({ place: [x++, 0, 0], code: x });
+        canvas.setPointerCapture = canvas.releasePointerCapture = () => {};
+        const fire = (name) => canvas.dispatchEvent(new PointerEvent(name, { button: 0, clientX: 500, clientY: 400 }));
+        page.actions.tool("paint");
+        for (const [moves, end] of [[160, "pointerup"], [4, "pointercancel"]]) {
+          fire("pointerdown");
+          for (let i = 0; i < moves; i++) fire("pointermove");
+          fire(end);
+        }
+        Object.assign(model.brush, { cluster: true, only: false });
+        fire("pointerdown");
+        fire("pointerup");
+        [model.paint, cloud.pick] = own;
+        Object.assign(model.brush, own[2]);
+        delete canvas.setPointerCapture;
+        delete canvas.releasePointerCapture;
+        page.actions.tool("look");
+        })()"""
+    )
+    lengths, classes = zip(*tab.js("window.sent"), strict=True)
+    assert lengths[0] == 150 and 5 <= lengths[1] < 150 and lengths[2] >= 3 and lengths[3:] == (1,)
+    assert classes[0] == classes[1] == 1 and None not in classes  # the class under the first place
+
+
 def test_nothing_of_the_names_was_executed_and_nothing_was_asked_elsewhere(opened):
     _, tab = opened
     assert tab.js(f"document.querySelector('#classes').innerText.includes({json.dumps(EVIL)})")
