@@ -122,3 +122,13 @@ def test_codes_are_the_classes_of_the_model(folder):
     assert "0 new corrections" in run(path, folder)[1]
     shutil.copy(path, folder / "street.laz")
     assert "street.laz was edited since it was written" in run(path, folder)[1]
+
+
+def test_strokes_on_a_file_with_other_points_are_kept_and_listed(folder):
+    path = edited(folder, repaint)
+    run(path, folder)
+    las = laspy.read(folder / "street.laz")
+    las.points = las.points[:300]
+    las.write(folder / "street.laz")
+    result = CliRunner().invoke(app, ["corrections", "list", str(folder)])
+    assert "2 strokes are about files that are missing or have other points" in " ".join(result.output.split())

@@ -12,6 +12,7 @@ from mlsroad_pipeline.commands.options import Verbose, check_exist, expanded
 
 if TYPE_CHECKING:
     from mlsroad_pipeline.corrections import Correction, CorrectionStore, Decision
+    from mlsroad_pipeline.corrections.states import States
 
 corrections = typer.Typer(no_args_is_help=True, help="List, import and export the corrections of a labelled survey.")
 
@@ -31,6 +32,7 @@ def list_corrections(out: Out, verbose: Verbose = False) -> None:
     from mlsroad_pipeline.commands.console import count_table, output_console
     from mlsroad_pipeline.commands.errors import one_line_errors
     from mlsroad_pipeline.corrections import has_corrections, open_corrections
+    from mlsroad_pipeline.corrections.answers import unmatched_strokes
 
     with one_line_errors(verbose=verbose):
         folder = expanded([out])[0]
@@ -42,9 +44,20 @@ def list_corrections(out: Out, verbose: Verbose = False) -> None:
         with open_corrections(folder) as store:
             decisions, states = store.current(), store.states()
         lost = {decision.identifier for decision in states.unmatched}
-        rows = [_row(decision, decision.identifier in lost) for decision in decisions]
+        strange = {decision.identifier for decision in unmatched_strokes(states.painted, _files_of(folder, states))}
+        rows = [_row(decision, decision.identifier in lost | strange) for decision in decisions]
         console.print(count_table(rows, ("decision", "made", "who", "action", "object", "what", "matches")))
         console.print(f"\n{len(decisions)} decisions, {len(lost)} match no object of the inventory.")
+        if strange:
+            console.print(f"{len(strange)} strokes are about files that are missing or have other points.")
+
+
+def _files_of(folder: str, states: States) -> dict[str, int]:
+    """Return the number of points of the labelled files that strokes name."""
+    from mlsroad_pipeline.formats.las.header import read_header
+
+    names = {decision.correction.payload["file"] for decision in states.painted}
+    return {name: read_header(Path(folder, name)).n_points for name in names if Path(folder, name).is_file()}
 
 
 def _row(decision: Decision, lost: bool) -> tuple[str, ...]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, UnknownClassError
 from mlsroad_pipeline.algorithms.core.las_codes import CODE_NAMES
+from mlsroad_pipeline.corrections.decisions import Decision
 from mlsroad_pipeline.corrections.states import States
 
 LOOKUP_LENGTH = 15
@@ -110,6 +110,15 @@ def object_classes(states: States, table: Mapping[int, str], named: NamedClasses
     return allowed
 
 
+def unmatched_strokes(strokes: Sequence[Decision], files: Mapping[str, int]) -> list[Decision]:
+    """Return the strokes about points of none of the files; `files` has the number of points of each."""
+    return [
+        decision
+        for decision in strokes
+        if not any(decision.correction.paints(name, n_points) for name, n_points in files.items())
+    ]
+
+
 def answers_of_file(
     name: str,
     object_id: NDArray[np.integer],
@@ -119,7 +128,7 @@ def answers_of_file(
 ) -> FileAnswers:
     """Return the answers about the points of a labelled file; painted points come before objects.
 
-    Raises DataError if painted points are not in the file.
+    Strokes about a file of this name with another number of points are left out.
     """
     answer = np.full(len(object_id), -1, dtype=np.int64)
     classes: list[NDArray[np.bool_]] = []
@@ -130,14 +139,9 @@ def answers_of_file(
             classes.append(allowed)
     for decision in states.painted:
         given = decision.correction.payload
-        if given["file"] not in (name, Path(name).name):
+        if not decision.correction.paints(name, len(object_id)):
             continue
         rows = np.asarray(given["points"], dtype=np.int64)
-        if rows.max() >= len(object_id):
-            raise DataError(
-                f"{name} has {len(object_id)} points, correction {decision.identifier} paints point {rows.max()}: "
-                "it is about another file; undo it"
-            )
         allowed = named.allowed(given["class"])
         answer[rows] = len(classes) if allowed.any() else -1
         classes += [allowed] if allowed.any() else []

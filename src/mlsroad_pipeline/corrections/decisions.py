@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import PurePath
 from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
@@ -32,7 +33,8 @@ class Correction:
         JSON values. `accept`, `other_kind`, `add`: optionally `class`, the class of its points. `reject`: optionally
         `class`, that of its points. `merge`: `objects`, the numbers of the objects that belong to this one. `split`:
         `bases`, the base points of its parts, each x, y, z. `move_base` and `add`: `x`, `y`, `z`. `paint`: `file`, the
-        name of the labelled file, `points`, the numbers of its points from 0, and `class`.
+        name of the labelled file, `points`, the numbers of its points from 0, `class`, and optionally `n_points`, the
+        number of points of the file.
 
     Raises
     ------
@@ -98,6 +100,13 @@ class Correction:
     def _need(self, right: bool, message: str) -> None:
         if not right:
             raise ParameterError(f"correction {self.action!r}: {message}")
+
+    def paints(self, file: str, n_points: int) -> bool:
+        """Return whether it is about points of a labelled file with a number of points."""
+        given = self.payload
+        if self.action != "paint" or given["file"] not in (file, PurePath(file).name):
+            return False
+        return given.get("n_points", n_points) == n_points and max(given["points"]) < n_points
 
     @property
     def checked_class(self) -> str:

@@ -76,7 +76,8 @@ def corrections_of_points(
             raise DataError(f"{path}: class {code} has no name; known are {known}")
         rows = np.unique(row[changed][after[1][changed] == code])
         for first in range(0, len(rows), _MOST):
-            payload = {"file": name, "points": rows[first : first + _MOST].tolist(), "class": names[code]}
+            points = rows[first : first + _MOST].tolist()
+            payload = {"file": name, "points": points, "class": names[code], "n_points": len(codes)}
             corrections.append(Correction("paint", payload=payload))
     return corrections, "in order" if same else "by coordinates"
 
@@ -102,14 +103,15 @@ def painted_before(
 ) -> dict[int, NDArray[np.int64]]:
     """Return the points of a labelled file that were painted before, by class code."""
     codes: dict[str, int] = {}
-    for code, text in (*names.items(), *CODE_NAMES.items(), *class_names(read_header(path)).items()):
+    header = read_header(path)
+    for code, text in (*names.items(), *CODE_NAMES.items(), *class_names(header).items()):
         if code in names:
             codes.setdefault(text[:LOOKUP_LENGTH], code)
     painted: dict[int, NDArray[np.int64]] = {}
     for decision in strokes:
         given = decision.correction.payload
         now = codes.get(given["class"][:LOOKUP_LENGTH])
-        if given["file"] in (name, Path(name).name) and now is not None:
+        if now is not None and decision.correction.paints(name, header.n_points):
             rows = np.asarray(given["points"], np.int64)
             painted = {other: np.setdiff1d(old, rows) for other, old in painted.items()}
             painted[now] = np.union1d(painted.get(now, rows[:0]), rows)

@@ -21,11 +21,18 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.stages import GroundParameters, ground_of, inliers
-from mlsroad_pipeline.corrections.answers import FileAnswers, NamedClasses, answers_of_file, object_classes
+from mlsroad_pipeline.corrections.answers import (
+    FileAnswers,
+    NamedClasses,
+    answers_of_file,
+    object_classes,
+    unmatched_strokes,
+)
 from mlsroad_pipeline.corrections.labelled_output import LabelledOutput
 from mlsroad_pipeline.corrections.states import States
 from mlsroad_pipeline.corrections.store import has_corrections, open_corrections
 from mlsroad_pipeline.datasets.models.replay import read_replay
+from mlsroad_pipeline.formats.las.header import read_header
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 
@@ -67,10 +74,14 @@ def corrected_voxels(
         states, table = store.states(), store.objects().table
     if states.unmatched:
         logger.warning("%d corrections match no object any more and are left out", len(states.unmatched))
+    clouds = output.clouds()
+    strange = unmatched_strokes(states.painted, {name: read_header(path).n_points for name, path in clouds.items()})
+    if strange:
+        logger.warning("%d strokes are about files with other points and are left out", len(strange))
     of_objects = object_classes(states, dict(zip(table["object_id"], table["class"], strict=True)), named)
     answers: list[Answer] = []
     survey = []
-    for name, path in output.clouds().items():
+    for name, path in clouds.items():
         if progress is not None:
             progress(name)
         found = _of_file(name, path, states, of_objects, named, bundle, output.read_options())

@@ -114,15 +114,16 @@ class ServedSurvey:
     def corrections(self, *, points: bool = True) -> dict[str, Any]:
         """Return the states of the objects and the decisions in force, with the painted points unless left out."""
         states = self.store.states()
-        first = {file.name: file.first for file in self.output.clouds.files} if points else {}
+        files = {file.name: file for file in self.output.clouds.files} if points else {}
         painted = [
             {
                 "id": decision.identifier,
                 "class": decision.correction.payload["class"],
-                "rows": [first[file] + row for row in decision.correction.payload["points"]],
+                "rows": [file.first + row for row in decision.correction.payload["points"]],
             }
             for decision in states.painted
-            if (file := decision.correction.payload["file"]) in first
+            if (file := files.get(decision.correction.payload["file"])) is not None
+            and decision.correction.paints(file.name, file.header.n_points)
         ]
         decisions = [
             {
@@ -213,7 +214,7 @@ class ServedSurvey:
             own = rows[(rows >= file.first) & (rows < file.first + file.header.n_points)]
             if len(own):
                 points = (own.astype(np.int64) - file.first).tolist()
-                payload = {"file": file.name, "points": points, "class": name}
+                payload = {"file": file.name, "points": points, "class": name, "n_points": file.header.n_points}
                 corrections.append(Correction("paint", payload=payload))
         return corrections
 
