@@ -42,6 +42,13 @@ def run(*arguments):
     return result.exit_code, " ".join(result.output.split())
 
 
+def with_copy(frame, **changes):
+    """Return a layer with a copy of its first row, as pasted in QGIS."""
+    copy = frame.iloc[:1].assign(**{"geometry": [shapely.Point(490.0, 880.0, 11.0)], **changes})
+    both = gpd.pd.concat([part.astype({"object_id": "object"}) for part in (frame, copy)])
+    return gpd.GeoDataFrame(both, crs=frame.crs).astype({"object_id": "Int64"})
+
+
 def states(folder):
     with open_corrections(folder) as store:
         return {n: (s["status"], s["checked_class"]) for n, s in store.object_states().items()}
@@ -69,13 +76,7 @@ def test_edits_of_several_layers_come_back_once(folder):
 
 
 def test_new_rows_are_added_objects_and_the_export_holds_them(folder):
-    def with_new(frame):
-        new = frame.iloc[:1].assign(object_id=None, kind="pole", geometry=[shapely.Point(490.0, 880.0, 11.0)])
-        return gpd.GeoDataFrame(
-            gpd.pd.concat([frame.astype({"object_id": "object"}), new.astype({"object_id": "object"})]), crs=frame.crs
-        ).astype({"object_id": "Int64"})
-
-    path = edit(folder, "objects", with_new)
+    path = edit(folder, "objects", lambda frame: with_copy(frame, object_id=None))
     edit(folder, "signs", lambda frame: frame[:0])
     assert "2 new corrections" in run("import", path, folder)[1]
     assert "0 new corrections" in run("import", path, folder)[1]
@@ -100,6 +101,7 @@ def test_the_export_has_added_vehicles_and_the_classes_that_users_gave(folder):
     assert kept == {1: ("sign", "sign"), 2: ("pole", "pole"), 4: ("low vegetation", "tree"), 6: ("vehicle", "vehicle")}
     vehicles = gpd.read_file(folder / "corrected.gpkg", layer="vehicles").set_index("object_id").geometry
     assert vehicles[6] is None and vehicles[5].area == pytest.approx(2.0)
+    assert "0 new corrections" in run("import", folder / "corrected.gpkg", folder)[1]
 
 
 @pytest.mark.parametrize(
@@ -109,6 +111,12 @@ def test_the_export_has_added_vehicles_and_the_classes_that_users_gave(folder):
         (lambda f: f.assign(status="changed"), "status changed without another checked_class"),
         (lambda f: f.assign(x=f["x"] + 5), "is no copy of this inventory"),
         (lambda f: f[:1], "lacks 4 of 5 objects"),
+        (lambda f: f.to_crs("EPSG:25833"), "is in ETRS89 / UTM zone 33N, the inventory in ETRS89 / UTM zone 32N"),
+        (lambda f: f.set_geometry(f.translate(xoff=30.0)), "object 1 was moved by 30 m, allowed are 20 m"),
+        (lambda f: f.assign(kind="Tree"), "unknown class 'Tree' of object 1: use one of pole, sign, tree, vehicle"),
+        (lambda f: f.assign(checked_class="lamp-post"), "unknown class 'lamp-post' of object 1"),
+        (lambda f: with_copy(f, object_id=None, kind=None), "an added row of layer 'objects' has the kind ''"),
+        (lambda f: with_copy(f, kind="bollard"), "has the kind 'bollard': use pole, sign, vehicle, tree"),
         (lambda f: f.drop(columns="kind"), "layer 'objects' has no field 'kind'"),
     ],
 )
@@ -116,6 +124,26 @@ def test_edits_that_cannot_be_understood_are_one_line(folder, change, message):
     code, said = run("import", edit(folder, "objects", change), folder)
     assert (code, message in said) == (1, True), said
     assert states(folder) == {}
+
+
+def test_a_pasted_feature_is_an_added_object(folder):
+    path = edit(folder, "objects", with_copy)
+    pyogrio.write_dataframe(
+        with_copy(gpd.read_file(path, layer="vehicles"), geometry=[shapely.box(485, 880, 487, 884)]),
+        path, layer="vehicles", driver="GPKG",
+    )  # fmt: skip
+    assert "2 new corrections" in run("import", path, folder)[1]
+    with open_corrections(folder) as store:
+        added = [decision.correction for decision in store.states().added]
+    assert [(a.kind, a.payload["x"], a.payload["y"]) for a in added] == [("pole", 490, 880), ("vehicle", 486, 882)]
+
+
+def test_a_layer_without_geometry_is_one_line(folder):
+    path = folder.parent / "edited.gpkg"
+    table = gpd.pd.DataFrame(gpd.read_file(path, layer="poles").drop(columns="geometry"))
+    pyogrio.write_dataframe(table, path, layer="poles", driver="GPKG")
+    code, said = run("import", path, folder)
+    assert (code, "layer 'poles' has no geometry" in said) == (1, True), said
 
 
 def test_layers_that_contradict_each_other_are_one_line(folder):

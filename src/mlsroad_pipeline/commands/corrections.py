@@ -12,7 +12,6 @@ from mlsroad_pipeline.commands.options import Verbose, check_exist, expanded
 
 if TYPE_CHECKING:
     from mlsroad_pipeline.corrections import Correction, CorrectionStore, Decision
-    from mlsroad_pipeline.corrections.states import States
 
 corrections = typer.Typer(no_args_is_help=True, help="List, import and export the corrections of a labelled survey.")
 
@@ -32,7 +31,7 @@ def list_corrections(out: Out, verbose: Verbose = False) -> None:
     from mlsroad_pipeline.commands.console import count_table, output_console
     from mlsroad_pipeline.commands.errors import one_line_errors
     from mlsroad_pipeline.corrections import has_corrections, open_corrections
-    from mlsroad_pipeline.corrections.answers import unmatched_strokes
+    from mlsroad_pipeline.corrections.answers import files_of, unmatched_strokes
 
     with one_line_errors(verbose=verbose):
         folder = expanded([out])[0]
@@ -44,20 +43,15 @@ def list_corrections(out: Out, verbose: Verbose = False) -> None:
         with open_corrections(folder) as store:
             decisions, states = store.current(), store.states()
         lost = {decision.identifier for decision in states.unmatched}
-        strange = {decision.identifier for decision in unmatched_strokes(states.painted, _files_of(folder, states))}
+        strange = {
+            decision.identifier
+            for decision in unmatched_strokes(states.painted, files_of(states.painted, Path(folder)))
+        }
         rows = [_row(decision, decision.identifier in lost | strange) for decision in decisions]
         console.print(count_table(rows, ("decision", "made", "who", "action", "object", "what", "matches")))
         console.print(f"\n{len(decisions)} decisions, {len(lost)} match no object of the inventory.")
         if strange:
             console.print(f"{len(strange)} strokes are about files that are missing or have other points.")
-
-
-def _files_of(folder: str, states: States) -> dict[str, int]:
-    """Return the number of points of the labelled files that strokes name."""
-    from mlsroad_pipeline.formats.las.header import read_header
-
-    names = {decision.correction.payload["file"] for decision in states.painted}
-    return {name: read_header(Path(folder, name)).n_points for name in names if Path(folder, name).is_file()}
 
 
 def _row(decision: Decision, lost: bool) -> tuple[str, ...]:
@@ -95,6 +89,7 @@ def import_corrections(
     from mlsroad_pipeline.commands.errors import one_line_errors
     from mlsroad_pipeline.corrections import open_corrections
     from mlsroad_pipeline.corrections.edited_inventory import corrections_of_inventory
+    from mlsroad_pipeline.corrections.known_names import known_names, system_of
 
     with one_line_errors(verbose=verbose):
         path, folder = (Path(place) for place in expanded([edited, out]))
@@ -102,7 +97,12 @@ def import_corrections(
         with open_corrections(folder) as store:
             if path.suffix.lower() == ".gpkg":
                 found = corrections_of_inventory(
-                    path, store.objects(), store.object_states(), many_deleted=many_deleted
+                    path,
+                    store.objects(),
+                    store.object_states(),
+                    classes=known_names(folder),
+                    system=system_of(folder),
+                    many_deleted=many_deleted,
                 )
                 found, how = _new_ones(found, store), ""
             elif path.suffix.lower() in (".laz", ".las"):
@@ -118,8 +118,12 @@ def import_corrections(
 
 def _new_ones(found: list[Correction], store: CorrectionStore) -> list[Correction]:
     """Return corrections without the added objects that the store has already."""
-    known = [decision.correction for decision in store.states().added]
-    return [correction for correction in found if correction.action != "add" or correction not in known]
+    known = {_place_of(decision.correction) for decision in store.states().added}
+    return [correction for correction in found if correction.action != "add" or _place_of(correction) not in known]
+
+
+def _place_of(added: Correction) -> tuple[str, str | None, float, float]:
+    return added.checked_class, added.kind, round(added.payload["x"], 2), round(added.payload["y"], 2)
 
 
 def _edited_points(path: Path, folder: Path, file: str | None, store: CorrectionStore) -> tuple[list[Correction], str]:

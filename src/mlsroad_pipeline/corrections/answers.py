@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.las_codes import CODE_NAMES
 from mlsroad_pipeline.corrections.decisions import Decision
 from mlsroad_pipeline.corrections.states import States
+from mlsroad_pipeline.formats.las.header import read_header
 
 LOOKUP_LENGTH = 15
 """Characters of a class name in the header of a LAZ file."""
@@ -72,6 +74,11 @@ class NamedClasses:
             if (group == label).any():
                 self._sets.setdefault(text, group == label)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All names that are known."""
+        return (*self._sets, *self._cut)
+
     def allowed(self, name: str) -> NDArray[np.bool_]:
         """Return the classes of a name, none for points without a class; DataError if it is unknown."""
         found = self._sets.get(name, self._cut.get(name))
@@ -117,6 +124,12 @@ def unmatched_strokes(strokes: Sequence[Decision], files: Mapping[str, int]) -> 
         for decision in strokes
         if not any(decision.correction.paints(name, n_points) for name, n_points in files.items())
     ]
+
+
+def files_of(strokes: Sequence[Decision], folder: Path) -> dict[str, int]:
+    """Return the number of points of the labelled files in a folder that strokes name."""
+    names = {decision.correction.payload["file"] for decision in strokes}
+    return {name: read_header(folder / name).n_points for name in names if (folder / name).is_file()}
 
 
 def answers_of_file(

@@ -13,9 +13,8 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.datasets.inventory.exports import EXPORTS
 from mlsroad_pipeline.execution.run_folder import FINISHED, FileState, RunFolder, state_of
 from mlsroad_pipeline.execution.run_identity import STATE
-from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.formats.options import NEW_SURVEY, ReadOptions
 from mlsroad_pipeline.formats.ply.coloured_ply import COLOURED
-from mlsroad_pipeline.surveys.parameters import NEW_SURVEY
 
 _OF_POINTS = ("units", "height_units", "crs", "reproject")
 _OF_LAS = ("intensity_scale", "intensity_range", "columns", "rgb_bits")

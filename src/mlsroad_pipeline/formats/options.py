@@ -28,6 +28,9 @@ UNITS: dict[str, float] = {
 BY_CRS = "crs"
 """Value of `ReadOptions.units` for those of the coordinate reference system."""
 
+NEW_SURVEY = {"units": BY_CRS, "intensity_scale": "auto"}
+"""Options of the readers for a survey to inspect or to label, whose files describe themselves."""
+
 TAXONOMY_CODING = Coding("taxonomy", {code: name for name, code in TAXONOMY.items()})
 """The coding of files whose labels are taxonomy codes already."""
 

@@ -15,10 +15,9 @@ from mlsroad_pipeline.algorithms.quality.tables import quality_table
 from mlsroad_pipeline.algorithms.quality.training_facts import median_facts, strange_facts
 from mlsroad_pipeline.algorithms.scenes.cutting import BinCounts, IngestParameters, OutlierParameters, join_pieces
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.formats.options import NEW_SURVEY, ReadOptions
 from mlsroad_pipeline.surveys.files import Survey
 from mlsroad_pipeline.surveys.inspection import InspectParameters
-from mlsroad_pipeline.surveys.parameters import NEW_SURVEY
 from mlsroad_pipeline.surveys.plan import SurveyPlan, estimated_drives, plan_survey, trajectory_beside
 from mlsroad_pipeline.surveys.reading import CutRange, FileDescription, describe_file, find_corridor, read_and_cut
 from mlsroad_pipeline.surveys.scene_plan import RangeOfRows, cut_ranges, plan_drive

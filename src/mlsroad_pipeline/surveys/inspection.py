@@ -30,9 +30,9 @@ from mlsroad_pipeline.algorithms.quality.inspection import (
 from mlsroad_pipeline.algorithms.quality.report import QualityReport
 from mlsroad_pipeline.formats.base import FileInfo, PointFormat, ReadOptions
 from mlsroad_pipeline.formats.files import spread_starts
+from mlsroad_pipeline.formats.options import NEW_SURVEY
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.surveys.files import Survey
-from mlsroad_pipeline.surveys.parameters import NEW_SURVEY
 from mlsroad_pipeline.surveys.reading import SAMPLE_RUNS as TIME_RUNS
 from mlsroad_pipeline.surveys.reading import SAMPLE_SIZE as TIME_SIZE
 from mlsroad_pipeline.surveys.reading import has_whole_numbers, options_in_use, replaced_crs, time_notes

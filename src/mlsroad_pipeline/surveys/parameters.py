@@ -14,10 +14,7 @@ from mlsroad_pipeline.algorithms.core.validation import check_positive
 from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import LEAST_LENGTH
 from mlsroad_pipeline.algorithms.inventory.kerbs.steps import StepLimits
 from mlsroad_pipeline.formats.crs import parse_crs
-from mlsroad_pipeline.formats.options import BY_CRS, TAXONOMY_CODING, ReadOptions
-
-NEW_SURVEY = {"units": BY_CRS, "intensity_scale": "auto"}
-"""Options of the readers for a survey to inspect or to label, whose files describe themselves."""
+from mlsroad_pipeline.formats.options import NEW_SURVEY, TAXONOMY_CODING, ReadOptions
 
 
 @dataclass(frozen=True)
