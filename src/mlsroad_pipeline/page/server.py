@@ -77,7 +77,7 @@ def application(survey: ServedSurvey) -> Starlette:
         return FileResponse(path, media_type="text/html", headers={"Content-Security-Policy": REPORT_POLICY})
 
     def queue(request: Request) -> Any:
-        return survey.queue(min(int(request.query_params.get("number", "50")), 500))
+        return survey.queue(max(0, min(int(request.query_params.get("number", "50")), 500)))
 
     routes = [
         Route("/", _static("index.html")),
