@@ -199,11 +199,12 @@ class ServedSurvey:
 
     def _painted(self) -> Iterator[tuple[NDArray[np.int64], str]]:
         """Yield the rows and the class of each stroke in force, in order."""
-        first = {file.name: file.first for file in self.output.clouds.files}
+        files = {file.name: file for file in self.output.clouds.files}
         for decision in self.store.current():
-            payload = decision.correction.payload
-            if decision.correction.action == "paint" and payload["file"] in first:
-                yield np.asarray(payload["points"], dtype=np.int64) + first[payload["file"]], payload["class"]
+            given = decision.correction
+            file = files.get(given.payload["file"]) if given.action == "paint" else None
+            if file is not None and given.paints(file.name, file.header.n_points):
+                yield np.asarray(given.payload["points"], dtype=np.int64) + file.first, given.payload["class"]
 
     def _strokes(self, rows: np.ndarray, name: str) -> list[Correction]:
         """Return one decision per file for painted rows."""
