@@ -11,7 +11,7 @@ from helpers.labelled import scheme
 from typer.testing import CliRunner
 
 from mlsroad_pipeline.commands.app import app
-from mlsroad_pipeline.corrections import open_corrections
+from mlsroad_pipeline.corrections import Correction, open_corrections
 from mlsroad_pipeline.execution.run_folder import entries_of
 
 
@@ -71,11 +71,13 @@ def test_changed_classes_become_painted_points_once(folder, order):
             las.points = las.points[np.arange(380)[::-1]]
         return las
 
+    with open_corrections(folder) as store:  # unchanged in the copy
+        store.add(Correction("paint", payload={"file": "street.laz", "points": [9], "class": "tree"}), who="a")
     path = edited(folder, change)
     code, said = run(path, folder)
     assert (code, "2 new corrections" in said) == (0, True), said
     assert ("in order" in said) == (order == "same")
-    assert painted(folder) == {"building": [5, 7], "pole": [150]}
+    assert painted(folder) == {"tree": [9], "building": [5, 7], "pole": [150]}
     assert "0 new corrections" in run(path, folder)[1]
 
 

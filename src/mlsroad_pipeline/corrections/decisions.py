@@ -102,7 +102,20 @@ class Correction:
             raise ParameterError(f"correction {self.action!r}: {message}")
 
     def paints(self, file: str, n_points: int) -> bool:
-        """Return whether it is about points of a labelled file with a number of points."""
+        """Return whether it is about points of a labelled file with a number of points.
+
+        Parameters
+        ----------
+        file : str
+            Path of the file below the output folder.
+        n_points : int
+            Its number of points.
+
+        Returns
+        -------
+        bool
+            Whether it is.
+        """
         given = self.payload
         if self.action != "paint" or given["file"] not in (file, PurePath(file).name):
             return False

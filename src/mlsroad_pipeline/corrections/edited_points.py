@@ -68,7 +68,7 @@ def corrections_of_points(
                 f"{path}: {strange} of {len(row)} points are none of {labelled}: it was shifted or thinned anew; "
                 "edit a copy of the labelled file"
             )
-    changed = np.flatnonzero(after[1] != codes[row])
+    changed = np.flatnonzero((after[1] != before[1][row]) & (after[1] != codes[row]))
     corrections = []
     for code in np.unique(after[1][changed]).tolist():
         if code not in names:

@@ -1,6 +1,6 @@
 """Boosting that goes on from a trained model, with the answers of a user on a survey that it labelled.
 
-Three sources of equal weight keep the model from forgetting: the answers, a sample of the model's own training voxels
+Three sources of equal weight reduce catastrophic forgetting: the answers, a sample of the model's own training voxels
 (replay), and voxels of the survey that the model labels with high confidence, the same number of each class
 (self-training). Trees are added; those of the model stay as they are.
 """
@@ -246,7 +246,7 @@ def _confident(
     own: ContinuationParameters,
     rng: np.random.Generator,
 ) -> _Rows:
-    """Return voxels of the survey that the model is sure of; each class that it finds has the same weight."""
+    """Return voxels of the survey with a high predicted probability; each predicted class has the same weight."""
     member = groups[None, :] == np.arange(int(groups.max()) + 1)[:, None]
     of_group = probabilities @ member.T
     best, sure = of_group.argmax(axis=1), of_group.max(axis=1, initial=0.0)
