@@ -2,6 +2,7 @@
 
 import json
 
+import laspy
 import pytest
 from pyproj import CRS
 from typer.testing import CliRunner
@@ -10,6 +11,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.commands.app import app
 from mlsroad_pipeline.corrections.labelled_output import LabelledOutput
 from mlsroad_pipeline.execution.run_folder import entries_of
+from mlsroad_pipeline.formats.registry import get_format
 
 
 @pytest.fixture
@@ -67,3 +69,13 @@ def test_the_labelled_files_are_read_in_the_unit_of_their_system(folder):
     write_record(folder, "one", "finished", read={"units": 0.3048, "only": ["intensity"]}, crs="EPSG:2225")
     options = LabelledOutput.at(folder).read_options()
     assert (options.units, options.only, CRS(options.crs)) == (0.3048, None, CRS("EPSG:2225"))
+
+
+def test_a_labelled_file_in_feet_is_read_in_metres(folder):
+    las = laspy.LasData(laspy.LasHeader(point_format=6, version="1.4"))
+    las.x, las.y, las.z = [[100.0, 200.0]] * 3
+    las.header.add_crs(CRS("EPSG:2225"))  # US survey feet
+    las.write(folder / "street.laz")
+    path = folder / "street.laz"
+    xyz = get_format(path).read(path, LabelledOutput.at(folder).read_options()).xyz
+    assert xyz[1, 0] - xyz[0, 0] == pytest.approx(30.48, abs=0.01)
