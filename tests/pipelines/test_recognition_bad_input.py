@@ -74,7 +74,7 @@ def test_objects_get_a_class_and_a_handful_of_points_none(project, tmp_path, rng
     assert (found.classification[~high] == UNCLASSIFIED).mean() > 0.9
 
 
-def test_registered_models_that_are_damaged_or_of_other_classes_end_with_what_is_wrong(project, tmp_path, rng):
+def test_registered_models_whose_files_were_changed_or_damaged_are_refused(project, tmp_path, rng):
     las(tmp_path / "street.laz", street(rng))
     with session_of(project) as session:
         session.load_context()
@@ -85,10 +85,10 @@ def test_registered_models_that_are_damaged_or_of_other_classes_end_with_what_is
     save_bundle(replace(good, arrays={**arrays, "classes": np.array([0, 2])}), folder)
     with pytest.raises(Exception) as caught:  # what the user reads last is what counts
         label(project, tmp_path / "street.laz", tmp_path / "out", method="jointnet")
-    assert "model 'jointnet' was trained on pole, car; its arrays are of pole, bin" in last_line(caught.value)
+    assert "artifacts/bundle differs from the files that were registered" in last_line(caught.value)
     whole = (folder / "arrays.npz").read_bytes()
     (folder / "arrays.npz").write_bytes(whole[:-100])
     with pytest.raises(Exception) as caught:
         label(project, tmp_path / "street.laz", tmp_path / "out", method="jointnet")
     said = last_line(caught.value)
-    assert "the model's files are damaged" in said and str(folder) in said, said
+    assert "artifacts/bundle differs from the files that were registered" in said and str(folder) in said, said

@@ -32,12 +32,19 @@ def check_model_arrays(arrays: Arrays) -> None:
     for name, values in arrays.items():
         _check(values.dtype.kind in KINDS, name, f"holds values of type {values.dtype}")
         if values.dtype.kind == "f":
-            # An infinite threshold separates NaN from the rest.
-            finite = ~np.isnan(values) if name.endswith(("threshold", "thresholds")) else np.isfinite(values)
-            _check(bool(finite.all()), name, "holds NaN or infinity")
+            _check(bool(_usable(name, values).all()), name, "holds NaN or infinity")
     for mark, check in _FAMILIES.items():
         for prefix in _prefixes(arrays, mark):
             _run(check, arrays, prefix)
+
+
+def _usable(name: str, values: NDArray) -> NDArray[np.bool_]:
+    """Return which numbers a model may hold in an array."""
+    if name.endswith(("threshold", "thresholds")):  # an infinite one separates NaN from the rest
+        return np.asarray(~np.isnan(values))
+    if name.endswith("normals"):  # points with too few neighbours have none
+        return np.asarray(~np.isinf(values))
+    return np.isfinite(values)
 
 
 def _run(check: Callable[[Arrays, str], None], arrays: Arrays, prefix: str) -> None:
