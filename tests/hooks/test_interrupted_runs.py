@@ -52,6 +52,7 @@ def test_runs_of_ended_processes_are_killed_and_others_go_on():
 def test_an_interrupted_process_ends_its_run_first(name):
     script = (
         "import os, signal; from mlsroad_pipeline.hooks.interrupted_runs import at_exit\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a shell may have switched it off in the background
         f"at_exit(lambda: print('ended')); os.kill(os.getpid(), signal.{name}); signal.pause()"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
