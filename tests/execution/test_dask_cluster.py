@@ -1,4 +1,4 @@
-"""What is missing in a Dask cluster is one line, after a stated time."""
+"""A missing scheduler, worker or folder of a Dask cluster ends with one line after a stated time."""
 
 import os
 import shutil

@@ -1,4 +1,4 @@
-"""Small files that state or unpack to huge clouds are refused at once; points that no header counts are told."""
+"""Small files that state or unpack to huge clouds are refused at once; points that no header counts are reported."""
 
 import gzip
 import io
@@ -110,7 +110,7 @@ def test_lists_that_leave_the_file_are_damage(tmp_path, sizes):
 
 
 def longer(path):
-    """Write 50 points, or 5 rows of text, and something behind them; return what is told."""
+    """Write 50 points, or 5 rows of text, and bytes behind them; return the notes of the reader."""
     head = "# .PCD v0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 5\nHEIGHT 1\nDATA ascii\n"
     rows = "1 2 3\n" * 7
     if path.name == "b.ply":

@@ -12,7 +12,7 @@ from typing import Any
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 
 ACTIONS = ("accept", "reject", "other_kind", "merge", "split", "move_base", "add", "paint")
-"""What a user can decide; `paint` is about points, `add` about a missing object, the others about one object."""
+"""Actions of a user: `paint` changes points, `add` adds a missing object, the others change one object."""
 
 _LONGEST_TEXT = 10_000_000  # of a payload as JSON, characters
 

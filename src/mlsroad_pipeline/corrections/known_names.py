@@ -1,4 +1,4 @@
-"""What an edited inventory may name: classes that the model of an output knows, and the system of its coordinates."""
+"""Names and coordinate system that an edited inventory may have: the classes of the model, the CRS of the output."""
 
 from __future__ import annotations
 

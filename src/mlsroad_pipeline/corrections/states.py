@@ -21,7 +21,7 @@ STATUS = {
 
 
 class ObjectState(TypedDict, total=False):
-    """What was decided about an object.
+    """Decisions about an object.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the page asks for: answers as JSON, and chunks of points."""
+"""Requests of the page: answers as JSON, and chunks of points."""
 
 from __future__ import annotations
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.inventory.class_groups import GROUPS, ClassEvidence
 from mlsroad_pipeline.algorithms.inventory.lines import line_row, line_table
+from mlsroad_pipeline.algorithms.inventory.table import empty_table
 from mlsroad_pipeline.algorithms.inventory.wire_curves import Wire, Wires
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
@@ -35,7 +36,7 @@ def wire_probability(evidence: ClassEvidence) -> NDArray[np.float32]:
 
 def no_wire_points() -> pd.DataFrame:
     """Return a table of points of wires without rows."""
-    return pd.DataFrame(np.zeros((0, len(WIRE_COLUMNS))), columns=list(WIRE_COLUMNS))
+    return empty_table(dict.fromkeys(WIRE_COLUMNS, "float64"))
 
 
 def wire_points(

@@ -18,7 +18,7 @@ SECTION = struct.Struct("<B7xQQQ")
 COMPRESSED_VECTOR, DATA_PACKET = 1, 1
 LARGEST_XML = 1 << 28
 PADDED = 9
-"""Smallest number of records behind the stated ones that is told."""
+"""Smallest number of uncounted records that is reported."""
 
 LEAST_NORM = 1e-9
 """Smallest norm of a quaternion with a direction."""

@@ -14,6 +14,7 @@ from mlsroad_pipeline.algorithms.inventory.kerbs.ground_cells import ground_cell
 from mlsroad_pipeline.algorithms.inventory.kerbs.steps import StepLimits, Steps, find_steps
 from mlsroad_pipeline.algorithms.inventory.kerbs.tracing import trace_lines
 from mlsroad_pipeline.algorithms.inventory.lines import line_row, line_table
+from mlsroad_pipeline.algorithms.inventory.table import empty_table
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 STEP_COLUMNS = ("x", "y", "z", "height", "up_x", "up_y", "roughness")
@@ -33,7 +34,7 @@ def ground_classes(scheme: ClassScheme) -> NDArray[np.bool_]:
 
 def no_steps() -> pd.DataFrame:
     """Return a table of steps without rows."""
-    return pd.DataFrame(np.zeros((0, len(STEP_COLUMNS))), columns=list(STEP_COLUMNS))
+    return empty_table(dict.fromkeys(STEP_COLUMNS, "float64"))
 
 
 def kerb_steps(
