@@ -54,10 +54,10 @@ TYPED = {
 }
 CONFIGURED = {
     "jointnet_printed", "luo2016_study", "luo2019_study", "recordings_study", "simulated_objects", "survey",
-    "tomic2019_study", "yu2016_study",
+    "tomic2019_study", "visual_words_printed", "yu2016_study",
 }  # fmt: skip
 """Groups whose values are those of the embedded survey or of a paper and not the defaults of the code."""
-DIFFERENCES_ONLY = {"plain_cut": NormalizedCutParameters}
+DIFFERENCES_ONLY = {"plain_cut": NormalizedCutParameters, "printed_cut": NormalizedCutParameters}
 """Nested groups of which the configuration sets only values that differ from the defaults of their dataclass."""
 TREES = {"classes", "simulation"}
 """Groups parsed by separate functions."""

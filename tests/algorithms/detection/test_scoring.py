@@ -1,5 +1,7 @@
 """Objects, their reference classes and the counting of detections on planted scenes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sklearn.metrics import adjusted_rand_score, f1_score
@@ -245,6 +247,21 @@ def test_the_published_cut_does_not_separate_poles(rng):
     )
     assert adjusted_rand_score(truth, ours) > 0.8
     assert published.max() == 0
+
+
+def test_the_cut_as_printed_uses_intensity_and_nothing_else(rng):
+    xyz = np.concatenate([rng.uniform([x, 0, 0], [x + 3, 1, 2], (8000, 3)) for x in (0, 3)])
+    dark_and_bright = np.repeat([0.0, 1.0], 8000).astype(np.float32)
+    scene, ground = PointCloud(xyz, {"intensity": dark_and_bright}), {"ground": np.zeros(len(xyz), bool)}
+    printed, blind = (
+        segment_scene(scene, ground, SegmentationParameters(method))["objects"]
+        for method in ("normalized_cut_printed", "normalized_cut_plain")
+    )
+    assert adjusted_rand_score(dark_and_bright, printed) == 1.0
+    assert blind.max() == 0
+    assert SegmentationParameters().printed_cut == replace(
+        SegmentationParameters().plain_cut, sigma_i=1.0, smoothing=0.0, tall_smoothing=0.0
+    )
 
 
 def test_threshold_has_the_best_f_score(rng):

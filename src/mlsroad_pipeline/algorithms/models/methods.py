@@ -191,6 +191,11 @@ _TABLE = (
         describe=".descriptions:describe_objects", description="groups", described="groups",
     ),
     Method(
+        "visual_words_printed", "detection", "visual_words", ".training:VisualWordsParameters",
+        ".labeller:detect_scene", ".training:train_printed_detector", ".labeller:label_cloud",
+        describe=".descriptions:describe_objects", description="groups", described="groups",
+    ),
+    Method(
         "hough_forest", "detection", "baselines.hough_forest", ".detector:HoughForestParameters",
         ".detector:detect_scene", ".training:train_hough_forest", ".detector:label_cloud",
         describe=_PARTS, description="regions",

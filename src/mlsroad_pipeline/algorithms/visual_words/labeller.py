@@ -26,7 +26,7 @@ from mlsroad_pipeline.algorithms.visual_words.detector import VisualWordsDetecto
 from mlsroad_pipeline.algorithms.visual_words.groups import ContextualGroups
 from mlsroad_pipeline.algorithms.visual_words.vocabulary import Vocabulary
 
-SLUG = "visual_words"
+SLUG, PRINTED_SLUG = "visual_words", "visual_words_printed"
 
 
 def bag_objects(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ from mlsroad_pipeline.algorithms.visual_words.bags import count_words
 from mlsroad_pipeline.algorithms.visual_words.descriptions import GroupParameters, groups_of, profiles_of
 from mlsroad_pipeline.algorithms.visual_words.detector import VisualWordsDetector
 from mlsroad_pipeline.algorithms.visual_words.groups import join_groups
-from mlsroad_pipeline.algorithms.visual_words.labeller import SLUG
+from mlsroad_pipeline.algorithms.visual_words.labeller import PRINTED_SLUG, SLUG
 from mlsroad_pipeline.algorithms.visual_words.queries import DetectorParameters
 from mlsroad_pipeline.algorithms.visual_words.sizes import within_any_sizes
 from mlsroad_pipeline.algorithms.visual_words.vocabulary import Vocabulary, VocabularyParameters, build_vocabulary
@@ -78,6 +79,7 @@ def train_detector(
     detection: DetectionParameters,
     scheme: ClassScheme,
     trained_on: Mapping[str, Any],
+    slug: str = SLUG,
     n_threads: int = 1,
 ) -> ModelBundle:
     """Train vocabulary, queries and thresholds.
@@ -98,6 +100,8 @@ def train_detector(
         The classes.
     trained_on : mapping
         Description of the training data for the metadata; JSON values.
+    slug : str, default "visual_words"
+        The method's slug.
     n_threads : int, default 1
         Threads; the model does not depend on it.
 
@@ -126,9 +130,13 @@ def train_detector(
         ]  # fmt: skip
     fitted = {variant: _fitted(*job.result()) for variant, job in zip(variants, jobs, strict=True)}
     return bundle_variants(
-        fitted, slug=SLUG, stages=stages, detection=detection, scheme=scheme,
-        parameters={"groups": asdict(parameters.groups), SLUG: asdict(parameters)}, trained_on=trained_on,
+        fitted, slug=slug, stages=stages, detection=detection, scheme=scheme,
+        parameters={"groups": asdict(parameters.groups), slug: asdict(parameters)}, trained_on=trained_on,
     )  # fmt: skip
+
+
+train_printed_detector = partial(train_detector, slug=PRINTED_SLUG)
+"""`train_detector` for the method with the parameters of the paper."""
 
 
 def train_variant(

@@ -5,7 +5,7 @@ from kedro.pipeline import Pipeline
 from mlsroad_pipeline.pipelines.study import Stage, StudyReport, study_pipeline
 from mlsroad_pipeline.pipelines.yu2016_study.nodes import make_surveys, tabulate_study
 from mlsroad_pipeline.studies.yu2016.figures import CAPTIONS, study_figures
-from mlsroad_pipeline.studies.yu2016.parameters import DETECTORS
+from mlsroad_pipeline.studies.yu2016.parameters import METHODS_OF_STUDY
 from mlsroad_pipeline.studies.yu2016.plan import (
     compare_segmentations,
     describe_surveys,
@@ -23,7 +23,7 @@ def create_pipeline(**_: object) -> Pipeline:
     stores = ["streets", "objects", "described"]
     return study_pipeline(
         "yu2016",
-        parameters=("classes", "ground_removal", "segmentation", "detection", *DETECTORS),
+        parameters=("classes", "ground_removal", "segmentation", "detection", *METHODS_OF_STUDY),
         plan=plan_study,
         stages=[
             Stage("make_yu2016_streets", make_surveys, [], "streets"),

@@ -34,6 +34,7 @@ DESCRIPTIONS: Mapping[str, str] = {
     "object_matching": "regions",
     "bottom_up_top_down": "surfaces",
     "visual_words": "groups",
+    "visual_words_printed": "groups",
 }
 """Detector to the field of its parameters with the description of objects."""
 

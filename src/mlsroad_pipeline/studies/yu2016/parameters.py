@@ -10,13 +10,31 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least
 from mlsroad_pipeline.studies.parameters import ScaledStudy
 
-WORDS = "visual_words"
-DETECTORS = ("hough_forest", "object_matching", "bottom_up_top_down", WORDS)
-"""Detectors in the order of the paper's Table V."""
+WORDS, PRINTED = "visual_words", "visual_words_printed"
+METHODS_OF_STUDY = ("hough_forest", "object_matching", "bottom_up_top_down", WORDS, PRINTED)
+"""Methods whose parameters the study takes, in the order of the paper's Table V."""
 
-CUT = "normalized_cut"
-SEGMENTATIONS = ("yang_dong", "two_step", "normalized_cut_plain", "normalized_cut_geometry", CUT)
+FLOORED = "visual_words_printed_floor"
+"""The method as printed with the least context factor of `visual_words`: equation 16 itself has 0."""
+
+DETECTORS = (*METHODS_OF_STUDY, FLOORED)
+"""Detectors that a scale may run."""
+
+CUT, PRINTED_CUT = "normalized_cut", "normalized_cut_printed"
+SEGMENTATIONS = (
+    "yang_dong", "two_step", "normalized_cut_plain", PRINTED_CUT, "normalized_cut_geometry", CUT
+)  # fmt: skip
 """Segmentations in the order of the paper's Figure 11; the last but one shows the effect of intensity."""
+
+
+def method_of(detector: str) -> str:
+    """Return the method of a detector of the study."""
+    return PRINTED if detector == FLOORED else detector
+
+
+def cut_of(detector: str) -> str:
+    """Return the segmentation whose objects a detector classifies."""
+    return PRINTED_CUT if method_of(detector) == PRINTED else CUT
 
 
 @dataclass(frozen=True)
@@ -95,6 +113,10 @@ class StudyScale:
         Sizes of the vocabulary (Figure 12b), as words per training group.
     group_sizes : sequence of int
         Neighbours k in a contextual group (Figure 12c).
+    detectors : sequence of str
+        Those of `DETECTORS` that are run; `visual_words` is always among them.
+    varied : str
+        Detector whose settings Figure 12 varies, one of the visual words.
     methods : mapping
         Slug to changes of the method's parameters at this scale.
     pooled : bool, default True
@@ -105,6 +127,8 @@ class StudyScale:
     patterns: Sequence[str]
     words_per_group: Sequence[float]
     group_sizes: Sequence[int]
+    detectors: Sequence[str] = METHODS_OF_STUDY[:4]
+    varied: str = WORDS
     methods: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     pooled: bool = True
 
@@ -113,6 +137,13 @@ class StudyScale:
         if not made:
             raise ParameterError("yu2016_study.surveys must have at least one survey")
         object.__setattr__(self, "surveys", made)
+        unknown = sorted(set(self.detectors) - set(DETECTORS))
+        if unknown or WORDS not in self.detectors:
+            raise ParameterError(
+                f"yu2016_study.detectors must be of {', '.join(DETECTORS)} and have {WORDS}, got {list(self.detectors)}"
+            )
+        if self.varied not in self.detectors or not self.varied.startswith(WORDS):
+            raise ParameterError(f"yu2016_study.varied must be one of the visual words that run, got {self.varied!r}")
 
     def learned_together(self) -> list[list[str]]:
         """Return the surveys that each model of a detector is trained and tested on."""

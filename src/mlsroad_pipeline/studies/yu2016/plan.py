@@ -22,12 +22,14 @@ from mlsroad_pipeline.studies.parameters import changed
 from mlsroad_pipeline.studies.yu2016.keys import model_key, run_key, setting_key, street_key
 from mlsroad_pipeline.studies.yu2016.objects import DESCRIPTIONS, describe_street, segment_street
 from mlsroad_pipeline.studies.yu2016.parameters import (
-    CUT,
-    DETECTORS,
+    FLOORED,
+    METHODS_OF_STUDY,
+    PRINTED,
     SEGMENTATIONS,
-    WORDS,
     StudyParameters,
     StudyScale,
+    cut_of,
+    method_of,
 )
 from mlsroad_pipeline.studies.yu2016.runs import train_and_detect
 
@@ -41,9 +43,9 @@ class Setting(NamedTuple):
 
 
 class Description(NamedTuple):
-    """Object descriptions of one method with its parameters, for the streets of some surveys."""
+    """Object descriptions of one detector with its parameters, for the streets of some surveys."""
 
-    method: str
+    detector: str
     parameters: Any
     surveys: Sequence[str]
 
@@ -62,7 +64,7 @@ class StudyPlan:
     detection: DetectionParameters  # classes to detect
     scheme: ClassScheme  # classes
     stages: DetectionStages  # ground filter and segmentation
-    methods: Mapping[str, Any]  # slug to the parameters of each detector, changes of the scale included
+    methods: Mapping[str, Any]  # detector to its parameters, changes of the scale included
 
     @property
     def scale(self) -> StudyScale:
@@ -79,11 +81,11 @@ class StudyPlan:
 
     def settings(self) -> dict[str, Setting]:
         """Return the settings of Figure 12 by name."""
-        base = self.methods[WORDS]
+        base = self.methods[self.scale.varied]
         every = {name: changed(base, changes) for name, changes in self.scale.settings().items()}
         return {
             name: Setting(
-                WORDS if own.groups == base.groups else setting_key(name),
+                described_by(self.scale.varied) if own.groups == base.groups else setting_key(name),
                 own,
                 next(other for other, parameters in every.items() if parameters == own),
             )
@@ -93,13 +95,23 @@ class StudyPlan:
     def descriptions(self) -> dict[str, Description]:
         """Return the object descriptions of all detectors, and of the settings of Figure 12 for the first survey."""
         surveys = list(self.scale.surveys)
-        detectors = {slug: Description(slug, self.methods[slug], surveys) for slug in DETECTORS}
+        names = {described_by(detector) for detector in self.scale.detectors}
+        detectors = {name: Description(name, self.methods[name], surveys) for name in self.methods if name in names}
         settings = {
-            setting.described: Description(WORDS, setting.parameters, surveys[:1])
+            setting.described: Description(self.scale.varied, setting.parameters, surveys[:1])
             for setting in self.settings().values()
-            if setting.described != WORDS
+            if setting.described not in detectors
         }
         return {**detectors, **settings}
+
+    def cuts(self) -> dict[str, None]:
+        """Return the segmentations whose objects are classified."""
+        return dict.fromkeys(cut_of(detector) for detector in self.scale.detectors)
+
+
+def described_by(detector: str) -> str:
+    """Return the name of the object descriptions of a detector."""
+    return method_of(detector)
 
 
 def plan_study(
@@ -112,13 +124,15 @@ def plan_study(
     matching: ObjectMatchingParameters,
     descriptors: BottomUpTopDownParameters,
     words: VisualWordsParameters,
+    printed: VisualWordsParameters,
 ) -> StudyPlan:
     """Return the plan with the changes of the scale."""
     changes = study.chosen_scale().methods
-    methods: dict[str, Any] = dict(zip(DETECTORS, (forest, matching, descriptors, words), strict=True))
+    methods: dict[str, Any] = dict(zip(METHODS_OF_STUDY, (forest, matching, descriptors, words, printed), strict=True))
     own = {slug: changed(parameters, changes.get(slug, {})) for slug, parameters in methods.items()}
+    own[FLOORED] = changed(own[PRINTED], {"vocabulary": {"floor": words.vocabulary.floor}})
     scheme = find_scheme(classes["schemes"], detection.scheme)
-    return StudyPlan(study, detection, scheme, DetectionStages(ground, replace(segmentation, method=CUT)), own)
+    return StudyPlan(study, detection, scheme, DetectionStages(ground, segmentation), own)
 
 
 def _segment(plan: StudyPlan, streets: SceneCollection, method: str, splits: Sequence[str]) -> dict[str, SceneTask]:
@@ -137,15 +151,18 @@ def _segment(plan: StudyPlan, streets: SceneCollection, method: str, splits: Seq
 
 
 def segment_surveys(plan: StudyPlan, streets: SceneCollection) -> dict[str, SceneTask]:
-    """Create one task per street that segments it for the detectors."""
-    return _segment(plan, streets, CUT, ("train", "test"))
+    """Create one task per street and segmentation that segments it for the detectors."""
+    tasks: dict[str, SceneTask] = {}
+    for cut in plan.cuts():
+        tasks |= _segment(plan, streets, cut, ("train", "test"))
+    return tasks
 
 
 def compare_segmentations(plan: StudyPlan, streets: SceneCollection) -> dict[str, SceneTask]:
     """Create one task per other segmentation and test street."""
     tasks: dict[str, SceneTask] = {}
     for method in SEGMENTATIONS:
-        if method != CUT:
+        if method not in plan.cuts():
             tasks |= _segment(plan, streets, method, ("test",))
     return tasks
 
@@ -155,13 +172,13 @@ def describe_surveys(plan: StudyPlan, streets: SceneCollection, segmented: Scene
     points, objects = streets.part("points"), segmented.part("objects")
     tasks = {}
     for name, description in plan.descriptions().items():
-        kind = DESCRIPTIONS[description.method]
+        kind, cut = DESCRIPTIONS[method_of(description.detector)], cut_of(description.detector)
         for survey in description.surveys:
             own = plan.scale.surveys[survey]
             for key in (street_key(survey, seed) for seed in (*own.train, *own.test)):
                 tasks[f"{name}.{key}"] = SceneTask(
                     describe_street,
-                    {"points": points[key], "objects": objects[f"{CUT}.{key}"]},
+                    {"points": points[key], "objects": objects[f"{cut}.{key}"]},
                     {"kind": kind, "parameters": getattr(description.parameters, kind)},
                 )
     return tasks
@@ -170,8 +187,8 @@ def describe_surveys(plan: StudyPlan, streets: SceneCollection, segmented: Scene
 def run_detectors(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneTask]:
     """Create one task per detector and model that trains it and detects in the test streets of its surveys."""
     return {
-        model_key(slug, surveys): _run(plan, slug, surveys, _Stores(*stores), slug, plan.methods[slug])
-        for slug in DETECTORS
+        model_key(name, surveys): _run(plan, described_by(name), surveys, _Stores(*stores), name, plan.methods[name])
+        for name in plan.scale.detectors
         for surveys in plan.scale.learned_together()
     }
 
@@ -180,15 +197,19 @@ def run_settings(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneTa
     """Create one task per setting of Figure 12 that trains the visual words on the first survey."""
     survey = next(iter(plan.scale.surveys))
     return {
-        setting_key(name): _run(plan, setting.described, [survey], _Stores(*stores), WORDS, setting.parameters)
+        setting_key(name): _run(
+            plan, setting.described, [survey], _Stores(*stores), plan.scale.varied, setting.parameters
+        )
         for name, setting in plan.settings().items()
         if setting.run == name
     }
 
 
 def _run(
-    plan: StudyPlan, described: str, surveys: Sequence[str], stores: _Stores, method: str, parameters: Any
+    plan: StudyPlan, described: str, surveys: Sequence[str], stores: _Stores, detector: str, parameters: Any
 ) -> SceneTask:
+    cut = cut_of(detector)
+    stages = replace(plan.stages, segmentation=replace(plan.stages.segmentation, method=cut))
     points, parts = stores.streets.part("points"), stores.described.part("parts")
     objects, classes = (stores.segmented.part(part) for part in ("objects", "classes"))
     chosen = {name: plan.scale.surveys[name] for name in surveys}
@@ -200,9 +221,9 @@ def _run(
                 street = street_key(survey, seed)
                 own: dict[str, Any] = {"parts": parts[f"{described}.{street}"]}
                 if split == "train":
-                    own["classes"] = classes[f"{CUT}.{street}"]
+                    own["classes"] = classes[f"{cut}.{street}"]
                 else:
-                    own["scene"] = Deferred((points[street], objects[f"{CUT}.{street}"]))
+                    own["scene"] = Deferred((points[street], objects[f"{cut}.{street}"]))
                 streets[run_key(survey, seed)] = own
         return streets
 
@@ -210,7 +231,7 @@ def _run(
         train_and_detect,
         {"train": inputs("train"), "test": inputs("test")},
         {
-            "method": method, "parameters": parameters, "stages": plan.stages, "detection": plan.detection,
+            "method": method_of(detector), "parameters": parameters, "stages": stages, "detection": plan.detection,
             "scheme": plan.scheme, "prevalence": {name: survey.prevalence for name, survey in chosen.items()},
             "rare": {
                 run_key(name, seed): survey.rare_weight for name, survey in chosen.items() for seed in survey.rare

@@ -28,7 +28,7 @@ def study_sections(plan: StudyPlan, tables: StudyTables, figures: Sequence[Figur
             tables.segmentation,
             note="Mean over test streets; touching: instances that touch another one.",
         ),
-        TableSection("Table II: objects and detections", tables.table_2, note="Visual words."),
+        TableSection("Table II: objects and detections", tables.table_2, note="Visual words, and the same as printed."),
         TableSection("Table III: recall, precision, quality, F-score", tables.table_3, note=spread),
         TableSection("Table IV: time", tables.table_4, note="CPU seconds; points per second and thread."),
         TableSection("Table V: cars", tables.table_5, note=spread),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -15,7 +15,7 @@ from mlsroad_pipeline.studies.yu2016 import paper as yu2016_paper
 from mlsroad_pipeline.studies.yu2016 import scores as yu2016
 from mlsroad_pipeline.studies.yu2016.keys import detector_of_model, run_key, setting_key, street_key
 from mlsroad_pipeline.studies.yu2016.objects import DescriptionFacts, SegmentationScores
-from mlsroad_pipeline.studies.yu2016.parameters import CUT, DETECTORS, SEGMENTATIONS, WORDS
+from mlsroad_pipeline.studies.yu2016.parameters import CUT, SEGMENTATIONS, WORDS
 from mlsroad_pipeline.studies.yu2016.plan import StudyPlan
 from mlsroad_pipeline.studies.yu2016.runs import StreetDetections
 from mlsroad_pipeline.studies.yu2016.streets import StreetFacts
@@ -82,8 +82,10 @@ def study_tables(
     every = range(len(classes))
     cars = [classes.index("car")] if "car" in classes else list(every)
     counted = {
-        method: {survey: _tests(plan, runs[method], survey) for survey in plan.scale.surveys} for method in DETECTORS
+        method: {survey: _tests(plan, runs[method], survey) for survey in plan.scale.surveys}
+        for method in plan.scale.detectors
     }
+    words = [method for method in counted if method.startswith(WORDS)]
     scores = [
         detection_table(
             {
@@ -94,7 +96,7 @@ def study_tables(
             method=method,
             classes=classes,
         )
-        for method in DETECTORS
+        for method in counted
     ]
     differences = [
         yu2016.paired_differences(counted, chosen, reference=WORDS).assign(classes=name)
@@ -106,19 +108,26 @@ def study_tables(
         len(classes),
     )
     three = yu2016.figures_by_survey(counted, list(every))
-    paper = yu2016_paper.table_three().assign(method=WORDS)
+    paper = pd.concat([yu2016_paper.table_three().assign(method=method) for method in words])
     five = yu2016.figures_by_survey(counted, cars)
     return StudyTables(
         scores=pd.concat(scores, ignore_index=True),
         segmentation=_segmentation(plan, segmented),
-        table_2=yu2016.table_two(counted[WORDS], classes),
+        table_2=pd.concat([yu2016.table_two(counted[method], classes).assign(method=method) for method in words]),
         table_3=three.merge(paper, on=["survey", "method", "metric"], how="left"),
         table_4=_times(plan, streets, segmented, described, runs),
-        table_5=_wide(five).merge(yu2016_paper.table_five(), on=["survey", "method"], how="left"),
+        table_5=_wide(five).merge(_cars_of_paper(words), on=["survey", "method"], how="left"),
         differences=pd.concat(differences, ignore_index=True),
         figure_12=figure_12,
         curves=curves,
     )
+
+
+def _cars_of_paper(words: Sequence[str]) -> pd.DataFrame:
+    """Return the paper's Table V, with the rows of the visual words for each of their variants."""
+    table = yu2016_paper.table_five()
+    own = table[table["method"] == WORDS]
+    return pd.concat([table[table["method"] != WORDS], *(own.assign(method=method) for method in words)])
 
 
 def _tests(plan: StudyPlan, run: Mapping[str, StreetDetections], survey: str) -> dict[str, StreetDetections]:
