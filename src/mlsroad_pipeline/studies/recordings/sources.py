@@ -10,6 +10,7 @@ from typing import Any
 from mlsroad_pipeline.algorithms.core.classes import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.algorithms.scenes.parts import HalfPlane, Pose
+from mlsroad_pipeline.surveys.recording_scenes import recording_coding
 
 
 @dataclass(frozen=True)
@@ -170,10 +171,7 @@ class Source:
         ParameterError
             If there is no such coding.
         """
-        if self.coding not in codings:
-            raise ParameterError(f"recordings_study.sources.{self.name}: coding {self.coding!r} is not configured")
-        codes = codings[self.coding]
-        return Coding(self.coding, {k: "unlabelled" if k in self.ignored else name for k, name in codes.items()})
+        return recording_coding(codings, self.coding, self.ignored, where=f"recordings_study.sources.{self.name}")
 
 
 def sources_of(config: Mapping[str, Mapping[str, Any]]) -> dict[str, Source]:
