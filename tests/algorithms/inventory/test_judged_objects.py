@@ -19,9 +19,9 @@ from mlsroad_pipeline.algorithms.inventory.class_groups import (
 from mlsroad_pipeline.algorithms.inventory.evidence import CELL, SUMS, ZONES, SceneCells
 from mlsroad_pipeline.algorithms.inventory.extraction import extract_objects
 from mlsroad_pipeline.algorithms.inventory.judging import NEITHER, POLE, STEM, TRUNK
-from mlsroad_pipeline.algorithms.inventory.measures import Voxels
 from mlsroad_pipeline.algorithms.inventory.merging import merge_scenes
 from mlsroad_pipeline.algorithms.inventory.object_features import FEATURES
+from mlsroad_pipeline.algorithms.inventory.object_voxels import Voxels
 from mlsroad_pipeline.algorithms.inventory.rules import KINDS, rules_for_scheme
 from mlsroad_pipeline.algorithms.inventory.stem_features import STEM_FEATURES
 from mlsroad_pipeline.algorithms.inventory.trunks import find_trunks, split_trees

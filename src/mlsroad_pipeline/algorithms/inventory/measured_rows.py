@@ -12,8 +12,9 @@ from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.inventory.evidence import CELL, SUMS
 from mlsroad_pipeline.algorithms.inventory.judging import Judge
-from mlsroad_pipeline.algorithms.inventory.measures import ObjectMeasures, Voxels, measure
+from mlsroad_pipeline.algorithms.inventory.measures import ObjectMeasures, measure
 from mlsroad_pipeline.algorithms.inventory.object_features import object_features
+from mlsroad_pipeline.algorithms.inventory.object_voxels import Voxels
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.trunks import split_trees
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.inventory.axes import Axis, fit_axis
 from mlsroad_pipeline.algorithms.inventory.boxes import convex_hull, oriented_box, polygon_area, trimmed, vehicle_box
 from mlsroad_pipeline.algorithms.inventory.circles import Circle, fit_circle
+from mlsroad_pipeline.algorithms.inventory.object_voxels import Voxels
 from mlsroad_pipeline.algorithms.inventory.panels import fit_panel
 from mlsroad_pipeline.algorithms.inventory.trunks import Trunk, find_trunks, main_trunk
 
@@ -35,52 +36,6 @@ MEASURES = (
 
 EXTENT = ("x_min", "x_max", "y_min", "y_max", "z_min", "z_max")
 """Names of the smallest and largest coordinates of the points."""
-
-
-@dataclass(frozen=True)
-class Voxels:
-    """Voxels of an object.
-
-    Parameters
-    ----------
-    xyz : ndarray of float64, shape (k, 3)
-        Mean point per voxel, world coordinates, metres.
-    low, high : ndarray of float64, shape (k, 3)
-        Smallest and largest coordinates per voxel, metres.
-    ground : ndarray of float64, shape (k,)
-        Mean elevation of the ground below, metres; NaN if unknown.
-    count : ndarray of int64, shape (k,)
-        Points per voxel.
-    disagreeing : ndarray of int64, shape (k,)
-        Points whose own label is of another class than the object.
-    confidence : ndarray of float64, shape (k,)
-        Sum of the points' confidences.
-    scene : ndarray of int32, shape (k,)
-        Number of the scene whose core contains the points.
-    """
-
-    xyz: NDArray[np.float64]
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
-    ground: NDArray[np.float64]
-    count: NDArray[np.int64]
-    disagreeing: NDArray[np.int64]
-    confidence: NDArray[np.float64]
-    scene: NDArray[np.int32]
-
-    @property
-    def z_low(self) -> NDArray[np.float64]:
-        """Elevation of the lowest point per voxel."""
-        return self.low[:, 2]
-
-    @property
-    def z_high(self) -> NDArray[np.float64]:
-        """Elevation of the highest point per voxel."""
-        return self.high[:, 2]
-
-    def select(self, index: NDArray) -> Voxels:
-        """Return the voxels of an index array or mask."""
-        return Voxels(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
 
 
 class ObjectMeasures(TypedDict, total=False):

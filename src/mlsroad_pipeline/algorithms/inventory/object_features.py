@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.inventory.evidence import GROUP_FEATURES, group_features
-from mlsroad_pipeline.algorithms.inventory.measures import ObjectMeasures, Voxels
+from mlsroad_pipeline.algorithms.inventory.measures import ObjectMeasures
+from mlsroad_pipeline.algorithms.inventory.object_voxels import Voxels
 from mlsroad_pipeline.algorithms.inventory.trunks import find_trunks, main_trunk
 
 MEASURED = (

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from mlsroad_pipeline.algorithms.inventory.measures import Voxels
+from mlsroad_pipeline.algorithms.inventory.object_voxels import Voxels
 
 
 def split_at_valleys(voxels: Voxels, *, spacing: float, depth: float, cell: float = 0.5) -> NDArray[np.int32]:

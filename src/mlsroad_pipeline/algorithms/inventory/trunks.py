@@ -6,7 +6,7 @@ reach few of these heights in any one place.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,8 @@ from scipy import ndimage
 
 from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
 from mlsroad_pipeline.algorithms.inventory.boxes import trimmed
+from mlsroad_pipeline.algorithms.inventory.object_voxels import Voxels
 from mlsroad_pipeline.algorithms.inventory.splitting import split_at_valleys
-
-if TYPE_CHECKING:
-    from mlsroad_pipeline.algorithms.inventory.measures import Voxels
 
 _LOW, _HIGH, _LAYER = 0.3, 2.1, 0.3  # heights of a trunk above the ground and of the layers that are counted, metres
 _CELL = 0.2  # edge of the columns in plan, metres

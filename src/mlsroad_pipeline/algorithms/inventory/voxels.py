@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.geometry.sorting import radix_argsort
-from mlsroad_pipeline.algorithms.inventory.measures import Voxels
+from mlsroad_pipeline.algorithms.inventory.object_voxels import Voxels
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 
