@@ -25,7 +25,8 @@ from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG 
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import BoostedTreesParameters
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import training_voxels
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.training import fit as fit_trees
-from mlsroad_pipeline.algorithms.core.classes import ClassScheme, Coding
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.detrended_forest.labeller import label_scene
 from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters, fit, training_rows

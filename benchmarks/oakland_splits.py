@@ -35,7 +35,7 @@ from mlsroad_pipeline.algorithms.baselines.max_margin_markov.training import Mar
 from mlsroad_pipeline.algorithms.baselines.patch_forest.classifier import PatchForestParameters
 from mlsroad_pipeline.algorithms.baselines.patch_svm.classifier import PatchSvmParameters
 from mlsroad_pipeline.algorithms.baselines.shape_based.labeller import ShapeParameters
-from mlsroad_pipeline.algorithms.core.classes import Coding
+from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scores
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphClassifier, PatchGraphParameters

@@ -24,7 +24,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from mlsroad_pipeline.algorithms.core.classes import ClassScheme, Coding
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.detrended_forest.labeller import StageParameters, label_scene
 from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters, fit, training_rows

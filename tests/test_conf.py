@@ -10,7 +10,8 @@ from helpers.conf import CONF, base, configured, parameters_of
 from helpers.wiring import REPOSITORY, joined, make_project
 from kedro.framework.project import pipelines
 
-from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, ClassScheme, Coding
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, ClassScheme
+from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.config import ParameterConfigLoader
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters

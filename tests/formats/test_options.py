@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.formats import make_las
 
-from mlsroad_pipeline.algorithms.core.classes import Coding
+from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.registry import get_format

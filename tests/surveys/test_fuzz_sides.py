@@ -12,7 +12,8 @@ import pytest
 from helpers.mutations import mutated, mutated_json, mutated_table, mutated_value
 from PIL import Image
 
-from mlsroad_pipeline.algorithms.core.classes import ClassScheme, Coding
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle

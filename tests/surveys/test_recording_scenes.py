@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, Coding
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
+from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.scenes.parts import NEITHER, TEST, TRAIN, HalfPlane, Pose
 from mlsroad_pipeline.surveys.recording_scenes import read_scene

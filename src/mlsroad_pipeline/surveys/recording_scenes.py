@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mlsroad_pipeline.algorithms.core.classes import Coding
-from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
+from mlsroad_pipeline.algorithms.core.codings import Coding
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scenes.parts import NEITHER, TEST, TRAIN, HalfPlane, Pose, near, parts_beyond
 from mlsroad_pipeline.formats.kitti import read_labels
@@ -30,15 +30,6 @@ def files_by_name(root: Path, pattern: str) -> dict[str, Path]:
             raise ReadError(f"{found[name]} and {path} have the same name: {pattern} may name one of each")
         found[name] = path
     return found
-
-
-def recording_coding(
-    codings: Mapping[str, Mapping[int, str]], name: str, ignored: Collection[int], *, where: str
-) -> Coding:
-    """Return a configured coding with the ignored codes as unlabelled; errors name the parameter `where`."""
-    if name not in codings:
-        raise ParameterError(f"{where}: coding {name!r} is not configured")
-    return Coding(name, {code: "unlabelled" if code in ignored else kind for code, kind in codings[name].items()})
 
 
 def read_points(path: Path, labels: Path | None, coding: Coding, read: Mapping[str, Any]) -> PointCloud:

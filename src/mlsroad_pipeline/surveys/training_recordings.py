@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mlsroad_pipeline.algorithms.core.classes import Coding
+from mlsroad_pipeline.algorithms.core.codings import Coding, configured_coding
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
-from mlsroad_pipeline.surveys.recording_scenes import files_by_name, recording_coding
+from mlsroad_pipeline.surveys.recording_scenes import files_by_name
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class TrainingRecording:
         ParameterError
             If there is no such coding.
         """
-        return recording_coding(codings, self.coding, self.ignored, where=f"shipped.recordings.{self.name}")
+        return configured_coding(codings, self.coding, ignored=self.ignored, where=f"shipped.recordings.{self.name}")
 
 
 def training_recordings(config: Mapping[str, Mapping[str, Any]]) -> dict[str, TrainingRecording]:

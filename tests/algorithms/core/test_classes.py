@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.algorithms.core.classes import IGNORE, TAXONOMY, ClassScheme, Coding
+from mlsroad_pipeline.algorithms.core.classes import IGNORE, TAXONOMY, ClassScheme
+from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, UnknownClassError
 
 SCHEME = ClassScheme.from_config(

@@ -1,7 +1,7 @@
-"""Class taxonomy of streets, codings of datasets into it, and class schemes.
+"""Class taxonomy of streets, and class schemes.
 
-A *coding* maps the codes of a dataset to taxonomy codes when a survey is read. A *class scheme* groups taxonomy
-classes into the classes of one comparison. Both are configuration: a new class list needs no code.
+A *class scheme* groups taxonomy classes into the classes of one comparison. Schemes are configuration: a new class list
+needs no code.
 """
 
 from __future__ import annotations
@@ -88,93 +88,28 @@ TAXONOMY: dict[str, int] = {
 TAXONOMY_NAMES: dict[int, str] = {code: name for name, code in TAXONOMY.items()}
 
 
-def _unknown(codes: NDArray, known: NDArray, what: str, source: str) -> UnknownClassError:
-    values, counts = np.unique(codes[~np.isin(codes, known)], return_counts=True)
-    listing = ", ".join(f"{value} ({count} points)" for value, count in zip(values, counts, strict=True))
-    return UnknownClassError(f"{source}: codes missing from {what}: {listing}")
-
-
-@dataclass(frozen=True)
-class Coding:
-    """Mapping of the label codes of a dataset to taxonomy classes.
+def unknown_codes(codes: NDArray, known: NDArray, what: str, source: str) -> UnknownClassError:
+    """Return the error that names codes which a coding or scheme does not know.
 
     Parameters
     ----------
-    name : str
-        Name of the coding in messages.
-    codes : mapping of int to str
-        Dataset code to taxonomy class, complete for the dataset.
+    codes : ndarray of int, shape (n,)
+        The codes.
+    known : ndarray of int
+        Known codes.
+    what : str
+        The coding or scheme.
+    source : str
+        Name of the file.
 
-    Raises
-    ------
-    ParameterError
-        If a class is not in the taxonomy.
+    Returns
+    -------
+    UnknownClassError
+        The error, with the number of points of each unknown code.
     """
-
-    name: str
-    codes: Mapping[int, str]
-
-    @classmethod
-    def from_config(cls, name: str, config: Mapping[Any, str]) -> Coding:
-        """Build a coding from configuration, whose codes may be text.
-
-        Parameters
-        ----------
-        name : str
-            Name of the coding.
-        config : mapping
-            Dataset code to taxonomy class.
-
-        Returns
-        -------
-        Coding
-            The coding.
-
-        Raises
-        ------
-        ParameterError
-            If a code is not a whole number, or a class is not in the taxonomy.
-        """
-        if not isinstance(config, Mapping):
-            raise ParameterError(f"coding {name!r} must map codes to taxonomy classes, got {config!r}")
-        try:
-            return cls(name, {int(code): class_name for code, class_name in config.items()})
-        except (TypeError, ValueError) as error:
-            if isinstance(error, ParameterError):
-                raise
-            raise ParameterError(f"coding {name!r}: its codes must be whole numbers: {error}") from error
-
-    def __post_init__(self) -> None:
-        for code, class_name in self.codes.items():
-            if not isinstance(class_name, str) or class_name not in TAXONOMY:
-                raise ParameterError(f"coding {self.name!r}: code {code} names {class_name!r}, not in the taxonomy")
-
-    def encode(self, codes: ArrayLike, *, source: str = "labels") -> NDArray[np.uint8]:
-        """Map dataset codes to taxonomy codes.
-
-        Parameters
-        ----------
-        codes : array-like of int, shape (n,)
-            Codes of the file.
-        source : str, default "labels"
-            Name of the file in the error message.
-
-        Returns
-        -------
-        ndarray of uint8, shape (n,)
-            Codes of `TAXONOMY`.
-
-        Raises
-        ------
-        UnknownClassError
-            If the coding lacks a code; the message gives the code, its count and the file.
-        """
-        values = np.asarray(codes).astype(np.int64)
-        known = np.array(sorted(self.codes), dtype=np.int64)
-        taxonomy = np.array([TAXONOMY[self.codes[int(code)]] for code in known], dtype=np.uint8)
-        if len(known) == 0 or not np.isin(values, known).all():
-            raise _unknown(values, known, f"coding {self.name!r}", source)
-        return taxonomy[np.searchsorted(known, values)]
+    values, counts = np.unique(codes[~np.isin(codes, known)], return_counts=True)
+    listing = ", ".join(f"{value} ({count} points)" for value, count in zip(values, counts, strict=True))
+    return UnknownClassError(f"{source}: codes missing from {what}: {listing}")
 
 
 def _is_names(value: object) -> bool:
@@ -293,7 +228,7 @@ class ClassScheme:
             table[[TAXONOMY[name] for name in group]] = label
         known = np.flatnonzero(table != -2)
         if not np.isin(codes, known).all():
-            raise _unknown(codes, known, f"class scheme {self.name!r}", source)
+            raise unknown_codes(codes, known, f"class scheme {self.name!r}", source)
         return table[codes]
 
     def labels_of(self, names: Sequence[str]) -> list[int]:

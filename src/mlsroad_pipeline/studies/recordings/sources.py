@@ -7,10 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mlsroad_pipeline.algorithms.core.classes import Coding
+from mlsroad_pipeline.algorithms.core.codings import Coding, configured_coding
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.algorithms.scenes.parts import HalfPlane, Pose
-from mlsroad_pipeline.surveys.recording_scenes import recording_coding
 
 
 @dataclass(frozen=True)
@@ -171,7 +170,9 @@ class Source:
         ParameterError
             If there is no such coding.
         """
-        return recording_coding(codings, self.coding, self.ignored, where=f"recordings_study.sources.{self.name}")
+        return configured_coding(
+            codings, self.coding, ignored=self.ignored, where=f"recordings_study.sources.{self.name}"
+        )
 
 
 def sources_of(config: Mapping[str, Mapping[str, Any]]) -> dict[str, Source]:

@@ -1,0 +1,130 @@
+"""Codings: codes of a dataset to classes of the taxonomy.
+
+A *coding* maps the codes of a dataset to taxonomy codes when a survey is read. Codings are configuration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, unknown_codes
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+
+
+@dataclass(frozen=True)
+class Coding:
+    """Mapping of the label codes of a dataset to taxonomy classes.
+
+    Parameters
+    ----------
+    name : str
+        Name of the coding in messages.
+    codes : mapping of int to str
+        Dataset code to taxonomy class, complete for the dataset.
+
+    Raises
+    ------
+    ParameterError
+        If a class is not in the taxonomy.
+    """
+
+    name: str
+    codes: Mapping[int, str]
+
+    @classmethod
+    def from_config(cls, name: str, config: Mapping[Any, str]) -> Coding:
+        """Build a coding from configuration, whose codes may be text.
+
+        Parameters
+        ----------
+        name : str
+            Name of the coding.
+        config : mapping
+            Dataset code to taxonomy class.
+
+        Returns
+        -------
+        Coding
+            The coding.
+
+        Raises
+        ------
+        ParameterError
+            If a code is not a whole number, or a class is not in the taxonomy.
+        """
+        if not isinstance(config, Mapping):
+            raise ParameterError(f"coding {name!r} must map codes to taxonomy classes, got {config!r}")
+        try:
+            return cls(name, {int(code): class_name for code, class_name in config.items()})
+        except (TypeError, ValueError) as error:
+            if isinstance(error, ParameterError):
+                raise
+            raise ParameterError(f"coding {name!r}: its codes must be whole numbers: {error}") from error
+
+    def __post_init__(self) -> None:
+        for code, class_name in self.codes.items():
+            if not isinstance(class_name, str) or class_name not in TAXONOMY:
+                raise ParameterError(f"coding {self.name!r}: code {code} names {class_name!r}, not in the taxonomy")
+
+    def encode(self, codes: ArrayLike, *, source: str = "labels") -> NDArray[np.uint8]:
+        """Map dataset codes to taxonomy codes.
+
+        Parameters
+        ----------
+        codes : array-like of int, shape (n,)
+            Codes of the file.
+        source : str, default "labels"
+            Name of the file in the error message.
+
+        Returns
+        -------
+        ndarray of uint8, shape (n,)
+            Codes of `TAXONOMY`.
+
+        Raises
+        ------
+        UnknownClassError
+            If the coding lacks a code; the message gives the code, its count and the file.
+        """
+        values = np.asarray(codes).astype(np.int64)
+        known = np.array(sorted(self.codes), dtype=np.int64)
+        taxonomy = np.array([TAXONOMY[self.codes[int(code)]] for code in known], dtype=np.uint8)
+        if len(known) == 0 or not np.isin(values, known).all():
+            raise unknown_codes(values, known, f"coding {self.name!r}", source)
+        return taxonomy[np.searchsorted(known, values)]
+
+
+def configured_coding(
+    codings: Mapping[str, Mapping[int, str]], name: str, *, ignored: Collection[int], where: str
+) -> Coding:
+    """Return a configured coding with some codes as unlabelled.
+
+    Parameters
+    ----------
+    codings : mapping of str to mapping
+        The configured codings.
+    name : str
+        Name of the coding.
+    ignored : collection of int
+        Codes that count as unlabelled.
+    where : str
+        Name of the parameter in messages.
+
+    Returns
+    -------
+    Coding
+        The coding.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such coding.
+    """
+    if name not in codings:
+        raise ParameterError(f"{where}: coding {name!r} is not configured")
+    return Coding(name, {code: "unlabelled" if code in ignored else kind for code, kind in codings[name].items()})
