@@ -89,7 +89,16 @@ def run_pipeline(name: str, parameters: Mapping[str, Any], *, place: Place) -> R
     own = [hook for hook in settings.HOOKS if place.is_project or not getattr(hook, "writes_to_project", False)]
     hooks = _hook_manager([*own, *_tracking_hooks(place)])
     pipelines.set_requested([name])
-    context = KedroContext(
+
+    class RunContext(KedroContext):
+        """Context with the parameters that the pipeline takes and whole sections; Kedro's has every single value."""
+
+        def _get_parameters(self) -> dict[str, Any]:
+            taken = pipelines[name].inputs()
+            every = super()._get_parameters().items()
+            return {key: value for key, value in every if "." not in key or key in taken}
+
+    context = RunContext(
         package_name=PACKAGE,
         project_path=place.folder,
         config_loader=settings.CONFIG_LOADER_CLASS(

@@ -13,9 +13,11 @@ from typing import Any
 
 import joblib
 from joblib.externals.loky.backend import resource_tracker
+from joblib.externals.loky.backend.context import set_start_method
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.execution import fork_server
 from mlsroad_pipeline.execution.settings import Execution
 from mlsroad_pipeline.execution.task import SceneFailure
 from mlsroad_pipeline.execution.worker import Outcome, SceneJob, SharedLimit, WarmUp, describe_error, run_scene, warm_up
@@ -130,6 +132,8 @@ def warm_workers(execution: Execution, function: str) -> None:
 
     Call it in a thread of its own: it blocks SIGINT there, and in the workers.
     """
+    if fork_server.is_started():
+        set_start_method(fork_server.START_METHOD, force=True)
     _start_tracker()
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # of this thread and the processes that it starts
     n_workers = max(execution.n_local_workers, 2)

@@ -40,6 +40,12 @@ def _remote_digest(url: str, state: str) -> str:
         return hashlib.file_digest(stream, new_digest).hexdigest()
 
 
+def digest_local_file(path: str) -> str:
+    """Return the digest of the content of a file of this machine, cached as that of `digest_file`."""
+    state = os.stat(path)
+    return _local_digest(path, state.st_size, state.st_mtime_ns)
+
+
 def digest_file(path: str) -> str:
     """Return the digest of the content of a file, or of all files below a folder.
 
@@ -58,6 +64,5 @@ def digest_file(path: str) -> str:
 
 def _digest_one(filesystem: fsspec.AbstractFileSystem, path: str) -> str:
     if isinstance(filesystem, LocalFileSystem):
-        state = os.stat(path)
-        return _local_digest(path, state.st_size, state.st_mtime_ns)
+        return digest_local_file(path)
     return _remote_digest(filesystem.unstrip_protocol(path), filesystem.ukey(path))

@@ -21,7 +21,7 @@ import joblib
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.execution.digests import digest_file, digest_json
+from mlsroad_pipeline.execution.digests import digest_file, digest_json, digest_local_file
 from mlsroad_pipeline.execution.source_reach import (
     LIBRARY,
     PROJECT,
@@ -44,7 +44,7 @@ class Fingerprinted(Protocol):
 
 
 def _digests(files: Iterable[Path], folder: Path) -> list[list[str]]:
-    return [[file.relative_to(folder).as_posix(), digest_file(str(file))] for file in sorted(files)]
+    return [[file.relative_to(folder).as_posix(), digest_local_file(str(file))] for file in sorted(files)]
 
 
 @functools.lru_cache(maxsize=1)

@@ -6,6 +6,7 @@ import fcntl
 import functools
 import gc
 import importlib
+import multiprocessing
 import os
 import signal
 import socket
@@ -24,6 +25,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # i
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.execution import fork_server
 from mlsroad_pipeline.execution.fingerprints import installation
 from mlsroad_pipeline.execution.shared_values import load_shared
 from mlsroad_pipeline.execution.store import Record, SceneStore
@@ -128,7 +130,7 @@ def run_scene(job: SceneJob) -> Outcome:
         job.store.check_held(job.token)
         if job.backend == "loky":
             _settle()
-        with _one_inner_thread(for_good=job.backend in ("loky", "dask")):
+        with _one_inner_thread(job.backend):
             inputs = load_inputs(job.task.inputs)
             sources = sources or [value.source for value in inputs.values() if isinstance(value, PointCloud)]
             result = job.task.function(**inputs, **load_shared(job.task.parameters))
@@ -156,31 +158,36 @@ def _check_installation(expected: str) -> None:
 def _settle() -> None:
     """Bind the lifetime of a loky process to that of its driver, which alone handles Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _end_with_parent(os.getppid())
+    _end_with_driver()
     _keep_worker()
 
 
 def warm_up(job: WarmUp) -> None:
     """Call the warm-up function in a process of loky."""
     _settle()
-    with Path(job.lock).open("w") as stream, _one_inner_thread(for_good=True):
+    with Path(job.lock).open("w") as stream, _one_inner_thread("loky"):
         fcntl.flock(stream, fcntl.LOCK_EX)
         gc.disable()  # imports create many objects and no garbage
-        import_function(job.function, "warm-up function")()
+        if not fork_server.is_loaded():
+            import_function(job.function, "warm-up function")()
         gc.freeze()
         gc.enable()
 
 
 @functools.lru_cache(maxsize=1)
-def _end_with_parent(parent: int) -> None:
+def _end_with_driver() -> None:
     """End this worker soon after its driver; it would otherwise keep its memory for minutes."""
+    driver, parent = multiprocessing.parent_process(), os.getppid()
 
     def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(PARENT_INTERVAL)
+        if driver is not None and driver.pid != parent:  # this worker is a child of the fork server
+            driver.join()
+        else:
+            while os.getppid() == parent:
+                time.sleep(PARENT_INTERVAL)
         os._exit(1)
 
-    threading.Thread(target=watch, name="end-with-parent", daemon=True).start()
+    threading.Thread(target=watch, name="end-with-driver", daemon=True).start()
 
 
 @functools.lru_cache(maxsize=1)
@@ -198,13 +205,23 @@ def describe_error(error: BaseException) -> str:
     return f"{text} ({os.path.basename(frames[-1].filename)}:{frames[-1].lineno}, in {frames[-1].name})"
 
 
+@functools.lru_cache(maxsize=1)
+def _one_thread_for_good() -> None:
+    """Limit the libraries of a process that runs scenes only to one thread, also those loaded later."""
+    os.environ.update(fork_server.ONE_THREAD)
+    threadpool_limits(1)
+    if "numba" in sys.modules:
+        importlib.import_module("numba").set_num_threads(1)
+
+
 @contextmanager
-def _one_inner_thread(*, for_good: bool) -> Iterator[None]:
+def _one_inner_thread(backend: str) -> Iterator[None]:
     """Limit libraries to one thread inside a scene, since the workers occupy all cores."""
-    if for_good:  # a process that runs scenes only
-        threadpool_limits(1)
-        if "numba" not in sys.modules:
-            os.environ["NUMBA_NUM_THREADS"] = "1"
+    if backend in ("loky", "dask"):  # a process that runs scenes only
+        _one_thread_for_good()
+    if backend == "loky":
+        yield
+        return
     # Import Numba only if it is loaded or being loaded by another thread; the import waits for that thread.
     numba = importlib.import_module("numba") if "numba" in sys.modules else None
     before = None if numba is None else numba.get_num_threads()

@@ -10,16 +10,18 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from kedro.config import OmegaConfigLoader
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.config.plain_files import PlainFilesLoader, merged
 from mlsroad_pipeline.execution.path_parameters import check_paths
 from mlsroad_pipeline.execution.run_identity import absolute, run_folder, run_settings
 
 SETTINGS = ("default_pipeline", "execution", "stage_costs")
 """Sections that the base environment leaves to the globals, to other environments and to the command line."""
 
+_Read = tuple[dict[Path, Any], dict[Path, Any], str, str, set[Path]]
+"""Files of the base environment and of another one, both folders, and all files."""
 _LAYER = re.compile(r"data/(\d\d_\w+?)(/|$)")
 
 
@@ -84,25 +86,7 @@ def nearest_name(name: str, known: Iterable[str]) -> str:
     return f"did you mean {near[0]}?" if near else f"known: {', '.join(names)}"
 
 
-def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a nested mapping with changes at any depth; lists are replaced as a whole.
-
-    Examples
-    --------
-    >>> merged({"label": {"scheme": "asprs", "files": [1, 2]}}, {"label": {"files": [3]}})
-    {'label': {'scheme': 'asprs', 'files': [3]}}
-    """
-    result = dict(base)
-    for name, value in changes.items():
-        old = result.get(name)
-        if isinstance(old, Mapping) and isinstance(value, Mapping):
-            result[name] = merged(old, value)
-        else:
-            result[name] = value
-    return result
-
-
-class ParameterConfigLoader(OmegaConfigLoader):
+class ParameterConfigLoader(PlainFilesLoader):
     """Kedro's configuration loader with checked names of parameters and resolvers in catalogs.
 
     A section or a key that the base environment lacks is an error.
@@ -148,15 +132,15 @@ class ParameterConfigLoader(OmegaConfigLoader):
         loaded: dict[str, Any] = super().__getitem__(key)
         return with_layers(loaded) if key == "catalog" else loaded
 
-    def _read_raw_config(self, key: str) -> tuple[dict[Path, DictConfig], dict[Path, DictConfig], str, str, set[Path]]:
+    def _read_raw_config(self, key: str) -> _Read:
         """Read the files of a kind, and check the names of parameters."""
-        read: tuple[dict[Path, DictConfig], dict[Path, DictConfig], str, str, set[Path]] = super()._read_raw_config(key)
+        read: _Read = super()._read_raw_config(key)
         if key == "parameters":
             base: dict[str, Any] = {}
             for config in read[0].values():
-                base |= _plain(config)
+                base |= _sections(config)
             for path, config in read[1].items():
-                check_names(_plain(config), base, str(path))
+                check_names(_sections(config), base, str(path))
             check_names(self.runtime_params or {}, base, "--params")
         return read
 
@@ -176,11 +160,6 @@ class ParameterConfigLoader(OmegaConfigLoader):
         return json.dumps({} if folder is None else run_settings(parameters))
 
 
-def _plain(config: DictConfig) -> dict[str, Any]:
-    """Return a configuration as plain data, without the anchors that Kedro leaves out."""
-    plain = OmegaConf.to_container(config, resolve=False)
-    return (
-        {str(name): value for name, value in plain.items() if not str(name).startswith("_")}
-        if isinstance(plain, dict)
-        else {}
-    )
+def _sections(config: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return the sections of a file, without the anchors that Kedro leaves out."""
+    return {str(name): value for name, value in config.items() if not str(name).startswith("_")}

@@ -1,0 +1,157 @@
+"""Loader of configuration files that passes only what refers to other values to OmegaConf.
+
+OmegaConf parses YAML in Python and wraps each value in an object, which takes most of the time of a start. Here libyaml
+parses, and a section or an entry without ``${`` is used as it stands.
+"""
+
+from __future__ import annotations
+
+import glob
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+from kedro.config import OmegaConfigLoader
+from omegaconf import OmegaConf
+from omegaconf._utils import get_yaml_loader
+
+_PLAIN_KINDS = ("parameters", "catalog", "globals", "mlflow")
+_GLOBAL = re.compile(r"(?<!\\)\$\{globals:(\w+)\}")
+_SUFFIXES = (".yml", ".yaml", ".json")
+
+
+def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a nested mapping with changes at any depth; lists are replaced as a whole.
+
+    Examples
+    --------
+    >>> merged({"label": {"scheme": "asprs", "files": [1, 2]}}, {"label": {"files": [3]}})
+    {'label': {'scheme': 'asprs', 'files': [3]}}
+    """
+    result = dict(base)
+    for name, value in changes.items():
+        old = result.get(name)
+        if isinstance(old, Mapping) and isinstance(value, Mapping):
+            result[name] = merged(old, value)
+        else:
+            result[name] = value
+    return result
+
+
+def _yaml_loader() -> Any:
+    """Return OmegaConf's YAML loader on libyaml; as it is where PyYAML comes without libyaml."""
+    theirs = get_yaml_loader()
+    if not yaml.__with_libyaml__:
+        return theirs
+
+    class Loader(yaml.cyaml.CParser, theirs):  # type: ignore[misc, valid-type]  # PyYAML has no annotations
+        def __init__(self, stream: str) -> None:
+            yaml.cyaml.CParser.__init__(self, stream)
+            yaml.constructor.SafeConstructor.__init__(self)
+            yaml.resolver.Resolver.__init__(self)
+
+    return Loader
+
+
+def _refers(value: Any) -> bool:
+    """Return whether a value, or one inside it, refers to another value."""
+    if isinstance(value, str):
+        return "${" in value
+    if isinstance(value, Mapping):
+        return any(_refers(key) or _refers(item) for key, item in value.items())
+    return isinstance(value, list) and any(map(_refers, value))
+
+
+class PlainFilesLoader(OmegaConfigLoader):
+    """Kedro's configuration loader, with the files of a kind as plain mappings.
+
+    Files that this loader cannot read are left to Kedro's loader, which reports them.
+    """
+
+    def _read_dir_configs(
+        self,
+        conf_path: str,
+        patterns: Iterable[str],
+        key: str,
+        processed_files: set[Path],
+        read_environment_variables: bool | None = False,
+    ) -> dict[Path, Any]:
+        """Read the files of a kind in a folder."""
+        patterns = list(patterns)
+        folder = Path(conf_path)
+        configs: dict[Path, Any] | None = None
+        if key in _PLAIN_KINDS and not read_environment_variables and self._protocol == "file" and folder.is_dir():
+            configs = _read_files(folder, patterns)
+        if configs is None:
+            given: dict[Path, Any] = super()._read_dir_configs(
+                conf_path, patterns, key, processed_files, read_environment_variables
+            )
+            return {path: OmegaConf.to_container(config, resolve=False) for path, config in given.items()}
+        processed_files.update(configs)
+        self._check_duplicates(key, configs)
+        return configs
+
+    def _check_duplicates(self, key: str, config_per_file: dict[Path, Any]) -> None:
+        """Leave files with a common section or entry to Kedro's check."""
+        owners: dict[str, Path] = {}
+        for path, config in config_per_file.items():
+            for name in config:
+                if not str(name).startswith("_") and owners.setdefault(name, path) != path:
+                    wrapped = {file: OmegaConf.create(values) for file, values in config_per_file.items()}
+                    super()._check_duplicates(key, wrapped)
+                    return
+
+    def _merge_and_resolve(self, key: str, config_per_file: dict[Path, Any]) -> dict[str, Any]:
+        """Merge files, and resolve the sections or entries that refer to other values."""
+        read: dict[str, Any] = {}
+        for config in config_per_file.values():
+            read = merged(read, config)
+        if not config_per_file:
+            return {}
+        if key == "parameters":
+            read = merged(read, self.runtime_params or {})
+        if key == "catalog":
+            read = {name: self._with_globals(value) if _refers(value) else value for name, value in read.items()}
+        open_ones = {name: value for name, value in read.items() if _refers(value)}
+        resolved: dict[str, Any] = {}
+        if open_ones:
+            # Kedro merges the runtime parameters once more, in their place.
+            resolved = super()._merge_and_resolve(key, {Path(): OmegaConf.create(open_ones)})
+        if key != "parameters":
+            read = {name: value for name, value in read.items() if not str(name).startswith("_")}
+        return {name: resolved[name] if name in open_ones else value for name, value in read.items()}
+
+    def _with_globals(self, value: Any) -> Any:
+        """Return a value of a catalog with references to texts of the globals replaced; OmegaConf parses the others."""
+        if isinstance(value, Mapping):
+            return {key: self._with_globals(item) for key, item in value.items()}
+        if isinstance(value, list):
+            return [self._with_globals(item) for item in value]
+        return _GLOBAL.sub(self._global, value) if isinstance(value, str) else value
+
+    def _global(self, match: re.Match[str]) -> str:
+        value = (self._globals or {}).get(match[1])
+        return value if isinstance(value, str) and "$" not in value else match[0]
+
+
+def _read_files(folder: Path, patterns: Iterable[str]) -> dict[Path, Any] | None:
+    """Return the content of the files that match a pattern, or None if one is not a mapping in valid YAML."""
+    loader = _yaml_loader()
+    found = {name for pattern in patterns for name in glob.glob(pattern, root_dir=folder, recursive=True)}
+    configs: dict[Path, Any] = {}
+    for name in sorted(found):
+        path = folder / name
+        if path.suffix not in _SUFFIXES or not path.is_file():
+            continue
+        try:
+            content = yaml.load(path.read_text(encoding="utf-8"), Loader=loader)
+        except (yaml.YAMLError, UnicodeDecodeError):
+            return None
+        if content is None:
+            content = {}
+        if not isinstance(content, dict):
+            return None
+        configs[path] = content
+    return configs

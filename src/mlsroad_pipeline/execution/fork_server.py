@@ -1,0 +1,96 @@
+"""Server process that workers of this machine are forked from, so that libraries and kernels are loaded once.
+
+Linux alone has one; elsewhere each worker loads them by itself. This module imports little, so that the server can
+start before other imports of the driver.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from importlib.machinery import ModuleSpec
+from multiprocessing import forkserver, resource_tracker
+from types import FrameType
+
+START_METHOD = "forkserver"
+"""Start method of multiprocessing for workers that the server forks."""
+
+PARENT_INTERVAL = 0.5
+"""Seconds between two checks of a loading server that its driver is alive."""
+
+_LIBRARIES = ("OMP", "OPENBLAS", "MKL", "BLIS", "VECLIB_MAXIMUM", "NUMEXPR", "NUMBA")
+ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in _LIBRARIES}
+"""Environment variables that limit libraries to one thread, as loky sets them for its workers."""
+
+_started = _loaded = False
+
+
+def start(preload: str) -> bool:
+    """Start the server, which imports a module before the first fork; return False if this system has none."""
+    global _started  # noqa: PLW0603  # multiprocessing has one server per process
+    if not sys.platform.startswith("linux"):
+        return False
+    if not _started:
+        main = sys.modules["__main__"]
+        if getattr(main, "__spec__", None) is None:
+            # Of a script without a name, multiprocessing would run the file in each worker.
+            main.__spec__ = ModuleSpec("mlsroad_pipeline.__main__", None)
+        forkserver.set_forkserver_preload([preload])
+        resource_tracker.ensure_running()  # it unblocks SIGINT
+        with _interrupts_blocked():
+            forkserver.ensure_running()
+        _started = True
+    return True
+
+
+def is_started() -> bool:
+    """Return whether this process has started the server."""
+    return _started
+
+
+def is_loaded() -> bool:
+    """Return whether this process is a worker whose server has loaded libraries and kernels."""
+    return _loaded
+
+
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Block SIGINT; a process that is started meanwhile, and its children, leave Ctrl-C to their driver."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def load(function: Callable[[], object]) -> None:
+    """Call a function that loads libraries and kernels, in the server alone; end the server if its driver ends.
+
+    Loaded objects are left out of garbage collection, which would copy the memory that workers share. An error is left
+    to the workers, which call the function again.
+    """
+    global _loaded  # noqa: PLW0603  # the workers inherit it
+    if not any("multiprocessing.forkserver" in argument for argument in sys.orig_argv):
+        return
+    os.environ.update(ONE_THREAD)
+    driver = os.getppid()
+
+    def check(number: int, frame: FrameType | None) -> None:
+        if os.getppid() != driver:
+            os._exit(1)
+
+    before = signal.signal(signal.SIGALRM, check)
+    signal.setitimer(signal.ITIMER_REAL, PARENT_INTERVAL, PARENT_INTERVAL)
+    gc.disable()  # imports create many objects and no garbage
+    try:
+        with suppress(Exception):
+            function()
+            _loaded = True
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    gc.freeze()
