@@ -53,8 +53,8 @@ TYPED = {
     "survey": SurveyParameters,
 }
 CONFIGURED = {
-    "jointnet_printed", "luo2016_study", "luo2019_study", "recordings_study", "simulated_objects", "survey",
-    "tomic2019_study", "visual_words_printed", "yu2016_study",
+    "jointnet_printed", "jointnet_tuned", "luo2016_study", "luo2019_study", "recordings_study", "simulated_objects",
+    "survey", "tomic2019_study", "visual_words_printed", "yu2016_study",
 }  # fmt: skip
 """Groups whose values are those of the embedded survey or of a paper and not the defaults of the code."""
 DIFFERENCES_ONLY = {"plain_cut": NormalizedCutParameters, "printed_cut": NormalizedCutParameters}
@@ -114,7 +114,8 @@ def test_documented_defaults_are_the_defaults_of_the_code(kind):
             assert ast.literal_eval(told[1]) == fields[name], name
         elif "optional" in text:
             none_or_said_in_words = (
-                "evaluation_scheme", "folds", "method", "model", "protocol", "source", "sydney", "trajectory",
+                "evaluation_scheme", "folds", "magnification", "masks", "method", "model", "protocol", "source", "sydney",
+                "trajectory", "weights", "window",
             )  # fmt: skip
             assert name in none_or_said_in_words, name
         else:

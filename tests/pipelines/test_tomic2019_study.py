@@ -41,6 +41,24 @@ def test_tables_agree_with_the_scores(project):
     assert gains["error_ratio"] == pytest.approx((1 - gains["overall_accuracy"]) / (1 - alone))
 
 
+def test_variants_of_both_methods_stand_side_by_side(project):
+    variants = table(project, "variants").set_index(["labelling", "variant"])
+    printed = ["printed_forest", "printed_papon", "printed_plain", "printed_smoothed", "printed_plain_smoothed"]
+    assert list(variants.loc["features"].index) == [*printed, "detrended_forest"]
+    assert list(variants.loc["images"].index) == ["depth_buffer", "hidden_points"]
+    overall = table(project, "overall").set_index(["part", "method"])
+    assert variants.loc[("features", "printed_forest"), "kappa"] == pytest.approx(
+        overall.loc[("test2", "printed_forest"), "kappa"]
+    )
+    assert variants.loc[("images", "depth_buffer"), "visible_accuracy"] == pytest.approx(
+        overall.loc[("test2_visible", "image_labels"), "overall_accuracy"]
+    )
+    assert variants.loc["images", "seen"].nunique() == 2  # the two methods see different points
+    paper = variants["paper_test1_visible_accuracy"].dropna()
+    assert paper.to_dict() == {("features", "printed_forest"): 0.724, ("images", "hidden_points"): 0.885}
+    assert variants.loc[("features", "printed_forest"), "test1_visible_accuracy"] > 0.3
+
+
 def test_the_papers_figures_stand_beside(project):
     overall = table(project, "overall").set_index(["part", "method"])["paper_overall_accuracy"]
     assert overall["test2"].dropna().to_dict() == {

@@ -18,6 +18,7 @@ SCORED = ("score.inventory", "score.truth", "score.output")
 PATHS = (
     *(*PLACES, "label.trajectory", "label.images", "label.sections", *SCORED),
     *("inspect.trajectory", "survey.root", "survey.trajectory"),
+    *("image_labels.masks", "image_labels.weights", "image_labels.classes"),
 )
 """Parameters that are paths or names of files; those that are no places may be null."""
 

@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.labels import ImagePredictions, PointLabels
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, label_cloud
+from mlsroad_pipeline.algorithms.image_labels.legend import Legend
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, label_cloud
 from mlsroad_pipeline.algorithms.models.members import member
 from mlsroad_pipeline.algorithms.scenes.cutting import join_pieces
 from mlsroad_pipeline.algorithms.scenes.tiling import PiecedCloud, SceneSpan
 from mlsroad_pipeline.label.images import FUSION, IMAGE_LABELS
 from mlsroad_pipeline.label.scene import LabelledScene, LabelSettings, label_new_scene
 from mlsroad_pipeline.surveys.images import read_picture
+from mlsroad_pipeline.surveys.masks import MaskLegend, read_mask
 
 FEATURES = "detrended_forest"
 """Member of a fusion model that labels by features of the points."""
@@ -67,7 +69,7 @@ class ImageLabeller:
 
     def __init__(
         self,
-        views: Sequence[tuple[str, Camera, Callable[[], NDArray[np.uint8]]]],
+        views: Sequence[tuple[str, Camera, Callable[[], NDArray]]],
         around: NDArray[np.floating],
         cameras: Sequence[str],
     ) -> None:
@@ -100,6 +102,19 @@ class ImageLabeller:
         return by_images
 
 
+def _reader(model: ModelBundle) -> Callable[[str, Camera, str], NDArray]:
+    """Return the function that reads a picture, or for a model of masks the class probabilities of its pixels."""
+    network = member(model, IMAGE_LABELS)
+    stored = network.metadata.get("segmentation", {})
+    if stored.get("source") != "masks":
+        return read_picture
+    return partial(_read_mask, MaskLegend(Legend.from_json(stored["classes"]), bundle_scheme(network)))
+
+
+def _read_mask(known: MaskLegend, path: str, camera: Camera, _: str) -> NDArray[np.float32]:
+    return read_mask(path, camera, known)
+
+
 def points_around(
     pieces: Sequence[Mapping[str, NDArray]], span: SceneSpan, reach: int, origin: NDArray[np.float64]
 ) -> NDArray[np.float32]:
@@ -126,8 +141,9 @@ def label_pieces_with_images(
     """Join the pieces of a scene and label it with a model that uses images."""
     scene = join_pieces(pieces, span, settings.outliers, source)
     shift = scene.origin - images.origin
+    read = _reader(model)
     views = [
-        (view.group, view.camera.shifted(shift), partial(read_picture, path, view.camera, view.name))
+        (view.group, view.camera.shifted(shift), partial(read, path, view.camera, view.name))
         for path, view in zip(pictures, images.views, strict=True)
     ]
     labeller = ImageLabeller(views, points_around(around, span, images.reach, scene.origin), images.cameras)

@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.members import member
 from mlsroad_pipeline.algorithms.models.methods import needs_images
 from mlsroad_pipeline.algorithms.scenes.corridor import Corridor
 from mlsroad_pipeline.algorithms.scenes.tiling import SceneSpan
 from mlsroad_pipeline.surveys.images import PosedImage, SurveyImages
+from mlsroad_pipeline.surveys.masks import masks_of_drives
 from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan, trajectory_beside
 
 logger = logging.getLogger(__name__)
@@ -45,8 +46,8 @@ class LabelImages:
         return tuple(sorted({group for images in self.drives.values() for group in images.groups}))
 
 
-def images_to_label(plan: SurveyPlan, bundle: ModelBundle, name: str | None) -> LabelImages:
-    """Return the images of a survey that a model uses, and check their files."""
+def images_to_label(plan: SurveyPlan, bundle: ModelBundle, name: str | None, masks: str | None = None) -> LabelImages:
+    """Return the images of a survey that a model uses, or the masks in their place, and check their files."""
     if not needs_images(bundle.slug):
         return LabelImages({})
     with_images, without = {}, []
@@ -56,7 +57,8 @@ def images_to_label(plan: SurveyPlan, bundle: ModelBundle, name: str | None) -> 
             with_images[drive] = images
         else:
             without.append(drive)
-    reach = float(member(bundle, IMAGE_LABELS).metadata["parameters"]["reach"])
+    network = member(bundle, IMAGE_LABELS)
+    reach = float(network.metadata["parameters"]["reach"])
     result = LabelImages(with_images, reach)
     place = Path(plan.files[0].source.path).parent / (name or "calibration.json")
     if not with_images and bundle.slug == IMAGE_LABELS:
@@ -68,6 +70,10 @@ def images_to_label(plan: SurveyPlan, bundle: ModelBundle, name: str | None) -> 
         logger.warning("No images (%s) for %s: %s", place.name, ", ".join(without), effect_without_images(bundle))
     if bundle.slug == FUSION:
         _check_cameras(result.cameras, bundle)
+    if network.metadata.get("segmentation", {}).get("source") == "masks":
+        if masks is None:
+            raise ParameterError(f"model {bundle.slug!r} labels through masks: set image_labels.masks to their folder")
+        return LabelImages(masks_of_drives(with_images, masks), reach)
     for images in with_images.values():
         for image in images:
             image.check()

@@ -5,17 +5,22 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
+from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.quality.training_facts import strange_facts, strangeness
+from mlsroad_pipeline.datasets.models.own_segmentation import own_model, with_own_segmentation
 from mlsroad_pipeline.datasets.models.registered_models import (
     ModelStore,
     RegisteredVersion,
@@ -25,6 +30,8 @@ from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel, shippe
 from mlsroad_pipeline.label.chosen_model import ModelChoice, StoredModel, load_choice
 from mlsroad_pipeline.label.survey_facts import read_survey
 from mlsroad_pipeline.surveys.inspection import InspectParameters
+
+logger = logging.getLogger(__name__)
 
 CHAMPION = "champion"
 """Alias of the registered model that `label` prefers to the shipped ones."""
@@ -208,16 +215,44 @@ class ModelRequest:
         Method of the model.
     named : ModelChoice, optional
         The model, if it does not depend on the survey.
+    images : ImageLabelsParameters, optional
+        Segmentation of images in place of the network of the model.
+    own : ModelBundle, optional
+        A model that the configuration makes, in place of a registered one.
     """
 
     method: str | None = None
     named: ModelChoice | None = None
+    images: ImageLabelsParameters | None = None
+    own: ModelBundle | None = None
 
     def bundle(self, quality: pd.DataFrame, of_scenes: Mapping[str, float]) -> tuple[ModelBundle, str]:
         """Return the model for a survey of a given quality and given facts of scenes, and a line for the log."""
+        if self.own is not None:
+            source = self.own.metadata["segmentation"]["name"]
+            return self.own, f"Labelling with image_labels ({source}): image_labels.masks or .weights names it"
         choice = self.named or shipped_choice(facts_of_quality(quality, of_scenes), method=self.method)
         bundle = load_choice(choice, configured_store())
-        return bundle, f"Labelling with {choice.name} ({choice.method}, {choice.trained_on}): {choice.reason}"
+        if self.images is not None:
+            bundle = with_own_segmentation(bundle, self.images)
+        return bundle, f"Labelling with {choice.name} ({bundle.slug}, {choice.trained_on}): {choice.reason}"
+
+
+def image_request(request: ModelRequest, images: ImageLabelsParameters, schemes: Mapping[str, Any]) -> ModelRequest:
+    """Return a request with the masks or the weights that the configuration names for `image_labels` or `fusion`."""
+    if not images.own_segmentation:
+        return request
+    chosen = request.named.method if request.named else request.method
+    if chosen == "fusion":
+        logger.warning(
+            "The fusion was learned with another segmentation than %s unless it was trained with the same",
+            images.masks or images.weights,
+        )
+        return replace(request, images=images)
+    if request.method == "image_labels":
+        return replace(request, named=None, own=own_model(images, find_scheme(schemes, images.scheme)))
+    given = "masks" if images.masks is not None else "weights"
+    raise ParameterError(f"image_labels.{given} is set: use label.method=image_labels or fusion, or set it to null")
 
 
 def _labels_points(item: RegisteredVersion) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,10 @@ from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.labels import ImagePredictions
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.image_labels.cityscapes import encode_label_image
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.surveys.camera_files import read_images
 from mlsroad_pipeline.surveys.images import SurveyImages
+from mlsroad_pipeline.surveys.masks import MaskLegend, masks_folder, read_mask, with_masks
 from mlsroad_pipeline.surveys.plan import SurveyPlan, training_keys
 
 logger = logging.getLogger(__name__)
@@ -46,11 +48,15 @@ class DriveImages:
         """Folder of the pictures."""
         return str(self.images[0].path.parent)
 
+    def folder_of(self, masks: str | None) -> str:
+        """Return the folder of the pictures, or that of the masks."""
+        return self.folder if masks is None else str(masks_folder(self.images[0].path, masks))
+
 
 def images_of_drives(
-    plan: SurveyPlan, calibration: str, drives: Collection[str] | None = None
+    plan: SurveyPlan, calibration: str, drives: Collection[str] | None = None, *, training: bool = True
 ) -> dict[str, DriveImages]:
-    """Return the images of each drive of a survey, or of the named drives."""
+    """Return the images of each drive of a survey, or of the named ones; `training` needs some of training drives."""
     with_images, without = {}, []
     for drive, files in plan.drives().items():
         if drives is not None and drive not in drives:
@@ -61,7 +67,7 @@ def images_of_drives(
             with_images[drive] = DriveImages(str(path), images)
         else:
             without.append(drive)
-    if not training_keys(with_images):
+    if not with_images or (training and not training_keys(with_images)):
         absent = "no drive" if not with_images else "no training drive"
         raise ReadError(
             f"labels through images need images: {absent} of the survey has a {calibration} with images beside its "
@@ -119,13 +125,17 @@ def label_scene_through_images(
     reach: float,
 ) -> ImagePredictions:
     """Label a scene through the images taken within reach of it."""
-    from mlsroad_pipeline.algorithms.image_labels import labeller  # noqa: PLC0415  it imports torch
+    from mlsroad_pipeline.algorithms.image_labels import labeller, segmenters  # noqa: PLC0415  they import torch
 
-    images = SurveyImages(()) if calibration is None else read_images(calibration, images=pictures)
+    masked = segmenters.segmentation_of(model)["source"] == segmenters.MASKS
+    images = SurveyImages(()) if calibration is None else read_images(calibration, images=None if masked else pictures)
+    if masked and pictures is not None:
+        images = with_masks(images, pictures)
+        known = MaskLegend(segmenters.legend_of(model), bundle_scheme(model))
     places = scene.xyz[scene["core"], :2]
     low, high = places.min(axis=0) - reach, places.max(axis=0) + reach
     near = [
-        (image.group, image.camera, image.load)
+        (image.group, image.camera, partial(read_mask, image.path, image.camera, known) if masked else image.load)
         for image in images.relative_to(scene.origin)
         if ((image.camera.centre[:2] >= low) & (image.camera.centre[:2] <= high)).all()
     ]

@@ -47,25 +47,25 @@ class PosedImage:
 
     def check(self) -> None:
         """Check that the picture exists and has the calibrated size, without loading its pixels."""
-        with _opened(self.path, self.camera, self.name):
+        with opened_picture(self.path, self.camera, self.name):
             pass
 
     def load_labels(self, folder: str) -> NDArray[np.uint8]:
         """Return the label image from a folder beside the pictures."""
         path = self.path.parent.parent / folder / f"{self.path.stem}.png"
-        with _opened(path, self.camera, self.name) as picture:
+        with opened_picture(path, self.camera, self.name) as picture:
             labels: NDArray[np.uint8] = np.asarray(picture).astype(np.uint8)
         return labels
 
 
 def read_picture(path: str | Path, camera: Camera, name: str) -> NDArray[np.uint8]:
     """Return a picture as RGB."""
-    with _opened(Path(path), camera, name) as picture:
+    with opened_picture(Path(path), camera, name) as picture:
         return np.asarray(picture.convert("RGB"), dtype=np.uint8)
 
 
 @contextmanager
-def _opened(path: Path, camera: Camera, name: str) -> Iterator[Picture.Image]:
+def opened_picture(path: Path, camera: Camera, name: str) -> Iterator[Picture.Image]:
     """Open a picture and check its size; pixels are loaded on access."""
     if not path.is_file():
         raise ReadError(f"{path}: no such picture (image {name!r})")

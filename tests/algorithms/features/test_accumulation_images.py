@@ -18,7 +18,15 @@ def objects(rng):
 
 @pytest.mark.parametrize("sizes", [SIZES, (5, 3, 2), (1, 1, 1)])
 @pytest.mark.parametrize(
-    "options", [{}, {"isotropic": True}, {"relative": False}, {"window": (2.0, 4.0)}, {"bilinear": True}]
+    "options",
+    [
+        {},
+        {"isotropic": True},
+        {"relative": False},
+        {"window": (2.0, 4.0)},
+        {"bilinear": True},
+        {"printed_rows": True},
+    ],
 )
 def test_images_follow_the_definition(objects, sizes, options):
     found = compute_images(objects, sizes=sizes, **options)
@@ -26,6 +34,11 @@ def test_images_follow_the_definition(objects, sizes, options):
         for image, wanted in zip(found, images(points, sizes, **options), strict=True):
             np.testing.assert_allclose(image[i], wanted, rtol=1e-5, atol=1e-7)
     assert [image.shape for image in found] == [(6, 5, size, size) for size in sizes]
+
+
+def test_rows_of_equation_4_leave_half_of_the_image_empty(objects):
+    image = compute_images(objects[:2], printed_rows=True)[0]
+    assert not image[:, :, :8].any() and image[:, :, 8:].sum(axis=(2, 3))[:, 0] == pytest.approx(np.ones(2))
 
 
 def test_a_pole_a_plate_and_a_ring():

@@ -6,7 +6,7 @@ import pytest
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.image_labels import labeller
+from mlsroad_pipeline.algorithms.image_labels import labeller, segmenters
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
@@ -49,12 +49,12 @@ def model():
 def by_colour(monkeypatch):
     """Let the network be right: red is class a, blue class b, black the sky."""
 
-    def segment(network, image, magnification):
-        assert magnification == (1.4, 1.8)
+    def segment(network, image, *, magnification, window, overlap, flip):
+        assert (magnification, window, flip) == ((1.4, 1.8), None, False) and overlap == pytest.approx(1 / 3)
         sky = (image.max(axis=2) == 0)[:, :, None]
         return np.concatenate([image[:, :, :1] > 0, image[:, :, 2:] > 0, sky], axis=2).astype(np.float32)
 
-    monkeypatch.setattr(labeller, "segment_image", segment)
+    monkeypatch.setattr(segmenters, "segment_image", segment)
 
 
 def views(group="left", place=(0.0, 0.0, 0.0)):
@@ -103,7 +103,7 @@ def test_camera_that_the_survey_does_not_have_is_named(model, by_colour):
 def test_model_outlives_its_files(model, tmp_path):
     save_bundle(model, tmp_path / "model")
     again = load_bundle(tmp_path / "model")
-    one, other = (segment_image(labeller.network_of(bundle), picture()) for bundle in (model, again))
+    one, other = (segment_image(segmenters.network_of(bundle), picture()) for bundle in (model, again))
     assert np.array_equal(one, other) and one.shape == (80, 100, 3)
 
 

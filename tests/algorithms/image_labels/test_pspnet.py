@@ -5,7 +5,8 @@ import pytest
 import torch
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
-from mlsroad_pipeline.algorithms.image_labels.pspnet import PSPNet, network_input
+from mlsroad_pipeline.algorithms.image_labels.pspnet import MEAN, SPREAD, PSPNet, network_input
+from mlsroad_pipeline.algorithms.image_labels.pspnet_layouts import recognise_weights
 from mlsroad_pipeline.algorithms.image_labels.pspnet_training import overlap_loss, train_network
 from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import from_arrays, load_state, to_arrays
 from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
@@ -106,6 +107,52 @@ def test_a_published_file_is_read_with_or_without_its_auxiliary_head(tmp_path):
         torch.save(given, tmp_path / f"{k}.pth")
         loaded = load_published(tmp_path / f"{k}.pth", n_classes=4, backbone="small")
         assert torch.equal(loaded.cls[0].weight, state["module.cls.0.weight"]) and not loaded.training
+
+
+LAYOUTS = {
+    "mmseg": [
+        ("layer0.", "backbone.stem."), ("layer", "backbone.layer"), ("cls.0.", "decode_head.bottleneck.conv."),
+        ("cls.1.", "decode_head.bottleneck.bn."), ("cls.4.", "decode_head.conv_seg."),
+        ("aux.0.", "auxiliary_head.convs.0.conv."), ("aux.1.", "auxiliary_head.convs.0.bn."),
+        ("aux.4.", "auxiliary_head.conv_seg."),
+        *[(f"ppm.features.{k}.1.", f"decode_head.psp_modules.{k}.1.conv.") for k in range(4)],
+        *[(f"ppm.features.{k}.2.", f"decode_head.psp_modules.{k}.1.bn.") for k in range(4)],
+    ],
+    "csail": [
+        *[(f"layer0.{3 * k}.", f"encoder.conv{k + 1}.") for k in range(3)],
+        *[(f"layer0.{3 * k + 1}.", f"encoder.bn{k + 1}.") for k in range(3)],
+        ("layer", "encoder.layer"), ("cls.", "decoder.conv_last."), ("aux.4.", "decoder.conv_last_deepsup."),
+        ("aux.", "decoder.cbr_deepsup."), *[(f"ppm.features.{k}.", f"decoder.ppm.{k}.") for k in range(4)],
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_weights_of_other_projects_are_recognised_by_their_names(layout):
+    with torch.device("meta"):
+        network = PSPNet(19, backbone=f"resnet50_{layout}")
+
+    def published(name):
+        old, new = next(pair for pair in LAYOUTS[layout] if name.startswith(pair[0]))
+        return f"module.{new}{name.removeprefix(old)}"
+
+    backbone, weights = recognise_weights({published(n): v for n, v in network.state_dict().items()}, source="w.pth")
+    assert backbone == f"resnet50_{layout}" and set(weights) == set(network.state_dict())
+    blocks = [network.layer3[0], network.layer3[1], network.layer4[0], network.layer4[1]]
+    assert [block.conv2.dilation[0] for block in blocks] == [1, 2, 2, 4]  # halved in the first block of a stage
+    assert network.layer0[6].out_channels == (64 if layout == "mmseg" else 128)
+    with pytest.raises(DataError, match=r"w\.pth: no PSPNet of semseg, .* such as encoder\.x"):
+        recognise_weights({"encoder.x": 1}, source="w.pth")
+
+
+def test_a_published_file_tells_its_backbone_and_classes(tmp_path):
+    with torch.device("meta"):
+        shapes = PSPNet(19, backbone="resnet50").state_dict()
+    torch.save(
+        {f"module.{name}": torch.zeros(v.shape, dtype=v.dtype) for name, v in shapes.items()}, tmp_path / "w.pth"
+    )
+    network = load_published(tmp_path / "w.pth")
+    assert (network.backbone, network.n_classes, network.device.type) == ("resnet50", 19, "cpu")
 
 
 def test_files_that_hold_code_or_no_weights_are_refused(tmp_path):
@@ -212,7 +259,7 @@ def test_magnified_image_is_seen_enlarged_and_given_back_in_its_place():
     class Reddish(torch.nn.Module):
         """Class 1 where the red is bright; notes the size that it is shown."""
 
-        n_classes = 2
+        n_classes, mean, spread, device = 2, MEAN, SPREAD, torch.device("cpu")
 
         def forward(self, x):
             self.shown = tuple(x.shape[2:])

@@ -84,7 +84,7 @@ def test_layers_are_as_printed():
 )
 def test_what_the_network_sees(rng, changes):
     objects, _ = shapes(rng, 1)
-    seen = InputParameters(isotropic=False, **changes)
+    seen = InputParameters(isotropic=False, clean=0.0, **changes)
     images, measures = encode(flat(objects), seen)
     n_channels = 2 if seen.intensity else 1
     assert [v.shape for v in images.values()] == [(3, 5, n_channels, s, s) for s in (16, 8, 16)]

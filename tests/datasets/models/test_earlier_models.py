@@ -36,7 +36,7 @@ ENTRY_POINTS = {
     "object_matching": "baselines.object_matching:label_cloud",
     "bottom_up_top_down": "baselines.bottom_up_top_down:label_cloud",
     **dict.fromkeys(
-        ("jointnet", "jointnet_printed", "hssi_net", "vqai_net", "vaai_net", "spin_image", "shot",
+        ("jointnet", "jointnet_tuned", "jointnet_printed", "hssi_net", "vqai_net", "vaai_net", "spin_image", "shot",
          "hierarchy_descriptor", "pointnet"),
         "recognisers:label_cloud",
     ),

@@ -54,6 +54,7 @@ def compute_images(
     isotropic: bool = False,
     window: tuple[float, float] | None = None,
     bilinear: bool = False,
+    printed_rows: bool = False,
     relative: bool = True,
     weights: Sequence[ArrayLike] | None = None,
     n_threads: int = 1,
@@ -85,6 +86,9 @@ def compute_images(
         1999). This makes images of objects with few points more stable. Outside the outermost cell centres, the weight
         goes to the nearest cells; the sum of an image is unchanged. By default a point counts only in its own cell
         (equations 4, 6 and 8).
+    printed_rows : bool, default False
+        Whether HSSI has the rows of equation 4 as printed, floor((beta + 2) / (2 k1)) with beta = z of equation 3.
+        Objects then fill the upper half of the rows alone.
     relative : bool, default True
         Whether to divide sums by the number of points of the object, which removes the dependence on distance (luo2019:
         no). The slices of VQAI add up to the whole.
@@ -112,8 +116,9 @@ def compute_images(
         counts = np.diff(indptr)
         each = each / np.repeat(counts, counts)
     return draw_images(
-        xyz, indptr, each, sizes=sizes, isotropic=isotropic, window=window, bilinear=bilinear, n_threads=n_threads
-    )
+        xyz, indptr, each, sizes=sizes, isotropic=isotropic, window=window, bilinear=bilinear,
+        printed_rows=printed_rows, n_threads=n_threads,
+    )  # fmt: skip
 
 
 def join_values(values: Sequence[ArrayLike], indptr: NDArray[np.int64], name: str) -> NDArray[np.float64]:
@@ -160,6 +165,7 @@ def draw_images(
     isotropic: bool,
     window: tuple[float, float] | None = None,
     bilinear: bool = False,
+    printed_rows: bool = False,
     n_threads: int = 1,
 ) -> Images:
     """Compute the images of concatenated, validated objects; see `compute_images`.
@@ -180,6 +186,8 @@ def draw_images(
         Half width and height of a common space, metres.
     bilinear : bool, default False
         Whether to distribute a point bilinearly over the four surrounding cells.
+    printed_rows : bool, default False
+        Whether HSSI has the rows of equation 4 as printed.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
@@ -202,7 +210,9 @@ def draw_images(
     hssi, vqai, vaai = (np.zeros((n, N_PARTS, size, size), dtype=np.float32) for size in sizes)
 
     def draw(first: int, last: int) -> None:
-        _draw(xyz, indptr, weights, hssi, vqai, vaai, isotropic, half_width, height, bilinear, first, last)
+        _draw(
+            xyz, indptr, weights, hssi, vqai, vaai, isotropic, half_width, height, bilinear, printed_rows, first, last
+        )
 
     run_in_chunks(draw, n, n_threads=n_threads)
     return hssi, vqai, vaai
@@ -261,6 +271,7 @@ def _draw(
     half_width: float,
     height: float,
     bilinear: bool,
+    printed_rows: bool,
     begin: int,
     end: int,
 ) -> None:
@@ -280,9 +291,10 @@ def _draw(
             part = min(int(z * 0.5 * _SLICES), _SLICES - 1)
             within = (z - part * (2.0 / _SLICES)) * _SLICES
             flat = x * x + y * y
-            row, column = z * 0.5 * n_h, np.sqrt(flat) * 0.5 * n_h
-            _add(spin, 0, n_h, row, column, weight, bilinear)
-            _add(spin, 1 + part, n_h, within * 0.5 * n_h, column, weight, bilinear)
+            column = np.sqrt(flat) * 0.5 * n_h
+            per_unit, shift = (0.25 * n_h, 2.0) if printed_rows else (0.5 * n_h, 0.0)
+            _add(spin, 0, n_h, (z + shift) * per_unit, column, weight, bilinear)
+            _add(spin, 1 + part, n_h, (within + shift) * per_unit, column, weight, bilinear)
             row, column = (x + 1.0) * 0.5 * n_q, (y + 1.0) * 0.5 * n_q
             _add(count, 0, n_q, row, column, weight, bilinear)
             _add(count, 1 + part, n_q, row, column, weight, bilinear)

@@ -17,21 +17,28 @@ from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.labels import ImagePredictions
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
-from mlsroad_pipeline.algorithms.image_labels.cityscapes import image_classes, point_probabilities
+from mlsroad_pipeline.algorithms.image_labels.cityscapes import image_classes
 from mlsroad_pipeline.algorithms.image_labels.crops import Sample
 from mlsroad_pipeline.algorithms.image_labels.labelling import SegmentedImage, label_through_images
-from mlsroad_pipeline.algorithms.image_labels.pspnet import PSPNet
+from mlsroad_pipeline.algorithms.image_labels.legend import Legend
 from mlsroad_pipeline.algorithms.image_labels.pspnet_training import train_network
-from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import from_arrays, to_arrays
-from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
+from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import to_arrays
+from mlsroad_pipeline.algorithms.image_labels.segmenters import (
+    MASKS,
+    NETWORK,
+    segmentation_of,
+    segmenter_of,
+)
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
+from mlsroad_pipeline.algorithms.image_labels.visibility import visibility_method
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.stages import inliers
 
 SLUG = "image_labels"
 
-View = tuple[str, Camera, Callable[[], NDArray[np.uint8]]]
-"""Name of the camera, calibration and pose of an image, and a function that reads it."""
+View = tuple[str, Camera, Callable[[], NDArray]]
+"""Name of the camera, calibration and pose of an image, and a function that reads it: the picture (height, width, 3).
+For a model of masks it returns the probabilities of the points' classes (height, width, classes)."""
 
 
 def fit(
@@ -66,37 +73,50 @@ def fit(
         If there are no images, or an image and its labels differ in size.
     """
     network, losses = train_network(samples, n_classes=len(image_classes(scheme)), parameters=parameters.network)
+    segmentation = {"source": NETWORK, "classes": Legend.of_scheme(scheme).to_json(), "name": "trained network"}
+    made = make_model(
+        to_arrays(network), segmentation, parameters=parameters, scheme=scheme, cameras=cameras,
+        trained_on={**trained_on, "images": len(samples)},
+    )  # fmt: skip
+    return made, losses
+
+
+def make_model(
+    arrays: Mapping[str, NDArray], segmentation: Mapping[str, Any], *, parameters: ImageLabelsParameters,
+    scheme: ClassScheme, cameras: Sequence[str], trained_on: Mapping[str, Any],
+) -> ModelBundle:  # fmt: skip
+    """Return a model whose images are segmented in a given way.
+
+    Parameters
+    ----------
+    arrays : mapping of str to ndarray
+        Weights of a network, or the bytes of an ONNX model as ``onnx``; none for masks.
+    segmentation : mapping
+        See `segmentation_of`.
+    parameters : ImageLabelsParameters
+        Parameters of the labeller.
+    scheme : ClassScheme
+        The classes of points.
+    cameras : sequence of str
+        Names of the survey's cameras.
+    trained_on : mapping
+        Metadata of the training data; JSON values.
+
+    Returns
+    -------
+    ModelBundle
+        The model.
+    """
     metadata = {
         "classes": list(scheme.classes),
         "scheme": asdict(scheme),
         "cameras": list(cameras),
         "parameters": asdict(parameters),
+        "segmentation": dict(segmentation),
         "attributes": [],
-        "trained_on": {**trained_on, "images": len(samples)},
+        "trained_on": dict(trained_on),
     }
-    return ModelBundle(SLUG, to_arrays(network), metadata), losses
-
-
-def network_of(bundle: ModelBundle) -> PSPNet:
-    """Return the network of a model.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        A model of `fit`.
-
-    Returns
-    -------
-    PSPNet
-        The network, ready to predict.
-
-    Raises
-    ------
-    DataError
-        If the arrays do not fit the network.
-    """
-    backbone = bundle.metadata["parameters"]["network"]["backbone"]
-    return from_arrays(bundle.arrays, n_classes=len(bundle.classes) + 1, backbone=backbone)
+    return ModelBundle(SLUG, arrays, metadata)
 
 
 def label_scene(
@@ -162,9 +182,10 @@ def label_points(
     """
     scheme, groups = bundle_scheme(bundle), list(cameras)
     keep = np.flatnonzero(inliers(scene))
+    visibility = visibility_method(bundle.metadata["parameters"].get("visibility", "depth_buffer"))
     by_camera = label_through_images(
-        np.concatenate([scene.xyz[keep], *others]), _segmented(views, bundle, scheme), groups=groups,
-        n_classes=len(scheme), n_labelled=len(keep),
+        np.concatenate([scene.xyz[keep], *others]), _segmented(views, bundle), groups=groups, n_classes=len(scheme),
+        visibility=visibility, n_labelled=len(keep),
     )  # fmt: skip
     pooled = by_camera.pooled()
     seen = ~np.isnan(pooled[:, 0])
@@ -183,14 +204,13 @@ def label_points(
     return out
 
 
-def _segmented(views: Iterable[View], bundle: ModelBundle, scheme: ClassScheme) -> Iterator[SegmentedImage]:
-    classes, network = image_classes(scheme), network_of(bundle)
-    magnification = bundle.metadata["parameters"]["magnification"]
-
-    def segmented(camera: Camera, read: Callable[[], NDArray[np.uint8]]) -> NDArray[np.float32]:
-        pixels = segment_image(network, read(), magnification=magnification)
-        flat = point_probabilities(pixels.reshape(-1, len(classes)), classes, scheme)
-        return flat.reshape(camera.height, camera.width, len(scheme))
-
+def _segmented(views: Iterable[View], bundle: ModelBundle) -> Iterator[SegmentedImage]:
+    segment = None if segmentation_of(bundle)["source"] == MASKS else segmenter_of(bundle)
     for group, camera, read in views:
-        yield group, camera, partial(segmented, camera, read)
+        yield group, camera, read if segment is None else partial(_read_and_segment, segment, read)
+
+
+def _read_and_segment(
+    segment: Callable[[NDArray[np.uint8]], NDArray[np.float32]], read: Callable[[], NDArray]
+) -> NDArray[np.float32]:
+    return segment(read())

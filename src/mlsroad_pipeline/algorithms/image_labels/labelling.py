@@ -76,7 +76,7 @@ def label_through_images(
     xyz : array-like of shape (n, 3)
         All points that may occlude, in the frame of the poses, metres.
     images : iterable of (str, Camera, ndarray)
-        Segmented images, consumed one at a time.
+        Segmented images, consumed one at a time; pixels of NaN give no class.
     groups : sequence of str
         Names of the survey's cameras.
     n_classes : int
@@ -121,8 +121,10 @@ def label_through_images(
             raise DataError(f"probabilities of an image must have shape {expected}, got {table.shape}")
         pixels, _, _ = project_points(points[rows], camera)
         k = list(groups).index(group)
-        total[k, rows] += sample_image(table, pixels, np.ones(len(rows), dtype=np.bool_))
-        count[k, rows] += 1
+        values = sample_image(table, pixels, np.ones(len(rows), dtype=np.bool_))
+        known = ~np.isnan(values[:, 0])
+        total[k, rows[known]] += values[known]
+        count[k, rows[known]] += 1
     shown = count[:, :, None]
     mean = np.divide(total, shown, out=np.full_like(total, np.nan), where=shown > 0)
     return ImageLabels(tuple(groups), mean, count)

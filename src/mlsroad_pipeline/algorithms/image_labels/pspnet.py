@@ -19,20 +19,20 @@ from mlsroad_pipeline.algorithms.image_labels.pspnet_backbone import (
     normalised,
     resized,
 )
+from mlsroad_pipeline.algorithms.image_labels.training_parameters import IMAGENET_MEAN, IMAGENET_SPREAD
 
 BINS = (1, 2, 3, 6)
 """Cells along each side of the levels of the pyramid."""
 
-MEAN, SPREAD = (123.675, 116.28, 103.53), (58.395, 57.12, 57.375)
-"""Mean and standard deviation of colours in the training of published weights, 0 to 255."""
+MEAN, SPREAD = IMAGENET_MEAN, IMAGENET_SPREAD
 
 
 class _Pyramid(nn.Module):
     """Pyramid pooling: means over 1 x 1, 2 x 2, 3 x 3 and 6 x 6 regions, upsampled and concatenated."""
 
-    def __init__(self, inputs: int) -> None:
+    def __init__(self, inputs: int, corners: bool) -> None:
         super().__init__()
-        outputs = inputs // len(BINS)
+        self.corners, outputs = corners, inputs // len(BINS)
         levels = [
             nn.Sequential(
                 nn.AdaptiveAvgPool2d(size), nn.Conv2d(inputs, outputs, 1, bias=False), *normalised(outputs)
@@ -43,7 +43,8 @@ class _Pyramid(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Return the features concatenated with each level of the pyramid."""
-        return torch.cat([x, *(resized(level(x), x.shape[2:]) for level in self.features)], dim=1)
+        size = x.shape[2:]
+        return torch.cat([x, *(resized(level(x), size, corners=self.corners) for level in self.features)], dim=1)
 
 
 class _Decoder(nn.Module):
@@ -105,12 +106,18 @@ class PSPNet(nn.Module):
             raise ParameterError(f"dropout must be in [0, 1), got {dropout!r}")
         size = BACKBONES[backbone]
         self.n_classes, self.backbone = n_classes, backbone
+        self.mean, self.spread = MEAN, SPREAD
         self.layer0 = make_stem(size)
         self.layer1, self.layer2, self.layer3, self.layer4 = make_stages(size)
-        self.ppm = _Pyramid(size.widths[-1])
+        self.ppm, self.corners = _Pyramid(size.widths[-1], size.corners), size.corners
         self.cls = _head(2 * size.widths[-1], size.head, dropout, None if size.decoder else n_classes)
         self.decoder = _Decoder(size.head, size.widths[-2::-1], size.decoder, n_classes) if size.decoder else None
         self.aux = _head(size.decoder[0] if size.decoder else size.widths[-2], size.auxiliary, dropout, n_classes)
+
+    @property
+    def device(self) -> torch.device:
+        """Return the device of the weights."""
+        return next(self.parameters()).device
 
     def end_layers(self) -> list[nn.Module]:
         """Return the input layer and the output layers.
@@ -144,7 +151,8 @@ class PSPNet(nn.Module):
         third = self.layer3(second)
         out = self.cls(self.ppm(self.layer4(third)))
         if self.decoder is None:
-            return resized(out, (height, width)), resized(self.aux(third), (height, width))
+            whole = [resized(scores, (height, width), corners=self.corners) for scores in (out, self.aux(third))]
+            return whole[0], whole[1]
         main, level = self.decoder(out, (third, second, first, stem))
         return main if self.training else _every_pixel(main, height, width), self.aux(level)
 
@@ -160,19 +168,23 @@ def _every_pixel(x: Tensor, height: int, width: int) -> Tensor:
     return functional.pad(between, (0, 1, 0, 1), mode="replicate")[:, :, :height, :width]
 
 
-def network_input(images: NDArray[np.uint8]) -> Tensor:
+def network_input(
+    images: NDArray[np.uint8], *, mean: Sequence[float] = MEAN, spread: Sequence[float] = SPREAD
+) -> Tensor:
     """Standardise images for the network.
 
     Parameters
     ----------
     images : ndarray of shape (images, height, width, 3), uint8
         Red, green and blue.
+    mean, spread : sequence of float
+        Mean and standard deviation of the colours in training, 0 to 255.
 
     Returns
     -------
     Tensor of shape (images, 3, height, width)
-        Colours minus `MEAN`, divided by `SPREAD`.
+        Colours minus `mean`, divided by `spread`.
     """
     colours = torch.tensor(images).permute(0, 3, 1, 2)  # channels last in memory: faster
-    mean, spread = (torch.tensor(values)[:, None, None] for values in (MEAN, SPREAD))
-    return (colours.float() - mean) / spread
+    middle, scale = (torch.tensor([float(v) for v in values])[:, None, None] for values in (mean, spread))
+    return (colours.float() - middle) / scale

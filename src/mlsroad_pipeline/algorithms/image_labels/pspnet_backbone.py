@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -31,6 +31,11 @@ class Backbone:
         Channels of the decoder at the resolutions of the third, second and first stage and of the stem, with skip
         connections; each stage then halves the resolution instead of being dilated. Empty for no decoder, as in the
         paper.
+    contracted : bool, default False
+        Halve the dilation in the first block of a dilated stage, as the dilated ResNets of mmsegmentation and of MIT
+        CSAIL do.
+    corners : bool, default True
+        Interpolate so that the centres of the corner pixels coincide (PSPNet's own code); otherwise their outer edges.
     """
 
     stem: tuple[int, ...]
@@ -40,6 +45,8 @@ class Backbone:
     head: int
     auxiliary: int
     decoder: tuple[int, ...] = ()
+    contracted: bool = False
+    corners: bool = True
 
     @property
     def widths(self) -> tuple[int, ...]:
@@ -47,12 +54,20 @@ class Backbone:
         return (self.stem[-1], *(planes * self.expansion for planes in self.planes))
 
 
+_RESNET_50 = Backbone((64, 64, 128), (64, 128, 256, 512), (3, 4, 6, 3), 4, 512, 256)
+_RESNET_101 = replace(_RESNET_50, blocks=(3, 4, 23, 3))
+
 BACKBONES = {
-    "resnet50": Backbone((64, 64, 128), (64, 128, 256, 512), (3, 4, 6, 3), 4, 512, 256),
-    "resnet101": Backbone((64, 64, 128), (64, 128, 256, 512), (3, 4, 23, 3), 4, 512, 256),
+    "resnet50": _RESNET_50,
+    "resnet101": _RESNET_101,
+    "resnet50_csail": replace(_RESNET_50, contracted=True, corners=False),
+    "resnet101_csail": replace(_RESNET_101, contracted=True, corners=False),
+    "resnet50_mmseg": replace(_RESNET_50, stem=(32, 32, 64), contracted=True, corners=False),
+    "resnet101_mmseg": replace(_RESNET_101, stem=(32, 32, 64), contracted=True, corners=False),
     "small": Backbone((16, 24), (48, 96, 144, 192), (1, 2, 2, 2), 1, 128, 48, (96, 64, 32, 24)),
 }
-"""ResNet-50 and -101 with the three-convolution stem of published PSPNets, and a small one for training on CPUs."""
+"""ResNet-50 and -101 with the three-convolution stem of published PSPNets (semseg, MIT CSAIL, mmsegmentation), and a
+small one for training on CPUs."""
 
 
 class Block(nn.Module):
@@ -129,7 +144,9 @@ def make_stages(size: Backbone) -> list[nn.Sequential]:
     strides, dilations = ((2, 2, 2, 2), (1, 1, 1, 1)) if size.decoder else ((1, 2, 1, 1), (1, 1, 2, 4))
     stages = []
     for k, planes in enumerate(size.planes):
-        first = Block(size.widths[k], planes, size.expansion, strides[k], dilations[k])
+        contracted = size.contracted and dilations[k] > 1
+        first_dilation = dilations[k] // 2 if contracted else dilations[k]
+        first = Block(size.widths[k], planes, size.expansion, strides[k], first_dilation)
         others = [Block(size.widths[k + 1], planes, size.expansion, 1, dilations[k]) for _ in range(size.blocks[k] - 1)]
         stages.append(nn.Sequential(first, *others))
     return stages
@@ -151,7 +168,7 @@ def normalised(width: int) -> tuple[nn.Module, nn.Module]:
     return nn.BatchNorm2d(width), nn.ReLU(inplace=True)
 
 
-def resized(x: Tensor, size: Sequence[int]) -> Tensor:
+def resized(x: Tensor, size: Sequence[int], *, corners: bool = True) -> Tensor:
     """Return features interpolated to another size.
 
     Parameters
@@ -160,10 +177,12 @@ def resized(x: Tensor, size: Sequence[int]) -> Tensor:
         The features.
     size : sequence of int
         Height and width.
+    corners : bool, default True
+        See `Backbone`.
 
     Returns
     -------
     Tensor
         Features of that size.
     """
-    return functional.interpolate(x, size=tuple(size), mode="bilinear", align_corners=True)
+    return functional.interpolate(x, size=tuple(size), mode="bilinear", align_corners=corners)

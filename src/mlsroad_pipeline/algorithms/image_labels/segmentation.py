@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -11,21 +12,50 @@ from torch import Tensor
 from torch.nn import functional
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.image_labels.pspnet import PSPNet, network_input
+from mlsroad_pipeline.algorithms.image_labels.pspnet import network_input
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import check_magnifications
 from mlsroad_pipeline.algorithms.models.torch_training import limited_threads
 
 
+class Segmenter(Protocol):
+    """Network that scores the pixels of images.
+
+    Attributes
+    ----------
+    n_classes : int
+        Number of scores of a pixel.
+    mean, spread : sequence of float
+        Mean and standard deviation of colours in its training, 0 to 255.
+    device : torch.device
+        Where it computes.
+    """
+
+    @property
+    def n_classes(self) -> int: ...
+
+    @property
+    def mean(self) -> Sequence[float]: ...
+
+    @property
+    def spread(self) -> Sequence[float]: ...
+
+    @property
+    def device(self) -> torch.device: ...
+
+    def __call__(self, x: Tensor, /) -> tuple[Tensor, Tensor | None]:
+        """Return the log odds of the classes of each pixel first."""
+
+
 def segment_image(
-    network: PSPNet, image: NDArray[np.uint8], *, window: tuple[int, int] | None = None, overlap: float = 1 / 3,
+    network: Segmenter, image: NDArray[np.uint8], *, window: tuple[int, int] | None = None, overlap: float = 1 / 3,
     flip: bool = False, magnification: float | Sequence[float] = 1.0, n_threads: int = 1,
 ) -> NDArray[np.float32]:  # fmt: skip
     """Return the class probabilities of each pixel.
 
     Parameters
     ----------
-    network : PSPNet
-        The network.
+    network : Segmenter
+        The network, such as a `PSPNet`; the images are moved to its device.
     image : ndarray of shape (height, width, 3), uint8
         The image.
     window : tuple of int, optional
@@ -82,12 +112,12 @@ def _starts(size: int, window: int, overlap: float) -> list[int]:
 
 
 def _probabilities(
-    network: PSPNet, image: NDArray[np.uint8], flip: bool, magnifications: Sequence[float]
+    network: Segmenter, image: NDArray[np.uint8], flip: bool, magnifications: Sequence[float]
 ) -> NDArray[np.float32]:  # fmt: skip
     height, width = image.shape[:2]
     log_odds = []
     with torch.inference_mode():
-        pixels = network_input(image[None])
+        pixels = network_input(image[None], mean=network.mean, spread=network.spread).to(network.device)
         for magnification in magnifications:
             enlarged = _scaled(pixels, [max(1, round(side * magnification)) for side in (height, width)])
             log_odds.append(_scaled(network(enlarged)[0], (height, width)))
@@ -95,7 +125,7 @@ def _probabilities(
                 log_odds.append(_scaled(network(enlarged.flip(3))[0], (height, width)).flip(3))
         mean = torch.stack([torch.log_softmax(values, dim=1) for values in log_odds]).mean(dim=0)
         out = torch.softmax(mean, dim=1)
-    probabilities: NDArray[np.float32] = out[0].permute(1, 2, 0).numpy()
+    probabilities: NDArray[np.float32] = out[0].permute(1, 2, 0).cpu().numpy()
     return probabilities
 
 

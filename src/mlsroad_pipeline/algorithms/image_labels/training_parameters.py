@@ -116,6 +116,13 @@ class TrainingParameters:
                 raise ParameterError(f"{name} must be one of {', '.join(known)}, got {getattr(self, name)!r}")
 
 
+IMAGENET_MEAN, IMAGENET_SPREAD = (123.675, 116.28, 103.53), (58.395, 57.12, 57.375)
+"""Mean and standard deviation of colours in the training of published weights, 0 to 255."""
+
+TRAINED_AT = (1.4, 1.8)
+"""Magnifications that suit the network of this package on images of 480 pixels width."""
+
+
 @dataclass(frozen=True)
 class ImageLabelsParameters:
     """Parameters of the image-based labeller.
@@ -129,10 +136,35 @@ class ImageLabelsParameters:
         Name of the file of cameras and poses beside the point files.
     labels : str, default "labels"
         Folder of the label images for training, beside the folder of the images.
-    magnification : float or tuple of float, default (1.4, 1.8)
+    masks : str, optional
+        Folder of segmented images (PNG of class numbers or NPZ of probabilities), or the name of such a folder beside
+        the pictures. They take the place of the network.
+    weights : str, optional
+        File of a network to use in place of a trained one: published weights of a PSPNet, or an ONNX model.
+    classes : str, default "cityscapes"
+        Class map of `masks` or `weights`: ``cityscapes``, ``scheme`` (the classes of the scheme, then the sky), or a
+        CSV or YAML file.
+    scheme : str, default "road_inventory"
+        Class scheme of the points where `label` uses `masks` or `weights` without a registered model.
+    magnification : float or tuple of float, optional
         Enlargement of images before segmentation; with several factors the geometric mean of the probabilities is
-        taken. The default suits images of 480 pixels width, like that of ``network.scale``. Larger improves thin
-        objects and takes longer.
+        taken. Larger improves thin objects and takes longer. None is 1 with `weights`, else (1.4, 1.8), which suits
+        images of 480 pixels width, like ``network.scale``.
+    window : tuple of int, optional
+        Height and width of the sliding windows in which an image is segmented, pixels; None segments it as a whole. The
+        paper's network was trained on windows of 713 pixels.
+    overlap : float, default 0.3333333333333333
+        Smallest overlap of neighbouring windows, as a share; larger smooths seams and takes longer.
+    flip : bool, default False
+        Average with the segmentation of the mirrored image, which takes twice as long.
+    mean : tuple of float, default (123.675, 116.28, 103.53)
+        Mean of red, green and blue in the training of `weights`, 0 to 255; the default is that of ImageNet.
+    spread : tuple of float, default (58.395, 57.12, 57.375)
+        Standard deviation of the same.
+    device : {"auto", "cpu", "cuda"}, default "auto"
+        Where images are segmented; ``auto`` is a GPU if there is one.
+    visibility : {"depth_buffer", "hidden_points"}, default "depth_buffer"
+        Which points an image shows: a depth buffer of discs, or hidden point removal, as in the paper.
     network : TrainingParameters or mapping
         Parameters of the training.
 
@@ -145,17 +177,61 @@ class ImageLabelsParameters:
     reach: float = 30.0
     calibration: str = "calibration.json"
     labels: str = "labels"
-    magnification: float | tuple[float, ...] = (1.4, 1.8)
+    masks: str | None = None
+    weights: str | None = None
+    classes: str = "cityscapes"
+    scheme: str = "road_inventory"
+    magnification: float | tuple[float, ...] | None = None
+    window: tuple[int, int] | None = None
+    overlap: float = 1 / 3
+    flip: bool = False
+    mean: tuple[float, ...] = IMAGENET_MEAN
+    spread: tuple[float, ...] = IMAGENET_SPREAD
+    device: str = "auto"
+    visibility: str = "depth_buffer"
     network: TrainingParameters = field(default_factory=TrainingParameters)
 
     def __post_init__(self) -> None:
         if isinstance(self.network, Mapping):
             object.__setattr__(self, "network", TrainingParameters(**self.network))
         check_positive(self.reach, "reach")
-        object.__setattr__(self, "magnification", check_magnifications(self.magnification))
-        for name in ("calibration", "labels"):
+        given = (TRAINED_AT if self.weights is None else 1.0) if self.magnification is None else self.magnification
+        object.__setattr__(self, "magnification", check_magnifications(given))
+        for name in ("calibration", "labels", "classes", "scheme"):
             if not getattr(self, name):
                 raise ParameterError(f"{name} must be a name, got {getattr(self, name)!r}")
+        if self.masks is not None and self.weights is not None:
+            raise ParameterError(f"masks {self.masks!r} and weights {self.weights!r} are both given: set one to null")
+        self._check_segmentation()
+
+    def _check_segmentation(self) -> None:
+        if self.window is not None:
+            sides = tuple(self.window) if isinstance(self.window, Sequence) else (self.window,)
+            if len(sides) != 2 or any(not isinstance(side, int) or side < 1 for side in sides):
+                raise ParameterError(f"window must be height and width in pixels, got {self.window!r}")
+            object.__setattr__(self, "window", sides)
+        if not 0 <= self.overlap < 1:
+            raise ParameterError(f"overlap must be in [0, 1), got {self.overlap!r}")
+        for name in ("mean", "spread"):
+            values = tuple(float(value) for value in getattr(self, name))
+            if len(values) != 3 or not np.isfinite(values).all() or (name == "spread" and min(values) <= 0):
+                raise ParameterError(
+                    f"{name} must be three numbers for red, green and blue, got {getattr(self, name)!r}"
+                )
+            object.__setattr__(self, name, values)
+        for name, known in (("device", ("auto", "cpu", "cuda")), ("visibility", ("depth_buffer", "hidden_points"))):
+            if getattr(self, name) not in known:
+                raise ParameterError(f"{name} must be one of {', '.join(known)}, got {getattr(self, name)!r}")
+
+    @property
+    def magnifications(self) -> tuple[float, ...]:
+        """Return the enlargements of images."""
+        return check_magnifications(TRAINED_AT if self.magnification is None else self.magnification)
+
+    @property
+    def own_segmentation(self) -> bool:
+        """Return whether images are segmented by masks or by a network trained elsewhere."""
+        return self.masks is not None or self.weights is not None
 
 
 def check_magnifications(given: float | Sequence[float]) -> tuple[float, ...]:

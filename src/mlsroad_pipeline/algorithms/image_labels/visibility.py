@@ -139,6 +139,33 @@ class HiddenPointRemoval:
         _check_range(self.max_range)
 
 
+def visibility_method(name: str) -> DepthBuffer | HiddenPointRemoval:
+    """Return a method of the visibility with its defaults.
+
+    Parameters
+    ----------
+    name : {"depth_buffer", "hidden_points"}
+        The method.
+
+    Returns
+    -------
+    DepthBuffer or HiddenPointRemoval
+        Its parameters.
+
+    Raises
+    ------
+    ParameterError
+        If the name is unknown.
+    """
+    methods: dict[str, DepthBuffer | HiddenPointRemoval] = {
+        "depth_buffer": DepthBuffer(),
+        "hidden_points": HiddenPointRemoval(),
+    }
+    if name not in methods:
+        raise ParameterError(f"visibility must be one of {', '.join(methods)}, got {name!r}")
+    return methods[name]
+
+
 def visible_points(
     xyz: ArrayLike, camera: Camera, *, method: DepthBuffer | HiddenPointRemoval | None = None
 ) -> NDArray[np.bool_]:

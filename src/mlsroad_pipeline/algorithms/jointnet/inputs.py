@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.features.accumulation_images import Images, draw_images
+from mlsroad_pipeline.algorithms.jointnet.cleaning import isolated_points
 from mlsroad_pipeline.algorithms.jointnet.measures import measure_objects
 from mlsroad_pipeline.algorithms.jointnet.parameters import (
     N_INTENSITY,
@@ -168,14 +169,17 @@ def encode(
     -------
     images : dict of str to ndarray of float32, shape (objects, 5, channels, size, size)
         View to images. Counts are shares of the points multiplied by a quarter of the number of cells, which makes them
-        of order 1 for any size, or the square roots of these.
+        of order 1 for any size, or the square roots of these; without `InputParameters.relative` they are plain counts.
     measures : ndarray of float32, shape (objects, `N_MEASURES` or 0)
         Measures, see `measure_objects`.
     """
+    if parameters.clean:
+        alone = isolated_points(points.xyz, points.indptr, factor=parameters.clean, least=_FEW)
+        points = points.kept(~alone)
     counts = np.diff(points.indptr)
     sizes = (int(parameters.sizes[0]), int(parameters.sizes[1]), int(parameters.sizes[2]))
     window = None if parameters.window is None else (float(parameters.window[0]), float(parameters.window[1]))
-    weight = 1.0 / np.repeat(counts, counts)
+    weight = 1.0 / np.repeat(counts, counts) if parameters.relative else np.ones(len(points.xyz))
 
     def draw(weights: NDArray[np.float64]) -> Images:
         return draw_images(
@@ -186,6 +190,7 @@ def encode(
             isotropic=parameters.isotropic,
             window=window,
             bilinear=parameters.bilinear,
+            printed_rows=parameters.printed_rows,
         )
 
     shares = dict(zip(VIEWS, draw(weight), strict=True))
@@ -193,7 +198,7 @@ def encode(
     brightness = dict(zip(VIEWS, draw(weight * value), strict=True)) if parameters.intensity else {}
     images = {}
     for view in parameters.views:
-        share = shares[view] * np.float32(shares[view].shape[-1] ** 2 / 4)
+        share = shares[view] * np.float32(shares[view].shape[-1] ** 2 / 4) if parameters.relative else shares[view]
         channels = [np.sqrt(share) if parameters.compress else share]
         if parameters.intensity:
             channels.append(brightness[view] / np.maximum(shares[view], np.float32(1e-9)))

@@ -45,6 +45,13 @@ class InputParameters:
     bilinear : bool, default False
         Distribute a point over the four cells around it, as in the spin images of Johnson and Hebert (1999) that HSSI
         follows; images of few points are less noisy then. Luo2019 prints one cell per point.
+    printed_rows : bool, default False
+        Rows of HSSI by equation 4 as printed, which leaves half of the image empty; see `compute_images`.
+    relative : bool, default True
+        Divide counts by the number of points of the object (luo2019: no).
+    clean : float, default 2.5
+        Leave out points whose mean distance to their four nearest points is more than this factor times the median of
+        the object (statistical outlier removal); 0 keeps all (luo2019: all).
     compress : bool, default True
         Take the square root of the counts, which emphasises sparse cells (luo2019: no).
     intensity : bool, default True
@@ -64,6 +71,9 @@ class InputParameters:
     isotropic: bool = True
     window: Sequence[float] | None = None
     bilinear: bool = False
+    printed_rows: bool = False
+    relative: bool = True
+    clean: float = 2.5
     compress: bool = True
     intensity: bool = True
     measures: bool = True
@@ -75,6 +85,7 @@ class InputParameters:
             raise ParameterError(f"inputs.sizes must be three numbers, got {list(self.sizes)!r}")
         for size in self.sizes:
             _whole(size, "inputs.sizes")
+        check_at_least(self.clean, 0.0, "inputs.clean")
         if self.window is not None:
             if len(self.window) != 2:
                 raise ParameterError(f"inputs.window must be two lengths, got {list(self.window)!r}")
@@ -145,7 +156,7 @@ class AugmentationParameters:
         Maximum standard deviation of the noise on coordinates, as a share of half the extent of the object.
     scale : float, default 0.1
         Maximum relative change of the extent along each axis.
-    outliers : float, default 0.0
+    outliers : float, default 0.1
         Maximum share of points that become outliers.
     hide_intensity : float, default 0.2
         Share of the objects whose intensity is hidden, for robustness to missing intensity.
@@ -161,7 +172,7 @@ class AugmentationParameters:
     occlude: float = 0.3
     noise: float = 0.0
     scale: float = 0.1
-    outliers: float = 0.0
+    outliers: float = 0.1
     hide_intensity: float = 0.2
 
     def __post_init__(self) -> None:
@@ -195,8 +206,16 @@ class TrainingParameters:
         Learning rate: rising over the first fifth and falling to 0 as a cosine, or halved every 20 epochs (luo2019).
     label_smoothing : float, default 0.1
         Label smoothing of the cross entropy (luo2019: 0).
+    loss : {"mean", "sum"}, default "mean"
+        Mean of the cross entropy over a batch, or its sum (luo2019, equation 11), whose gradients are as many times
+        larger as a batch has objects.
     augmentation : AugmentationParameters or mapping
         Augmentation of the training objects.
+    machine_share : float, default 0.5
+        Share of a support vector machine on the measures in the class probabilities, beside the networks; 0 for none,
+        and without measures (luo2019: 0).
+    machine_copies : int, default 3
+        Augmented copies of each object that the machine is trained on, beside the object itself.
     n_members : int, default 2
         Networks of the ensemble, from different initial weights; their probabilities are averaged (luo2019: 1).
     n_turns : int, default 4
@@ -227,7 +246,10 @@ class TrainingParameters:
     clip: float = 0.0
     schedule: Literal["one_cycle", "halving"] = "one_cycle"
     label_smoothing: float = 0.1
+    loss: Literal["mean", "sum"] = "mean"
     augmentation: AugmentationParameters = field(default_factory=AugmentationParameters)
+    machine_share: float = 0.5
+    machine_copies: int = 3
     n_members: int = 2
     n_turns: int = 4
     validation: float = 0.0
@@ -245,9 +267,11 @@ class TrainingParameters:
         _whole(self.seed, "training.seed", 0)
         check_positive(self.learning_rate, "training.learning_rate")
         check_at_least(self.clip, 0.0, "training.clip")
-        for name in ("momentum", "weight_decay", "label_smoothing", "validation"):
+        _whole(self.machine_copies, "training.machine_copies", 0)
+        for name in ("momentum", "weight_decay", "label_smoothing", "validation", "machine_share"):
             _share(getattr(self, name), f"training.{name}")
-        for name, known in (("schedule", ("one_cycle", "halving")), ("device", ("auto", "cpu", "cuda"))):
+        choices = {"schedule": ("one_cycle", "halving"), "device": ("auto", "cpu", "cuda"), "loss": ("mean", "sum")}
+        for name, known in choices.items():
             if getattr(self, name) not in known:
                 raise ParameterError(f"training.{name} must be one of {', '.join(known)}, got {getattr(self, name)!r}")
 

@@ -14,14 +14,20 @@ from numpy.typing import ArrayLike, NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.features.accumulation_images import join_objects, join_values
 from mlsroad_pipeline.algorithms.jointnet.inputs import Points, encode
+from mlsroad_pipeline.algorithms.jointnet.measure_machine import train_machine
 from mlsroad_pipeline.algorithms.jointnet.network import JointNet
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
 from mlsroad_pipeline.algorithms.jointnet.training import Checkpoints, to_tensors, train_network
+from mlsroad_pipeline.algorithms.models.bundle import arrays_under
+from mlsroad_pipeline.algorithms.models.kernel_machine import KernelMachine
 from mlsroad_pipeline.algorithms.models.torch_training import find_device, load_weights, reproducible
 from mlsroad_pipeline.algorithms.recognition.object_set import check_training
 
 _BATCH = 256
 """Objects per batch in prediction."""
+
+_MACHINE = "machine/"
+"""Start of the names of the arrays of the machine on the measures."""
 
 logger = logging.getLogger(__name__)
 
@@ -42,6 +48,8 @@ class JointNetRecogniser:
     ----------
     classes_ : ndarray
         The classes, sorted; columns of `predict_proba`.
+    machine_ : KernelMachine or None
+        Support vector machine on the measures.
     histories_ : list of list of dict
         Losses of each network and epoch.
     """
@@ -97,6 +105,7 @@ class JointNetRecogniser:
             )
             self.networks_.append(trained.network)
             self.histories_.append(trained.history)
+        self.machine_ = train_machine(points, target, self.parameters)
         return self
 
     def predict_proba(
@@ -114,7 +123,8 @@ class JointNetRecogniser:
         Returns
         -------
         ndarray of float64, shape (objects, classes)
-            Probabilities: the softmax of the summed scores, averaged over networks and headings.
+            Probabilities: the softmax of the summed scores, averaged over networks and headings, and averaged with the
+            machine on the measures.
 
         Raises
         ------
@@ -132,7 +142,11 @@ class JointNetRecogniser:
             for start in range(0, len(total), _BATCH):
                 rows = slice(start, start + _BATCH)
                 total[rows] += self._score({view: v[rows] for view, v in images.items()}, measures[rows])
-        return total / (n_turns * len(self.networks_))
+        total /= n_turns * len(self.networks_)
+        if self.machine_ is None or measures is None:
+            return total
+        share = self.parameters.training.machine_share
+        return (1 - share) * total + share * self.machine_.predict_proba(measures)
 
     def _score(self, images: dict[str, NDArray[np.float32]], measures: NDArray[np.float32]) -> NDArray[np.float64]:
         device = next(self.networks_[0].parameters()).device
@@ -165,7 +179,8 @@ class JointNetRecogniser:
         for member, network in enumerate(self.networks_):
             for name, value in network.state_dict().items():
                 arrays[f"{member}/{name}"] = value.cpu().numpy()
-        return arrays
+        machine = {} if self.machine_ is None else self.machine_.to_arrays()
+        return arrays | {f"{_MACHINE}{name}": value for name, value in machine.items()}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray], parameters: JointNetParameters) -> Self:
@@ -198,6 +213,8 @@ class JointNetRecogniser:
             network = JointNet(parameters, len(self.classes_))
             load_weights(network, arrays, f"{member}/", f"jointnet with {len(self.classes_)} classes")
             self.networks_.append(network.to(device).eval())
+        machine = arrays_under(arrays, _MACHINE)
+        self.machine_ = KernelMachine.from_arrays(machine) if machine else None
         return self
 
     def describe(self) -> dict[str, object]:

@@ -189,7 +189,8 @@ class _Run:
         self.optimizer = torch.optim.SGD(
             self.network.parameters(), lr=p.learning_rate, momentum=p.momentum, weight_decay=p.weight_decay
         )
-        self.loss = nn.CrossEntropyLoss(label_smoothing=p.label_smoothing)  # with the softmax that equation 11 omits
+        # with the softmax that equation 11 omits
+        self.loss = nn.CrossEntropyLoss(label_smoothing=p.label_smoothing, reduction=p.loss)
         self.history: list[dict[str, float]] = []
         self.best: dict[str, Tensor] | None = None
         self.since_best = 0
@@ -241,7 +242,7 @@ class _Run:
         if self.parameters.training.clip:
             nn.utils.clip_grad_norm_(self.network.parameters(), self.parameters.training.clip)
         self.optimizer.step()
-        return float(loss.detach())
+        return float(loss.detach()) / (len(rows) if self.parameters.training.loss == "sum" else 1)
 
     def _validate(self) -> None:
         self.network.eval()

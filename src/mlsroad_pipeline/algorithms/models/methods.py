@@ -211,6 +211,7 @@ _TABLE = (
         describe=".oriented_points:describe_surfaces", description="surfaces",
     ),
     Method("jointnet", "recognition", "jointnet", _JOINTNET_PARAMETERS, _JOINTNET, uses_intensity=True),
+    Method("jointnet_tuned", "recognition", "jointnet", _JOINTNET_PARAMETERS, _JOINTNET, uses_intensity=True),
     Method("jointnet_printed", "recognition", "jointnet", _JOINTNET_PARAMETERS, _JOINTNET, uses_intensity=True),
     *(
         Method(

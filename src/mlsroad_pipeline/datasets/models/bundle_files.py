@@ -94,12 +94,29 @@ def _load_bundle(source: Path) -> ModelBundle:
         raise ReadError(f"{source}: arrays {sorted(arrays)} where {content['arrays']} were written")
     try:
         check_model_arrays(arrays)
-        bundle = ModelBundle(content["slug"], arrays, content["metadata"])
+        slug, metadata = _as_of_today(content["slug"], content["metadata"])
+        bundle = ModelBundle(slug, arrays, metadata)
         if "scheme" in bundle.metadata:
             bundle_scheme(bundle)
         return bundle
     except MlsRoadError as error:
         raise ReadError(f"{source / _JSON}: {error}") from error
+
+
+def _as_of_today(slug: str, metadata: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Return slug and metadata of a stored model.
+
+    Models of `jointnet_printed` that lack its present parameters have the settings of `jointnet_tuned`; a network was
+    trained without cleaned objects where its parameters do not name them.
+    """
+    parameters = metadata.get("parameters", {})
+    recogniser = parameters.get("recogniser", {}) if isinstance(parameters, dict) else {}
+    inputs = recogniser.get("inputs") if isinstance(recogniser, dict) else None
+    if not isinstance(inputs, dict) or "clean" in inputs:
+        return slug, metadata
+    present = {**recogniser, "inputs": {**inputs, "clean": 0.0}}
+    slug = "jointnet_tuned" if slug == "jointnet_printed" else slug
+    return slug, {**metadata, "parameters": {**parameters, "recogniser": present}}
 
 
 @dataclass(frozen=True)

@@ -7,23 +7,25 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.image_labels.pspnet import PSPNet
+from mlsroad_pipeline.algorithms.image_labels.pspnet_layouts import recognise_weights
 from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import load_state
 
 
-def load_published(path: str | Path, *, n_classes: int = 19, backbone: str = "resnet50") -> PSPNet:
+def load_published(path: str | Path, *, n_classes: int | None = None, backbone: str | None = None) -> PSPNet:
     """Read published PyTorch weights of a PSPNet, such as those trained on Cityscapes.
 
     Parameters
     ----------
     path : str or Path
         A state dict, bare or below ``state_dict``; names may begin with ``module.``. Nothing but tensors is read from
-        the file, no code.
-    n_classes : int, default 19
-        Classes of the weights.
-    backbone : str, default "resnet50"
-        ``resnet50`` or ``resnet101``.
+        the file, no code. The names are those of semseg, MIT CSAIL (encoder and decoder in one file, with the prefixes
+        ``encoder.`` and ``decoder.``) or mmsegmentation.
+    n_classes : int, optional
+        Classes of the weights; None takes those of the file.
+    backbone : str, optional
+        One of `BACKBONES`; None recognises it by the names and the number of blocks.
 
     Returns
     -------
@@ -47,6 +49,13 @@ def load_published(path: str | Path, *, n_classes: int = 19, backbone: str = "re
     state = given.get("state_dict", given) if isinstance(given, dict) else None
     if not isinstance(state, dict) or not all(isinstance(value, Tensor) for value in state.values()):
         raise ReadError(f"{source}: holds no state dict")
+    if backbone is None:
+        backbone, state = recognise_weights(state, source=str(source))
+    if n_classes is None:
+        last = next((value for name, value in state.items() if name.endswith("cls.4.weight")), None)
+        if last is None:
+            raise DataError(f"{source}: has no weights cls.4.weight, whose first size is the number of classes")
+        n_classes = len(last)
     network = PSPNet(n_classes, backbone=backbone)
     load_state(network, state, source=str(source))
     return network.eval()

@@ -13,6 +13,7 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
 from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
+from mlsroad_pipeline.datasets.models.own_segmentation import own_model
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
 from mlsroad_pipeline.pipelines.schemes import training_scheme
@@ -22,6 +23,7 @@ from mlsroad_pipeline.surveys.drive_images import (
     images_of_drives,
     label_scene_through_images,
 )
+from mlsroad_pipeline.surveys.masks import masks_of_drives
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import held_out_keys, plan_comparison, training_keys
 
@@ -35,7 +37,11 @@ def find_images(
 ) -> dict[str, DriveImages]:
     """Find the images of each drive that has scenes."""
     drives = {SceneKey.parse(key).parent for key in scenes}
-    return images_of_drives(plan_comparison(survey, ingest, classes["codings"]), parameters.calibration, drives)
+    plan = plan_comparison(survey, ingest, classes["codings"])
+    found = images_of_drives(plan, parameters.calibration, drives, training=not parameters.own_segmentation)
+    if parameters.masks is not None:
+        masks_of_drives({drive: images.images for drive, images in found.items()}, parameters.masks)
+    return found
 
 
 def train_network(
@@ -44,13 +50,17 @@ def train_network(
     survey: SurveyParameters,
     classes: Mapping[str, Any],
 ) -> tuple[ModelBundle, ModelBundle, pd.DataFrame]:
-    """Train the network on the images of the training drives."""
+    """Train the network on the images of the training drives, or take one trained elsewhere, or masks."""
     scheme = training_scheme(survey, classes)
+    cameras = sorted({group for images in drives.values() for group in images.images.groups})
+    if parameters.own_segmentation:
+        model = own_model(parameters, scheme, cameras=cameras, trained_on={"survey": survey.root})
+        return model, model, pd.DataFrame({"step": pd.Series(dtype="int64"), "loss": pd.Series(dtype="float64")})
     model, losses = METHODS["image_labels"].load("train")(
         LabelledImages([drives[drive] for drive in training_keys(drives)], parameters.labels, scheme),
         parameters=parameters,
         scheme=scheme,
-        cameras=sorted({group for images in drives.values() for group in images.images.groups}),
+        cameras=cameras,
         trained_on={"survey": survey.root, "splits": str(survey.splits.get("train"))},
     )
     return model, model, pd.DataFrame({"step": range(len(losses)), "loss": losses})
@@ -68,7 +78,7 @@ def label_scenes(
             "around": [scenes[name] for name in scenes_beside(key, scenes)],
             "model": model,
             "calibration": None if images is None else SourceFile(images.calibration),
-            "pictures": None if images is None else SourceFile(images.folder),
+            "pictures": None if images is None else SourceFile(images.folder_of(parameters.masks)),
         }
         tasks[key] = SceneTask(label_scene_through_images, inputs, {"reach": parameters.reach})
     return tasks

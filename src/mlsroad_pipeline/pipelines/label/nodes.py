@@ -10,6 +10,7 @@ from typing import Any
 import pandas as pd
 
 from mlsroad_pipeline.algorithms.core.palette import class_palette
+from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, missing_attributes
 from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
 from mlsroad_pipeline.algorithms.stages import GroundParameters
@@ -24,7 +25,7 @@ from mlsroad_pipeline.label.checks import check_headers, check_outputs
 from mlsroad_pipeline.label.exports import export_inventory
 from mlsroad_pipeline.label.images import LabelImages, images_of_survey, images_to_label
 from mlsroad_pipeline.label.inventory import OBJECTS, inventory_of, objects_task
-from mlsroad_pipeline.label.model_choice import ModelRequest, named_choice
+from mlsroad_pipeline.label.model_choice import ModelRequest, image_request, named_choice
 from mlsroad_pipeline.label.photos import write_photos
 from mlsroad_pipeline.label.planned_outputs import planned_outputs
 from mlsroad_pipeline.label.result_warnings import label_warnings
@@ -60,11 +61,14 @@ def check_label_outputs(
     return quality
 
 
-def find_named_model(parameters: LabelParameters) -> ModelRequest:
+def find_named_model(
+    parameters: LabelParameters, images: ImageLabelsParameters, classes: Mapping[str, Any]
+) -> ModelRequest:
     """Return the model that is named or is the champion, before the survey is read."""
-    store = configured_store()
-    named = named_choice(method=parameters.method, model=parameters.model, store=store)
-    return ModelRequest(parameters.method, named)
+    if parameters.method == "image_labels" and parameters.model is None and images.own_segmentation:
+        return image_request(ModelRequest(parameters.method), images, classes["schemes"])
+    named = named_choice(method=parameters.method, model=parameters.model, store=configured_store())
+    return image_request(ModelRequest(parameters.method, named), images, classes["schemes"])
 
 
 def describe_survey(plan: SurveyPlan, pieces: SceneCollection, ingest: IngestParameters) -> dict[str, float]:
@@ -103,9 +107,11 @@ def warn_of_survey(
     return warnings
 
 
-def find_label_images(plan: SurveyPlan, model: ModelFile, parameters: LabelParameters) -> LabelImages:
+def find_label_images(
+    plan: SurveyPlan, model: ModelFile, parameters: LabelParameters, images: ImageLabelsParameters
+) -> LabelImages:
     """Return the images of the survey for a model that uses images."""
-    return images_to_label(plan, model.load(), parameters.images)
+    return images_to_label(plan, model.load(), parameters.images, images.masks)
 
 
 def label_new_scenes(

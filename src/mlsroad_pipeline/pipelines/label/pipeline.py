@@ -50,7 +50,12 @@ def _ingest() -> Pipeline:
 
 def _labelling() -> list[Node]:
     return [
-        Node(find_named_model, inputs="params:label", outputs="label_model_request", name="find_named_model"),
+        Node(
+            find_named_model,
+            inputs=["params:label", "params:image_labels", "params:classes"],
+            outputs="label_model_request",
+            name="find_named_model",
+        ),
         Node(
             describe_survey,
             inputs=["label_plan", "label_pieces_store", "params:ingest"],
@@ -79,7 +84,7 @@ def _labelling() -> list[Node]:
         ),
         Node(
             find_label_images,
-            inputs=["label_plan", "label_model", "params:label"],
+            inputs=["label_plan", "label_model", "params:label", "params:image_labels"],
             outputs="label_images",
             name="find_label_images",
         ),

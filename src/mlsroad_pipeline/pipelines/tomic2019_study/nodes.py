@@ -25,5 +25,7 @@ def tabulate_study(
 ) -> StudyTables:
     """Make the tables."""
     fused = {key: FusionRun.from_arrays(arrays) for key, arrays in runs.load_all("results").items()}
-    matrices = {street: pixels["matrix"] for street, pixels in images.load_all("pixels").items()}
+    matrices = {
+        street: pixels["matrix"] for street, pixels in images.load_all("pixels").items() if street in plan.streets
+    }
     return study_tables(plan, fused, matrices, features.load_all("facts"))

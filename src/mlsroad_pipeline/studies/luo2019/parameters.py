@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
@@ -11,10 +12,10 @@ from mlsroad_pipeline.algorithms.jointnet.parameters import VIEWS
 from mlsroad_pipeline.algorithms.recognition.disturbances import PAPER_LEVELS, Disturbance
 from mlsroad_pipeline.studies.parameters import ScaledStudy
 
-JOINTNET, PRINTED = "jointnet", "jointnet_printed"
+JOINTNET, TUNED, PRINTED = "jointnet", "jointnet_tuned", "jointnet_printed"
 SUB_NETWORKS = tuple(f"{view}_net" for view in VIEWS)
 BASELINES = ("hierarchy_descriptor", "spin_image", "shot", "pointnet")
-METHODS = (JOINTNET, PRINTED, *SUB_NETWORKS, *BASELINES)
+METHODS = (JOINTNET, TUNED, PRINTED, *SUB_NETWORKS, *BASELINES)
 """All recognisers; the baselines in the order of the paper's Table 2."""
 
 KINDS = ("noise", "keep", "outliers", "occlusion")
@@ -44,6 +45,11 @@ class StudyScale:
         the first, (0.01, 0.5, 0.05, 0.05).
     variants : mapping
         Changes of JointNet's parameters for Figures 7, 13 and 14, which take many trainings.
+    images_alone : mapping
+        Changes of the parameters of JointNet and its sub-networks for Figures 9 and 10, where images alone decide.
+    grid : sequence of int
+        Image sizes of which all combinations for the three kinds of images are tried; empty for none. The paper tries
+        6 x 6 x 6 = 216 (section 4.2).
     methods : mapping
         Slug to changes of the method's parameters at this scale.
     tuning : mapping
@@ -60,6 +66,8 @@ class StudyScale:
     training: Mapping[str, Sequence[float]]
     combined: Sequence[Sequence[float]]
     variants: Mapping[str, Any]
+    images_alone: Mapping[str, Any]
+    grid: Sequence[int]
     methods: Mapping[str, Mapping[str, Any]]
     tuning: Mapping[str, Sequence[Mapping[str, Any]]]
 
@@ -106,6 +114,10 @@ class StudyScale:
             for i, view in enumerate(VIEWS)
             for size in self.sizes
         }
+
+    def grid_settings(self) -> dict[str, list[int]]:
+        """Return the combinations of image sizes, such as ``sizes=16x8x16``."""
+        return {"sizes=" + "x".join(map(str, sizes)): list(sizes) for sizes in product(self.grid, repeat=len(VIEWS))}
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,16 @@ SYDNEY = "sydney"
 MAIN, SIZE, TRAINING = "main", "size", "training"
 """Groups of runs: all methods; Figure 7; Figures 13 and 14."""
 
+ALONE, GRID = "alone", "grid"
+"""Groups of runs: networks without the measures (Figures 9 and 10); combinations of image sizes."""
+
+PUBLISHED = "pointnet_published"
+PUBLISHED_POINTNET = {"n_points": 1024, "widths": [64, 128, 1024], "hidden": [512, 256]}
+"""Size of PointNet in Qi et al. 2017."""
+
+PAPER_LEVEL = {f"level={i}": level for i, level in enumerate(PAPER_LEVELS, 1)}
+"""Test sets 1, 2 and 3 of the paper."""
+
 UNDISTURBED = Disturbance()
 
 
@@ -35,7 +45,7 @@ UNDISTURBED = Disturbance()
 class StudyRun:
     """Training of one method on one set."""
 
-    group: str  # `MAIN`, `SIZE` or `TRAINING`
+    group: str  # `MAIN`, `ALONE`, `SIZE`, `GRID` or `TRAINING`
     dataset: str  # set of objects
     setting: str  # run within the group: the method, the image size, or the disturbance of the training objects
     method: str  # recogniser
@@ -75,7 +85,9 @@ class StudyPlan:
         every = [
             *(self._main(name, method, seed) for name in self.sets for method in METHODS for seed in self.scale.seeds),
             *(self._fold(fold, m, seed) for fold in self.folds for m in METHODS for seed in self.scale.seeds),
-            *self._sizes(),
+            *self._alone(),
+            *self._sizes(SIZE, self.scale.size_settings(self._variant().inputs.sizes)),
+            *self._sizes(GRID, self.scale.grid_settings()),
             *(self._training(name, setting) for name in self.sets for setting in self.scale.training_conditions()),
         ]
         return {run.key: run for run in every}
@@ -107,19 +119,25 @@ class StudyPlan:
     def _variant(self) -> Any:
         return changed(self._settings(JOINTNET, self.scale.seeds[0])[0], self.scale.variants)
 
-    def _sizes(self) -> list[StudyRun]:
-        base, name = self._variant(), self.sets[0]
-        levels = {f"level={i}": level for i, level in enumerate(PAPER_LEVELS, 1)}
-        settings: dict[str, Any] = {
-            setting: changed(base, {"inputs": {"sizes": sizes}})
-            for setting, sizes in self.scale.size_settings(base.inputs.sizes).items()
-        }
+    def _alone(self) -> list[StudyRun]:
+        name, conditions = self.sets[0], {CLEAN: UNDISTURBED, **PAPER_LEVEL}
         return [
             StudyRun(
-                SIZE, name, setting, JOINTNET, (parameters,), (f"{name}.train",), f"{name}.test", levels,
-                self.scale.seeds[0],
+                ALONE, name, method, method, (changed(self._settings(method, seed)[0], self.scale.images_alone),),
+                (f"{name}.train",), f"{name}.test", conditions, seed,
             )
-            for setting, parameters in settings.items()
+            for method in (JOINTNET, *SUB_NETWORKS)
+            for seed in self.scale.seeds
+        ]  # fmt: skip
+
+    def _sizes(self, group: str, sizes: Mapping[str, Sequence[int]]) -> list[StudyRun]:
+        base, name = self._variant(), self.sets[0]
+        return [
+            StudyRun(
+                group, name, setting, JOINTNET, (changed(base, {"inputs": {"sizes": list(each)}}),), (f"{name}.train",),
+                f"{name}.test", PAPER_LEVEL, self.scale.seeds[0],
+            )
+            for setting, each in sizes.items()
         ]  # fmt: skip
 
     def _training(self, name: str, setting: str) -> StudyRun:
@@ -130,12 +148,10 @@ class StudyPlan:
         )  # fmt: skip
 
     def networks(self) -> dict[str, Any]:
-        """Return the networks of Tables 1 and 4: method to parameters."""
-        return {
-            method: self._settings(method, self.scale.seeds[0])[0]
-            for method in METHODS
-            if method in (JOINTNET, *SUB_NETWORKS) or method == BASELINES[-1]
-        }
+        """Return the networks of Tables 1 and 4: method to parameters; PointNet also in its published size."""
+        pointnet = BASELINES[-1]
+        own = {name: self._settings(name, self.scale.seeds[0])[0] for name in (JOINTNET, *SUB_NETWORKS, pointnet)}
+        return {**own, PUBLISHED: changed(own[pointnet], PUBLISHED_POINTNET)}
 
 
 def measure_networks(plan: StudyPlan) -> dict[str, SceneTask]:
@@ -143,7 +159,7 @@ def measure_networks(plan: StudyPlan) -> dict[str, SceneTask]:
     n_classes = len(plan.schemes[plan.sets[0]])
 
     def task(method: str, parameters: Any) -> SceneTask:
-        view = method_table.METHODS[method].variant
+        view = method_table.METHODS[method].variant if method in method_table.METHODS else None
         own = parameters.with_views(view) if view else parameters
         return SceneTask(runs.measure_network, parameters={"parameters": own, "n_classes": n_classes})
 

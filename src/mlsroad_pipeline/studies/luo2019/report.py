@@ -44,6 +44,7 @@ def study_sections(plan: StudyPlan, tables: StudyTables, figures: Sequence[Figur
         TableSection("Table 1: sub-networks", tables.table_1, note=times),
         TableSection("Table 4: efficiency", tables.table_4, note=times),
         TableSection("Figure 7: image sizes", tables.image_sizes),
+        TableSection("Combinations of image sizes", tables.size_grid),
         TableSection("Figure 12: disturbed test objects", tables.robustness),
         TableSection("Figures 13 and 14: disturbed training objects", tables.training),
         *tuned,

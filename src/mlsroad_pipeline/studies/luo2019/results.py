@@ -14,7 +14,17 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.metrics.scores import recognition_scores
 from mlsroad_pipeline.studies.luo2019 import paper as luo2019_paper
 from mlsroad_pipeline.studies.luo2019.parameters import BASELINES, CLEAN, JOINTNET, METHODS, SUB_NETWORKS
-from mlsroad_pipeline.studies.luo2019.plan import MAIN, SIZE, SYDNEY, TRAINING, StudyPlan, StudyRun
+from mlsroad_pipeline.studies.luo2019.plan import (
+    ALONE,
+    GRID,
+    MAIN,
+    PUBLISHED,
+    SIZE,
+    SYDNEY,
+    TRAINING,
+    StudyPlan,
+    StudyRun,
+)
 from mlsroad_pipeline.studies.luo2019.runs import Recognised, TrainingFacts
 from mlsroad_pipeline.studies.luo2019.scores import (
     NetworkCost,
@@ -47,12 +57,14 @@ class StudyTables(Tables):
     table_2: pd.DataFrame
     table_3: pd.DataFrame
     table_4: pd.DataFrame
-    sub_networks: pd.DataFrame  # Figure 9: F1 of each class on the three disturbed test sets
-    confusion_counts: pd.DataFrame  # Figure 10: objects by true and recognised class on the three disturbed test sets
+    # Figure 9: F1 of each class on the undisturbed and the three disturbed test sets, of networks without the measures
+    sub_networks: pd.DataFrame
+    confusion_counts: pd.DataFrame  # Figure 10: objects by true and recognised class of the same networks
     robustness: pd.DataFrame  # Figure 12: accuracy and mean F1 of each method by disturbance of the test objects
     # mean F1 of the other methods minus that of `jointnet`, under every disturbance, with 95 % intervals
     differences: pd.DataFrame
     image_sizes: pd.DataFrame  # Figure 7: accuracy, mean F1 and average precision by image size
+    size_grid: pd.DataFrame  # the same for combinations of image sizes
     training: pd.DataFrame  # Figures 13 and 14: accuracy and mean F1 by disturbance of the training objects
     curves: pd.DataFrame  # precision-recall curves of Figures 7, 11 and 14
     tuning: pd.DataFrame  # settings tried on validation objects
@@ -89,24 +101,33 @@ def study_tables(plan: StudyPlan, results: Results, facts: Facts, networks: Mapp
     efficiency = made.efficiency()
     sub_networks, confusions = made.sub_networks()
     sizes, curves_7 = made.variants(SIZE)
+    grid, _ = made.variants(GRID)
     training, curves_14 = made.variants(TRAINING)
     return StudyTables(
         scores=made.scores(),
         table_1=_table_one(efficiency),
         table_2=made.table_two(),
         table_3=made.table_three(),
-        table_4=efficiency[efficiency["method"].isin((*BASELINES, JOINTNET))].merge(
-            luo2019_paper.table_four(), on="method", how="left"
-        ),
+        table_4=_table_four(efficiency),
         sub_networks=sub_networks,
         confusion_counts=confusions,
         robustness=made.robustness(),
         differences=made.differences(),
         image_sizes=sizes.rename(columns={"disturbance": "view", "level": "size"}),
+        size_grid=grid.rename(columns={"disturbance": "kind", "level": "sizes"}),
         training=training,
         curves=pd.concat([curves_7.assign(figure=7), made.curves().assign(figure=11), curves_14.assign(figure=14)]),
         tuning=made.tuning(),
     )
+
+
+def _table_four(efficiency: pd.DataFrame) -> pd.DataFrame:
+    """Return Table 4; the paper's PointNet has the published size, and a descriptor has four bytes per dimension."""
+    table = efficiency[efficiency["method"].isin((*BASELINES, PUBLISHED, JOINTNET))].copy()
+    table.insert(2, "footprint_bytes", 4 * table["dimension"])
+    paper = luo2019_paper.table_four()
+    paper["method"] = paper["method"].replace({BASELINES[-1]: PUBLISHED})
+    return table.merge(paper, on="method", how="left")
 
 
 def _table_one(efficiency: pd.DataFrame) -> pd.DataFrame:
@@ -166,18 +187,24 @@ class _Tables:
 
     def efficiency(self) -> pd.DataFrame:
         rows = []
-        for method in METHODS:
+        for method in (*METHODS, PUBLISHED):
             network = self.networks.get(method)
             facts = [self.facts[run.key] for run in self.main if run.method == method]
+            weights = None if network is None else float(network["weight_bytes"]) / 1e6
+            slots = (
+                3 if method in (BASELINES[-1], PUBLISHED) else 2
+            )  # Adam has two slots for a weight, momentum has one
             row: dict[str, Any] = {
                 "method": method,
-                "dimension": int(facts[0]["dimension"]) or None,
-                "model_mb": max(float(f["model_bytes"]) for f in facts) / 1e6,
+                "dimension": int(facts[0]["dimension"]) or None if facts else None,
+                "model_mb": max(float(f["model_bytes"]) for f in facts) / 1e6 if facts else weights,
+                "weights_mb": weights,
+                "with_slots_mb": None if weights is None else slots * weights,
                 "memory_mb": None if network is None else float(network["memory_bytes"]) / 1e6,
                 "backward_ms": None if network is None else float(network["backward_ms"]),
                 "forward_ms": None if network is None else float(network["forward_ms"]),
             }
-            for name in self.plan.sets:
+            for name in self.plan.sets if facts else ():
                 clean = self._under(name, method, CLEAN)
                 row[f"{name}_ms_per_object"] = 1000 * clean.seconds / max(len(clean.label), 1)
                 trained = [self.facts[run.key] for run in self._of(name, method)]
@@ -188,9 +215,10 @@ class _Tables:
     def sub_networks(self) -> tuple[pd.DataFrame, pd.DataFrame]:
         name, rows, counts = self.plan.sets[0], [], []
         classes = self._scheme(name).classes
-        for level in LEVELS:
+        for level in (CLEAN, *LEVELS):
             for method in (*SUB_NETWORKS, JOINTNET):
-                matrix = self._under(name, method, level).matrix()
+                runs = [run for run in self.plan.of_group(ALONE) if run.method == method]
+                matrix = _Condition(runs, self.results, level, len(classes)).matrix()
                 table = recognition_scores(matrix, method=method, split=level, classes=classes)
                 mine = table[(table["metric"] == "f1") & (table["support"] > 0)]
                 rows.append(mine[["split", "method", "class", "value", "support"]])
@@ -262,7 +290,7 @@ class _Tables:
 def _level(name: str) -> dict[str, Any]:
     """Split a name such as ``noise=0.02`` into disturbance and level; the level is 0 if there is none."""
     kind, _, value = name.partition("=")
-    return {"disturbance": kind, "level": float(value) if value else 0.0}
+    return {"disturbance": kind, "level": (value if "x" in value else float(value)) if value else 0.0}
 
 
 def _chosen(figures: Mapping[str, float]) -> dict[str, float]:

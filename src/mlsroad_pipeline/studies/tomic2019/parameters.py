@@ -142,9 +142,13 @@ class StudyParameters(ScaledStudy[StudyScale], group="tomic2019_study", kind=Stu
         Name of the scale that is run.
     scales : mapping
         Name of each scale to the fields of `StudyScale`.
-    printed_forest, printed_features : mapping
-        Changes of the parameters of forest and features for method 1 as printed in section 2.1.
+    printed_forest, printed_features, printed_supervoxels : mapping
+        Changes of the parameters of forest, features and supervoxels for method 1 as printed in section 2.1.
+    regularised : mapping
+        Further changes of the forest for the variants with regularised labels (the paper's second conclusion).
     """
 
     printed_forest: Mapping[str, Any]
     printed_features: Mapping[str, Any]
+    printed_supervoxels: Mapping[str, Any] = field(default_factory=dict)
+    regularised: Mapping[str, Any] = field(default_factory=dict)

@@ -32,6 +32,16 @@ from mlsroad_pipeline.studies.tomic2019.parameters import (
 PRINTED, OWN = "printed_forest", "detrended_forest"
 """Method 1 with the features of section 2.1, and with those of this project."""
 
+MAIN = (PRINTED, OWN)
+"""Methods 1 of Tables 2 to 5."""
+
+PAPON, PLAIN = "printed_papon", "printed_plain"
+SMOOTHED, PLAIN_SMOOTHED = "printed_smoothed", "printed_plain_smoothed"
+"""`PRINTED` with the distance of Papon et al. 2013, without detrended features, and either with regularised labels."""
+
+HIDDEN = "hidden_points"
+"""Images whose visible points hidden point removal selects; key of their labels and of their fusion with `PRINTED`."""
+
 NETWORK = "network"
 """Key of the trained network."""
 
@@ -95,15 +105,31 @@ def plan_study(
     length = simulation_parameters(scale.survey).length
     own = changed(forest, scale.methods.get("detrended_forest", {}))
     stages = StageParameters(ground, supervoxels, features)
-    printed = replace(stages, features=changed(features, study.printed_features))
-    forests = {
-        PRINTED: ForestVariant(changed(own, study.printed_forest), printed, PAPER_COLUMNS, PAPER_FEATURES),
-        OWN: ForestVariant(own, stages, (*PAPER_COLUMNS, "rgb")),
-    }
+    forests = {**_printed_variants(study, own, stages), OWN: ForestVariant(own, stages, (*PAPER_COLUMNS, "rgb"))}
     return StudyPlan(
         study, scheme, ground, Division(length, scale.gap), forests,
         changed(images, scale.methods.get("image_labels", {})), changed(fusion.pool, scale.methods.get("fusion", {})),
     )  # fmt: skip
+
+
+def _printed_variants(
+    study: StudyParameters, forest: ForestParameters, stages: StageParameters
+) -> dict[str, ForestVariant]:
+    """Return method 1 as printed, with either distance, with and without detrending and regularised labels."""
+    trees = changed(forest, study.printed_forest)
+    smooth = changed(trees, study.regularised)
+    printed = replace(
+        stages,
+        features=changed(stages.features, study.printed_features),
+        supervoxels=changed(stages.supervoxels, study.printed_supervoxels),
+    )
+    papon = replace(printed, supervoxels=replace(printed.supervoxels, distance="papon"))
+    plain = replace(printed, features=replace(printed.features, detrend=False))
+    each = {
+        PRINTED: (trees, printed), PAPON: (trees, papon), PLAIN: (trees, plain), SMOOTHED: (smooth, printed),
+        PLAIN_SMOOTHED: (smooth, plain),
+    }  # fmt: skip
+    return {name: ForestVariant(*parts, PAPER_COLUMNS, PAPER_FEATURES) for name, parts in each.items()}
 
 
 def train_network(plan: StudyPlan, photographs: SceneCollection) -> dict[str, SceneTask]:
@@ -133,15 +159,17 @@ def label_by_features(plan: StudyPlan, streets: SceneCollection) -> dict[str, Sc
 
 
 def label_by_images(plan: StudyPlan, streets: SceneCollection, networks: SceneCollection) -> dict[str, SceneTask]:
-    """Create one task per survey that labels its test half through images."""
+    """Create one task per survey and method of visibility that labels its test half through images."""
     points, images = streets.part("points"), streets.part("images")
     weights = networks.part("weights")[NETWORK]
+    hidden = replace(plan.images, visibility="hidden_points")
     return {
-        street: SceneTask(
+        f"{prefix}{street}": SceneTask(
             runs.label_by_images,
             {"points": points[street], "images": images[street], "network": weights},
-            {"parameters": plan.images, "division": plan.division, "scheme": plan.scheme},
+            {"parameters": parameters, "division": plan.division, "scheme": plan.scheme},
         )
+        for prefix, parameters in (("", plan.images), (f"{HIDDEN}.", hidden))
         for street in plan.streets
     }
 
@@ -151,12 +179,17 @@ def fuse_surveys(
 ) -> dict[str, SceneTask]:
     """Create one task per forest and survey that fuses its labels with those of the images."""
     points, by_features, by_images = streets.part("points"), features.part("labels"), images.part("labels")
+    pairs = {name: (name, "") for name in plan.forests} | {HIDDEN: (PRINTED, f"{HIDDEN}.")}
     return {
         f"{name}.{street}": SceneTask(
             runs.fuse_survey,
-            {"points": points[street], "features": by_features[f"{name}.{street}"], "images": by_images[street]},
+            {
+                "points": points[street],
+                "features": by_features[f"{forest}.{street}"],
+                "images": by_images[f"{prefix}{street}"],
+            },
             {"division": plan.division, "scheme": plan.scheme, "pool": plan.pool},
         )
-        for name in plan.forests
+        for name, (forest, prefix) in pairs.items()
         for street in plan.streets
     }

@@ -34,6 +34,11 @@ def study_sections(plan: StudyPlan, tables: StudyTables, figures: Sequence[Figur
         "Cameras: F1 on test set 1": (tables.cameras, ""),
         "Redundancy": (tables.redundancy, "Labellers are method 1 and three cameras."),
         "Forests": (tables.forests, ""),
+        "Variants": (
+            tables.variants,
+            "Method 1 as printed, with the distance of Papon et al. 2013, without detrending, and with regularised "
+            "labels; images by a depth buffer and by hidden point removal.",
+        ),
     }
     return [
         FactsSection("Runs", facts),

@@ -15,11 +15,12 @@ from mlsroad_pipeline.algorithms.metrics.confusion import scores as figures_of
 from mlsroad_pipeline.algorithms.metrics.scores import CLASS_METRICS, labelling_scores
 from mlsroad_pipeline.studies.tables import Tables, mean_and_spread
 from mlsroad_pipeline.studies.tomic2019 import paper
-from mlsroad_pipeline.studies.tomic2019.plan import OWN, PRINTED, StudyPlan
+from mlsroad_pipeline.studies.tomic2019.plan import HIDDEN, MAIN, OWN, PRINTED, StudyPlan
 from mlsroad_pipeline.studies.tomic2019.scores import (
     ALL_POINTS,
     BY_F1,
     FEATURES,
+    FIRST_VISIBLE,
     IMAGES,
     LABELLINGS,
     POOL,
@@ -67,6 +68,8 @@ class StudyTables(Tables):
     # points of test set 2 by number of labellers and number of labellers that agree with the fusion
     redundancy: pd.DataFrame
     forests: pd.DataFrame  # size, out-of-bag score and CPU time of the trained forests, and penalty of the pools
+    # variants of both methods, the rule and the pool: test set 2, and the visible points of test set 1
+    variants: pd.DataFrame
 
 
 def method_name(labelling: str, forest: str) -> str:
@@ -74,10 +77,10 @@ def method_name(labelling: str, forest: str) -> str:
     return {FEATURES: forest, IMAGES: "image_labels"}.get(labelling, f"{labelling}.{forest}")
 
 
-def _labellings(plan: StudyPlan) -> list[tuple[str, str]]:
+def _labellings() -> list[tuple[str, str]]:
     """Return forest and labelling of every row of the tables, in their order."""
     first = [(PRINTED, FEATURES), (OWN, FEATURES), (PRINTED, IMAGES)]
-    return first + [(forest, labelling) for forest in plan.forests for labelling in (RULE, POOL, BY_F1)]
+    return first + [(forest, labelling) for forest in MAIN for labelling in (RULE, POOL, BY_F1)]
 
 
 def study_tables(
@@ -91,18 +94,18 @@ def study_tables(
                 method=method_name(labelling, forest), split=f"{street}.{split}", classes=plan.scheme.classes,
             ).assign(street=street, part=split)
             for split in (ALL_POINTS, VISIBLE)
-            for forest, labelling in _labellings(plan)
+            for forest, labelling in _labellings()
             for street in plan.streets
         ],
         ignore_index=True,
     )  # fmt: skip
     whole = each[each["part"] == ALL_POINTS]
-    fused = [method_name(labelling, forest) for forest in plan.forests for labelling in (RULE, POOL)]
+    fused = [method_name(labelling, forest) for forest in MAIN for labelling in (RULE, POOL)]
     return StudyTables(
         scores=each.drop(columns=["street", "part"]),
         table_1=_segmentation(plan, pixels),
         table_2=_method_f1(plan, runs),
-        table_3=_by_class(whole, list(plan.forests), paper.FEATURES),
+        table_3=_by_class(whole, list(MAIN), paper.FEATURES),
         table_4=_by_class(whole, [method_name(IMAGES, "")], paper.IMAGES),
         table_5=_by_class(whole, fused, paper.FUSION),
         overall=_overall(each),
@@ -110,6 +113,7 @@ def study_tables(
         cameras=_camera_f1(plan, runs),
         redundancy=_redundancy(plan, runs),
         forests=_forests(plan, runs, forests),
+        variants=_variants(plan, runs),
     )
 
 
@@ -130,7 +134,7 @@ def _segmentation(plan: StudyPlan, pixels: Mapping[str, NDArray[np.int64]]) -> p
 
 def _method_f1(plan: StudyPlan, runs: Runs) -> pd.DataFrame:
     rows = []
-    for forest in plan.forests:
+    for forest in MAIN:
         for street in plan.streets:
             first, second = runs[f"{forest}.{street}"].scores.method_f1
             rows += [
@@ -174,7 +178,7 @@ def _overall(each: pd.DataFrame) -> pd.DataFrame:
 
 def _gains(plan: StudyPlan, runs: Runs) -> pd.DataFrame:
     rows = []
-    for forest in plan.forests:
+    for forest in MAIN:
         for street in plan.streets:
             confusions = runs[f"{forest}.{street}"].scores.confusions
             scored = {name: figures_of(confusions[f"{name}.{ALL_POINTS}"]) for name in LABELLINGS}
@@ -208,7 +212,7 @@ def _camera_f1(plan: StudyPlan, runs: Runs) -> pd.DataFrame:
 
 def _redundancy(plan: StudyPlan, runs: Runs) -> pd.DataFrame:
     rows = []
-    for forest in plan.forests:
+    for forest in MAIN:
         total = np.sum([runs[f"{forest}.{street}"].scores.redundancy for street in plan.streets], axis=0)
         rows += [
             (forest, labellers, agree, int(total[labellers, agree]), float(total[labellers, agree] / total.sum()))
@@ -230,3 +234,33 @@ def _forests(plan: StudyPlan, runs: Runs, forests: Mapping[str, Mapping[str, NDA
         for facts in [forests[f"{forest}.{street}"]]
     ]  # fmt: skip
     return pd.DataFrame(rows)
+
+
+def _variants(plan: StudyPlan, runs: Runs) -> pd.DataFrame:
+    """Return the scores of every method 1, of both methods of visibility, and of their fusions."""
+    rows = []
+    for name in (*plan.forests, HIDDEN):
+        for labelling in LABELLINGS:
+            if (labelling == IMAGES and name not in (PRINTED, HIDDEN)) or (labelling == FEATURES and name == HIDDEN):
+                continue
+            for street in plan.streets:
+                confusions = runs[f"{name}.{street}"].scores.confusions
+                whole, seen = (confusions[f"{labelling}.{split}"] for split in (ALL_POINTS, VISIBLE))
+                first = confusions.get(f"{labelling}.{FIRST_VISIBLE}")
+                figures = figures_of(whole)
+                variant = "depth_buffer" if labelling == IMAGES and name == PRINTED else name
+                rows.append(
+                    {
+                        "labelling": labelling, "variant": variant, "overall_accuracy": figures.overall_accuracy,
+                        "kappa": figures.kappa, "mean_f1": figures.mean_f1, "seen": seen.sum() / whole.sum(),
+                        "visible_accuracy": figures_of(seen).overall_accuracy,
+                        "test1_visible_accuracy": np.nan if first is None else figures_of(first).overall_accuracy,
+                    }
+                )  # fmt: skip
+    columns = [*OVERALL, "seen", "visible_accuracy", "test1_visible_accuracy"]
+    table = _spread(pd.DataFrame(rows), ["labelling", "variant"], columns)
+    table["paper_test1_visible_accuracy"] = np.nan
+    for (labelling, variant), value in paper.VISIBLE_1.items():
+        chosen = (table["labelling"] == labelling) & (table["variant"] == variant)
+        table.loc[chosen, "paper_test1_visible_accuracy"] = value
+    return table

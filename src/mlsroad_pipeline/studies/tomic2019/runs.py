@@ -27,6 +27,7 @@ from mlsroad_pipeline.algorithms.image_labels.labelling import label_through_ima
 from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import from_arrays
 from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
+from mlsroad_pipeline.algorithms.image_labels.visibility import visibility_method
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.stages import (
@@ -149,7 +150,10 @@ def label_by_images(
 
     def segmented() -> Iterator[tuple[str, Camera, NDArray[np.float32]]]:
         for row in taken.tolist():
-            scores = segment_image(model, images["rgb"][row], magnification=parameters.magnification)
+            scores = segment_image(
+                model, images["rgb"][row], magnification=parameters.magnifications, window=parameters.window,
+                overlap=parameters.overlap, flip=parameters.flip,
+            )  # fmt: skip
             if images["station"][row] >= low:
                 truth = encode_label_image(images["label"][row], scheme)
                 matrix[:] += confusion_matrix(truth.ravel(), scores.argmax(axis=2).ravel(), len(names))
@@ -159,8 +163,9 @@ def label_by_images(
 
     groups = sorted(set(images["camera"].tolist()))
     labels = label_through_images(
-        points.xyz[around], segmented(), groups=groups, n_classes=len(scheme), max_distance=parameters.reach
-    )
+        points.xyz[around], segmented(), groups=groups, n_classes=len(scheme),
+        visibility=visibility_method(parameters.visibility), max_distance=parameters.reach,
+    )  # fmt: skip
     place = np.searchsorted(around, test)
     best = pictured(images, sorted(shown))
     return {

@@ -23,6 +23,9 @@ LABELLINGS = (FEATURES, IMAGES, RULE, BY_F1, POOL)
 ALL_POINTS, VISIBLE = "test2", "test2_visible"
 """All points of test set 2, unseen points counted as errors of the images (Tables 3 to 5), and the visible points."""
 
+FIRST_VISIBLE = "test1_visible"
+"""Visible points of test set 1, on which the paper's third conclusion compares both methods."""
+
 
 @dataclass(frozen=True)
 class TestSet:
@@ -92,6 +95,12 @@ def fuse_test_sets(first: TestSet, second: TestSet, *, pool: PoolParameters | No
         f"{name}.{split}": confusion_matrix(second.reference[of], predicted[of], n_classes)
         for name, predicted in labellings.items()
         for split, of in rows.items()
+    }
+    own = best_labels(first.features), learned.cameras.fuse(list(best_labels(first.cameras)))[0]
+    seen = np.flatnonzero(own[1] != IGNORE)
+    confusions |= {
+        f"{name}.{FIRST_VISIBLE}": confusion_matrix(first.reference[seen], predicted[seen], n_classes)
+        for name, predicted in zip((FEATURES, IMAGES), own, strict=True)
     }
     redundancy = count_agreement([labels, *each], fused.rule)
     scores = FusionScores(confusions, learned.cameras.f1, learned.methods.f1, redundancy, learned.pool.penalty)

@@ -1,0 +1,89 @@
+"""Models that label through images segmented elsewhere: masks in files, published weights, or ONNX models."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
+from mlsroad_pipeline.algorithms.image_labels.legend import Legend
+from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
+from mlsroad_pipeline.algorithms.models.members import member, with_members
+from mlsroad_pipeline.surveys.class_maps import read_class_map
+
+_LARGEST = 2**31 - 1
+
+
+def own_model(
+    parameters: ImageLabelsParameters, scheme: ClassScheme, *, cameras: Sequence[str] = (),
+    trained_on: Mapping[str, Any] | None = None,
+) -> ModelBundle:  # fmt: skip
+    """Return the model of the masks or the weights that the parameters name; no survey is read."""
+    from mlsroad_pipeline.algorithms.image_labels.labeller import make_model  # noqa: PLC0415  it imports torch
+
+    legend = read_class_map(parameters.classes, scheme)
+    arrays, how = ({}, _of_masks(parameters)) if parameters.weights is None else _of_weights(parameters, legend)
+    return make_model(
+        arrays, {**how, "classes": legend.to_json()}, parameters=parameters, scheme=scheme, cameras=cameras,
+        trained_on={"segmentation": how["name"], "classes": parameters.classes, **(trained_on or {})},
+    )  # fmt: skip
+
+
+def with_own_segmentation(bundle: ModelBundle, parameters: ImageLabelsParameters) -> ModelBundle:
+    """Return a fusion whose images are segmented by the masks or the weights that the parameters name."""
+    members = bundle.metadata.get("members", {})
+    before = members.get("image_labels")
+    if before is None:
+        raise ParameterError(f"model {bundle.slug!r} has no member 'image_labels'; train it again with this version")
+    own = own_model(parameters, bundle_scheme(bundle), cameras=before["cameras"])
+    kept = {slug: member(bundle, slug) for slug in members}
+    rest = {name: values for name, values in bundle.arrays.items() if "/" not in name}
+    return with_members(replace(bundle, arrays=rest), {**kept, "image_labels": own})
+
+
+def _of_masks(parameters: ImageLabelsParameters) -> dict[str, Any]:
+    return {"source": "masks", "name": f"masks of {parameters.masks}"}
+
+
+def _of_weights(parameters: ImageLabelsParameters, legend: Legend) -> tuple[dict[str, Any], dict[str, Any]]:
+    path = Path(str(parameters.weights))
+    if not path.is_file():
+        raise ReadError(f"{path}: no such weights (image_labels.weights)")
+    if path.suffix.lower() == ".onnx":
+        arrays: dict[str, Any] = {"onnx": _content(path)}
+        count = _onnx_classes(arrays["onnx"], parameters, legend, str(path))
+        how: dict[str, Any] = {"source": "onnx", "name": str(path)}
+    else:
+        from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import to_arrays  # noqa: PLC0415  torch
+        from mlsroad_pipeline.datasets.models.pspnet_checkpoint import load_published  # noqa: PLC0415
+
+        network = load_published(path)
+        count, arrays = network.n_classes, to_arrays(network)
+        how = {"source": "network", "name": str(path), "backbone": network.backbone, "n_classes": count}
+    if count != legend.n_scores:
+        raise DataError(
+            f"{path}: has {count} classes, {legend.source} names {legend.n_scores} from 0: set image_labels.classes to "
+            "the class map of the network"
+        )
+    return arrays, how
+
+
+def _content(path: Path) -> np.ndarray:
+    if path.stat().st_size > _LARGEST:
+        raise ReadError(f"{path}: has {path.stat().st_size} bytes; ONNX models have at most {_LARGEST}")
+    return np.frombuffer(path.read_bytes(), dtype=np.uint8)
+
+
+def _onnx_classes(content: np.ndarray, parameters: ImageLabelsParameters, legend: Legend, source: str) -> int:
+    from mlsroad_pipeline.algorithms.image_labels.onnx_network import OnnxNetwork  # noqa: PLC0415  an extra
+
+    return OnnxNetwork(
+        content.tobytes(), n_numbers=legend.n_scores, mean=parameters.mean, spread=parameters.spread,
+        device=parameters.device, source=source,
+    ).n_classes  # fmt: skip

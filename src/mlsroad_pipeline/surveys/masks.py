@@ -1,0 +1,147 @@
+"""Segmented images in files, one per image: class numbers (PNG) or probabilities (NPZ)."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.image_labels.camera import Camera
+from mlsroad_pipeline.algorithms.image_labels.legend import Legend
+from mlsroad_pipeline.surveys.images import SurveyImages, opened_picture
+
+SUFFIXES = (".npz", ".png")
+PROBABILITIES = "probabilities"
+"""Array of an NPZ mask."""
+
+_MODES = ("1", "L", "P", "I;16", "I;16B", "I")
+_TOLERANCE = 0.01
+
+
+@dataclass(frozen=True)
+class MaskLegend:
+    """What the class numbers of masks mean.
+
+    Parameters
+    ----------
+    legend : Legend
+        The class map.
+    scheme : ClassScheme
+        The classes of points.
+    """
+
+    legend: Legend
+    scheme: ClassScheme
+
+
+def masks_of_drives(drives: Mapping[str, SurveyImages], folder: str) -> dict[str, SurveyImages]:
+    """Return the images of drives with masks in place of their pictures, and check the headers of all masks.
+
+    A folder that exists holds the masks of all drives; otherwise it is the name of a folder beside the pictures.
+    """
+    shared = Path(folder).is_dir()
+    names: dict[str, str] = {}
+    found = {}
+    for drive, images in drives.items():
+        for image in images:
+            if shared and names.setdefault(image.name, drive) != drive:
+                raise ReadError(
+                    f"{folder}: image {image.name!r} occurs in drives {names[image.name]} and {drive}; put the masks "
+                    "of each drive into a folder beside its pictures, and name that (image_labels.masks=NAME)"
+                )
+        found[drive] = with_masks(images, folder)
+        for image in found[drive]:
+            check_mask(image.path, image.camera)
+    return found
+
+
+def with_masks(images: SurveyImages, folder: str) -> SurveyImages:
+    """Return images whose paths are those of their masks."""
+    moved = []
+    for image in images:
+        moved.append(replace(image, path=mask_of(masks_folder(image.path, folder), image.name)))
+    return SurveyImages(tuple(moved), images.origin, images.source)
+
+
+def masks_folder(picture: Path, folder: str) -> Path:
+    """Return the folder of the mask of a picture: a path that exists, or the name of a folder beside the pictures."""
+    return Path(folder) if Path(folder).is_dir() else picture.parent.parent / folder
+
+
+def mask_of(folder: Path, name: str) -> Path:
+    """Return the mask of an image; its name may or may not have the suffix of the picture."""
+    for stem in dict.fromkeys((name, Path(name).stem)):
+        for suffix in SUFFIXES:
+            if (path := folder / f"{stem}{suffix}").is_file():
+                return path
+    raise ReadError(f"{folder}: no mask of image {name!r}: neither {Path(name).stem}.png nor {Path(name).stem}.npz")
+
+
+def check_mask(path: Path, camera: Camera) -> None:
+    """Check that a mask has the size of its image, without its pixels; raise ReadError."""
+    if path.suffix == ".npz":
+        _shape_of(path, camera)
+        return
+    with opened_picture(path, camera, path.stem) as picture:
+        if picture.mode not in _MODES:
+            raise ReadError(
+                f"{path}: the mask has colours (mode {picture.mode}); it must have one channel with class numbers"
+            )
+
+
+def read_mask(path: str | Path, camera: Camera, known: MaskLegend) -> NDArray[np.float32]:
+    """Return the class probabilities of a mask's pixels, NaN for pixels that give no class."""
+    source = Path(path)
+    check_mask(source, camera)
+    if source.suffix == ".npz":
+        scores = _probabilities(source, camera)
+        return known.legend.of_scores(scores, known.scheme, source=str(source))
+    with opened_picture(source, camera, source.stem) as picture:
+        numbers = np.asarray(picture).astype(np.int64)
+    return known.legend.of_numbers(numbers, known.scheme, source=str(source))
+
+
+def _shape_of(path: Path, camera: Camera) -> tuple[int, ...]:
+    """Return the shape of the probabilities; only the header is read."""
+    try:
+        with zipfile.ZipFile(path) as archive, archive.open(f"{PROBABILITIES}.npy") as member:
+            version = np.lib.format.read_magic(member)
+            reader = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+            shape, _, dtype = reader(member)
+    except KeyError:
+        raise ReadError(f"{path}: holds no array {PROBABILITIES!r}") from None
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise ReadError(f"{path}: cannot be read as NPZ: {error}") from error
+    size = (camera.height, camera.width)
+    if dtype.kind != "f" or len(shape) != 3 or size not in (shape[:2], shape[1:]):
+        raise ReadError(
+            f"{path}: {PROBABILITIES} are {dtype} of shape {shape}; they must be floats of shape ({camera.height}, "
+            f"{camera.width}, classes) for the calibration of {camera.width} x {camera.height}"
+        )
+    return shape
+
+
+def _probabilities(path: Path, camera: Camera) -> NDArray[np.floating]:
+    shape = _shape_of(path, camera)
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            values: NDArray[np.floating] = archive[PROBABILITIES]
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise ReadError(f"{path}: cannot be read as NPZ: {error}") from error
+    if shape[:2] != (camera.height, camera.width):  # channels first
+        values = np.moveaxis(values, 0, 2)
+    total = values.sum(axis=2, dtype=np.float64)
+    wrong = ~(np.abs(total - 1) <= _TOLERANCE) | (values.min(axis=2) < 0)
+    if wrong.any():
+        row, column = (int(index[0]) for index in np.nonzero(wrong))
+        raise ReadError(
+            f"{path}: the probabilities of pixel row {row}, column {column} sum to {total[row, column]:.4g} with "
+            f"minimum {values[row, column].min():.4g} ({int(wrong.sum())} pixels); they must be >= 0 and sum to 1"
+        )
+    return values

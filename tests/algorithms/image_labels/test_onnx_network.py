@@ -1,0 +1,93 @@
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper, numpy_helper
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.image_labels.onnx_network import OnnxNetwork
+from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
+
+FREE = [1, 3, "rows", "columns"]
+
+
+def built(nodes, shape, *, kind=TensorProto.FLOAT, out=TensorProto.FLOAT, weights=()):
+    """Build a model from `image` to `scores`."""
+    graph = helper.make_graph(
+        nodes, "g",
+        [helper.make_tensor_value_info("image", kind, shape)],
+        [helper.make_tensor_value_info("scores", out, None)],
+        [numpy_helper.from_array(np.asarray(values), name) for name, values in weights],
+    )  # fmt: skip
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    return model.SerializeToString()
+
+
+def brightest(shape=FREE, *, end=(), out=TensorProto.FLOAT):
+    """Build a network whose three scores are four times the standardised colours."""
+    kernel = (4 * np.eye(3, dtype=np.float32)).reshape(3, 3, 1, 1)
+    last = "scores" if not end else "raw"
+    nodes = [helper.make_node("Conv", ["image", "kernel"], [last]), *end]
+    return built(nodes, shape, weights=[("kernel", kernel)], out=out)
+
+
+@pytest.fixture
+def image():
+    picture = np.zeros((40, 72, 3), dtype=np.uint8)
+    for k in range(3):
+        picture[:, 24 * k : 24 * (k + 1), k] = 250
+    return picture
+
+
+def flat(**changes):
+    return {"n_numbers": 3, "mean": (100, 100, 100), "spread": (50, 50, 50), **changes}
+
+
+def test_scores_are_those_of_the_standardised_colours(image):
+    network = OnnxNetwork(brightest(), **flat())
+    assert network.n_classes == 3
+    found = segment_image(network, image[:32, :64])
+    log_odds = 4 * (image[:32, :64].astype(np.float64) - 100) / 50
+    expected = np.exp(log_odds) / np.exp(log_odds).sum(axis=2, keepdims=True)
+    np.testing.assert_allclose(found, expected, atol=1e-5)
+    whole = segment_image(network, image, window=(32, 32), flip=True)  # sides are rounded to multiples of 32
+    assert (whole.argmax(axis=2) == np.repeat([0, 1, 2], 24)).mean() > 0.95
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        brightest(end=[helper.make_node("Softmax", ["raw"], ["scores"], axis=1)]),
+        brightest([1, 3, 64, 96]),
+        brightest(end=[helper.make_node("ArgMax", ["raw"], ["scores"], axis=1, keepdims=0)], out=TensorProto.INT64),
+        built(
+            [
+                helper.make_node("Transpose", ["image"], ["first"], perm=[0, 3, 1, 2]),
+                helper.make_node("Cast", ["first"], ["scores"], to=TensorProto.FLOAT),
+            ],
+            [1, 40, 72, 3], kind=TensorProto.UINT8,
+        ),
+    ],
+    ids=["probabilities", "fixed size", "class numbers", "uint8, channels last"],
+)  # fmt: skip
+def test_other_inputs_and_outputs_give_the_same_classes(model, image):
+    found = segment_image(OnnxNetwork(model, **flat()), image)
+    assert found.shape == (40, 72, 3) and (found.argmax(axis=2) == np.repeat([0, 1, 2], 24)).mean() > 0.95
+
+
+def test_what_is_no_segmentation_network_is_named(image):
+    with pytest.raises(DataError, match=r"x\.onnx: cannot be read as an ONNX model"):
+        OnnxNetwork(b"nothing", **flat(source="x.onnx"))
+    with pytest.raises(DataError, match=r"input must be one image .* not image tensor\(float\) \[1, 5\]"):
+        OnnxNetwork(built([helper.make_node("Identity", ["image"], ["scores"])], [1, 5]), **flat())
+    pooled = brightest(end=[helper.make_node("ReduceMean", ["raw"], ["scores"], axes=[2, 3], keepdims=0)])
+    with pytest.raises(DataError, match=r"returns float32 \(1, 3\), not scores"):
+        OnnxNetwork(pooled, **flat())
+    numbers = brightest(
+        end=[helper.make_node("ArgMax", ["raw"], ["scores"], axis=1, keepdims=0)], out=TensorProto.INT64
+    )
+    network = OnnxNetwork(numbers, **flat(n_numbers=2))
+    with pytest.raises(DataError, match=r"returns class number 2, the class map has 2"):
+        segment_image(network, image)
+    with pytest.raises(ParameterError, match="device must be one of auto, cpu, cuda"):
+        OnnxNetwork(brightest(), **flat(device="tpu"))
+    assert onnx.__version__

@@ -1,0 +1,179 @@
+"""Masks in files and their class maps."""
+
+import struct
+import zlib
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image as Picture
+
+from conftest import REPOSITORY
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError, ParameterError, ReadError
+from mlsroad_pipeline.algorithms.image_labels.camera import Camera
+from mlsroad_pipeline.surveys.class_maps import read_class_map
+from mlsroad_pipeline.surveys.images import PosedImage, SurveyImages
+from mlsroad_pipeline.surveys.masks import MaskLegend, masks_of_drives, read_mask
+
+CAMERA = Camera([[5.0, 0, 2], [0, 5.0, 1.5], [0, 0, 1]], None, np.eye(3), np.zeros(3), 5, 4)
+NUMBERS = np.array([[0, 13, 5, 255, 10]] * 4, dtype=np.uint8)
+
+
+@pytest.fixture(scope="module")
+def scheme():
+    given = yaml.safe_load((REPOSITORY / "conf" / "base" / "parameters_classes.yml").read_text())
+    return ClassScheme.from_config("tomic2019", given["classes"]["schemes"]["tomic2019"])
+
+
+@pytest.fixture(scope="module")
+def known(scheme):
+    return MaskLegend(read_class_map("cityscapes", scheme), scheme)
+
+
+def names(known, found):
+    """Name the classes of the first row of pixels."""
+    return [None if np.isnan(row).any() else known.scheme.classes[row.argmax()] for row in found[0]]
+
+
+READ = ["man-made terrain", "vehicle", "pole object", None, None]
+
+
+@pytest.mark.parametrize("mode", ["L", "P", "I;16"])
+def test_class_numbers_of_grey_palette_and_16_bit_pictures_are_read(tmp_path, known, mode):
+    if mode == "I;16":
+        Picture.fromarray(NUMBERS.astype(np.uint16)).save(tmp_path / "a.png")
+    else:
+        picture = Picture.fromarray(NUMBERS)
+        if mode == "P":
+            picture.putpalette([k % 256 for k in range(768)])
+        picture.save(tmp_path / "a.png")
+    assert names(known, read_mask(tmp_path / "a.png", CAMERA, known)) == READ
+
+
+@pytest.mark.parametrize("dtype", ["float16", "float32", "float64"])
+@pytest.mark.parametrize("first", [False, True])
+def test_probabilities_are_read_with_channels_last_or_first(tmp_path, known, dtype, first):
+    scores = np.full((4, 5, 19), 0.4 / 18)
+    for column, k in enumerate([0, 13, 5, 8, 10]):
+        scores[:, column, k] = 0.6
+    np.savez_compressed(
+        tmp_path / "a.npz", probabilities=(scores.transpose(2, 0, 1) if first else scores).astype(dtype)
+    )
+    found = read_mask(tmp_path / "a.npz", CAMERA, known)
+    assert names(known, found)[:4] == [*READ[:3], "vegetation"] and found.sum(axis=2) == pytest.approx(np.ones((4, 5)))
+
+
+def deep_palette():
+    """Return a PNG with a palette and 16 bits a pixel, which the format does not have."""
+
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    head = struct.pack(">IIBBBBB", 5, 4, 16, 3, 0, 0, 0)
+    rows = zlib.compress(b"".join(b"\0" + b"\0\5" * 5 for _ in range(4)))
+    parts = [chunk(b"IHDR", head), chunk(b"PLTE", bytes(48)), chunk(b"IDAT", rows), chunk(b"IEND", b"")]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
+
+
+def written(path, what):
+    if what == "size":
+        Picture.fromarray(np.zeros((4, 6), dtype=np.uint8)).save(path)
+    elif what == "number":
+        Picture.fromarray(np.full((4, 5), 26011, dtype=np.uint16)).save(path)
+    elif what == "colours":
+        Picture.fromarray(np.zeros((4, 5, 3), dtype=np.uint8)).save(path)
+    elif what == "deep palette":
+        path.write_bytes(deep_palette())
+    elif what == "sum":
+        np.savez(path, probabilities=np.full((4, 5, 19), 0.5, dtype=np.float32))
+    elif what == "nan":
+        np.savez(path, probabilities=np.full((4, 5, 19), np.nan, dtype=np.float32))
+    elif what == "classes":
+        np.savez(path, probabilities=np.full((4, 5, 2), 0.5, dtype=np.float32))
+    elif what == "name":
+        np.savez(path, scores=np.zeros(3))
+    elif what == "shape":
+        np.savez(path, probabilities=np.zeros((6, 5, 19), dtype=np.float32))
+    elif what == "pickle":
+        np.savez(path, probabilities=np.array([{}], dtype=object))
+    else:
+        path.write_bytes(b"nothing")
+
+
+@pytest.mark.parametrize(
+    ("what", "suffix", "told"),
+    [
+        ("size", "png", r"the picture has 6 x 4 pixels, the calibration is for 5 x 4"),
+        ("number", "png", r"class number 26011 \(20 pixels\) is not in cityscapes"),
+        ("colours", "png", r"the mask has colours \(mode RGB\)"),
+        ("deep palette", "png", r"cannot be read as a picture"),
+        ("text", "png", r"cannot be read as a picture"),
+        ("sum", "npz", r"the probabilities of pixel row 0, column 0 sum to 9\.5 .*\(20 pixels\)"),
+        ("nan", "npz", r"sum to nan"),
+        ("classes", "npz", r"has 2 classes, cityscapes names 19 from 0"),
+        ("name", "npz", r"holds no array 'probabilities'"),
+        ("shape", "npz", r"float32 of shape \(6, 5, 19\); they must be floats of shape \(4, 5, classes\)"),
+        ("pickle", "npz", r"object of shape \(1,\)"),
+        ("text", "npz", r"cannot be read as NPZ"),
+    ],
+)
+def test_a_bad_mask_is_one_line_with_file_and_value(tmp_path, known, what, suffix, told):
+    path = tmp_path / f"a.{suffix}"
+    written(path, what)
+    with pytest.raises(MlsRoadError, match=rf"a\.{suffix}: .*{told}") as caught:
+        read_mask(path, CAMERA, known)
+    assert "\n" not in str(caught.value)
+
+
+def drive(folder, *images):
+    return SurveyImages(tuple(PosedImage(n, "front", 0.0, CAMERA, folder / "images" / f"{n}.jpg") for n in images))
+
+
+def test_masks_lie_in_one_folder_or_beside_the_pictures_of_each_drive(tmp_path):
+    for name in ("north", "south"):
+        (tmp_path / name / "segmented").mkdir(parents=True)
+        Picture.fromarray(NUMBERS).save(tmp_path / name / "segmented" / "i0.png")
+    both = {name: drive(tmp_path / name, "i0") for name in ("north", "south")}
+    found = masks_of_drives(both, "segmented")
+    assert [str(images[0].path.relative_to(tmp_path)) for images in found.values()] == [
+        "north/segmented/i0.png",
+        "south/segmented/i0.png",
+    ]
+    shared = str(tmp_path / "north" / "segmented")
+    assert masks_of_drives({"north": both["north"]}, shared)["north"][0].path.name == "i0.png"
+    with pytest.raises(ReadError, match=r"image 'i0' occurs in drives north and south"):
+        masks_of_drives(both, shared)
+    with pytest.raises(ReadError, match=r"north/segmented: no mask of image 'i1': neither i1\.png nor i1\.npz"):
+        masks_of_drives({"north": drive(tmp_path / "north", "i0", "i1")}, "segmented")
+
+
+def test_class_maps_are_read_from_csv_and_yaml(tmp_path, scheme):
+    (tmp_path / "a.csv").write_text("number, name, class\n1, street, road\n0, unknown,\n")
+    (tmp_path / "a.yml").write_text("0: null\n1: {name: street, class: man-made terrain}\n")
+    for name in ("a.csv", "a.yml"):
+        legend = read_class_map(str(tmp_path / name), scheme)
+        assert legend.numbers == (0, 1) and legend.labels(scheme).tolist() == [-1, 0] and legend.names[1] == "street"
+    assert read_class_map("scheme", scheme).names[-1] == "sky"
+    assert read_class_map("cityscapes", scheme).n_scores == 19
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "told"),
+    [
+        ("a.csv", "id,class\n0,road\n", r"no column 'number' among \['id', 'class'\]"),
+        ("a.csv", "number,class\nx,road\n", r"class number 'x' is not a whole number"),
+        ("a.csv", "number,name,class\n0,road\n", r"line 2 has not the 3 columns"),
+        ("a.csv", "number,class\n0,street\n", r"'street' is neither a class of scheme 'tomic2019' nor"),
+        ("a.yml", "- road\n", r"must map class numbers to classes"),
+        ("a.yml", "0: [road]\n", r"class number 0 has \['road'\]"),
+        ("a.yml", "0: {\n", r"not YAML"),
+        ("a.txt", "", r"name cityscapes, scheme, or a file"),
+    ],
+)
+def test_class_maps_that_are_wrong_are_named(tmp_path, scheme, name, text, told):
+    (tmp_path / name).write_text(text)
+    with pytest.raises((ReadError, ParameterError, DataError), match=told):
+        read_class_map(str(tmp_path / name), scheme)
+    with pytest.raises(ReadError, match="no such class map"):
+        read_class_map(str(tmp_path / "none.csv"), scheme)
