@@ -206,7 +206,7 @@ def test_the_papers_sets_have_the_sizes_that_it_tells():
 )
 def test_a_wrong_scale_is_named(changes, message):
     given = {"seeds": [1], "sizes": [8], "noise": [], "keep": [], "outliers": [], "occlusion": [], "training": {},
-             "combined": [], "variants": {}, "methods": {}, "tuning": {}}  # fmt: skip
+             "combined": [], "variants": {}, "images_alone": {}, "grid": [], "methods": {}, "tuning": {}}  # fmt: skip
     with pytest.raises(ParameterError, match=message):
         StudyScale(**{**given, **changes})
 

@@ -18,7 +18,7 @@ from mlsroad_pipeline.algorithms.models.torch_training import limited_threads
 
 
 class Segmenter(Protocol):
-    """Network that scores the pixels of images.
+    """Network that scores the pixels of images, such as a `PSPNet`.
 
     Attributes
     ----------
@@ -31,16 +31,20 @@ class Segmenter(Protocol):
     """
 
     @property
-    def n_classes(self) -> int: ...
+    def n_classes(self) -> int:
+        """Number of scores of a pixel."""
 
     @property
-    def mean(self) -> Sequence[float]: ...
+    def mean(self) -> Sequence[float]:
+        """Mean of the colours."""
 
     @property
-    def spread(self) -> Sequence[float]: ...
+    def spread(self) -> Sequence[float]:
+        """Standard deviation of the colours."""
 
     @property
-    def device(self) -> torch.device: ...
+    def device(self) -> torch.device:
+        """Where it computes."""
 
     def __call__(self, x: Tensor, /) -> tuple[Tensor, Tensor | None]:
         """Return the log odds of the classes of each pixel first."""
