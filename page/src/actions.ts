@@ -3,6 +3,9 @@
 import type { Cloud } from "./cloud";
 import { el } from "./dom";
 import { KINDS, type Model, type Place, type Tool } from "./model";
+import type { PointGroup } from "./types";
+
+const UNCLASSED = new Set([0, 1, 7, 18]); // last in lists of classes
 
 export class Actions {
   /** Places that a tool has collected. */
@@ -20,13 +23,52 @@ export class Actions {
     this.cloud.focus(id);
   }
 
-  /** Go to the next object of the list, or to the one before. */
+  goGroup(group: PointGroup): void {
+    this.tool("look");
+    void this.model.selectGroup(group);
+    this.cloud.focusGroup(group.place);
+  }
+
+  /** Show the objects or the uncertain places in the list. */
+  toggleList(): void {
+    const { model } = this;
+    model.set("queue", "list", model.list === "objects" ? "groups" : "objects");
+    if (model.list === "groups" && !model.groups.length) void model.loadGroups();
+  }
+
+  /** Go to the next object or place of the list, or to the one before. */
   next(step = 1): void {
     const { model } = this;
+    if (model.list === "groups") return this.nextGroup(step);
     const ids = model.queue.map((item) => item.object_id).filter((id) => model.byId.has(id) && model.shown(model.byId.get(id)!));
     if (!ids.length) return;
     const here = ids.indexOf(model.selected ?? -1);
     this.go(ids[here < 0 ? 0 : (here + step + ids.length) % ids.length]);
+  }
+
+  private nextGroup(step = 1): void {
+    const { groups, group } = this.model;
+    if (!groups.length) return void this.model.loadGroups();
+    const here = group === null ? -1 : groups.indexOf(group);
+    this.goGroup(groups[here < 0 ? 0 : (here + step + groups.length) % groups.length]);
+  }
+
+  /** Write the class of the chosen place, and go on to the next one. */
+  async answer(group: PointGroup, name: string): Promise<void> {
+    if (this.model.busy) return;
+    const { groups } = this.model;
+    const following = groups[groups.indexOf(group) + 1];
+    const here = this.model.group === group;
+    if (!(await this.model.answer(group, name))) return;
+    if (this.model.groups.length < 10) await this.model.loadGroups(); // an order that knows the answers
+    if (here && this.model.group === null && this.model.groups.length) this.goGroup(this.model.groups.includes(following) ? following : this.model.groups[0]);
+  }
+
+  private leaveOut(group: PointGroup): void {
+    const { groups } = this.model;
+    const following = groups[groups.indexOf(group) + 1];
+    this.model.skip(group);
+    if (following) this.goGroup(following);
   }
 
   private chosen(): number | null {
@@ -51,14 +93,24 @@ export class Actions {
   }
 
   accept(): void {
+    const { group } = this.model;
+    if (group) return void this.answer(group, this.model.className(group.code));
     void this.decideAndGoOn("accept");
   }
 
   reject(): void {
+    if (this.model.group) return this.leaveOut(this.model.group);
     void this.decideAndGoOn("reject");
   }
 
   otherKind(): void {
+    const { group } = this.model;
+    if (group) {
+      const own = this.model.className(group.code);
+      const codes = [...this.model.classNames.keys()].sort((a, b) => Number(UNCLASSED.has(a)) - Number(UNCLASSED.has(b)) || a - b);
+      const names = [...new Set(codes.map((code) => this.model.className(code)))].filter((name) => name !== own);
+      return this.ask("What are the marked points?", names, (name, other) => void this.answer(group, name || other));
+    }
     const id = this.chosen();
     if (id === null) return;
     const own = this.model.kindOf(this.model.byId.get(id)!);
@@ -80,8 +132,8 @@ export class Actions {
     select.addEventListener("change", () => select.value && finish("", select.value));
     dialog.append(
       el("h2", {}, question),
-      el("div", { class: "buttons" }, ...kinds.map((kind, i) => el("button", { type: "button", click: () => finish(kind, "") }, kind, el("kbd", {}, String(i + 1))))),
-      el("p", {}, "It is no object of these kinds, but of ", select),
+      el("div", { class: "buttons" }, ...kinds.map((kind, i) => el("button", { type: "button", click: () => finish(kind, "") }, kind, i < 9 && el("kbd", {}, String(i + 1))))),
+      ...(this.model.group === null ? [el("p", {}, "It is no object of these kinds, but of ", select)] : []),
       el("button", { type: "button", click: () => dialog.close() }, "Cancel", el("kbd", {}, "Esc")),
     );
     dialog.addEventListener("keydown", (event) => {

@@ -78,14 +78,14 @@ export class Cloud {
   setFirst(data: ArrayBuffer): void {
     this.first = firstNode(this.model.survey.first);
     this.first.decode(data, this.model.survey.first.coloured, this.material);
-    this.first.repaint(this.model.painted);
+    this.first.repaint(this.model.painted, this.model.highlighted);
     this.group.add(this.first.points!);
     this.draw();
   }
 
   setTiles(tiles: ConstructorParameters<typeof Tiles>[1]): void {
     this.tiles = new Tiles(this.model.source, tiles, this.group, this.material, (node) => {
-      node.repaint(this.model.painted);
+      node.repaint(this.model.painted, this.model.highlighted);
       this.draw();
     });
     this.draw();
@@ -113,8 +113,9 @@ export class Cloud {
   }
 
   private repaint(): void {
-    this.first?.repaint(this.model.painted);
-    for (const node of this.tiles?.nodes ?? []) node.repaint(this.model.painted);
+    const { painted, highlighted } = this.model;
+    this.first?.repaint(painted, highlighted);
+    for (const node of this.tiles?.nodes ?? []) node.repaint(painted, highlighted);
     this.draw();
   }
 
@@ -316,6 +317,11 @@ export class Cloud {
     this.focused = { place: new THREE.Vector3(...middle), radius: 0.75 * size + 1.5 };
   }
 
+  focusGroup(place: Place): void {
+    this.look(place, 16, this.clearHeading(place), 0.35);
+    this.focused = { place: new THREE.Vector3(...place), radius: 5 };
+  }
+
   /** Distance from the camera in front of which nothing is drawn, so that the focus is seen. */
   private get front(): number {
     return this.focused && this.cutaway && !this.model.section ? Math.max(0, this.distance - this.focused.radius) : 0;
@@ -327,9 +333,16 @@ export class Cloud {
 
   cutaway = true;
 
-  /** Heading to look at a place from the path, from which it was seen. */
+  /** Heading to look at a place from the path, from which it was seen; without one, from the middle line of the survey. */
   private clearHeading(place: Place): number {
     const { path, origin } = this.model.survey;
+    if (!path.length) {
+      const [low, high] = this.model.area();
+      const across = high[0] - low[0] > high[1] - low[1] ? 1 : 0;
+      const side = place[across] - (low[across] + high[across]) / 2;
+      if (Math.abs(side) < 1) return this.heading;
+      return across === 1 ? (side > 0 ? 0 : Math.PI) : Math.sign(side) * (Math.PI / 2);
+    }
     let best = Infinity;
     let heading = this.heading;
     for (const [x, y] of path) {

@@ -12,15 +12,16 @@ export function keys(model: Model, cloud: Cloud, actions: Actions, theme: () => 
   const views = viewsOf(model);
   const groups: [string, Key[]][] = [
     ["Review", [
-      [["n"], "next object to look at", () => actions.next()],
+      [["n"], "next object or place to look at", () => actions.next()],
       [["N"], "the one before", () => actions.next(-1)],
-      [["a"], "accept", () => actions.accept()],
-      [["r"], "reject", () => actions.reject()],
+      [["a"], "accept: the object, or the class of the place, is right", () => actions.accept()],
+      [["r"], "reject the object; leave the place out", () => actions.reject()],
       [["k"], "other kind or class", () => actions.otherKind()],
       [["m"], "merge with another object", () => actions.tool("merge")],
       [["s"], "split: click bases, then Enter", () => actions.tool("split")],
       [["b"], "move the base", () => actions.tool("base")],
       [["i"], "add a missing object", () => actions.tool("add")],
+      [["j"], "list of objects or of uncertain places", () => actions.toggleList()],
       [["u", "z"], "undo the last decision", () => void model.undo()],
     ]],
     ["Tools", [

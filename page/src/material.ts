@@ -6,7 +6,7 @@ const VERTEX = /* glsl */ `
 precision highp float;
 precision highp int;
 in vec4 position;  // x, y, z in edges of the cube, intensity
-in vec4 codes;     // class, confidence, reference, nothing
+in vec4 codes;     // class, confidence, reference, highlighted
 in vec4 object;    // bytes of the number
 in vec4 rgb;
 uniform mat4 modelViewMatrix, projectionMatrix, modelMatrix;
@@ -50,7 +50,7 @@ void main() {
   } else if (view == 7) {
     shade = codes.z < 1.5 ? vec3(0.35) : codes.z == codes.x ? vec3(0.30, 0.42, 0.55) : vec3(0.95, 0.2, 0.15);
   }
-  if (selected > 0.5 && number == selected) {
+  if (codes.w > 0.5 || selected > 0.5 && number == selected) {
     shade = mix(shade, vec3(1.0, 0.85, 0.1), 0.65);
     gl_PointSize += 1.0;
   }

@@ -1,11 +1,12 @@
 // State of the page: survey, filters, selection, decisions. Parts of the page listen to its changes.
 
 import { ServerError, type Source } from "./source";
-import type { Added, Cell, Corrections, Decision, ObjectState, Paint, QueueItem, Status, Survey, Wanted } from "./types";
+import type { Added, Cell, Corrections, Decision, ObjectState, Paint, PointGroup, QueueItem, Status, Survey, Wanted } from "./types";
 
 export const VIEWS = ["class", "confidence", "intensity", "height", "colour", "object", "status", "error"] as const;
 export type View = (typeof VIEWS)[number];
 export type Tool = "look" | "measure" | "section" | "paint" | "base" | "merge" | "split" | "add";
+export type List = "objects" | "groups";
 export type Change = "view" | "filter" | "selection" | "decisions" | "queue" | "tool" | "status" | "saved" | "paint" | "theme";
 export type Place = [number, number, number];
 
@@ -52,6 +53,13 @@ export class Model {
   decisions: Decision[] = [];
   added: Added[] = [];
   queue: QueueItem[] = [];
+  /** What the list at the right holds: objects, or groups of points that belong to none. */
+  list: List = "objects";
+  groups: PointGroup[] = [];
+  group: PointGroup | null = null;
+  /** Rows of the points of the chosen group. */
+  highlighted = new Set<number>();
+  private skipped = new Set<string>();
   painted = new Map<number, number>();
   saved: { text: string; kind: "" | "busy" | "ok" | "bad" } = { text: "", kind: "" };
   tiles: Status = { state: "building", share: 0 };
@@ -164,7 +172,56 @@ export class Model {
   select(id: number | null, point: PickedPoint | null = null): void {
     this.selected = id;
     this.point = point;
+    this.leaveGroup();
     this.emit("selection");
+  }
+
+  private leaveGroup(): void {
+    this.group = null;
+    if (!this.highlighted.size) return;
+    this.highlighted = new Set();
+    this.emit("paint");
+  }
+
+  /** Choose a group of points and mark them. */
+  async selectGroup(group: PointGroup): Promise<void> {
+    this.select(null);
+    this.group = group;
+    this.emit("selection");
+    try {
+      const rows = await this.source.group(group);
+      if (this.group !== group) return;
+      this.highlighted = new Set(rows);
+      this.emit("paint");
+      this.emit("selection");
+    } catch (error) {
+      this.report(error, "The points of this place cannot be read");
+    }
+  }
+
+  /** Give the points of a group a class, also the one that they have. */
+  async answer(group: PointGroup, name: string): Promise<boolean> {
+    const done = await this.paint({ places: [group.place], radius: 1, class: name, only: group.code, group: true });
+    if (done) this.skip(group);
+    return done;
+  }
+
+  /** Take a group out of the list. */
+  skip(group: PointGroup): void {
+    this.skipped.add(String(group.place));
+    this.groups = this.groups.filter((other) => other !== group);
+    if (this.group === group) this.leaveGroup();
+    this.emit("queue");
+  }
+
+  async loadGroups(): Promise<void> {
+    try {
+      const found = await this.source.groups(50 + this.skipped.size);
+      this.groups = found.filter((group) => !this.skipped.has(String(group.place)));
+      this.emit("queue");
+    } catch (error) {
+      this.report(error, "Places cannot be listed");
+    }
   }
 
   async load(): Promise<void> {

@@ -1,9 +1,15 @@
 // Right side: the chosen object or point, its decisions, and the list of what to look at first.
 
-import { kindColour, STATUS_COLOURS } from "./colours";
+import { classColour, kindColour, STATUS_COLOURS } from "./colours";
 import { clear, count, el, swatch } from "./dom";
 import type { Actions } from "./actions";
-import type { Model, RoadObject } from "./model";
+import type { List, Model, RoadObject } from "./model";
+import type { PointGroup } from "./types";
+
+const LISTS: [List, string, string][] = [
+  ["objects", "Objects", "Objects to look at first"],
+  ["groups", "Places", "Points of no object to look at first: uncertain, many, unlike the places that were answered"],
+];
 
 const HIDDEN = new Set(["object_id", "class", "kind", "score", "reasons", "scene", "x_min", "x_max", "y_min", "y_max", "z_min", "z_max",
   "passes", "passes_there", "scanners", "scanners_there", "file_count", "first_time", "last_time", "pole_id", "status", "checked_class"]);
@@ -28,6 +34,7 @@ export function review(model: Model, actions: Actions): HTMLElement {
   const chosen = el("section", { class: "chosen", id: "chosen", "aria-live": "polite" });
   const list = el("ol", { class: "queue", id: "queue" });
   const progress = el("p", { class: "progress", id: "progress" });
+  const lists = el("div", { class: "lists", role: "radiogroup", "aria-label": "What the list holds" });
   const history = el("ol", { class: "history", id: "history" });
   const readOnly = model.source.readOnly;
 
@@ -68,6 +75,20 @@ export function review(model: Model, actions: Actions): HTMLElement {
     ];
   }
 
+  function groupPart(group: PointGroup): (Node | string)[] {
+    const name = model.className(group.code);
+    const buttons: [string, string, () => void][] = [
+      ["Right", "A", () => actions.accept()],
+      ["Leave out", "R", () => actions.reject()],
+      ["Other class", "K", () => actions.otherKind()],
+    ];
+    return [
+      el("h2", { class: "title" }, swatch(classColour(group.code), "dot"), name, el("span", { class: "score" }, `confidence ${group.confidence.toFixed(2)}`)),
+      el("div", { class: "buttons" }, ...buttons.map(([text, key, act]) => el("button", { type: "button", "data-action": text, click: act }, text, el("kbd", {}, key)))),
+      el("p", { class: "none" }, model.highlighted.size ? `${count(model.highlighted.size)} points are marked. Leave them out if they are of several classes.` : "The points are being marked."),
+    ];
+  }
+
   function pointPart(): (Node | string)[] {
     const { point } = model;
     if (!point) return [el("p", { class: "none" }, "Click an object or a point. The key ? lists all keys.")];
@@ -88,8 +109,29 @@ export function review(model: Model, actions: Actions): HTMLElement {
 
   function showChosen(): void {
     const object = model.selected === null ? undefined : model.byId.get(model.selected);
-    chosen.replaceChildren(...(object ? objectPart(object) : pointPart()));
-    for (const item of list.children) item.classList.toggle("here", Number((item as HTMLElement).dataset.id) === model.selected);
+    chosen.replaceChildren(...(model.group ? groupPart(model.group) : object ? objectPart(object) : pointPart()));
+    for (const item of list.children) item.classList.toggle("here", (item as HTMLElement).dataset.id === (model.group ? String(model.group.place) : String(model.selected)));
+  }
+
+  function showGroups(): void {
+    clear(list);
+    for (const group of model.groups) {
+      const [name, mark] = [model.className(group.code), swatch(classColour(group.code), "dot")];
+      const button = el("button", { type: "button", click: () => actions.goGroup(group) }, mark, el("span", { class: "name" }, name), el("span", { class: "after", title: "Mean confidence" }, percent(group.confidence)));
+      list.append(el("li", { "data-id": String(group.place) }, button));
+    }
+    const answered = model.decisions.filter((decision) => decision.action === "paint").length;
+    progress.textContent =
+      model.tiles.state !== "ready" ? "The points are still being prepared."
+      : model.groups.length ? `${count(answered)} answered or painted. Fifty answers are worth a run of mlsroad learn.`
+      : "There is no place to ask about.";
+    showChosen();
+  }
+
+  function showList(): void {
+    for (const button of lists.querySelectorAll("button")) button.setAttribute("aria-checked", String(button.dataset.list === model.list));
+    if (model.list === "groups") showGroups();
+    else showQueue();
   }
 
   function showQueue(): void {
@@ -127,18 +169,22 @@ export function review(model: Model, actions: Actions): HTMLElement {
       const about = decision.object_id ? ` ${decision.object_id}` : "";
       history.append(el("li", {}, el("b", {}, `${decision.action.replace("_", " ")}${about}`), ` ${decision.what} `, el("small", {}, `${decision.who}, ${new Date(decision.made).toLocaleString()}`)));
     }
-    showQueue();
+    showList();
   }
 
+  for (const [which, text, title] of LISTS) {
+    lists.append(el("button", { type: "button", role: "radio", title, "data-list": which, click: () => model.list !== which && actions.toggleList() }, text));
+  }
+  lists.append(el("kbd", { title: "The other list" }, "J"));
   model.on(["selection"], showChosen);
-  model.on(["queue", "filter"], showQueue);
+  model.on(["queue", "filter"], showList);
   model.on(["decisions"], showHistory);
-  showQueue();
+  showList();
   return el(
     "aside",
     { class: "right", "aria-label": "Review" },
     chosen,
-    el("section", { class: "first" }, el("h2", {}, "Look at first", el("kbd", { title: "Next" }, "N")), progress, list),
+    el("section", { class: "first" }, el("h2", {}, "Look at first", el("kbd", { title: "Next" }, "N")), !readOnly && lists, progress, list),
     el("details", {}, el("summary", {}, "Decisions"), el("button", { type: "button", click: () => void model.undo() }, "Undo the last", el("kbd", {}, "U")), history),
   );
 }

@@ -1,6 +1,6 @@
 // Where the page takes its data from: the local server, or the page itself if it was exported.
 
-import type { Corrections, Paint, QueueItem, Status, Survey, TileFacts, Wanted } from "./types";
+import type { Corrections, Paint, PointGroup, QueueItem, Status, Survey, TileFacts, Wanted } from "./types";
 
 export class ServerError extends Error {}
 
@@ -14,6 +14,8 @@ export interface Source {
   corrections(): Promise<Corrections>;
   states(): Promise<Corrections>;
   queue(number: number): Promise<QueueItem[]>;
+  groups(number: number): Promise<PointGroup[]>;
+  group(group: PointGroup): Promise<number[]>;
   decide(wanted: Wanted): Promise<{ ids: number[] }>;
   paint(wanted: Paint): Promise<{ ids: number[]; rows: number[] }>;
   undo(ids: number[]): Promise<void>;
@@ -58,6 +60,8 @@ export const server: Source = {
   corrections: () => json("/api/corrections"),
   states: () => json("/api/states"),
   queue: (number) => json(`/api/queue?number=${number}`),
+  groups: (number) => json(`/api/groups?number=${number}`),
+  group: async (group) => (await post<{ rows: number[] }>("/api/group", { places: [group.place], only: group.code })).rows,
   decide: (wanted) => post("/api/decide", wanted),
   paint: (wanted) => post("/api/paint", wanted),
   undo: (ids) => post("/api/undo", { ids }),
@@ -99,6 +103,8 @@ export function embedded(): Source | null {
     corrections: async () => (await content).corrections,
     states: async () => (await content).corrections,
     queue: async (number) => (await content).queue.slice(0, number),
+    groups: async () => [],
+    group: refuse,
     decide: refuse,
     paint: refuse,
     undo: refuse,

@@ -15,6 +15,8 @@ export class PointNode {
   codes!: Uint8Array;
   /** Classes of the file, kept once points were painted. */
   original: Uint8Array | null = null;
+  /** Number of highlighted points. */
+  private marked = 0;
 
   constructor(
     readonly low: THREE.Vector3,
@@ -64,9 +66,27 @@ export class PointNode {
     this.state = "loaded";
   }
 
-  /** Show painted points in their new class. */
-  repaint(painted: Map<number, number>): boolean {
-    if (this.state !== "loaded" || (!painted.size && !this.original)) return false;
+  /** Show painted points in their new class, and mark highlighted ones. */
+  repaint(painted: Map<number, number>, highlighted: Set<number>): boolean {
+    if (this.state !== "loaded") return false;
+    let changed = this.highlight(highlighted);
+    if (painted.size || this.original) changed = this.recode(painted) || changed;
+    if (changed) (this.points!.geometry.getAttribute("codes") as THREE.BufferAttribute).needsUpdate = true;
+    return changed;
+  }
+
+  private highlight(rows: Set<number>): boolean {
+    if (!rows.size && !this.marked) return false;
+    this.marked = 0;
+    for (let i = 0; i < this.count; i++) {
+      const mark = rows.size && rows.has(this.rows[i]) ? 1 : 0;
+      this.codes[4 * i + 3] = mark;
+      this.marked += mark;
+    }
+    return true;
+  }
+
+  private recode(painted: Map<number, number>): boolean {
     let changed = false;
     for (let i = 0; i < this.count; i++) {
       const wanted = painted.get(this.rows[i]);
@@ -80,7 +100,6 @@ export class PointNode {
       this.codes[4 * i] = code;
       changed = true;
     }
-    if (changed) (this.points!.geometry.getAttribute("codes") as THREE.BufferAttribute).needsUpdate = true;
     return changed;
   }
 
@@ -89,6 +108,7 @@ export class PointNode {
     this.points?.removeFromParent();
     this.points = null;
     this.original = null;
+    this.marked = 0;
     this.state = "absent";
   }
 }

@@ -93,6 +93,13 @@ export interface QueueItem {
   expected_precision: number;
 }
 
+/** Connected points of one class, to answer about. */
+export interface PointGroup {
+  place: [number, number, number];
+  code: number;
+  confidence: number;
+}
+
 export interface Wanted {
   action: string;
   object_id?: number;
@@ -106,4 +113,5 @@ export interface Paint {
   class: string;
   only?: number;
   cluster?: boolean;
+  group?: boolean;
 }

@@ -123,7 +123,7 @@ def test_keys_decide_and_a_reload_shows_it(opened, folder):
     assert tab.js("[page.model.status(1), page.model.status(2), page.model.status(5)]") == ["accepted", "rejected", ""]
     assert "2 of 5 looked at" in tab.js("document.querySelector('#progress').textContent")
     tab.press("?")
-    assert tab.js("document.querySelector('dialog.help').innerText.includes('next object to look at')")
+    assert tab.js("document.querySelector('dialog.help').innerText.includes('next object or place to look at')")
     tab.press("Escape")
     tab.js("document.querySelector('dialog')?.close()")
 
@@ -172,6 +172,34 @@ def test_the_brush_paints_points_and_undo_takes_it_back(opened, folder):
     settle(tab)
     assert pixels(tab, POLE) < before + 50
     tab.press("v")
+
+
+def test_keys_answer_about_the_most_uncertain_points(opened, folder):
+    _, tab = opened
+    tab.press("j")
+    tab.until("page.model.groups.length > 1")
+    tab.press("n")
+    tab.until("page.model.highlighted.size > 0")
+    settle(tab)
+    group, following = tab.js("page.model.groups.slice(0, 2)")
+    assert "points are marked" in tab.js("document.querySelector('#chosen').innerText")
+    rows = tab.js("[...page.model.highlighted]")
+    decide(tab, "a")
+    with open_corrections(folder) as store:
+        stroke = store.current()[-1].correction
+    assert stroke.payload["class"] == tab.js(f"page.model.className({group['code']})")
+    assert len(stroke.payload["points"]) == len(rows)
+    tab.until(f"String(page.model.group?.place) === '{','.join(map(str, following['place']))}'")
+    tab.press("r")  # leaves it out, and writes nothing
+    tab.until(f"!page.model.groups.some((group) => String(group.place) === '{','.join(map(str, following['place']))}')")
+    tab.press("k")
+    assert "What are the marked points?" in tab.js("document.querySelector('dialog').innerText")
+    tab.press("Escape")
+    tab.js("document.querySelector('dialog')?.close()")
+    decide(tab, "u")
+    tab.press("j")
+    tab.js("page.model.select(null)")
+    assert tab.js("[page.model.list, page.model.highlighted.size]") == ["objects", 0]
 
 
 def test_long_and_cancelled_strokes_are_saved(opened):

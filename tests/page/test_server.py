@@ -199,9 +199,24 @@ def test_painted_points_are_rows_of_their_files(page, folder):
     page.post("/api/undo", answer)
 
 
+def test_a_group_is_listed_marked_and_answered_once(page):
+    group = page.json("/api/groups?number=1")[0]
+    body = {"places": [group["place"]], "only": group["code"]}
+    status, marked = page.post("/api/group", body)
+    assert status == 200 and marked["rows"] != []
+    _, answer = page.post("/api/paint", {**body, "group": True, "class": "wire"})
+    assert answer["rows"] == marked["rows"]
+    assert page.json("/api/groups?number=1")[0]["place"] != group["place"]
+    page.post("/api/undo", answer)
+    assert page.json("/api/groups?number=1")[0] == group
+    assert page.json("/api/groups?number=0") == []
+
+
 @pytest.mark.parametrize(
     ("path", "body", "code"),
     [
+        ("/api/group", {"places": [[0, 0, 0]]}, 409),
+        ("/api/group", {"places": [[0, None, 0]], "only": 1}, 409),
         ("/api/undo", {"ids": 5}, 409),
         ("/api/undo", {"ids": [10**30]}, 400),
         ("/api/undo", {"ids": ["1"]}, 409),

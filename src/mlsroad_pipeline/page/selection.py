@@ -85,19 +85,27 @@ def brushed(
     return _checked(np.unique(np.concatenate(found)) if found else np.empty(0, np.uint32))
 
 
-def cluster(tiles: TileIndex, place: NDArray[np.float64], only: int, painted: Painted = NONE) -> NDArray[np.uint32]:
-    """Return the rows of the points of one class that are connected with a place, over cells of `GAP` metres.
+def cluster(
+    tiles: TileIndex,
+    place: NDArray[np.float64],
+    only: int,
+    painted: Painted = NONE,
+    *,
+    reach: float = REACH,
+    gap: float = GAP,
+) -> NDArray[np.uint32]:
+    """Return the rows of the points of one class that are connected with a place, over cells of `gap` metres.
 
     Raises ParameterError for more than `MOST_POINTS` points.
     """
     from scipy import ndimage  # noqa: PLC0415  # half a second that the first picture does not wait for
 
-    near = points_in_box(tiles, place - REACH, place + REACH, painted)
+    near = points_in_box(tiles, place - reach, place + reach, painted)
     near = Near(*(column[near.classes == only] for column in near))
     if not len(near.rows):
         return near.rows
-    cells = np.floor((near.xyz - (place - REACH)) / GAP).astype(np.int64)
-    n_cells = int(2 * REACH / GAP) + 1
+    cells = np.floor((near.xyz - (place - reach)) / gap).astype(np.int64)
+    n_cells = int(2 * reach / gap) + 1
     occupied = np.zeros((n_cells,) * 3, dtype=np.bool_)
     occupied[tuple(cells.T)] = True
     labels, _ = ndimage.label(occupied, structure=np.ones((3, 3, 3)))

@@ -17,6 +17,7 @@ from mlsroad_pipeline.page.tile_cache import TileCache
 
 if TYPE_CHECKING:
     from mlsroad_pipeline.corrections import Correction, CorrectionStore
+    from mlsroad_pipeline.page.point_groups import PointGroups
 
 # The corrections need pandas and SciPy, a second of imports that the first picture does not wait for.
 
@@ -44,6 +45,7 @@ class ServedSurvey:
         self._first: FirstPicture | None = None
         self._store: CorrectionStore | None = None
         self._objects = ""
+        self._groups: PointGroups | None = None
         self.given = threading.Event()
 
     @property
@@ -149,6 +151,22 @@ class ServedSurvey:
 
         return review_order(self.store.objects().rows(), self.store.object_states(), number)
 
+    def point_groups(self, number: int) -> list[dict[str, Any]]:
+        """Return the groups of points to look at first; none while the tiles are not finished."""
+        from mlsroad_pipeline.page.point_groups import PointGroups  # noqa: PLC0415  # SciPy
+
+        index = self.tiles.index()
+        if index is None:
+            return []
+        with self._reading:
+            if self._groups is None:
+                self._groups = PointGroups(index)
+        return [dict(group) for group in self._groups.first(number, self._paintings())]
+
+    def group(self, wanted: dict[str, Any]) -> dict[str, Any]:
+        """Return the rows of the points of a group."""
+        return {"rows": self._selected({**wanted, "group": True}).tolist()}
+
     def decide(self, wanted: dict[str, Any]) -> dict[str, Any]:
         """Write a decision and return its identifier; it is on the disk when this returns."""
         from mlsroad_pipeline.corrections import Correction  # noqa: PLC0415
@@ -172,26 +190,34 @@ class ServedSurvey:
 
     def paint(self, wanted: dict[str, Any]) -> dict[str, Any]:
         """Write the class of the points that a stroke or a click selects, and return their rows."""
+        name = wanted.get("class")
+        if name not in self._codes():
+            raise ParameterError(f"{name!r} is no class of the survey")
+        rows = self._selected(wanted)
+        if not len(rows):
+            return {"ids": [], "rows": []}
+        return {"ids": self.store.add_all(self._strokes(rows, str(name)), who=self.user), "rows": rows.tolist()}
+
+    def _selected(self, wanted: dict[str, Any]) -> NDArray[np.uint32]:
+        """Return the rows of the points that a stroke, a click on a cluster or a group selects."""
+        from mlsroad_pipeline.page.point_groups import points_of_group  # noqa: PLC0415  # SciPy
+
         index = self.tiles.index()
         if index is None:
             raise ReadError("the points are still being prepared: paint when that is finished")
         self._check_current()
-        name = wanted.get("class")
+        places, only, painted = _places(wanted.get("places")), _only(wanted.get("only")), self._paintings()
+        if not (wanted.get("cluster") or wanted.get("group")):
+            return brushed(index, places, _radius(wanted.get("radius")), only, painted)
+        if only is None:
+            raise ParameterError("a cluster needs the class of its points (only)")
+        select = points_of_group if wanted.get("group") else cluster
+        return select(index, places[0], only, painted)
+
+    def _paintings(self) -> Painted:
+        """Return the points that strokes in force have painted."""
         codes = self._codes()
-        if name not in codes:
-            raise ParameterError(f"{name!r} is no class of the survey")
-        places = _places(wanted.get("places"))
-        only = _only(wanted.get("only"))
-        painted = Painted.of((rows, codes.get(text, 0)) for rows, text in self._painted())
-        if wanted.get("cluster"):
-            if only is None:
-                raise ParameterError("a cluster needs the class of its points (only)")
-            rows = cluster(index, places[0], only, painted)
-        else:
-            rows = brushed(index, places, _radius(wanted.get("radius")), only, painted)
-        if not len(rows):
-            return {"ids": [], "rows": []}
-        return {"ids": self.store.add_all(self._strokes(rows, str(name)), who=self.user), "rows": rows.tolist()}
+        return Painted.of((rows, codes.get(text, 0)) for rows, text in self._painted())
 
     def _codes(self) -> dict[str, int]:
         """Return the code of each class name, the least where several have the name."""

@@ -76,8 +76,8 @@ def application(survey: ServedSurvey) -> Starlette:
             return PlainTextResponse("There is no report.\n", 404)
         return FileResponse(path, media_type="text/html", headers={"Content-Security-Policy": REPORT_POLICY})
 
-    def queue(request: Request) -> Any:
-        return survey.queue(max(0, min(int(request.query_params.get("number", "50")), 500)))
+    def number(request: Request) -> int:
+        return max(0, min(int(request.query_params.get("number", "50")), 500))
 
     routes = [
         Route("/", _static("index.html")),
@@ -85,10 +85,12 @@ def application(survey: ServedSurvey) -> Starlette:
         Route("/api/status", _answer(lambda request: survey.tiles.status())),
         Route("/api/corrections", _answer(lambda request: survey.corrections())),
         Route("/api/states", _answer(lambda request: survey.corrections(points=False))),
-        Route("/api/queue", _answer(queue)),
+        Route("/api/queue", _answer(lambda request: survey.queue(number(request)))),
+        Route("/api/groups", _answer(lambda request: survey.point_groups(number(request)))),
         Route("/api/decide", _change(survey.decide), methods=["POST"]),
         Route("/api/undo", _change(survey.undo), methods=["POST"]),
         Route("/api/paint", _change(survey.paint), methods=["POST"]),
+        Route("/api/group", _change(survey.group), methods=["POST"]),
         Route("/first.bin", first),
         Route("/tiles/{name}", tile),
         Route("/files/{name:path}", photo),

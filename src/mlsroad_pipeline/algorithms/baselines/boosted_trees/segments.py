@@ -83,7 +83,7 @@ def find_segments(xyz: ArrayLike, values: NDArray[np.float32], probabilities: ND
 
 
 def order_of_questions(
-    segments: Segments, number: int, *, asked: ArrayLike = (), seed: int | None = None
+    segments: Segments, number: int, *, asked: ArrayLike = (), seed: int | None = None, least: int = LEAST
 ) -> NDArray[np.int64]:
     """Return the segments to ask about, the first one first.
 
@@ -92,11 +92,13 @@ def order_of_questions(
     segments : Segments
         The segments.
     number : int
-        Number of segments; fewer if there are fewer of at least `LEAST` voxels.
+        Number of segments; fewer if there are fewer of at least `least` voxels.
     asked : array-like of int, optional
         Segments that were asked before.
     seed : int, optional
         Seed of a factor of about 10 % on the worth of each segment, which breaks ties; none without a seed.
+    least : int, default `LEAST`
+        Fewest voxels of a segment. Smaller asks about small segments too.
 
     Returns
     -------
@@ -105,7 +107,7 @@ def order_of_questions(
     """
     best = np.sort(segments.probabilities, axis=1)
     margin = best[:, -1] - best[:, -2] if best.shape[1] > 1 else np.zeros(len(best))
-    worth = np.where(segments.size >= LEAST, (_FLOOR + 1.0 - margin) * segments.size**_SIZE, 0.0)
+    worth = np.where(segments.size >= least, (_FLOOR + 1.0 - margin) * segments.size**_SIZE, 0.0)
     if seed is not None:
         worth = worth * np.exp(0.1 * np.random.default_rng(seed).standard_normal(len(worth)))
     novelty = np.ones(len(worth))
