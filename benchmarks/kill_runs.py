@@ -29,7 +29,7 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 PIPELINES = {
     "all_methods": "",
     "label": "label.survey=data/01_raw/simulated/test,label.output=labelled",
-    "luo2016_study": "luo2016_study.scale=fast,luo2016_study.sensitivity=1",
+    "luo2016_study": "luo2016_study.scale=fast",
     "yu2016_study": "yu2016_study.scale=fast",
     "luo2019_study": "luo2019_study.scale=fast,simulated_objects.scale=fast",
     "tomic2019_study": "tomic2019_study.scale=fast",

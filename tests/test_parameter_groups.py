@@ -53,8 +53,9 @@ TYPED = {
     "survey": SurveyParameters,
 }
 CONFIGURED = {
-    "jointnet_printed", "jointnet_tuned", "luo2016_study", "luo2019_study", "recordings_study", "simulated_objects",
-    "survey", "tomic2019_study", "visual_words_printed", "yu2016_study",
+    "jointnet_printed", "jointnet_tuned", "luo2016_study", "luo2019_study", "patch_graph_mrf_printed",
+    "patch_graph_printed", "recordings_study", "simulated_objects", "survey", "tomic2019_study", "visual_words_printed",
+    "yu2016_study",
 }  # fmt: skip
 """Groups whose values are those of the embedded survey or of a paper and not the defaults of the code."""
 DIFFERENCES_ONLY = {"plain_cut": NormalizedCutParameters, "printed_cut": NormalizedCutParameters}

@@ -10,7 +10,7 @@ from mlsroad_pipeline.studies.luo2016.parameters import METHODS
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
-FAST = {"luo2016_study": {"scale": "fast", "sensitivity": 1}, "execution": {"backend": "sequential"}}
+FAST = {"luo2016_study": {"scale": "fast"}, "execution": {"backend": "sequential"}}
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +33,10 @@ def test_tables_hold_every_method_and_setting(project):
     assert (road["mean"] > 0.5).all() and (road["repetitions"] == 2).all()
     assert table(project, "patch_size")["value"].tolist() == [0.2, 0.4]
     assert table(project, "search_radius")["value"].tolist() == [0.5, 1.0]
+    one = table(project, "table_1").set_index("class")
+    assert one["points"].sum() > 10_000 and one.loc["vehicle", "paper_objects"] == 99
+    pairs = table(project, "pairs")
+    assert len(pairs) == len(METHODS) * (len(METHODS) - 1) / 2
     times = table(project, "times").set_index("method")
     assert list(times.index) == list(METHODS)
     assert times.loc["patch_graph_mrf", "train_seconds"] >= times.loc["patch_graph", "train_seconds"] > 0
@@ -48,7 +52,7 @@ def test_the_mean_in_the_scores_is_that_of_its_classes_without_other(project):
 
 def test_report_and_tracked_run_hold_the_figures(project):
     page = (project / "data/08_reporting/luo2016_study/report.html").read_text(encoding="utf-8")
-    assert "(0.862)" in page and page.count("data:image/") == 3
+    assert "(0.862)" in page and page.count("data:image/") == 4
     runs, client = tracked_runs(project), mlflow.MlflowClient(f"sqlite:///{project / 'mlflow.db'}")
     steps = client.get_metric_history(runs["luo2016_study"].info.run_id, "by_size/patch_size_objective")
     scores = table(project, "scores").set_index(["method", "split", "class", "metric"])["value"]

@@ -24,6 +24,8 @@ CONTRACT = {
         "patch_forest",
         "patch_graph",
         "patch_graph_mrf",
+        "patch_graph_printed",
+        "patch_graph_mrf_printed",
         "max_margin_markov",
         "shape_based",
         "superpoint_transformer",

@@ -21,7 +21,7 @@ from mlsroad_pipeline.algorithms.patches.training import PatchTraining, join_tra
 from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.pipelines.per_scene import PerScene
+from mlsroad_pipeline.pipelines.per_scene import PerScene, fix_arguments
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.reporting.figures.training import objective_figure
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
@@ -82,19 +82,24 @@ def gathering() -> Node:
 
 
 def train_patch_graph(
-    training: TrainingScenes, parameters: PatchGraphParameters
+    training: TrainingScenes, parameters: PatchGraphParameters, *, slug: str
 ) -> tuple[ModelBundle, ModelBundle, pd.DataFrame, Figure]:
     """Build the match graph."""
-    bundle = METHODS["patch_graph"].load("train")(training.load(), parameters=parameters, n_threads=cpu_count())
+    bundle = METHODS[slug].load("train")(training.load(), parameters=parameters, n_threads=cpu_count())
     objective = pd.DataFrame({"objective": bundle.arrays["objective"]}).rename_axis("iteration").reset_index()
     return bundle, bundle, objective, objective_figure(bundle.arrays["objective"], title="Patch match graph")
 
 
 def fit_refinement(
-    training: TrainingScenes, parameters: GridParameters, graph: ModelFile, graph_parameters: PatchGraphParameters
+    training: TrainingScenes,
+    parameters: GridParameters,
+    graph: ModelFile,
+    graph_parameters: PatchGraphParameters,
+    *,
+    slug: str,
 ) -> tuple[ModelBundle, ModelBundle]:
     """Choose the parameters of the Markov random field by cross-validation."""
-    bundle = METHODS["patch_graph_mrf"].load("train")(
+    bundle = METHODS[slug].load("train")(
         training.load(),
         graph.load(),
         graph_parameters=graph_parameters,
@@ -123,12 +128,15 @@ def _training_node(slug: str) -> Node:
     """Return the node that trains a method."""
     train: Callable[..., Any]
     more_inputs, more_outputs = [], []
-    if slug == "patch_graph":
-        train, more_outputs = train_patch_graph, [f"{slug}.objective", f"{slug}.objective_figure"]
-    elif slug == "patch_graph_mrf":
-        train, more_inputs = fit_refinement, ["patch_graph.model", "params:patch_graph"]
+    method = METHODS[slug]
+    if method.refines:
+        train = fix_arguments(fit_refinement, slug=slug)
+        more_inputs = [f"{method.refines}.model", f"params:{method.refines}"]
+    elif method.load("parameters") is PatchGraphParameters:
+        train = fix_arguments(train_patch_graph, slug=slug)
+        more_outputs = [f"{slug}.objective", f"{slug}.objective_figure"]
     else:
-        train = _training(METHODS[slug])
+        train = _training(method)
     return Node(
         train,
         inputs=["patch_training", f"params:{slug}", *more_inputs],

@@ -43,14 +43,17 @@ def make_street(
     ground: GroundParameters,
     columns: Sequence[str] = ("rgb", "label"),
     reach: float = np.inf,
+    with_station: bool = False,
 ) -> PointCloud:
     """Simulate a survey, classify its ground and cut it at both ends of the street.
 
-    Rays reach far beyond both ends, where the scenes of the papers have no points.
+    Rays reach far beyond both ends, where the scenes of the papers have no points. `with_station` adds the column
+    `station`: the way along the trajectory in metres, float32.
     """
     source = f"street of seed {simulation.seed}"
     survey = simulate_survey(simulation, n_threads=1)
-    return cut_street(survey, ground=ground, columns=columns, source=source, reach=reach)[0]
+    cloud, station = cut_street(survey, ground=ground, columns=columns, source=source, reach=reach)
+    return cloud.with_columns(station=station.astype(np.float32)) if with_station else cloud
 
 
 def cut_street(

@@ -174,9 +174,12 @@ def test_training_set_has_the_labelled_patches_of_the_cores_and_the_edges_betwee
         assert first[p] == (votes.argmax() if votes.any() else -1)
     with pytest.raises(DataError, match="the split 'train' is empty"):
         join_training_scenes(stored, {})
-    nothing = {key: {"label": np.full_like(found["label"], -1)} for key, found in labels.items()}
+    nothing = {key: {**found, "label": np.full_like(found["label"], -1)} for key, found in labels.items()}
     with pytest.raises(DataError, match="no patch of the training scenes is labelled"):
         join_training_scenes(stored, nothing)
+    earlier = {key: {"label": found["label"]} for key, found in labels.items()}  # a store of an earlier version
+    with pytest.raises(DataError, match=r"patch labels of scene train\.0 .* lack station"):
+        join_training_scenes(stored, earlier)
 
 
 @pytest.mark.parametrize(

@@ -261,6 +261,20 @@ def test_scenes_are_cut_along_their_main_axis():
     assert all(high - low < 12 for low, high in ends)
 
 
+def test_scenes_of_a_street_wider_than_long_are_cut_by_station_along_the_road():
+    rng = np.random.default_rng(0)
+    local = rng.random((4000, 3)) * [20.0, 42.0, 4.0]  # 20 m along the road, 42 m across
+    patches = planted_patches(4000, 2).with_columns(centroid=local, station=local[:, 0] + 1000.0)
+    cut = cut_scenes(patches, 10.0)
+    assert np.bincount(cut.scene).min() > 900 and cut.scene.max() == 3
+    for scene in range(4):
+        along, across = local[cut.scene == scene, 0], local[cut.scene == scene, 1]
+        assert np.ptp(along) <= 10.0 and np.ptp(across) > 41.0
+        assert along.max() <= 10.01 if scene % 2 == 0 else along.min() >= 9.99
+    without = cut_scenes(patches.with_columns(station=None), 10.0).scene
+    assert without.max() == 7  # the main axis of these patches lies across the road
+
+
 def test_thinning_keeps_shares_and_edges():
     patches = planted_patches(2000, 2, seed=9)
     edges = np.array([(i, i + 1) for i in range(1999)], np.int32)

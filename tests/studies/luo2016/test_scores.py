@@ -3,17 +3,22 @@
 import numpy as np
 import pandas as pd
 import pytest
+from references.patches import SCHEME
 from scipy import stats
 
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
 from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
+from mlsroad_pipeline.studies.luo2016.objects import count_street
 from mlsroad_pipeline.studies.luo2016.paper import CLASSES, OBJECTS, paper_scores
 from mlsroad_pipeline.studies.luo2016.parameters import StudyParameters, StudyScale
 from mlsroad_pipeline.studies.luo2016.report import wide_table
-from mlsroad_pipeline.studies.luo2016.results import by_step, scores_frame
+from mlsroad_pipeline.studies.luo2016.results import by_step, scores_frame, table_one
 from mlsroad_pipeline.studies.luo2016.scores import (
     MEANS,
+    all_pairs,
     paired_differences,
     repetition_scores,
     sensitivity_table,
@@ -111,6 +116,42 @@ def test_intervals_are_those_of_the_paired_t_test(three):
         paired_differences(found, reference="nobody")
 
 
+def test_every_two_methods_are_compared_and_sure_orders_are_named(three):
+    better = {name: {**methods, "shape_based": matrix([0, 0] + [90 + k] * 5 + [100])}
+              for k, (name, methods) in enumerate(three.items())}  # fmt: skip
+    found = repetition_scores(better, classes=ALL, given={"shape_based": OBJECTS})
+    pairs = all_pairs(found).set_index(["method", "other"])
+    assert list(pairs.index) == [
+        ("patch_graph", "patch_graph_mrf"), ("patch_graph", "shape_based"), ("patch_graph_mrf", "shape_based"),
+    ]  # fmt: skip
+    assert pairs["mean_over"].tolist() == ["mean of seven", "mean of five", "mean of five"]
+    known = paired_differences(found).set_index(["method", "mean_over"])["difference"]
+    assert pairs.iloc[0]["difference"] == pytest.approx(known["patch_graph", "mean of seven"])
+    assert pairs["sure"].tolist() == [False, True, False]
+    assert pairs.loc[("patch_graph", "shape_based"), "high"] < 0
+
+
+def test_table_one_sums_the_streets_beside_the_paper():
+    street = {name: np.arange(N) * factor for name, factor in (("points", 100), ("objects", 2), ("touching", 1))}
+    table = table_one([street, street], ALL).set_index("class")
+    assert table.loc["cycas", ["points", "objects", "touching"]].tolist() == [600, 12, 6]
+    assert table["share"].sum() == pytest.approx(1) and table["paper_share"].sum() == pytest.approx(1)
+    assert table.loc["palm tree", ["paper_objects", "paper_overlapping"]].tolist() == [278, 240]
+
+
+def test_objects_of_a_street_are_counted_and_touching_ones():
+    x = np.repeat(np.arange(4), 200)  # four patches in a row; the objects 1 and 2 lie side by side, 3 is apart
+    cloud = PointCloud(
+        np.column_stack([x, np.zeros(800), np.zeros(800)]),
+        {"label": np.full(800, TAXONOMY["car"], np.uint8), "instance": np.repeat([1, 2, 0, 3], 200)},
+    )
+    patches = {"patch_of_point": x.astype(np.int32), "edges": np.array([[0, 1], [1, 2], [2, 3]]), "height": np.zeros(4)}
+    found = count_street(cloud, patches, SCHEME)
+    vehicle = SCHEME.classes.index("vehicle")
+    assert [found[name][vehicle] for name in ("points", "objects", "touching")] == [800, 3, 2]
+    assert sum(found["objects"]) == 3
+
+
 def test_a_mean_that_a_method_lacks_is_in_no_comparison(three):
     given = {"patch_graph": OBJECTS}
     table = paired_differences(repetition_scores(three, classes=ALL, given=given))
@@ -148,6 +189,8 @@ def test_sensitivity_has_one_row_per_value_in_order(three):
     alone = repetition_scores({r: {"m": three[r]["patch_graph"]} for r in "ab"}, classes=ALL)
     road = alone[(alone["class"] == "road") & (alone["metric"] == "f1")]["value"].mean()
     assert table["road"][1] == pytest.approx(road)
+    each = alone[(alone["class"] == "road") & (alone["metric"] == "f1")]["value"]
+    assert table["road spread"][1] == pytest.approx(np.std(each, ddof=1))
     steps = by_step(table, "patch_size")
     assert steps["millimetres"].tolist() == [100, 300]
     assert steps["patch_size_mean_of_seven"].tolist() == table["mean of seven"].tolist()
@@ -178,7 +221,7 @@ def test_table_for_people_shows_the_paper_beside_and_dashes(three):
 
 SCALE = {
     "survey": {"preset": "tiny"}, "test_survey": {"length": 30.0}, "tuning": {}, "repetitions": [{"test": [3], "train": [1, 2]}], "patch_sizes": [0.2],
-    "search_radii": [1.0], "methods": {},
+    "search_radii": [1.0], "sensitivity": 1, "radius_patches": 100, "methods": {},
 }  # fmt: skip
 
 
@@ -194,6 +237,8 @@ SCALE = {
             r"must be distinct and not in training, got \[3, 3\], in training \[\]",
         ),
         ({"repetitions": [{"test": [1], "train": []}]}, "each must name its streets"),
+        ({"sensitivity": -1}, "sensitivity must be at least 0, got -1"),
+        ({"radius_patches": 0}, "radius_patches must be at least 1, got 0"),
         ({"patch_sizes": [0.0]}, "patch_sizes must be a finite number > 0, got 0"),
         ({"survey": {"seed": 1}}, "must not have a seed; seeds belong in repetitions"),
         ({"test_survey": {"seed": 1}}, "must not have a seed; seeds belong in repetitions"),
@@ -206,12 +251,10 @@ def test_wrong_scales_are_named(change, message):
 
 
 def test_wrong_studies_are_named():
-    given = {"scale": "s", "scales": {"s": SCALE}, "scheme": "luo2016", "sensitivity": 1}
+    given = {"scale": "s", "scales": {"s": SCALE}, "scheme": "luo2016"}
     assert StudyParameters(**given).chosen_scale() == StudyScale(**SCALE)
     with pytest.raises(ParameterError, match=r"scale 'x' is unknown \(scales: s\)"):
         StudyParameters(**{**given, "scale": "x"})
-    with pytest.raises(ParameterError, match="sensitivity must be at least 0, got -1"):
-        StudyParameters(**{**given, "sensitivity": -1})
     with pytest.raises(ParameterError, match="scales.s must have"):
         StudyParameters(**{**given, "scales": {"s": {}}})
 

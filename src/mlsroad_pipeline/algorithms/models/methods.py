@@ -55,6 +55,8 @@ class Method:
         Attribute of a detector's parameters that `describe` takes.
     described : str, default "parts"
         Catalog name of the described objects.
+    refines : str, optional
+        Method whose labels this one refines; it is trained first.
     """
 
     slug: str
@@ -72,6 +74,7 @@ class Method:
     describe: str = ""
     description: str = ""
     described: str = "parts"
+    refines: str = ""
 
     def place(self, part: str) -> str:
         """Return the full place of a part.
@@ -146,7 +149,16 @@ _TABLE = (
     Method(
         "patch_graph_mrf", "labelling", "patch_graph", ".refined_classifier:GridParameters",
         ".refined_classifier:RefinedPatchGraphClassifier", ".labeller:train_refinement",
-        ".labeller:label_cloud_refined",
+        ".labeller:label_cloud_refined", refines="patch_graph",
+    ),
+    Method(
+        "patch_graph_printed", "labelling", "patch_graph", ".classifier:PatchGraphParameters",
+        ".classifier:PatchGraphClassifier", ".labeller:train_printed", ".labeller:label_cloud",
+    ),
+    Method(
+        "patch_graph_mrf_printed", "labelling", "patch_graph", ".refined_classifier:GridParameters",
+        ".refined_classifier:RefinedPatchGraphClassifier", ".labeller:train_printed_refinement",
+        ".labeller:label_cloud_refined", refines="patch_graph_printed",
     ),
     Method(
         "patch_svm", "labelling", "baselines.patch_svm", ".classifier:PatchSvmParameters", ".classifier:PatchSvm",

@@ -172,7 +172,8 @@ class PatchGraphClassifier:
             **self.graph.to_arrays(),
             "n_classes": np.array(self.n_classes),
             "weights": np.array(astuple(self.weights)),
-            "search": np.array(astuple(self.search), np.float64),
+            # Arrays of a model are finite, and a promise is at least 1: 0 stands for infinity.
+            "search": np.nan_to_num(np.array(astuple(self.search), np.float64), posinf=0.0),
         }
 
     @classmethod
@@ -227,4 +228,6 @@ def select_training(
 
 def _search(values: NDArray) -> SearchParameters:
     kinds = [type(value) for value in astuple(SearchParameters())]
-    return SearchParameters(*[kind(value) for kind, value in zip(kinds, np.asarray(values).tolist(), strict=True)])
+    search = dict(zip((entry.name for entry in fields(SearchParameters)), np.asarray(values).tolist(), strict=True))
+    search["promise"] = search["promise"] or np.inf
+    return SearchParameters(**{name: kind(search[name]) for name, kind in zip(search, kinds, strict=True)})

@@ -8,6 +8,7 @@ from typing import Any
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphClassifier, PatchGraphParameters
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import (
     GridParameters,
@@ -19,6 +20,7 @@ from mlsroad_pipeline.algorithms.patches.labelling import label_patch_cloud
 from mlsroad_pipeline.algorithms.patches.training import PatchTraining, bundle_model, train_model
 
 SLUG, REFINED_SLUG = "patch_graph", "patch_graph_mrf"
+PRINTED_SLUG, REFINED_PRINTED_SLUG = "patch_graph_printed", "patch_graph_mrf_printed"
 
 label_cloud = partial(label_patch_cloud, classifier=PatchGraphClassifier)
 """Entry point of models of `train`."""
@@ -34,6 +36,9 @@ def _describe(classifier: PatchGraphClassifier) -> dict[str, Any]:
 
 train = partial(train_model, slug=SLUG, fit=PatchGraphClassifier.fit, describe=_describe)
 """Trains a model on a `PatchTraining` with `PatchGraphParameters`; its metadata hold the objective (equation 1)."""
+
+train_printed = partial(train_model, slug=PRINTED_SLUG, fit=PatchGraphClassifier.fit, describe=_describe)
+"""`train` for the method with the parameters of the paper."""
 
 
 def ground_classes(scheme: ClassScheme) -> GroundClasses:
@@ -59,6 +64,7 @@ def train_refinement(
     *,
     graph_parameters: PatchGraphParameters,
     parameters: GridParameters,
+    slug: str = REFINED_SLUG,
     n_threads: int = 1,
 ) -> ModelBundle:
     """Choose the parameters of the Markov random field on the training scenes.
@@ -73,6 +79,8 @@ def train_refinement(
         Parameters of that model.
     parameters : GridParameters
         Grid of parameters.
+    slug : str, default "patch_graph_mrf"
+        The method's slug.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
@@ -98,9 +106,13 @@ def train_refinement(
     )
     chosen = {"smoothness": classifier.parameters.smoothness, "colour_decay": classifier.parameters.colour_decay}
     return bundle_model(
-        REFINED_SLUG,
+        slug,
         classifier,
         replace(training, trained_on=transfer.metadata["trained_on"]),
         parameters=parameters,
-        facts={"chosen": chosen, "grid": tried, "graph": transfer.metadata["parameters"][SLUG]},
+        facts={"chosen": chosen, "grid": tried, "graph": transfer.metadata["parameters"][METHODS[slug].refines]},
     )
+
+
+train_printed_refinement = partial(train_refinement, slug=REFINED_PRINTED_SLUG)
+"""`train_refinement` for the method with the parameters of the paper."""

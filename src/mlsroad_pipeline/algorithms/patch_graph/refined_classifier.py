@@ -122,9 +122,14 @@ class RefinedPatchGraphClassifier:
         DataError
             If the histograms have another length than those of training, or an edge has an invalid index.
         """
-        probabilities = self.transfer.predict_proba(patches, edges)
+        return self.refine(self.transfer.predict_proba(patches, edges), patches, edges)[1]
+
+    def refine(
+        self, probabilities: NDArray[np.float64], patches: Patches, edges: NDArray[np.int32]
+    ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+        """Return refined labels and conditional probabilities of patches with given probabilities; see `refine`."""
         colours = patches.rgb if self.transfer.graph.coloured else None
-        return refine(probabilities, colours, edges, parameters=self.parameters, ground=self.ground)[1]
+        return refine(probabilities, colours, edges, parameters=self.parameters, ground=self.ground)
 
     def to_arrays(self) -> dict[str, NDArray]:
         """Return the learned parameters as named arrays."""

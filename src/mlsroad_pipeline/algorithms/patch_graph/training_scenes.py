@@ -7,22 +7,14 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
 from mlsroad_pipeline.algorithms.patches.extraction import Patches
-
-
-def _along(centroid: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the position of patches along the main horizontal axis of their scene, from 0."""
-    plan = centroid[:, :2] - centroid[:, :2].mean(axis=0)
-    _, axes = np.linalg.eigh(plan.T @ plan)
-    along: NDArray[np.float64] = plan @ axes[:, 1]
-    # The sign of an eigenvector is arbitrary: make its largest component positive.
-    along *= np.sign(axes[np.abs(axes[:, 1]).argmax(), 1])
-    return along - along.min()
+from mlsroad_pipeline.algorithms.patches.labelling import main_axis_stations
 
 
 def cut_scenes(patches: Patches, length: float) -> Patches:
-    """Cut scenes across their main horizontal axis into shorter scenes of about equal length.
+    """Cut scenes by station into shorter scenes of about equal length.
 
-    Matches come from different scenes; short scenes allow a patch more matches within one street.
+    Matches come from different scenes; short scenes allow a patch more matches within one street. Patches without
+    stations are cut along the main horizontal axis of their scene.
 
     Parameters
     ----------
@@ -46,7 +38,10 @@ def cut_scenes(patches: Patches, length: float) -> Patches:
     n_pieces = 0
     for scene in np.unique(patches.scene):
         members = np.flatnonzero(patches.scene == scene)
-        along = _along(patches.centroid[members])
+        if patches.station is None:
+            along = main_axis_stations(patches.centroid[members])
+        else:
+            along = patches.station[members] - patches.station[members].min()
         count = max(1, round(float(along.max()) / length))
         places = np.minimum((along / max(along.max(), length) * count).astype(np.int32), count - 1)
         pieces[members] = n_pieces + places

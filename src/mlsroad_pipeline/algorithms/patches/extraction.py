@@ -29,7 +29,9 @@ _COLUMNS: dict[str, tuple[type[np.generic], int]] = {
     "centroid": (np.float64, 2),
     "scene": (np.int32, 1),
     "label": (np.int16, 1),
+    "station": (np.float64, 1),
 }
+_OPTIONAL = ("rgb", "station")
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +53,8 @@ class Patches:
         Scene number, stored as int32.
     label : array-like of int, shape (n,)
         Class, stored as int16; `UNKNOWN` (-1) if unknown.
+    station : array-like of shape (n,), optional
+        Station along the road in metres, stored as float64; training scenes are cut by it. None if unknown.
 
     Raises
     ------
@@ -64,11 +68,12 @@ class Patches:
     centroid: NDArray[np.float64]
     scene: NDArray[np.int32]
     label: NDArray[np.int16]
+    station: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         n = len(np.asarray(self.fpfh))
         for name, (dtype, n_dimensions) in _COLUMNS.items():
-            if name == "rgb" and self.rgb is None:
+            if name in _OPTIONAL and getattr(self, name) is None:
                 continue
             values = np.ascontiguousarray(getattr(self, name), dtype=dtype)
             width = values.shape[1:] if name == "fpfh" else (3,) * (n_dimensions - 1)
@@ -92,7 +97,7 @@ class Patches:
         return replace(self, **columns)
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return the columns as named arrays, without `rgb` if there is no colour."""
+        """Return the columns as named arrays, without colour and stations if there are none."""
         columns = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: values for name, values in columns.items() if values is not None}
 
@@ -113,9 +118,9 @@ class Patches:
         Raises
         ------
         DataError
-            If an array other than `rgb` is missing, or the arrays do not fit together.
+            If an array other than `rgb` and `station` is missing, or the arrays do not fit together.
         """
-        check_arrays(arrays, (name for name in _COLUMNS if name != "rgb"), "patches")
+        check_arrays(arrays, (name for name in _COLUMNS if name not in _OPTIONAL), "patches")
         columns: dict[str, Any] = {name: arrays.get(name) for name in _COLUMNS}
         return cls(**columns)
 
@@ -131,7 +136,7 @@ def join_patches(parts: Sequence[Patches]) -> Patches:
     Returns
     -------
     Patches
-        All patches; with colour only if every part has it.
+        All patches; with colour and with stations only if every part has them.
 
     Raises
     ------
@@ -143,8 +148,10 @@ def join_patches(parts: Sequence[Patches]) -> Patches:
     widths = sorted({part.fpfh.shape[1] for part in parts})
     if len(widths) > 1:
         raise DataError(f"patches with histograms of {' and '.join(map(str, widths))} bins cannot be joined")
-    coloured = all(part.rgb is not None for part in parts)
-    columns = {name: [getattr(part, name) for part in parts] for name in _COLUMNS if coloured or name != "rgb"}
+    columns = {name: [getattr(part, name) for part in parts] for name in _COLUMNS}
+    for name in _OPTIONAL:
+        if any(values is None for values in columns[name]):
+            del columns[name]
     return Patches.from_arrays({name: np.concatenate(values) for name, values in columns.items()})
 
 

@@ -72,9 +72,12 @@ class PatchLabels(TypedDict):
     ----------
     label : ndarray of int16, shape (p,)
         Class of each patch; -1 for patches without labelled core points.
+    station : ndarray of float64, shape (p,)
+        Station of each patch in metres.
     """
 
     label: NDArray[np.int16]
+    station: NDArray[np.float64]
 
 
 class PatchClassifier(Protocol):
@@ -164,7 +167,9 @@ def build_patches(scene: PointCloud, ground: Ground, parameters: PatchParameters
     return cast(ScenePatches, arrays)
 
 
-def label_patches(scene: PointCloud, patches: ScenePatches, scheme: ClassScheme) -> PatchLabels:
+def label_patches(
+    scene: PointCloud, patches: ScenePatches, scheme: ClassScheme, *, station: NDArray[np.float64] | None = None
+) -> PatchLabels:
     """Assign to each patch the majority class of its labelled core points (Luo et al. 2016, section III-A).
 
     Parameters
@@ -175,11 +180,14 @@ def label_patches(scene: PointCloud, patches: ScenePatches, scheme: ClassScheme)
         Its patches.
     scheme : ClassScheme
         The classes.
+    station : ndarray of float64, shape (p,), optional
+        Station of each patch along the trajectory, metres. By default the position along the main horizontal axis of
+        the patches, which lies across the road if the scene is wider than long.
 
     Returns
     -------
     PatchLabels
-        Class of each patch, the lowest of equal counts.
+        Class of each patch, the lowest of equal counts, and its station.
 
     Raises
     ------
@@ -195,7 +203,28 @@ def label_patches(scene: PointCloud, patches: ScenePatches, scheme: ClassScheme)
     label = np.full(len(patches["height"]), IGNORE, np.int16)
     majority, _ = majority_labels(labels[known], owner[known], len(scheme))
     label[: len(majority)] = majority
-    return {"label": label}
+    return {"label": label, "station": main_axis_stations(patches["centroid"]) if station is None else station}
+
+
+def main_axis_stations(centroid: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the position of patches along their main horizontal axis.
+
+    Parameters
+    ----------
+    centroid : ndarray of float64, shape (p, 3)
+        Centroids of the patches of one scene, metres.
+
+    Returns
+    -------
+    ndarray of float64, shape (p,)
+        Metres from the first patch.
+    """
+    plan = centroid[:, :2] - centroid[:, :2].mean(axis=0)
+    _, axes = np.linalg.eigh(plan.T @ plan)
+    along: NDArray[np.float64] = plan @ axes[:, 1]
+    # The sign of an eigenvector is arbitrary: make its largest component positive.
+    along *= np.sign(axes[np.abs(axes[:, 1]).argmax(), 1])
+    return along - along.min()
 
 
 def label_patch_scene(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
+from mlsroad_pipeline.algorithms.core.validation import check_arrays
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.patches.extraction import Patches, join_patches
 from mlsroad_pipeline.algorithms.patches.labelling import PatchClassifier, PatchLabels, PatchStages, ScenePatches
@@ -75,7 +76,7 @@ def join_training_scenes(
     scenes : mapping of str to ScenePatches
         Patches of each scene.
     labels : mapping of str to PatchLabels
-        Classes of the patches of each training scene; other scenes are excluded.
+        Classes and stations of the patches of each training scene; other scenes are excluded.
 
     Returns
     -------
@@ -87,19 +88,21 @@ def join_training_scenes(
     Raises
     ------
     DataError
-        If there is no training scene, or no labelled patch.
+        If there is no training scene, or no labelled patch, or a scene has no stations.
     """
     if not labels:
         raise DataError("no training scenes: the split 'train' is empty")
     parts, edges, shift = [], [], 0
     for number, key in enumerate(sorted(labels)):
+        check_arrays(labels[key], ("label", "station"), f"the patch labels of scene {key} (label the patches again)")
         arrays, label = scenes[key], labels[key]["label"]
         rows = np.flatnonzero(label != IGNORE)
         place = np.full(len(label), -1, np.int32)
         place[rows] = np.arange(shift, shift + len(rows))
         moved = place[arrays["edges"]]
         edges.append(moved[(moved >= 0).all(axis=1)])
-        whole = Patches.from_arrays({**arrays, "label": label, "scene": np.full(len(label), number)})
+        own = {"label": label, "station": labels[key]["station"], "scene": np.full(len(label), number)}
+        whole = Patches.from_arrays({**arrays, **own})
         parts.append(whole.take(rows))
         shift += len(rows)
     if shift == 0:
@@ -143,12 +146,19 @@ def bundle_model(
     metadata = {
         "classes": list(scheme.classes),
         "scheme": asdict(scheme),
-        "parameters": {slug: asdict(parameters), **asdict(training.stages)},
+        "parameters": {slug: _json_values(asdict(parameters)), **asdict(training.stages)},
         "attributes": [] if patches.rgb is None else ["rgb"],
         "trained_on": {**training.trained_on, "patches": len(patches)},
         **(facts or {}),
     }
     return ModelBundle(slug, classifier.to_arrays(), metadata)
+
+
+def _json_values(values: Any) -> Any:
+    """Return values with infinite numbers, which JSON lacks, as text."""
+    if isinstance(values, Mapping):
+        return {name: _json_values(value) for name, value in values.items()}
+    return str(values) if isinstance(values, float) and not np.isfinite(values) else values
 
 
 def train_model(

@@ -11,9 +11,14 @@ from mlsroad_pipeline.studies.streets import make_street, street_tasks
 
 def make_streets(plan: StudyPlan) -> dict[str, SceneTask]:
     """Create one task per street that simulates it."""
-    return street_tasks(make_street, plan.surveys(), ground=plan.ground)
+    columns = ("rgb", "label", "instance")
+    return street_tasks(make_street, plan.surveys(), ground=plan.ground, columns=columns, with_station=True)
 
 
-def tabulate_study(plan: StudyPlan, tried: SceneCollection, runs: SceneCollection) -> StudyTables:
+def tabulate_study(
+    plan: StudyPlan, patches: SceneCollection, tried: SceneCollection, runs: SceneCollection
+) -> StudyTables:
     """Make the tables."""
-    return study_tables(plan, tried.load_all(), runs.load_all())
+    counts = patches.part("counts")
+    streets = {key: counts[key].load() for key in plan.counted_keys()}
+    return study_tables(plan, streets, tried.load_all(), runs.load_all())

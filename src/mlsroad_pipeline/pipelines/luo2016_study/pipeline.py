@@ -27,9 +27,10 @@ def create_pipeline(**_: object) -> Pipeline:
             "Luo et al. 2016 on simulated streets",
             tables=StudyTables,
             tabulate=tabulate_study,
-            results=["tried", "runs"],
+            results=["patches", "tried", "runs"],
             captions=CAPTIONS,
             draw=study_figures,
             write=study_sections,
+            shown=["plan", "streets", "runs"],
         ),
     )

@@ -2,10 +2,9 @@
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.algorithms.patches.labelling import build_patches, label_patches
+from mlsroad_pipeline.algorithms.patches.labelling import build_patches
+from mlsroad_pipeline.pipelines.patches.nodes import label_training_patches
 from mlsroad_pipeline.pipelines.per_scene import PerScene
-from mlsroad_pipeline.pipelines.schemes import training_scheme
-from mlsroad_pipeline.surveys.plan import training_keys
 
 
 def create_pipeline(**_: object) -> Pipeline:
@@ -19,13 +18,8 @@ def create_pipeline(**_: object) -> Pipeline:
                 name="extract_patches_of_scenes",
             ),
             Node(
-                PerScene(label_patches, keys=training_keys, scheme=training_scheme),
-                inputs={
-                    "scene": "scenes",
-                    "patches": "patches",
-                    "survey": "params:survey",
-                    "classes": "params:classes",
-                },
+                label_training_patches,
+                inputs=["scenes", "patches", "corridors", "params:survey", "params:classes"],
                 outputs="patch_labels",
                 name="label_patches_of_scenes",
             ),

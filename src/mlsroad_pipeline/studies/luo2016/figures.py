@@ -8,26 +8,58 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from mlsroad_pipeline.reporting.clouds.cloud_figures import INK
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.reporting.clouds.cloud_figures import INK, cloud_figure, labelling_pictures
+from mlsroad_pipeline.reporting.clouds.view import oblique_view
 from mlsroad_pipeline.reporting.figures.style import SERIES
 from mlsroad_pipeline.studies.figures import draw_bars, draw_lines, draw_panels, legend_below, name_axes
 from mlsroad_pipeline.studies.luo2016.paper import CLASSES, FIGURE_7, FIGURE_9
+from mlsroad_pipeline.studies.luo2016.parameters import PRINTED, PRINTED_REFINED, REFINED
+from mlsroad_pipeline.studies.luo2016.plan import StudyPlan, street_key
 from mlsroad_pipeline.studies.luo2016.results import StudyTables
 from mlsroad_pipeline.studies.luo2016.scores import MEANS
 
 CAPTIONS = {
     "methods": "F1 of the methods",
+    "labelled": "A part of the first test street: figure 6",
     "patch_size": "Patch size: figures 7 and 8",
     "search_radius": "Local search radius: figures 9 to 11",
 }
 """Name of each figure to its caption."""
 
 
-def study_figures(tables: StudyTables) -> tuple[Figure, ...]:
+PICTURED = ("max_margin_markov", PRINTED, PRINTED_REFINED, REFINED)
+"""Methods of Figure 6; the first three are those of the paper."""
+
+STRETCH = 25.0
+"""Length of the part of the street in Figure 6, metres."""
+
+
+def study_figures(
+    tables: StudyTables, plan: StudyPlan, streets: SceneCollection, runs: SceneCollection
+) -> tuple[Figure, ...]:
     """Draw the figures in the order of `CAPTIONS`."""
     size = _lines(tables.patch_size, "Patch size L, m", ("train_seconds",), FIGURE_7)
     radius = _lines(tables.search_radius, "Local search radius, m", ("train_seconds", "objective"), FIGURE_9)
-    return _methods(tables.table_3), size, radius
+    return _methods(tables.table_3), _labelled(plan, streets, runs), size, radius
+
+
+def _labelled(plan: StudyPlan, streets: SceneCollection, runs: SceneCollection) -> Figure:
+    """Draw true classes and labels of a part of the first test street (Figure 6)."""
+    street = streets[street_key(plan.scale.repetitions[0]["test"][0])].load()
+    labels = {"true classes": plan.scheme.encode(street["label"], source=street.source)}
+    for result in runs.part("pictured").load_all().values():
+        labels |= {method: found for method, found in result.items() if method in PICTURED}
+    station = street["station"]
+    near = np.abs(station - np.median(station)) <= STRETCH / 2
+    view = oblique_view(street.xyz[near], length=STRETCH)
+    pictures = {
+        name: labelling_pictures(street.xyz[near], view, classes=plan.scheme, predicted=labels[name][near])[
+            "prediction"
+        ]
+        for name in ("true classes", *PICTURED)
+    }
+    return cloud_figure(pictures, view, classes=plan.scheme)
 
 
 def _methods(table: pd.DataFrame) -> Figure:

@@ -7,14 +7,20 @@ from dataclasses import dataclass
 from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.core.validation import check_positive
+from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
 from mlsroad_pipeline.studies.parameters import ScaledStudy
 
 GRAPH, REFINED = "patch_graph", "patch_graph_mrf"
-METHODS = ("patch_svm", "patch_forest", "shape_based", "max_margin_markov", GRAPH, REFINED)
-"""The methods in the order of the paper's Table III."""
+PRINTED, PRINTED_REFINED = "patch_graph_printed", "patch_graph_mrf_printed"
+METHODS = (
+    "patch_svm", "patch_forest", "shape_based", "max_margin_markov", PRINTED, PRINTED_REFINED, GRAPH, REFINED,
+)  # fmt: skip
+"""The methods in the order of the paper's Table III; the last two are the improved ones."""
 
-RUNS = METHODS[:-1]
+REFINES = {PRINTED: PRINTED_REFINED, GRAPH: REFINED}
+"""Label transfer to its refinement."""
+
+RUNS = tuple(method for method in METHODS if method not in REFINES.values())
 """Trained methods: one run gives label transfer and its refinement."""
 
 
@@ -37,6 +43,10 @@ class StudyScale:
         Patch sizes L of Figures 7 and 8, metres.
     search_radii : sequence of float
         Local search radii R_loc of Figures 9 to 11, metres.
+    sensitivity : int
+        Repetitions of Figures 7 to 11: the first ones, each with its own training and test streets.
+    radius_patches : int
+        Maximum patches per training scene in Figures 9 to 11; the search of the paper takes minutes with all patches.
     methods : mapping
         Slug to changes of the method's parameters at this scale.
     tuning : mapping
@@ -49,6 +59,8 @@ class StudyScale:
     repetitions: Sequence[Mapping[str, Any]]
     patch_sizes: Sequence[float]
     search_radii: Sequence[float]
+    sensitivity: int
+    radius_patches: int
     methods: Mapping[str, Mapping[str, Any]]
     tuning: Mapping[str, Sequence[Mapping[str, Any]]]
 
@@ -66,6 +78,8 @@ class StudyScale:
                 f"luo2016_study.repetitions: test streets must be distinct and not in training, got {tests}, "
                 f"in training {both}"
             )
+        check_at_least(self.sensitivity, 0, "luo2016_study.sensitivity")
+        check_at_least(self.radius_patches, 1, "luo2016_study.radius_patches")
         for name in ("patch_sizes", "search_radii"):
             for value in getattr(self, name):
                 check_positive(value, f"luo2016_study.{name}")
@@ -92,14 +106,6 @@ class StudyParameters(ScaledStudy[StudyScale], group="luo2016_study", kind=Study
         Name of each scale to the fields of `StudyScale`.
     scheme : str
         Class scheme; its class ``other`` is learned and counted, but excluded from means.
-    sensitivity : int
-        Test streets of Figures 7 to 11: the first ones of the first repetition.
     """
 
     scheme: str
-    sensitivity: int
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.sensitivity < 0:
-            raise ParameterError(f"luo2016_study.sensitivity must be at least 0, got {self.sensitivity!r}")

@@ -25,7 +25,8 @@ from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.studies.luo2016.parameters import (
     GRAPH,
     METHODS,
-    REFINED,
+    PRINTED,
+    REFINES,
     RUNS,
     StudyParameters,
     StudyScale,
@@ -56,13 +57,14 @@ class StudyRun:
     test: tuple[int, ...]
     sizes: PatchParameters  # parameters of the patches
     parameters: Mapping[str, Any]  # slug to parameters
+    pictured: bool = False  # whether the labels of the first test street are kept
 
 
 @dataclass(frozen=True)
 class StudyPlan:
     """Parameters of all stages of the study, and the runs that follow from them."""
 
-    study: StudyParameters  # scale, scheme and number of streets of the sensitivity figures
+    study: StudyParameters  # scale and scheme
     scheme: ClassScheme  # classes
     ground: GroundParameters  # ground filter
     sizes: PatchParameters  # patches
@@ -115,57 +117,61 @@ class StudyPlan:
         mean = "mean of five" if run.method == "shape_based" else "mean of seven"
         return float(scores.set_index(["class", "metric"])["value"][mean, "f1"])
 
+    def counted_keys(self) -> list[str]:
+        """Return the keys of the patches of all streets of the comparison."""
+        seeds = [seed for r in self.scale.repetitions for seed in (*r["train"], *r["test"])]
+        return [patches_key(seed, self.sizes.patch_size) for seed in seeds]
+
     def comparison_runs(self, parameters: Mapping[str, Any]) -> list[StudyRun]:
         """Return the runs of Table III."""
         return [
             self._run(number, method, parameters) for number in range(len(self.scale.repetitions)) for method in RUNS
         ]
 
-    def size_runs(self, parameters: Mapping[str, Any]) -> dict[float, StudyRun]:
+    def size_runs(self, parameters: Mapping[str, Any]) -> dict[float, list[StudyRun]]:
         """Return the runs of Figures 7 and 8, by patch size."""
-        tests = self.study.sensitivity
-        sizes = self.scale.patch_sizes if tests else ()
-        return {size: self._run(0, GRAPH, parameters, self.resized(size), tests=tests) for size in sizes}
+        return {
+            size: [self._run(number, GRAPH, parameters, self.resized(size)) for number in self._sensitive()]
+            for size in self.scale.patch_sizes
+        }
 
-    def radius_runs(self, parameters: Mapping[str, Any]) -> dict[float, StudyRun]:
-        """Return the runs of Figures 9 to 11, by local search radius."""
-        tests = self.study.sensitivity
-        radii = self.scale.search_radii if tests else ()
-        # The search as printed: started in cells of similar descriptions, it hardly depends on the radius.
+    def radius_runs(self, parameters: Mapping[str, Any]) -> dict[float, list[StudyRun]]:
+        """Return the runs of Figures 9 to 11, by local search radius, with the search of the paper."""
+        thinned = {"max_patches": self.scale.radius_patches}
         searches = {
-            radius: changed(parameters[GRAPH], {"search": {"search_radius": radius, "n_probes": 0}}) for radius in radii
+            radius: changed(parameters[PRINTED], {**thinned, "search": {"search_radius": radius}})
+            for radius in self.scale.search_radii
         }
         return {
-            radius: self._run(0, GRAPH, {**parameters, GRAPH: search}, tests=tests)
+            radius: [self._run(number, PRINTED, {**parameters, PRINTED: search}) for number in self._sensitive()]
             for radius, search in searches.items()
         }
+
+    def _sensitive(self) -> range:
+        return range(min(self.scale.sensitivity, len(self.scale.repetitions)))
 
     def all_runs(self, parameters: Mapping[str, Any]) -> dict[str, StudyRun]:
         """Return every run once, by its key."""
         runs = [
             *self.comparison_runs(parameters),
-            *self.size_runs(parameters).values(),
-            *self.radius_runs(parameters).values(),
+            *(run for runs in self.size_runs(parameters).values() for run in runs),
+            *(run for runs in self.radius_runs(parameters).values() for run in runs),
         ]
         return {run.key: run for run in runs}
 
     def _run(
-        self,
-        number: int,
-        method: str,
-        parameters: Mapping[str, Any],
-        sizes: PatchParameters | None = None,
-        *,
-        tests: int | None = None,
+        self, number: int, method: str, parameters: Mapping[str, Any], sizes: PatchParameters | None = None
     ) -> StudyRun:
         repetition, used = self.scale.repetitions[number], sizes or self.sizes
-        streets = tuple(repetition["test"])[:tests]
-        own = [method, REFINED] if method == GRAPH else [method]
-        key = f"repetition_{number}.{method}.tests_{len(streets)}.size_{used.patch_size:g}"
-        if method == GRAPH:
-            key += f".radius_{parameters[GRAPH].search.search_radius:g}.probes_{parameters[GRAPH].search.n_probes}"
+        key = f"repetition_{number}.{method}.size_{used.patch_size:g}"
+        own = [method]
+        if method in REFINES:
+            own.append(REFINES[method])
+            graph = parameters[method]
+            key += f".radius_{graph.search.search_radius:g}.patches_{graph.max_patches}"
         mine = {slug: parameters[slug] for slug in own}
-        return StudyRun(key, method, tuple(repetition["train"]), streets, used, mine)
+        train, test = tuple(repetition["train"]), tuple(repetition["test"])
+        return StudyRun(key, method, train, test, used, mine, pictured=number == 0 and used == self.sizes)
 
 
 def plan_study(
@@ -177,12 +183,15 @@ def plan_study(
     forest: PatchForestParameters,
     shapes: ShapeParameters,
     network: MarginParameters,
+    printed: PatchGraphParameters,
+    printed_refinement: GridParameters,
     graph: PatchGraphParameters,
     refinement: GridParameters,
 ) -> StudyPlan:
     """Return the plan with the changes of the scale."""
     changes = study.chosen_scale().methods
-    methods: dict[str, Any] = dict(zip(METHODS, (svm, forest, shapes, network, graph, refinement), strict=True))
+    given = (svm, forest, shapes, network, printed, printed_refinement, graph, refinement)
+    methods: dict[str, Any] = dict(zip(METHODS, given, strict=True))
     parameters = {slug: changed(own, changes.get(slug, {})) for slug, own in methods.items()}
     return StudyPlan(study, find_scheme(classes["schemes"], study.scheme), ground, sizes, parameters)
 
@@ -230,5 +239,6 @@ def _run_task(plan: StudyPlan, run: StudyRun, streets: SceneCollection, cut: Sce
             "parameters": dict(run.parameters),
             "stages": PatchStages(plan.ground, run.sizes),
             "scheme": plan.scheme,
+            "pictured": run.pictured,
         },
     )

@@ -11,12 +11,14 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.metrics.scores import ALL, check_scores
-from mlsroad_pipeline.studies.luo2016.paper import CLASSES, HOURS, OBJECTS
-from mlsroad_pipeline.studies.luo2016.parameters import METHODS, REFINED
+from mlsroad_pipeline.studies.luo2016.objects import StreetCounts
+from mlsroad_pipeline.studies.luo2016.paper import CLASSES, HOURS, OBJECTS, table_one_of_paper
+from mlsroad_pipeline.studies.luo2016.parameters import METHODS, PRINTED_REFINED, REFINED
 from mlsroad_pipeline.studies.luo2016.plan import StudyPlan, StudyRun
 from mlsroad_pipeline.studies.luo2016.runs import RunResult
 from mlsroad_pipeline.studies.luo2016.scores import (
     MEANS,
+    all_pairs,
     paired_differences,
     repetition_scores,
     sensitivity_table,
@@ -39,7 +41,9 @@ class StudyTables(Tables):
     scores: pd.DataFrame  # table of scores; its splits are the test streets, ``mean_f1`` is over seven classes
     table_3: pd.DataFrame  # precision, recall and F1 of each method and class, mean and spread over test streets
     differences: pd.DataFrame  # mean F1 of each method minus that of `patch_graph_mrf`, paired by test street
-    # patch_size, search_radius: F1, training time and objective by parameter value
+    pairs: pd.DataFrame  # difference of mean F1 of every two methods, paired by test street
+    table_1: pd.DataFrame  # points, objects and touching objects of each class in all streets, and in the paper
+    # patch_size, search_radius: F1, training time and objective by parameter value, mean and spread over test streets
     patch_size: pd.DataFrame
     search_radius: pd.DataFrame
     times: pd.DataFrame  # CPU time of training and labelling of each method
@@ -49,7 +53,7 @@ class StudyTables(Tables):
     by_radius: pd.DataFrame
 
 
-def study_tables(plan: StudyPlan, tried: Results, results: Results) -> StudyTables:
+def study_tables(plan: StudyPlan, streets: Mapping[str, StreetCounts], tried: Results, results: Results) -> StudyTables:
     """Make the tables."""
     parameters = plan.tuned(tried)
     classes = plan.scheme.classes
@@ -66,12 +70,14 @@ def study_tables(plan: StudyPlan, tried: Results, results: Results) -> StudyTabl
     scores = repetition_scores(ordered, classes=classes, given=PREDICTED)
     times = times_table(pd.concat(facts, ignore_index=True)).set_index("method").reindex(list(METHODS)).reset_index()
     hours = pd.DataFrame(HOURS, index=["paper_train_hours", "paper_label_hours"]).T
-    size = _sensitivity(plan.size_runs(parameters), results, classes)
-    radius = _sensitivity(plan.radius_runs(parameters), results, classes)
+    size = _sensitivity(plan.size_runs(parameters), results, classes, REFINED)
+    radius = _sensitivity(plan.radius_runs(parameters), results, classes, PRINTED_REFINED)
     return StudyTables(
         scores=scores_frame(scores, ordered, classes),
         table_3=table_three(scores),
         differences=paired_differences(scores),
+        pairs=all_pairs(scores),
+        table_1=table_one(list(streets.values()), classes),
         patch_size=size,
         search_radius=radius,
         times=times.merge(hours, left_on="method", right_index=True, how="left"),
@@ -81,14 +87,38 @@ def study_tables(plan: StudyPlan, tried: Results, results: Results) -> StudyTabl
     )
 
 
-def _sensitivity(runs: Mapping[float, StudyRun], results: Results, classes: Sequence[str]) -> pd.DataFrame:
-    by_value = {value: results[run.key] for value, run in runs.items()}
-    matrices = {
-        value: {str(place): {REFINED: counts} for place, counts in enumerate(result["matrices"][REFINED])}
-        for value, result in by_value.items()
-    }
-    facts = {value: result["facts"].query("method == @REFINED") for value, result in by_value.items()}
-    return sensitivity_table(matrices, facts, classes=classes)
+def _sensitivity(
+    runs: Mapping[float, Sequence[StudyRun]], results: Results, classes: Sequence[str], method: str
+) -> pd.DataFrame:
+    """Score a method at every value, over the test streets of all runs of the value."""
+    matrices: dict[float, dict[str, dict[str, NDArray[np.int64]]]] = {}
+    facts: dict[float, pd.DataFrame] = {}
+    for value, repetitions in runs.items():
+        found = [(run, results[run.key]) for run in repetitions]
+        matrices[value] = {
+            f"test_{seed}": {method: result["matrices"][method][place]}
+            for run, result in found
+            for place, seed in enumerate(run.test)
+        }
+        facts[value] = pd.concat([facts_of(result, method) for _, result in found])
+    return sensitivity_table({value: each for value, each in matrices.items() if each}, facts, classes=classes)
+
+
+def facts_of(result: RunResult, method: str) -> pd.DataFrame:
+    """Return the facts of one method of a run."""
+    facts = result["facts"]
+    return facts[facts["method"] == method]
+
+
+def table_one(streets: Sequence[StreetCounts], classes: Sequence[str]) -> pd.DataFrame:
+    """Return the points and objects of all streets by class beside Table I of the paper."""
+    kinds = ("points", "objects", "touching")
+    totals = {kind: np.sum([street[kind] for street in streets], axis=0) for kind in kinds}  # type: ignore[literal-required]  # mypy reads no tuple of names
+    table = pd.DataFrame({"class": list(classes), **totals})
+    table["share"] = table["points"] / table["points"].sum()
+    paper = table_one_of_paper()
+    paper["paper_share"] = paper["paper_points"] / paper["paper_points"].sum()
+    return table.merge(paper, on="class", how="left")
 
 
 def scores_frame(

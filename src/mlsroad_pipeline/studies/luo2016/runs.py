@@ -16,10 +16,9 @@ from mlsroad_pipeline.algorithms.baselines.shape_based import labeller as shape_
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
-from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphClassifier, PatchGraphParameters
+from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphClassifier
 from mlsroad_pipeline.algorithms.patch_graph.labeller import ground_classes
-from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters, refine_classifier
-from mlsroad_pipeline.algorithms.patch_graph.refinement import refine
+from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import refine_classifier
 from mlsroad_pipeline.algorithms.patches.extraction import Patches, PatchParameters
 from mlsroad_pipeline.algorithms.patches.labelling import (
     PatchLabels,
@@ -31,21 +30,25 @@ from mlsroad_pipeline.algorithms.patches.labelling import (
 from mlsroad_pipeline.algorithms.patches.training import join_training_scenes
 from mlsroad_pipeline.algorithms.patches.voting import vote_on_points
 from mlsroad_pipeline.algorithms.stages import Ground
-from mlsroad_pipeline.studies.luo2016.parameters import GRAPH, REFINED
+from mlsroad_pipeline.studies.luo2016.objects import StreetCounts, count_street
+from mlsroad_pipeline.studies.luo2016.parameters import REFINES
 from mlsroad_pipeline.studies.streets import timed
 
 
 class CutStreet(TypedDict):
-    """Patches of a street and their classes, from `cut_patches`."""
+    """Patches of a street and their classes, from `cut_patches`, and the counts of Table I."""
 
     patches: ScenePatches
     labels: PatchLabels
+    counts: StreetCounts
 
 
-class Street(CutStreet):
+class Street(TypedDict):
     """Points of a street, with ground and heights, and its patches."""
 
     points: PointCloud
+    patches: ScenePatches
+    labels: PatchLabels
 
 
 class RunResult(TypedDict):
@@ -55,19 +58,26 @@ class RunResult(TypedDict):
     matrices: dict[str, NDArray[np.int64]]
     # one row per method: `train_seconds` and `label_seconds` (CPU time), and facts of the trained model
     facts: pd.DataFrame
+    # method to the labels of the points of the first test street; empty for runs without picture
+    pictured: dict[str, NDArray[np.int8]]
 
 
 def cut_patches(points: PointCloud, *, sizes: PatchParameters, scheme: ClassScheme) -> CutStreet:
-    """Cut a street into patches and assign their classes."""
+    """Cut a street into patches and assign their classes and stations."""
     patches = build_patches(points, _ground(points), sizes)
-    return {"patches": patches, "labels": label_patches(points, patches, scheme)}
+    owner = patches["patch_of_point"]
+    station = np.bincount(owner, weights=points["station"]) / np.bincount(owner)
+    labels = label_patches(points, patches, scheme, station=station)
+    return {"patches": patches, "labels": labels, "counts": count_street(points, patches, scheme)}
 
 
 class _Tally:
     """Confusion matrices and times of the methods of one run."""
 
-    def __init__(self, scheme: ClassScheme) -> None:
+    def __init__(self, scheme: ClassScheme, *, pictured: bool) -> None:
         self.scheme = scheme
+        self.pictured = pictured
+        self.labels: dict[str, NDArray[np.int8]] = {}
         self.matrices: dict[str, list[NDArray[np.int64]]] = {}
         self.facts: dict[str, dict[str, Any]] = {}
 
@@ -79,10 +89,13 @@ class _Tally:
         truth = self.scheme.encode(points["label"], source=points.source)
         self.matrices[method].append(confusion_matrix(truth, labels, len(self.scheme)))
         self.facts[method]["label_seconds"] += seconds
+        if self.pictured:
+            self.labels.setdefault(method, labels.astype(np.int8))
 
     def result(self) -> RunResult:
         frame = pd.DataFrame([{"method": name, **facts} for name, facts in self.facts.items()])
-        return {"matrices": {name: np.array(each) for name, each in self.matrices.items()}, "facts": frame}
+        matrices = {name: np.array(each) for name, each in self.matrices.items()}
+        return {"matrices": matrices, "facts": frame, "pictured": self.labels}
 
 
 def train_and_score(
@@ -93,9 +106,10 @@ def train_and_score(
     parameters: Mapping[str, Any],
     stages: PatchStages,
     scheme: ClassScheme,
+    pictured: bool = False,
 ) -> RunResult:
     """Train a method and score it at full resolution."""
-    tally = _Tally(scheme)
+    tally = _Tally(scheme, pictured=pictured)
     if method == shape_based.SLUG:
         _run_objects(tally, train, test, parameters[method], stages)
         return tally.result()
@@ -103,8 +117,8 @@ def train_and_score(
         {key: street["patches"] for key, street in train.items()},
         {key: street["labels"] for key, street in train.items()},
     )
-    if method == GRAPH:
-        _run_graph(tally, joined, test, parameters[GRAPH], parameters[REFINED], stages, len(train))
+    if method in REFINES:
+        _run_graph(tally, joined, test, method, parameters, stages, len(train))
     else:
         _run_patches(tally, joined, test, method, parameters[method], stages)
     return tally.result()
@@ -149,31 +163,29 @@ def _run_graph(
     tally: _Tally,
     joined: tuple[Patches, NDArray[np.int32]],
     test: Mapping[str, Street],
-    parameters: PatchGraphParameters,
-    grid: GridParameters,
+    method: str,
+    parameters: Mapping[str, Any],
     stages: PatchStages,
     n_streets: int,
 ) -> None:
-    ground = ground_classes(tally.scheme)
-    transfer, seconds = timed(PatchGraphClassifier.fit, *joined, len(tally.scheme), parameters=parameters)
+    ground, refinement = ground_classes(tally.scheme), REFINES[method]
+    transfer, seconds = timed(PatchGraphClassifier.fit, *joined, len(tally.scheme), parameters=parameters[method])
     (refined, _), more = timed(
-        refine_classifier, transfer, *joined, graph_parameters=parameters, grid=grid, ground=ground,
-        surveys=np.arange(n_streets, dtype=np.int32),
+        refine_classifier, transfer, *joined, graph_parameters=parameters[method], grid=parameters[refinement],
+        ground=ground, surveys=np.arange(n_streets, dtype=np.int32),
     )  # fmt: skip
     objective = transfer.graph.objective
     facts = {"objective": float(objective[-1]), "iterations": len(objective) - 1, "nodes": len(transfer.graph.labels)}
     chosen = {"smoothness": refined.parameters.smoothness, "colour_decay": refined.parameters.colour_decay}
-    tally.add(GRAPH, train_seconds=seconds, **facts)
-    tally.add(REFINED, train_seconds=seconds + more, **facts, **chosen)
+    tally.add(method, train_seconds=seconds, **facts)
+    tally.add(refinement, train_seconds=seconds + more, **facts, **chosen)
     for points, patches, edges, vote in _test_streets(test, stages):
         transferred, first = timed(transfer.predict_proba, patches, edges)
         labels, second = timed(vote, transferred)
-        tally.count(GRAPH, points, labels, first + second)
-        (_, field), third = timed(
-            refine, transferred, patches.rgb, edges, parameters=refined.parameters, ground=refined.ground
-        )
+        tally.count(method, points, labels, first + second)
+        (_, field), third = timed(refined.refine, transferred, patches, edges)
         labels, fourth = timed(vote, field)
-        tally.count(REFINED, points, labels, first + third + fourth)
+        tally.count(refinement, points, labels, first + third + fourth)
 
 
 def _run_objects(

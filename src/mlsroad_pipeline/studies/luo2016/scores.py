@@ -54,6 +54,8 @@ def table_three(scored: pd.DataFrame) -> pd.DataFrame:
     grouped = scored.groupby(["method", "class", "metric"], sort=False)["value"]
     table = grouped.agg(mean="mean", spread="std", repetitions="count").reset_index()
     paper = paper_scores()
+    printed = paper[paper["method"].isin(("patch_graph", "patch_graph_mrf"))]
+    paper = pd.concat([paper, printed.assign(method=printed["method"] + "_printed")])
     means = [
         paper[paper["class"].isin(members)]
         .groupby(["method", "metric"], sort=False)["paper"]
@@ -84,6 +86,26 @@ def paired_differences(
     return pd.DataFrame(rows, columns=["method", "mean_over", "difference", "low", "high", "repetitions"])
 
 
+def all_pairs(scored: pd.DataFrame, *, confidence: float = 0.95) -> pd.DataFrame:
+    """Compare the mean F1 of every two methods; a pair is `sure` if its interval does not contain 0.
+
+    The mean is that of seven classes, or that of five where one of the two does not predict the others.
+    """
+    methods = list(dict.fromkeys(scored["method"]))
+    f1 = scored[scored["metric"] == "f1"]
+    rows = []
+    for place, first in enumerate(methods):
+        for second in methods[place + 1 :]:
+            for mean in MEANS:
+                wide = f1[f1["class"] == mean].pivot(index="repetition", columns="method", values="value")
+                centre, low, high, n = paired_interval((wide[first] - wide[second]).to_numpy(), confidence)
+                if n:
+                    rows.append((first, second, mean, centre, low, high, n, low > 0 or high < 0))
+                    break
+    columns = ["method", "other", "mean_over", "difference", "low", "high", "repetitions", "sure"]
+    return pd.DataFrame(rows, columns=columns)
+
+
 def sensitivity_table(
     matrices: Mapping[float, Matrices], facts: Mapping[float, pd.DataFrame], *, classes: Sequence[str]
 ) -> pd.DataFrame:
@@ -91,10 +113,12 @@ def sensitivity_table(
     rows = []
     for value in sorted(matrices):
         scored = repetition_scores(matrices[value], classes=classes)
-        f1 = scored[scored["metric"] == "f1"].groupby("class", sort=False)["value"].mean()
+        f1 = scored[scored["metric"] == "f1"].groupby("class", sort=False)["value"]
         means = facts[value][["train_seconds", "objective"]].mean()
-        rows.append({"value": value, **f1.to_dict(), **means.to_dict()})
-    return pd.DataFrame(rows, columns=["value", *CLASSES, *MEANS, "train_seconds", "objective"])
+        spread = {f"{name} spread": deviation for name, deviation in f1.std().items()}
+        rows.append({"value": value, **f1.mean().to_dict(), **means.to_dict(), **spread})
+    spreads = [f"{name} spread" for name in (*CLASSES, *MEANS)]
+    return pd.DataFrame(rows, columns=["value", *CLASSES, *MEANS, "train_seconds", "objective", *spreads])
 
 
 def times_table(facts: pd.DataFrame) -> pd.DataFrame:

@@ -160,12 +160,13 @@ def _fit_patches(
     joined = join_training_scenes(*_patches_of(scenes))
     numbers = np.array([number for number, scene in enumerate(scenes) for name in scene.parts if ".patches" in name])
     training = PatchTraining(*joined, _patch_stages(parameters), scheme, facts, numbers.astype(np.int32))
-    if slug != "patch_graph_mrf":
+    graph = METHODS[slug].refines
+    if not graph:
         bundle: ModelBundle = METHODS[slug].load("train")(training, parameters=parameters[slug])
         return bundle
-    transfer = METHODS["patch_graph"].load("train")(training, parameters=parameters["patch_graph"])
+    transfer = METHODS[graph].load("train")(training, parameters=parameters[graph])
     refined: ModelBundle = METHODS[slug].load("train")(
-        training, transfer, graph_parameters=parameters["patch_graph"], parameters=parameters[slug]
+        training, transfer, graph_parameters=parameters[graph], parameters=parameters[slug]
     )
     return refined
 
@@ -305,8 +306,14 @@ _OF_METHOD = {
     SUPERPOINTS: _GRAPHS,
     SPHERES: _SPHERES,
     TREES: _VOXELS,
-    **dict.fromkeys(("patch_graph", "patch_graph_mrf", "patch_svm", "patch_forest", "max_margin_markov"), _PATCHES),
-}
+    **dict.fromkeys(
+        (
+            "patch_graph", "patch_graph_mrf", "patch_graph_printed", "patch_graph_mrf_printed", "patch_svm",
+            "patch_forest", "max_margin_markov",
+        ),
+        _PATCHES,
+    ),
+}  # fmt: skip
 
 
 def preparation_of(method: str) -> Preparation:

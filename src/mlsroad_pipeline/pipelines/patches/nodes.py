@@ -1,0 +1,34 @@
+"""Nodes of the patches."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask
+from mlsroad_pipeline.pipelines.schemes import training_scheme
+from mlsroad_pipeline.surveys.labelled_patches import label_patches_along
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
+from mlsroad_pipeline.surveys.plan import training_keys
+
+
+def label_training_patches(
+    scenes: SceneCollection,
+    patches: SceneCollection,
+    corridors: SceneCollection,
+    survey: SurveyParameters,
+    classes: Mapping[str, Any],
+) -> dict[str, SceneTask]:
+    """Create one task per training scene that finds the classes and stations of its patches."""
+    scheme = training_scheme(survey, classes)
+    drives = {key: corridors[SceneKey.parse(key).parent] for key in training_keys(scenes)}
+    return {
+        key: SceneTask(
+            label_patches_along,
+            {"scene": scenes[key], "patches": patches[key], "corridor": corridor},
+            {"scheme": scheme},
+        )
+        for key, corridor in drives.items()
+    }

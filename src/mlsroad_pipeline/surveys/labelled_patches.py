@@ -1,0 +1,17 @@
+"""Classes and stations of the patches of a training scene."""
+
+from __future__ import annotations
+
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.patches.labelling import PatchLabels, ScenePatches, label_patches
+from mlsroad_pipeline.algorithms.scenes.cutting import CorridorArrays, corridor_from_arrays
+
+
+def label_patches_along(
+    scene: PointCloud, patches: ScenePatches, corridor: CorridorArrays, *, scheme: ClassScheme
+) -> PatchLabels:
+    """Return the class of each patch and its station along the corridor that the survey is cut along."""
+    line = corridor_from_arrays(corridor)
+    station = None if line is None else line.locate(patches["centroid"], origin=scene.origin)[0]
+    return label_patches(scene, patches, scheme, station=station)
