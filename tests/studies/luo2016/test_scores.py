@@ -221,7 +221,7 @@ def test_table_for_people_shows_the_paper_beside_and_dashes(three):
 
 SCALE = {
     "survey": {"preset": "tiny"}, "test_survey": {"length": 30.0}, "tuning": {}, "repetitions": [{"test": [3], "train": [1, 2]}], "patch_sizes": [0.2],
-    "search_radii": [1.0], "sensitivity": 1, "radius_patches": 100, "methods": {},
+    "search_radii": [1.0], "sensitivity": 1, "radius_patches": 100, "patches": {}, "methods": {},
 }  # fmt: skip
 
 

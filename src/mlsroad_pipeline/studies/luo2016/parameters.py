@@ -17,6 +17,9 @@ METHODS = (
 )  # fmt: skip
 """The methods in the order of the paper's Table III; the last two are the improved ones."""
 
+AS_PRINTED = (PRINTED, PRINTED_REFINED)
+"""Methods on the patches of the paper."""
+
 REFINES = {PRINTED: PRINTED_REFINED, GRAPH: REFINED}
 """Label transfer to its refinement."""
 
@@ -47,6 +50,8 @@ class StudyScale:
         Repetitions of Figures 7 to 11: the first ones, each with its own training and test streets.
     radius_patches : int
         Maximum patches per training scene in Figures 9 to 11; the search of the paper takes minutes with all patches.
+    patches : mapping
+        Changes of `PatchParameters` for all methods but the printed ones, such as more bins than the paper's.
     methods : mapping
         Slug to changes of the method's parameters at this scale.
     tuning : mapping
@@ -61,6 +66,7 @@ class StudyScale:
     search_radii: Sequence[float]
     sensitivity: int
     radius_patches: int
+    patches: Mapping[str, Any]
     methods: Mapping[str, Mapping[str, Any]]
     tuning: Mapping[str, Sequence[Mapping[str, Any]]]
 

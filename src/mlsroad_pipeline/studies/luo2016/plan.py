@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.studies.luo2016.parameters import (
+    AS_PRINTED,
     GRAPH,
     METHODS,
     PRINTED,
@@ -41,9 +42,9 @@ def street_key(seed: int) -> str:
     return f"seed_{seed}"
 
 
-def patches_key(seed: int, patch_size: float) -> str:
-    """Return the key of a street's patches of one size."""
-    return f"seed_{seed}.size_{patch_size:g}"
+def patches_key(seed: int, sizes: PatchParameters) -> str:
+    """Return the key of a street's patches of one size and number of bins."""
+    return f"seed_{seed}.size_{sizes.patch_size:g}.bins_{sizes.n_bins}"
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ class StudyPlan:
     study: StudyParameters  # scale and scheme
     scheme: ClassScheme  # classes
     ground: GroundParameters  # ground filter
-    sizes: PatchParameters  # patches
+    sizes: PatchParameters  # patches of the printed methods
     parameters: Mapping[str, Any]  # slug to the parameters of the method, changes of the scale included
 
     @property
@@ -82,10 +83,13 @@ class StudyPlan:
         test = {seed: {**scale.survey, **scale.test_survey} for r in scale.repetitions for seed in r["test"]}
         return {street_key(seed): {**survey, "seed": seed} for seed, survey in {**train, **test}.items()}
 
-    def resized(self, patch_size: float) -> PatchParameters:
-        """Return the parameters of patches of another size, with voxels in proportion."""
-        ratio = self.sizes.voxel_size / self.sizes.patch_size
-        return changed(self.sizes, {"patch_size": patch_size, "voxel_size": patch_size * ratio})
+    def sizes_of(self, method: str, patch_size: float | None = None) -> PatchParameters:
+        """Return the parameters of the patches of a method, of another size with voxels in proportion."""
+        sizes = self.sizes if method in AS_PRINTED else changed(self.sizes, self.scale.patches)
+        size = sizes.patch_size if patch_size is None else patch_size
+        ratio = sizes.voxel_size / sizes.patch_size
+        resized: PatchParameters = changed(sizes, {"patch_size": size, "voxel_size": size * ratio})
+        return resized
 
     def tuning_runs(self) -> list[StudyRun]:
         """Return the runs that settings are chosen by, trained and tested on halves of the first training streets."""
@@ -93,7 +97,7 @@ class StudyPlan:
         half = len(streets) // 2
         return [
             StudyRun(
-                f"{method}.setting_{number:02d}", method, streets[:half], streets[half:], self.sizes,
+                f"{method}.setting_{number:02d}", method, streets[:half], streets[half:], self.sizes_of(method),
                 {**self.parameters, method: changed(self.parameters[method], setting)},
             )
             for method, settings in self.scale.tuning.items()
@@ -120,18 +124,20 @@ class StudyPlan:
     def counted_keys(self) -> list[str]:
         """Return the keys of the patches of all streets of the comparison."""
         seeds = [seed for r in self.scale.repetitions for seed in (*r["train"], *r["test"])]
-        return [patches_key(seed, self.sizes.patch_size) for seed in seeds]
+        return [patches_key(seed, self.sizes) for seed in seeds]
 
     def comparison_runs(self, parameters: Mapping[str, Any]) -> list[StudyRun]:
         """Return the runs of Table III."""
-        return [
+        runs = [
             self._run(number, method, parameters) for number in range(len(self.scale.repetitions)) for method in RUNS
         ]
+        first = [replace(run, pictured=True) for run in runs[: len(RUNS)]]
+        return [*first, *runs[len(RUNS) :]]
 
     def size_runs(self, parameters: Mapping[str, Any]) -> dict[float, list[StudyRun]]:
         """Return the runs of Figures 7 and 8, by patch size."""
         return {
-            size: [self._run(number, GRAPH, parameters, self.resized(size)) for number in self._sensitive()]
+            size: [self._run(number, GRAPH, parameters, size) for number in self._sensitive()]
             for size in self.scale.patch_sizes
         }
 
@@ -151,18 +157,18 @@ class StudyPlan:
         return range(min(self.scale.sensitivity, len(self.scale.repetitions)))
 
     def all_runs(self, parameters: Mapping[str, Any]) -> dict[str, StudyRun]:
-        """Return every run once, by its key."""
+        """Return every run once, by its key; a run of the comparison stands for an equal one of a figure."""
         runs = [
-            *self.comparison_runs(parameters),
             *(run for runs in self.size_runs(parameters).values() for run in runs),
             *(run for runs in self.radius_runs(parameters).values() for run in runs),
+            *self.comparison_runs(parameters),
         ]
         return {run.key: run for run in runs}
 
     def _run(
-        self, number: int, method: str, parameters: Mapping[str, Any], sizes: PatchParameters | None = None
+        self, number: int, method: str, parameters: Mapping[str, Any], patch_size: float | None = None
     ) -> StudyRun:
-        repetition, used = self.scale.repetitions[number], sizes or self.sizes
+        repetition, used = self.scale.repetitions[number], self.sizes_of(method, patch_size)
         key = f"repetition_{number}.{method}.size_{used.patch_size:g}"
         own = [method]
         if method in REFINES:
@@ -171,7 +177,7 @@ class StudyPlan:
             key += f".radius_{graph.search.search_radius:g}.patches_{graph.max_patches}"
         mine = {slug: parameters[slug] for slug in own}
         train, test = tuple(repetition["train"]), tuple(repetition["test"])
-        return StudyRun(key, method, train, test, used, mine, pictured=number == 0 and used == self.sizes)
+        return StudyRun(key, method, train, test, used, mine)
 
 
 def plan_study(
@@ -199,9 +205,7 @@ def plan_study(
 def cut_streets(plan: StudyPlan, streets: SceneCollection) -> dict[str, SceneTask]:
     """Create one task per street and patch size that cuts patches."""
     runs = [*plan.tuning_runs(), *plan.all_runs(plan.parameters).values()]
-    cuts = {
-        patches_key(seed, run.sizes.patch_size): (seed, run.sizes) for run in runs for seed in (*run.train, *run.test)
-    }
+    cuts = {patches_key(seed, run.sizes): (seed, run.sizes) for run in runs for seed in (*run.train, *run.test)}
     return {
         key: SceneTask(cut_patches, {"points": streets[street_key(seed)]}, {"sizes": sizes, "scheme": plan.scheme})
         for key, (seed, sizes) in cuts.items()
@@ -225,7 +229,7 @@ def _run_task(plan: StudyPlan, run: StudyRun, streets: SceneCollection, cut: Sce
     patches, labels = cut.part("patches"), cut.part("labels")
 
     def inputs(seeds: tuple[int, ...]) -> dict[str, Any]:
-        keys = {street_key(seed): patches_key(seed, run.sizes.patch_size) for seed in seeds}
+        keys = {street_key(seed): patches_key(seed, run.sizes) for seed in seeds}
         return {
             street: {"points": streets[street], "patches": patches[key], "labels": labels[key]}
             for street, key in keys.items()

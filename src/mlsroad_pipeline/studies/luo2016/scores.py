@@ -115,8 +115,8 @@ def sensitivity_table(
         scored = repetition_scores(matrices[value], classes=classes)
         f1 = scored[scored["metric"] == "f1"].groupby("class", sort=False)["value"]
         means = facts[value][["train_seconds", "objective"]].mean()
-        spread = {f"{name} spread": deviation for name, deviation in f1.std().items()}
-        rows.append({"value": value, **f1.mean().to_dict(), **means.to_dict(), **spread})
+        spread = f1.std().add_suffix(" spread")
+        rows.append({"value": value, **f1.mean().to_dict(), **means.to_dict(), **spread.to_dict()})
     spreads = [f"{name} spread" for name in (*CLASSES, *MEANS)]
     return pd.DataFrame(rows, columns=["value", *CLASSES, *MEANS, "train_seconds", "objective", *spreads])
 
