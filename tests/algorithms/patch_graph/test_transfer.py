@@ -11,13 +11,13 @@ from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphClassif
 from mlsroad_pipeline.algorithms.patch_graph.costs import CostWeights
 from mlsroad_pipeline.algorithms.patch_graph.cross_validation import label_held_out
 from mlsroad_pipeline.algorithms.patch_graph.iterations import SearchParameters
+from mlsroad_pipeline.algorithms.patch_graph.object_cliques import GroundClasses
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import (
     GridParameters,
     RefinedPatchGraphClassifier,
     refine_classifier,
 )
 from mlsroad_pipeline.algorithms.patch_graph.refinement import (
-    GroundClasses,
     RefinementParameters,
     ValidationScene,
     choose_parameters,

@@ -10,12 +10,12 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphClassifier, PatchGraphParameters
+from mlsroad_pipeline.algorithms.patch_graph.object_cliques import GroundClasses
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import (
     GridParameters,
     RefinedPatchGraphClassifier,
     refine_classifier,
 )
-from mlsroad_pipeline.algorithms.patch_graph.refinement import GroundClasses
 from mlsroad_pipeline.algorithms.patches.labelling import label_patch_cloud
 from mlsroad_pipeline.algorithms.patches.training import PatchTraining, bundle_model, train_model
 
@@ -104,7 +104,7 @@ def train_refinement(
         surveys=training.surveys,
         n_threads=n_threads,
     )
-    chosen = {"smoothness": classifier.parameters.smoothness, "colour_decay": classifier.parameters.colour_decay}
+    chosen = {name: getattr(classifier.parameters, name) for name in ("smoothness", "colour_decay", "clique_weight")}
     return bundle_model(
         slug,
         classifier,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass
+from itertools import product
 from typing import Self
 
 import numpy as np
@@ -16,9 +17,9 @@ from mlsroad_pipeline.algorithms.patch_graph.classifier import (
     PatchGraphParameters,
 )
 from mlsroad_pipeline.algorithms.patch_graph.cross_validation import label_held_out
+from mlsroad_pipeline.algorithms.patch_graph.object_cliques import GroundClasses
 from mlsroad_pipeline.algorithms.patch_graph.refinement import (
     CRITERIA,
-    GroundClasses,
     RefinementParameters,
     choose_parameters,
     refine,
@@ -51,6 +52,10 @@ class GridParameters:
         Folds of whole surveys; each fold trains a graph. With 0, and always with a single survey, scenes are held out
         and labelled by other scenes of the same survey. That is faster, but favours a smaller lambda than is optimal
         for a new survey.
+    clique_weight : tuple of float, default (0.0,)
+        Weights of the cliques of separate objects; see `RefinementParameters`.
+    clique_truncation : float, default 0.3
+        Share of deviating patches at which a clique has its maximum cost.
 
     Raises
     ------
@@ -66,15 +71,18 @@ class GridParameters:
     max_patches: int = 200_000
     criterion: str = "mean_f1"
     n_folds: int = 3
+    clique_weight: tuple[float, ...] = (0.0,)
+    clique_truncation: float = 0.3
 
     def __post_init__(self) -> None:
-        for name in ("smoothness", "colour_decay"):
+        for name in ("smoothness", "colour_decay", "clique_weight"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        if not self.smoothness or not self.colour_decay:
-            raise ParameterError("patch_graph_mrf.smoothness and .colour_decay must each list at least one value")
-        for weight in self.smoothness:
-            for decay in self.colour_decay:
-                RefinementParameters(weight, decay, self.ground_penalty, self.floor)
+            if not getattr(self, name):
+                raise ParameterError(f"patch_graph_mrf.{name} must list at least one value")
+        for weight, decay, clique in product(self.smoothness, self.colour_decay, self.clique_weight):
+            RefinementParameters(
+                weight, decay, self.ground_penalty, self.floor, self.smooth_ground, clique, self.clique_truncation
+            )
         check_at_least(self.max_patches, 1, "patch_graph_mrf.max_patches")
         if self.criterion not in CRITERIA:
             raise ParameterError(f"patch_graph_mrf.criterion must be one of {list(CRITERIA)}, got {self.criterion!r}")
@@ -127,7 +135,29 @@ class RefinedPatchGraphClassifier:
     def refine(
         self, probabilities: NDArray[np.float64], patches: Patches, edges: NDArray[np.int32]
     ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-        """Return refined labels and conditional probabilities of patches with given probabilities; see `refine`."""
+        """Refine transferred probabilities of the patches of one scene.
+
+        Parameters
+        ----------
+        probabilities : ndarray of float64, shape (n, n_classes)
+            Probabilities of the label transfer.
+        patches : Patches
+            The patches; colour is used if the graph has it.
+        edges : ndarray of int32, shape (m, 2)
+            Pairs of adjacent patches, each pair once.
+
+        Returns
+        -------
+        labels : ndarray of int32, shape (n,)
+            Refined labels.
+        conditional : ndarray of float64, shape (n, n_classes)
+            Probabilities given the refined labels of the neighbours.
+
+        Raises
+        ------
+        DataError
+            If the columns differ in length or an edge has an invalid index.
+        """
         colours = patches.rgb if self.transfer.graph.coloured else None
         return refine(probabilities, colours, edges, parameters=self.parameters, ground=self.ground)
 
@@ -156,8 +186,9 @@ class RefinedPatchGraphClassifier:
             If an array is missing.
         """
         check_arrays(arrays, ("refinement", "ground"), "a refined patch graph")
-        smoothness, decay, penalty, floor, smooth_ground = np.asarray(arrays["refinement"]).tolist()
-        parameters = RefinementParameters(smoothness, decay, penalty, floor, bool(smooth_ground))
+        # Models of earlier versions have no cliques.
+        smoothness, decay, penalty, floor, smooth_ground, *cliques = np.asarray(arrays["refinement"]).tolist()
+        parameters = RefinementParameters(smoothness, decay, penalty, floor, bool(smooth_ground), *cliques)
         ground = GroundClasses(*np.asarray(arrays["ground"]).tolist())
         return cls(PatchGraphClassifier.from_arrays(arrays), parameters=parameters, ground=ground)
 
@@ -205,9 +236,12 @@ def refine_classifier(
         transfer, patches, edges, parameters=graph_parameters, max_patches=grid.max_patches, surveys=surveys,
         n_folds=grid.n_folds, n_threads=n_threads,
     )  # fmt: skip
-    base = RefinementParameters(ground_penalty=grid.ground_penalty, floor=grid.floor, smooth_ground=grid.smooth_ground)
+    base = RefinementParameters(
+        ground_penalty=grid.ground_penalty, floor=grid.floor, smooth_ground=grid.smooth_ground,
+        clique_truncation=grid.clique_truncation,
+    )  # fmt: skip
     parameters, tried = choose_parameters(
-        scenes, smoothness=grid.smoothness, colour_decay=grid.colour_decay, criterion=grid.criterion, base=base,
-        ground=ground,
+        scenes, smoothness=grid.smoothness, colour_decay=grid.colour_decay, clique_weight=grid.clique_weight,
+        criterion=grid.criterion, base=base, ground=ground,
     )  # fmt: skip
     return RefinedPatchGraphClassifier(transfer, parameters=parameters, ground=ground), tried

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_column
+from mlsroad_pipeline.algorithms.energy import robust_potts
 from mlsroad_pipeline.algorithms.energy.alpha_expansion import minimize
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
+from mlsroad_pipeline.algorithms.patch_graph.object_cliques import GroundClasses, clique_support, object_cliques
 
 CRITERIA = ("mean_f1", "overall_accuracy")
 """Criteria of `choose_parameters`."""
@@ -37,11 +39,17 @@ class RefinementParameters:
     smooth_ground : bool, default False
         Whether edges within grass and within road are smoothed like all others. As printed, equation 11 gives them the
         weight `ground_penalty`; with 0, patches at the border of grass and road are attracted by the other class only.
+    clique_weight : float, default 0.0
+        Maximum cost of an object clique per patch (see `object_cliques`); 0 for no cliques (luo2016: none). Larger
+        values give the patches of a separate object one label.
+    clique_truncation : float, default 0.3
+        Share of deviating patches at which a clique has its maximum cost. Smaller values keep the minority in objects
+        that touch.
 
     Raises
     ------
     ParameterError
-        If a value is negative or not finite, or `floor` is not in (0, 1).
+        If a value is negative or not finite, `floor` is not in (0, 1) or `clique_truncation` not in (0, 0.5].
     """
 
     smoothness: float = 1.0
@@ -49,27 +57,17 @@ class RefinementParameters:
     ground_penalty: float = 0.0
     floor: float = 0.01
     smooth_ground: bool = False
+    clique_weight: float = 0.0
+    clique_truncation: float = 0.3
 
     def __post_init__(self) -> None:
-        for name in ("smoothness", "colour_decay", "ground_penalty"):
+        for name in ("smoothness", "colour_decay", "ground_penalty", "clique_weight"):
             if not np.isfinite(getattr(self, name)) or getattr(self, name) < 0:
                 raise ParameterError(f"{name} must be a finite number >= 0, got {getattr(self, name)!r}")
         if not 0 < self.floor < 1:
             raise ParameterError(f"floor must be in (0, 1), got {self.floor!r}")
-
-
-@dataclass(frozen=True)
-class GroundClasses:
-    """Ground classes with special weights in equation 11.
-
-    Parameters
-    ----------
-    grass, road : int
-        Labels, possibly equal; -1 if the scheme lacks the class.
-    """
-
-    grass: int = -1
-    road: int = -1
+        if not 0 < self.clique_truncation <= 0.5:
+            raise ParameterError(f"clique_truncation must be in (0, 0.5], got {self.clique_truncation!r}")
 
 
 def edge_weights(
@@ -124,7 +122,7 @@ def refine(
     parameters: RefinementParameters | None = None,
     ground: GroundClasses | None = None,
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Refine labels by minimising the energy of equations 9 to 11 with alpha-expansion.
+    """Refine labels by minimising the energy of equations 9 to 11, with object cliques if chosen, by alpha-expansion.
 
     Parameters
     ----------
@@ -159,7 +157,15 @@ def refine(
     weights = chosen.smoothness * edge_weights(initial, rgb, edges, parameters=chosen, ground=ground or GroundClasses())
     unary = 1.0 - np.log(np.maximum(probabilities, chosen.floor))
     kept = weights > 0
-    labels, _ = minimize(unary, edges[kept], weights[kept], initial=initial)
+    if chosen.clique_weight > 0:
+        cliques = object_cliques(
+            initial, edges, unary.shape[1], ground=ground or GroundClasses(), weight=chosen.clique_weight,
+            truncation=chosen.clique_truncation,
+        )  # fmt: skip
+        labels, _ = robust_potts.minimize(unary, edges[kept], weights[kept], cliques, initial=initial)
+        unary = unary - clique_support(cliques, labels, unary.shape)
+    else:
+        labels, _ = minimize(unary, edges[kept], weights[kept], initial=initial)
     return labels, _conditional(unary, edges[kept], weights[kept], labels)
 
 
@@ -205,11 +211,12 @@ def choose_parameters(
     *,
     smoothness: Sequence[float],
     colour_decay: Sequence[float],
+    clique_weight: Sequence[float] = (0.0,),
     criterion: str = "mean_f1",
     base: RefinementParameters | None = None,
     ground: GroundClasses | None = None,
 ) -> tuple[RefinementParameters, list[dict[str, float]]]:
-    """Choose lambda and beta by grid search on held-out scenes.
+    """Choose lambda, beta and the weight of object cliques by grid search on held-out scenes.
 
     Parameters
     ----------
@@ -219,6 +226,8 @@ def choose_parameters(
         Values of lambda.
     colour_decay : sequence of float
         Values of beta; without colour they have no effect and the first is used.
+    clique_weight : sequence of float, default (0.0,)
+        Weights of the object cliques.
     criterion : {"mean_f1", "overall_accuracy"}, default "mean_f1"
         Mean F1 over the classes that occur, or overall accuracy.
     base : RefinementParameters, optional
@@ -231,7 +240,7 @@ def choose_parameters(
     parameters : RefinementParameters
         The best parameters, the first of equal ones.
     grid : list of dict
-        ``smoothness``, ``colour_decay``, ``mean_f1`` and ``overall_accuracy`` of each pair of values.
+        ``smoothness``, ``colour_decay``, ``clique_weight``, ``mean_f1`` and ``overall_accuracy`` of each combination.
 
     Raises
     ------
@@ -240,20 +249,20 @@ def choose_parameters(
     """
     if criterion not in CRITERIA:
         raise ParameterError(f"criterion must be one of {list(CRITERIA)}, got {criterion!r}")
-    if not scenes or not smoothness or not colour_decay:
+    if not scenes or not smoothness or not colour_decay or not clique_weight:
         raise ParameterError("a grid search needs at least one scene and one value of each parameter")
     rest = base or RefinementParameters()
     decays = colour_decay if all(scene.rgb is not None for scene in scenes) else colour_decay[:1]
     tried: list[RefinementParameters] = []
     grid: list[dict[str, float]] = []
-    for weight, decay in product(smoothness, decays):
-        parameters = replace(rest, smoothness=weight, colour_decay=decay)
+    for weight, decay, clique in product(smoothness, decays, clique_weight):
+        parameters = replace(rest, smoothness=weight, colour_decay=decay, clique_weight=clique)
         total = np.zeros((scenes[0].probabilities.shape[1],) * 2, np.int64)
         for scene in scenes:
             labels, _ = refine(scene.probabilities, scene.rgb, scene.edges, parameters=parameters, ground=ground)
             total += confusion_matrix(scene.labels, labels, len(total))[:, : len(total)]
         tried.append(parameters)
-        grid.append({"smoothness": weight, "colour_decay": decay, **_quality(total)})
+        grid.append({"smoothness": weight, "colour_decay": decay, "clique_weight": clique, **_quality(total)})
     best = max(range(len(grid)), key=lambda place: grid[place][criterion])
     return tried[best], grid
 

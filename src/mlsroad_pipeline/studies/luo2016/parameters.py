@@ -55,8 +55,8 @@ class StudyScale:
     methods : mapping
         Slug to changes of the method's parameters at this scale.
     tuning : mapping
-        Slug to the settings that are tried on training streets, each a mapping of parameters. The same number for
-        every method keeps the comparison fair. Methods without settings here use their own grid search.
+        Slug to the settings that are tried on training streets, each a mapping of parameters. As many for baselines as
+        for the graph keep the comparison fair. Methods without settings here use their own grid search.
     """
 
     survey: Mapping[str, Any]

@@ -115,8 +115,8 @@ class StudyPlan:
         return best
 
     def tuning_score(self, run: StudyRun, matrices: Mapping[str, NDArray[np.int64]]) -> float:
-        """Return the mean F1 of a tuning run over the classes that the method can predict."""
-        total = matrices[run.method].sum(axis=0)
+        """Return the mean F1 of a tuning run over the classes that the method can predict; after refinement, if any."""
+        total = matrices[REFINES.get(run.method, run.method)].sum(axis=0)
         scores = repetition_scores({"": {run.method: total}}, classes=self.scheme.classes)
         mean = "mean of five" if run.method == "shape_based" else "mean of seven"
         return float(scores.set_index(["class", "metric"])["value"][mean, "f1"])

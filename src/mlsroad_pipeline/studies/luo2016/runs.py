@@ -176,7 +176,7 @@ def _run_graph(
     )  # fmt: skip
     objective = transfer.graph.objective
     facts = {"objective": float(objective[-1]), "iterations": len(objective) - 1, "nodes": len(transfer.graph.labels)}
-    chosen = {"smoothness": refined.parameters.smoothness, "colour_decay": refined.parameters.colour_decay}
+    chosen = {name: getattr(refined.parameters, name) for name in ("smoothness", "colour_decay", "clique_weight")}
     tally.add(method, train_seconds=seconds, **facts)
     tally.add(refinement, train_seconds=seconds + more, **facts, **chosen)
     for points, patches, edges, vote in _test_streets(test, stages):

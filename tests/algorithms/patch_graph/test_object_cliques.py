@@ -1,0 +1,97 @@
+"""Cliques of separate objects in the refinement: components, exact minima, models of before."""
+
+import itertools
+
+import numpy as np
+import pytest
+from references.patch_graph import planted_patches
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphClassifier, PatchGraphParameters
+from mlsroad_pipeline.algorithms.patch_graph.object_cliques import GroundClasses, object_cliques
+from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters, RefinedPatchGraphClassifier
+from mlsroad_pipeline.algorithms.patch_graph.refinement import RefinementParameters, edge_weights, refine
+
+GROUND = GroundClasses(grass=0, road=1)
+NO_EDGES = np.empty((0, 2), np.int32)
+
+
+def components(nodes, edges):
+    """Return the connected components by flooding."""
+    left, found = set(nodes), []
+    while left:
+        reached, last = set(), {left.pop()}
+        while last:
+            reached |= last
+            pairs = [*edges, *((b, a) for a, b in edges)]
+            last = {b for a, b in pairs if a in last and b in left}
+            left -= last
+        found.append(sorted(reached))
+    return found
+
+
+def test_cliques_are_the_components_of_patches_off_the_ground(rng):
+    labels = rng.integers(0, 4, 400)
+    pairs = {tuple(sorted(pair)) for pair in rng.integers(0, 400, (420, 2)).tolist() if pair[0] != pair[1]}
+    edges = np.array(sorted(pairs), np.int32)
+    cliques = object_cliques(labels, edges, 4, ground=GROUND, weight=0.5, truncation=0.3)
+    off = [i for i in range(400) if labels[i] > 1]
+    expected = components(off, [(a, b) for a, b in edges.tolist() if labels[a] > 1 and labels[b] > 1])
+    expected = sorted(members for members in expected if len(members) >= 4)
+    found = [sorted(part.tolist()) for part in np.split(cliques.members, cliques.indptr[1:-1])]
+    assert sorted(found) == expected and len(expected) > 1
+    sizes = np.diff(cliques.indptr)
+    np.testing.assert_allclose(cliques.maximum, 0.5 * sizes)
+    np.testing.assert_allclose(cliques.truncation, 0.3 * sizes)
+    none = object_cliques(np.zeros(5, int), NO_EDGES, 4, ground=GROUND, weight=0.5, truncation=0.3)
+    assert len(none) == 0
+
+
+def total_energy(labels, unary, edges, weights, groups, parameters):
+    """Return equation 9 with the robust P^n Potts cost of each group."""
+    energy = unary[np.arange(len(labels)), labels].sum()
+    energy += weights[labels[edges[:, 0]] != labels[edges[:, 1]]].sum()
+    for members in groups:
+        deviating = len(members) - np.bincount(labels[members]).max()
+        share = min(deviating / (parameters.clique_truncation * len(members)), 1.0)
+        energy += parameters.clique_weight * len(members) * share
+    return energy
+
+
+@pytest.mark.parametrize("weight", [0.4, 3.0])
+def test_a_pole_beside_a_tree_keeps_one_label_and_the_energy_is_the_lowest(weight):
+    # Patches 0 to 5 are a pole, some of which look like a tree (class 2 instead of 3); 6 to 9 are ground.
+    votes = np.full((10, 4), 0.02)
+    votes[[0, 1, 3, 5], 3], votes[[2, 4], 2] = 0.9, 0.6
+    votes[[2, 4], 3] = 0.3
+    votes[6:, 1] = 0.9
+    votes /= votes.sum(axis=1, keepdims=True)
+    edges = np.array([[i, i + 1] for i in range(9)], np.int32)
+    parameters = RefinementParameters(0.05, 0.0, clique_weight=weight, clique_truncation=0.5)
+    labels, conditional = refine(votes, None, edges, parameters=parameters, ground=GROUND)
+    assert labels.tolist() == [3] * 6 + [1] * 4
+    assert (conditional.argmax(axis=1) == labels).all()
+    np.testing.assert_allclose(conditional.sum(axis=1), 1.0)
+    without, _ = refine(votes, None, edges, parameters=RefinementParameters(0.05, 0.0), ground=GROUND)
+    assert without.tolist()[:6] == [3, 3, 2, 3, 2, 3]
+    initial = votes.argmax(axis=1)
+    unary = 1.0 - np.log(np.maximum(votes, parameters.floor))
+    weights = 0.05 * edge_weights(initial, None, edges, parameters=parameters, ground=GROUND)
+    every = (np.array([*given, 1, 1, 1, 1]) for given in itertools.product(range(4), repeat=6))
+    lowest = min(total_energy(y, unary, edges, weights, [np.arange(6)], parameters) for y in every)
+    assert total_energy(labels, unary, edges, weights, [np.arange(6)], parameters) == pytest.approx(lowest)
+
+
+def test_models_without_cliques_still_load_and_wrong_weights_are_named():
+    known = planted_patches(300, 6, seed=5)
+    parameters = PatchGraphParameters(scene_length=100.0, n_matches=3)
+    transfer = PatchGraphClassifier.fit(known, NO_EDGES, 4, parameters=parameters)
+    field = RefinementParameters(0.3, 0.0, smooth_ground=True)
+    arrays = RefinedPatchGraphClassifier(transfer, parameters=field, ground=GROUND).to_arrays()
+    earlier = {**arrays, "refinement": arrays["refinement"][:5]}
+    assert RefinedPatchGraphClassifier.from_arrays(earlier).parameters == field
+    assert RefinedPatchGraphClassifier.from_arrays(arrays).parameters == field
+    with pytest.raises(ParameterError, match=r"clique_truncation must be in \(0, 0.5\], got 0.6"):
+        GridParameters(clique_weight=(0.5,), clique_truncation=0.6)
+    with pytest.raises(ParameterError, match="clique_weight must list at least one value"):
+        GridParameters(clique_weight=())
