@@ -55,6 +55,14 @@ def test_tables_agree_with_the_scores(project):
     assert recall["paper"].item() == 0.961
 
 
+def test_streets_and_vocabularies_are_told(project):
+    setup = table(project, "setup")
+    assert setup["split"].tolist() == ["train", "test"] and setup["points"].gt(1000).all()
+    training = table(project, "training").set_index("model")
+    assert training.index.tolist() == [f"{detector}.RRS" for detector in DETECTORS]
+    assert training.loc["visual_words.RRS", "words"] > 0 == training.loc["hough_forest.RRS", "words"]
+
+
 def test_times_and_settings_are_told(project):
     times = table(project, "table_4").set_index("step")
     assert times.loc["all", "seconds"] == pytest.approx(times["seconds"].drop("all").sum())

@@ -24,6 +24,6 @@ def tabulate_study(plan: StudyPlan, *stores: SceneCollection) -> StudyTables:
         streets.load_all("facts"),
         {**compared.load_all("scores"), **segmented.load_all("scores")},
         described.load_all("facts"),
-        yu2016_results.found_by_detector(runs.load_all()),
+        runs.load_all(),
         yu2016_results.runs_of_settings(plan, settings.load_all()),
     )

@@ -22,6 +22,8 @@ def study_sections(plan: StudyPlan, tables: StudyTables, figures: Sequence[Figur
     spread = "Over the objects of all test streets; spread is the standard deviation between streets."
     return [
         FactsSection("Runs", facts),
+        TableSection("Streets", tables.setup, note="Cars drawn over more than 8 m are left out of the reference."),
+        TableSection("Training", tables.training, note="Words of the vocabulary, examples, CPU seconds."),
         FiguresSection("Figures", dict(zip(CAPTIONS.values(), figures, strict=True))),
         TableSection(
             "Segmentation",

@@ -41,6 +41,8 @@ SEGMENTATION_FIGURES = (
 class StudyTables(Tables):
     """Tables of the study."""
 
+    setup: pd.DataFrame  # streets, points and cars left out of the reference, by survey and split
+    training: pd.DataFrame  # words, examples of each class and CPU time of each model
     scores: pd.DataFrame  # table of scores; its splits are the surveys
     segmentation: pd.DataFrame  # scores of each segmentation and survey: mean and spread over the test streets
     # table_2, table_3, table_4, table_5: the paper's tables with its values next to ours; table 3 has all detectors
@@ -74,10 +76,11 @@ def study_tables(
     streets: Streets,
     segmented: Segmentations,
     described: Descriptions,
-    runs: Detections,
+    models: Mapping[str, Mapping[str, Any]],
     settings: Mapping[str, Mapping[str, Any]],
 ) -> StudyTables:
-    """Make the tables; the runs of settings have the facts of their model besides their streets."""
+    """Make the tables; the runs of models and settings have the facts of their model besides their streets."""
+    runs = found_by_detector(models)
     classes = list(plan.detection.classes)
     every = range(len(classes))
     cars = [classes.index("car")] if "car" in classes else list(every)
@@ -111,6 +114,8 @@ def study_tables(
     paper = pd.concat([yu2016_paper.table_three().assign(method=method) for method in words])
     five = yu2016.figures_by_survey(counted, cars)
     return StudyTables(
+        setup=_setup(plan, streets),
+        training=_training(classes, models),
         scores=pd.concat(scores, ignore_index=True),
         segmentation=_segmentation(plan, segmented),
         table_2=pd.concat([yu2016.table_two(counted[method], classes).assign(method=method) for method in words]),
@@ -121,6 +126,26 @@ def study_tables(
         figure_12=figure_12,
         curves=curves,
     )
+
+
+def _setup(plan: StudyPlan, streets: Streets) -> pd.DataFrame:
+    """Return number of streets, points and cars left out of the reference, by survey and split."""
+    rows = []
+    for name, survey in plan.scale.surveys.items():
+        for split in ("train", "test"):
+            facts = [streets[street_key(name, seed)] for seed in getattr(survey, split)]
+            points, left_out = (sum(int(each[key]) for each in facts) for key in ("points", "streaks"))
+            rows.append((name, split, len(facts), points, left_out))
+    return pd.DataFrame(rows, columns=["survey", "split", "streets", "points", "cars_left_out"])
+
+
+def _training(classes: Sequence[str], models: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
+    """Return words, examples of each class and CPU time of each model."""
+    rows = [
+        (key, int(run["facts"]["words"]), *run["facts"]["examples"].tolist(), float(run["facts"]["train_seconds"]))
+        for key, run in models.items()
+    ]
+    return pd.DataFrame(rows, columns=["model", "words", *classes, "seconds"])
 
 
 def _cars_of_paper(words: Sequence[str]) -> pd.DataFrame:

@@ -74,9 +74,11 @@ def train_and_detect(
         detection=known, scheme=scheme, trained_on={"streets": len(train)},
     )  # fmt: skip
     own = np.concatenate([classes["label"][classes["own"]] for classes in labels.values()])
-    learned = next(iter(bundle.metadata["learned"].values()))["thresholds"]
+    variant = next(iter(bundle.metadata["learned"].values()))
+    learned = variant["thresholds"]
     facts = {
         "train_seconds": np.array(train_seconds),
+        "words": np.array(variant.get("words", 0)),
         "examples": np.bincount(own[own >= 0], minlength=len(detection.classes)),
         "thresholds": np.array([learned.get(name, np.inf) for name in detection.classes]),
     }
