@@ -59,7 +59,7 @@ def test_streets_and_vocabularies_are_told(project):
     setup = table(project, "setup")
     assert setup["split"].tolist() == ["train", "test"] and setup["points"].gt(1000).all()
     training = table(project, "training").set_index("model")
-    assert training.index.tolist() == [f"{detector}.RRS" for detector in DETECTORS]
+    assert set(training.index) == {f"{detector}.RRS" for detector in DETECTORS}
     assert training.loc["visual_words.RRS", "words"] > 0 == training.loc["hough_forest.RRS", "words"]
 
 
