@@ -1,30 +1,118 @@
-"""Support vector machine on the measures of objects, a vote beside the networks."""
+"""Kernel logistic regression on the measures of objects, a vote beside the networks."""
 
 from __future__ import annotations
 
-import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.model_selection import StratifiedKFold
+from sklearn.kernel_approximation import Nystroem
+from sklearn.linear_model import LogisticRegression
 
+from mlsroad_pipeline.algorithms.core.validation import check_arrays
 from mlsroad_pipeline.algorithms.jointnet.inputs import Points, augment, encode
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
-from mlsroad_pipeline.algorithms.models.kernel_machine import Choice, KernelMachine
-from mlsroad_pipeline.algorithms.models.kernel_machine_training import fit_machine, standardise
 
-COST, GAMMA = 10.0, 0.01
-"""C, and gamma of the Gaussian kernel for measures of standard deviation 1."""
+COST, GAMMA = 30.0, 0.01
+"""Inverse of the penalty, and gamma of the Gaussian kernel for measures of standard deviation 1."""
 
-N_FOLDS = 4
-"""Folds whose held-out objects calibrate the probabilities."""
+OUTLIERS, COPY_WEIGHT = 0.2, 0.5
+"""Largest share of outliers in copies of the training objects, and weight of a copy."""
 
-MOST_SAMPLES = 8000
-"""Largest number of objects and copies; a machine of more takes minutes."""
+LANDMARKS, MOST_SAMPLES = 400, 20_000
+"""Training samples that span the kernel (Nystroem's approximation), and the largest number of samples."""
 
 
-def train_machine(points: Points, target: NDArray[np.int64], parameters: JointNetParameters) -> KernelMachine | None:
-    """Train the machine.
+@dataclass(frozen=True)
+class MeasureMachine:
+    """Trained kernel logistic regression, as flat arrays.
+
+    Parameters
+    ----------
+    shift, scale : ndarray of float32, shape (d,)
+        Measures are standardised as (x - shift) / scale.
+    landmarks : ndarray of float32, shape (m, d)
+        Standardised measures that span the kernel.
+    mixing : ndarray of float32, shape (m, m)
+        Inverse square root of the kernel of the landmarks.
+    coefficients : ndarray of float32, shape (classes, m)
+        Weights of the classes.
+    intercepts : ndarray of float32, shape (classes,)
+        Their intercepts.
+    """
+
+    shift: NDArray[np.float32]
+    scale: NDArray[np.float32]
+    landmarks: NDArray[np.float32]
+    mixing: NDArray[np.float32]
+    coefficients: NDArray[np.float32]
+    intercepts: NDArray[np.float32]
+
+    def predict_proba(self, measures: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Return the probability of each class.
+
+        Parameters
+        ----------
+        measures : ndarray of float32, shape (objects, d)
+            Measures, see `measure_objects`.
+
+        Returns
+        -------
+        ndarray of float64, shape (objects, classes)
+            Probabilities.
+        """
+        x = ((measures - self.shift) / self.scale).astype(np.float64)
+        square = (
+            (x**2).sum(axis=1)[:, None]
+            + (self.landmarks**2).sum(axis=1)
+            - 2 * np.einsum("od,md->om", x, self.landmarks)
+        )
+        kernel = np.exp(-GAMMA * np.maximum(square, 0))
+        scores = (
+            np.einsum("om,cm->oc", np.einsum("om,km->ok", kernel, self.mixing), self.coefficients) + self.intercepts
+        )
+        odds = np.exp(scores - scores.max(axis=1, keepdims=True))
+        probabilities: NDArray[np.float64] = odds / odds.sum(axis=1, keepdims=True)
+        return probabilities
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """Return the machine as named arrays.
+
+        Returns
+        -------
+        dict of str to ndarray
+            The arrays.
+        """
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
+        """Rebuild a machine from the arrays of `to_arrays`.
+
+        Parameters
+        ----------
+        arrays : mapping of str to ndarray
+            The arrays.
+
+        Returns
+        -------
+        MeasureMachine
+            The machine.
+
+        Raises
+        ------
+        DataError
+            If an array is missing.
+        """
+        names = [field.name for field in fields(cls)]
+        check_arrays(arrays, names, "a machine on measures")
+        return cls(**{name: np.asarray(arrays[name]) for name in names})
+
+
+def train_machine(points: Points, target: NDArray[np.int64], parameters: JointNetParameters) -> MeasureMachine | None:
+    """Train the machine on objects and on augmented copies.
 
     Parameters
     ----------
@@ -37,22 +125,25 @@ def train_machine(points: Points, target: NDArray[np.int64], parameters: JointNe
 
     Returns
     -------
-    KernelMachine or None
-        The machine; None without measures or share, or if every class has a single object.
+    MeasureMachine or None
+        The machine; None without measures or share.
     """
-    p, n = parameters.training, len(target)
-    n_folds = min(N_FOLDS, int(np.bincount(target).max()))
-    if not parameters.inputs.measures or not p.machine_share or n_folds < 2:
+    p = parameters.training
+    if not parameters.inputs.measures or not p.machine_share:
         return None
-    rng = np.random.default_rng(p.seed)
+    rng, n = np.random.default_rng(p.seed), len(target)
     copies = min(p.machine_copies, max(MOST_SAMPLES // n - 1, 0))
-    sets = [points, *(augment(points, p.augmentation, rng) for _ in range(copies))]
-    features = np.concatenate([encode(one, parameters.inputs)[1] for one in sets]).astype(np.float32)
-    labels = np.tile(target, len(sets))
-    shift, scale = standardise(features)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of classes with fewer objects than folds
-        divided = list(StratifiedKFold(n_folds, shuffle=True, random_state=p.seed).split(features[:n], target))
-    folds = [(np.concatenate([rows + k * n for k in range(len(sets))]), held) for rows, held in divided]
-    scaled, choice = (features - shift) / scale, Choice(COST, GAMMA, float("nan"))
-    return fit_machine(features, labels, choice, held_out=scaled, held_out_labels=labels, folds=folds)
+    changes = replace(p.augmentation, hide_intensity=0.0, outliers=max(p.augmentation.outliers, OUTLIERS))
+    sets = [points, *(augment(points, changes, rng) for _ in range(copies))]
+    features = np.concatenate([encode(one, parameters.inputs)[1] for one in sets])
+    shift, spread = features.mean(axis=0), features.std(axis=0)
+    scale = np.where(spread > 0, spread, 1).astype(np.float32)
+    scaled = (features - shift) / scale
+    kernel = Nystroem(gamma=GAMMA, n_components=min(LANDMARKS, len(scaled)), random_state=p.seed).fit(scaled)
+    weights = np.repeat([1.0, COPY_WEIGHT], [n, copies * n])
+    model = LogisticRegression(C=COST, max_iter=500).fit(kernel.transform(scaled), np.tile(target, len(sets)), weights)
+    coefficients, intercepts = model.coef_, model.intercept_
+    if len(coefficients) == 1:  # scikit-learn's form for two classes
+        coefficients, intercepts = np.concatenate([0 * coefficients, coefficients]), np.append(0.0, intercepts)
+    learned = (shift, scale, kernel.components_, kernel.normalization_, coefficients, intercepts)
+    return MeasureMachine(*(np.asarray(part, dtype=np.float32) for part in learned))

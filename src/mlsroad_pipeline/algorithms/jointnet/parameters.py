@@ -212,9 +212,9 @@ class TrainingParameters:
     augmentation : AugmentationParameters or mapping
         Augmentation of the training objects.
     machine_share : float, default 0.5
-        Share of a support vector machine on the measures in the class probabilities, beside the networks; 0 for none,
-        and without measures (luo2019: 0).
-    machine_copies : int, default 3
+        Share of a kernel logistic regression on the measures in the class probabilities, beside the networks; 0 for
+        none, and without measures (luo2019: 0).
+    machine_copies : int, default 6
         Augmented copies of each object that the machine is trained on, beside the object itself.
     n_members : int, default 2
         Networks of the ensemble, from different initial weights; their probabilities are averaged (luo2019: 1).
@@ -249,7 +249,7 @@ class TrainingParameters:
     loss: Literal["mean", "sum"] = "mean"
     augmentation: AugmentationParameters = field(default_factory=AugmentationParameters)
     machine_share: float = 0.5
-    machine_copies: int = 3
+    machine_copies: int = 6
     n_members: int = 2
     n_turns: int = 4
     validation: float = 0.0

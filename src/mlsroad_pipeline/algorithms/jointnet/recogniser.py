@@ -14,17 +14,19 @@ from numpy.typing import ArrayLike, NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.features.accumulation_images import join_objects, join_values
 from mlsroad_pipeline.algorithms.jointnet.inputs import Points, encode
-from mlsroad_pipeline.algorithms.jointnet.measure_machine import train_machine
+from mlsroad_pipeline.algorithms.jointnet.measure_machine import MeasureMachine, train_machine
 from mlsroad_pipeline.algorithms.jointnet.network import JointNet
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
 from mlsroad_pipeline.algorithms.jointnet.training import Checkpoints, to_tensors, train_network
 from mlsroad_pipeline.algorithms.models.bundle import arrays_under
-from mlsroad_pipeline.algorithms.models.kernel_machine import KernelMachine
 from mlsroad_pipeline.algorithms.models.torch_training import find_device, load_weights, reproducible
 from mlsroad_pipeline.algorithms.recognition.object_set import check_training
 
 _BATCH = 256
 """Objects per batch in prediction."""
+
+_ALIKE = 0.5
+"""Largest difference of the flag of known intensity from its mean over the training objects for the machine to vote."""
 
 _MACHINE = "machine/"
 """Start of the names of the arrays of the machine on the measures."""
@@ -48,8 +50,8 @@ class JointNetRecogniser:
     ----------
     classes_ : ndarray
         The classes, sorted; columns of `predict_proba`.
-    machine_ : KernelMachine or None
-        Support vector machine on the measures.
+    machine_ : MeasureMachine or None
+        Kernel logistic regression on the measures; None without it.
     histories_ : list of list of dict
         Losses of each network and epoch.
     """
@@ -124,7 +126,8 @@ class JointNetRecogniser:
         -------
         ndarray of float64, shape (objects, classes)
             Probabilities: the softmax of the summed scores, averaged over networks and headings, and averaged with the
-            machine on the measures.
+            machine on the measures. Objects without intensity are left to the networks
+            where the training objects have it.
 
         Raises
         ------
@@ -145,7 +148,8 @@ class JointNetRecogniser:
         total /= n_turns * len(self.networks_)
         if self.machine_ is None or measures is None:
             return total
-        share = self.parameters.training.machine_share
+        alike = np.abs(measures[:, -1:] - self.machine_.shift[-1]) < _ALIKE
+        share = self.parameters.training.machine_share * alike
         return (1 - share) * total + share * self.machine_.predict_proba(measures)
 
     def _score(self, images: dict[str, NDArray[np.float32]], measures: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -214,7 +218,7 @@ class JointNetRecogniser:
             load_weights(network, arrays, f"{member}/", f"jointnet with {len(self.classes_)} classes")
             self.networks_.append(network.to(device).eval())
         machine = arrays_under(arrays, _MACHINE)
-        self.machine_ = KernelMachine.from_arrays(machine) if machine else None
+        self.machine_ = MeasureMachine.from_arrays(machine) if machine else None
         return self
 
     def describe(self) -> dict[str, object]:
