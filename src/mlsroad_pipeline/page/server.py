@@ -50,6 +50,33 @@ def application(survey: ServedSurvey) -> Starlette:
         yield
         survey.close()
 
+    return Starlette(routes=[*_requests(survey), *_files(survey)], lifespan=lifespan)
+
+
+def _requests(survey: ServedSurvey) -> list[Route]:
+    """Return the routes whose answers are JSON; those of POST change the decisions or select points."""
+
+    def number(request: Request) -> int:
+        return max(0, min(int(request.query_params.get("number", "50")), 500))
+
+    answers: dict[str, Callable[[Request], Any]] = {
+        "survey": lambda request: survey.survey(),
+        "status": lambda request: survey.tiles.status(),
+        "corrections": lambda request: survey.corrections(),
+        "states": lambda request: survey.corrections(points=False),
+        "queue": lambda request: survey.queue(number(request)),
+        "groups": lambda request: survey.point_groups(number(request)),
+    }
+    acts = {"decide": survey.decide, "undo": survey.undo, "paint": survey.paint, "group": survey.group}
+    return [
+        *(Route(f"/api/{name}", _answer(value)) for name, value in answers.items()),
+        *(Route(f"/api/{name}", _change(act), methods=["POST"]) for name, act in acts.items()),
+    ]
+
+
+def _files(survey: ServedSurvey) -> list[Route]:
+    """Return the routes of points, pictures, the report and the client."""
+
     async def first(request: Request) -> Response:
         try:
             chunk = await run_in_threadpool(lambda: survey.first.chunk)
@@ -76,28 +103,14 @@ def application(survey: ServedSurvey) -> Starlette:
             return PlainTextResponse("There is no report.\n", 404)
         return FileResponse(path, media_type="text/html", headers={"Content-Security-Policy": REPORT_POLICY})
 
-    def number(request: Request) -> int:
-        return max(0, min(int(request.query_params.get("number", "50")), 500))
-
-    routes = [
+    return [
         Route("/", _static("index.html")),
-        Route("/api/survey", _answer(lambda request: survey.survey())),
-        Route("/api/status", _answer(lambda request: survey.tiles.status())),
-        Route("/api/corrections", _answer(lambda request: survey.corrections())),
-        Route("/api/states", _answer(lambda request: survey.corrections(points=False))),
-        Route("/api/queue", _answer(lambda request: survey.queue(number(request)))),
-        Route("/api/groups", _answer(lambda request: survey.point_groups(number(request)))),
-        Route("/api/decide", _change(survey.decide), methods=["POST"]),
-        Route("/api/undo", _change(survey.undo), methods=["POST"]),
-        Route("/api/paint", _change(survey.paint), methods=["POST"]),
-        Route("/api/group", _change(survey.group), methods=["POST"]),
         Route("/first.bin", first),
         Route("/tiles/{name}", tile),
         Route("/files/{name:path}", photo),
         Route("/report", report),
         Route("/static/{name}", _static(None)),
     ]
-    return Starlette(routes=routes, lifespan=lifespan)
 
 
 def _static(fixed: str | None) -> Callable[[Request], Any]:

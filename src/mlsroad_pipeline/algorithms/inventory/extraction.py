@@ -121,9 +121,7 @@ def extract_objects(
         above = local[:, 2] - local[:, 2].min() if height is None else height
         raised = np.where(label >= 0, raised_labels(evidence, classes), -1)
         forming = classify_stems(local, above, raised, cells, rules=classes, judge=judge)
-    rows: list[dict[str, Any]] = []
-    fragments, cut_evidence = [empty_table(FRAGMENT_FIELDS)], [empty_table(EVIDENCE_FIELDS)]
-    part, n_cut = np.zeros(n, dtype=np.int32), 0
+    found = _FoundObjects(scene, classes, judge, np.zeros(n, dtype=np.int32))
     for name, rule in classes.items():
         mine = np.flatnonzero(np.isin(forming, rule.labels))
         whole, cut, of_whole, of_cut = find_fragments(
@@ -135,33 +133,83 @@ def extract_objects(
             rule=rule,
             disagreeing=~np.isin(label[mine], rule.labels),
         )
-        found_evidence = None
-        if cells is not None:
-            found_evidence = _evidence_of(cells, mine, (whole, of_whole), (cut, of_cut))
-        if len(whole):
-            table = whole.assign(object=whole["fragment"].astype(np.int64), scene=0)
-            voxels, number, joined_row = join_voxels(table, resolution=rule.resolution)
-            known = (
-                None if found_evidence is None else Evidence(found_evidence.assign(object=found_evidence["fragment"]))
-            )
-            found, owner = measured_rows(voxels, number, name, classes, [scene], evidence=known, judge=judge)
-            of_row = np.append(np.where(owner < 0, 0, owner + len(rows) + 1)[joined_row], 0)
-            part[mine] = of_row[of_whole]
-            rows += found
-        if len(cut):
-            part[mine[of_cut >= 0]] = -1 - n_cut - of_cut[of_cut >= 0]
-            fragments.append(cut.assign(**{"class": name}))
-            n_cut += len(cut)
-            if found_evidence is not None:
-                crossing = found_evidence["fragment"].isin(cut["fragment"].unique())
-                cut_evidence.append(found_evidence[crossing].assign(**{"class": name}))
-    return SceneObjects(
-        scene,
-        object_table(rows),
-        _concatenated(fragments, FRAGMENT_FIELDS),
-        part[inside],
-        _concatenated(cut_evidence, EVIDENCE_FIELDS),
-    )
+        known = None if cells is None else _evidence_of(cells, mine, (whole, of_whole), (cut, of_cut))
+        found.add_whole(name, whole, mine, of_whole, known)
+        found.add_cut(name, cut, mine, of_cut, known)
+    return found.joined(inside)
+
+
+class _FoundObjects:
+    """Objects of a scene class by class: measured rows, fragments at the border, and the object of each point.
+
+    Parameters
+    ----------
+    scene : str
+        The scene's id.
+    classes : mapping of str to ObjectRule
+        Class name to rule.
+    judge : Judge or None
+        Gives scores where there is evidence.
+    part : ndarray of int32, shape (n,)
+        Filled with the object of each point from 1, with -1 minus the row of its voxel among the fragments, or 0.
+    """
+
+    def __init__(
+        self, scene: str, classes: Mapping[str, ObjectRule], judge: Judge | None, part: NDArray[np.int32]
+    ) -> None:
+        self._scene, self._classes, self._judge, self._part = scene, classes, judge, part
+        self._rows: list[dict[str, Any]] = []
+        self._fragments, self._evidence = [empty_table(FRAGMENT_FIELDS)], [empty_table(EVIDENCE_FIELDS)]
+        self._n_cut = 0
+
+    def add_whole(
+        self,
+        name: str,
+        whole: pd.DataFrame,
+        mine: NDArray[np.int64],
+        of_whole: NDArray[np.int64],
+        evidence: pd.DataFrame | None,
+    ) -> None:
+        """Measure the objects of a class that lie within the core."""
+        if not len(whole):
+            return
+        table = whole.assign(object=whole["fragment"].astype(np.int64), scene=0)
+        voxels, number, joined_row = join_voxels(table, resolution=self._classes[name].resolution)
+        known = None if evidence is None else Evidence(evidence.assign(object=evidence["fragment"]))
+        found, owner = measured_rows(
+            voxels, number, name, self._classes, [self._scene], evidence=known, judge=self._judge
+        )
+        of_row = np.append(np.where(owner < 0, 0, owner + len(self._rows) + 1)[joined_row], 0)
+        self._part[mine] = of_row[of_whole]
+        self._rows += found
+
+    def add_cut(
+        self,
+        name: str,
+        cut: pd.DataFrame,
+        mine: NDArray[np.int64],
+        of_cut: NDArray[np.int64],
+        evidence: pd.DataFrame | None,
+    ) -> None:
+        """Keep the fragments of a class that extend into a buffer."""
+        if not len(cut):
+            return
+        self._part[mine[of_cut >= 0]] = -1 - self._n_cut - of_cut[of_cut >= 0]
+        self._fragments.append(cut.assign(**{"class": name}))
+        self._n_cut += len(cut)
+        if evidence is not None:
+            crossing = evidence["fragment"].isin(cut["fragment"].unique())
+            self._evidence.append(evidence[crossing].assign(**{"class": name}))
+
+    def joined(self, inside: NDArray[np.bool_]) -> SceneObjects:
+        """Return all objects, with the objects of the points inside the core."""
+        return SceneObjects(
+            self._scene,
+            object_table(self._rows),
+            _concatenated(self._fragments, FRAGMENT_FIELDS),
+            self._part[inside],
+            _concatenated(self._evidence, EVIDENCE_FIELDS),
+        )
 
 
 def _evidence_of(
