@@ -29,6 +29,15 @@ def test_damaged_inventories_are_named(tmp_path):
         output.path_vertices()
 
 
+def test_a_damaged_record_is_named(tmp_path):
+    write_output(tmp_path)
+    [record] = tmp_path.glob(".mlsroad/*/run.json")
+    for text in ("{", "[]", '{"state": "finished"}'):
+        record.write_text(text, encoding="utf-8")
+        with pytest.raises(ReadError, match=r"run\.json is damaged: label the survey again"):
+            OutputFolder.find(tmp_path)
+
+
 def test_an_output_without_points_is_told_in_one_line(tmp_path):
     write_output(tmp_path)
     for name in FILES:

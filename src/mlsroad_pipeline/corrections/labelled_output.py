@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,8 +10,8 @@ from typing import Any
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.datasets.inventory.exports import EXPORTS
-from mlsroad_pipeline.execution.run_folder import FINISHED, FileState, RunFolder, state_of
-from mlsroad_pipeline.execution.run_identity import STATE
+from mlsroad_pipeline.execution.run_folder import FileState, RunFolder, state_of
+from mlsroad_pipeline.execution.run_identity import FINISHED, STATE, finished_record
 from mlsroad_pipeline.formats.options import NEW_SURVEY, ReadOptions
 from mlsroad_pipeline.formats.ply.coloured_ply import COLOURED
 
@@ -40,18 +39,11 @@ class LabelledOutput:
     def at(cls, folder: str | Path) -> LabelledOutput:
         """Return the output in a folder; ReadError if no run is finished there, or its record is damaged."""
         place = Path(folder)
-        paths = sorted(place.glob(f"{STATE}/*/run.json"), key=lambda path: path.stat().st_mtime_ns)
-        found = []
-        for path in paths:
-            try:
-                record = json.loads(path.read_text(encoding="utf-8"))
-                if record["state"] == FINISHED and record["summary"] and record["settings"]["label"]:
-                    found.append(record)
-            except (OSError, ValueError, KeyError, TypeError) as error:
-                raise ReadError(f"{path} is damaged: label the survey again (--overwrite)") from error
-        if not found:
+        record = finished_record(place)
+        settings = None if record is None else record.get("settings")
+        if record is None or not isinstance(settings, Mapping) or not settings.get("label"):
             raise ReadError(f"{place} holds no finished results of label: label the survey first (mlsroad label FILE)")
-        return cls(place, found[-1])
+        return cls(place, record)
 
     @property
     def model(self) -> Mapping[str, Any]:

@@ -22,17 +22,17 @@ from typing import Any, NamedTuple
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
 from mlsroad_pipeline.execution.digests import digest_file, digest_json
-from mlsroad_pipeline.execution.run_identity import first_difference
+from mlsroad_pipeline.execution.run_identity import FINISHED, RECORD, first_difference
 from mlsroad_pipeline.execution.store_files import StoreFiles, sync_file, sync_folder
 
 FORMAT = 1
-RECORD, JOURNAL, STAGED, REMOVED = "run.json", "journal", "staged", "removed"
+JOURNAL, STAGED, REMOVED = "journal", "staged", "removed"
 STORES = ("files", "corridors", "pieces", "results", "objects", "written", "model")
 """Scene stores of a run, and the copy of its model."""
 
 _MARKERS = ("manifest.json", "model.json")
 
-FINISHED, UNFINISHED = "finished", "unfinished"
+UNFINISHED = "unfinished"  # state of the record of a run that is not finished
 OVERWRITE = "--overwrite (label.overwrite=true) replaces it; another output keeps both"
 _OPEN = ("-wal", "-shm", "-journal")
 """Endings of the files that SQLite keeps beside a database that is open, or was not closed."""

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.execution.digests import digest_json
 
 STATE = ".mlsroad"
@@ -19,6 +19,9 @@ GROUPS = ("ingest", "ground_removal", "classes")
 
 UNRELATED = ("output", "overwrite", "keep_state", "copc", "coloured_ply", "export", "photos")
 """Parameters of `label` that change no label: a run with another value of them is the same run."""
+
+RECORD, FINISHED = "run.json", "finished"
+"""Record of a run in its folder, and its state once the run is finished."""
 
 _DIGITS = 12
 
@@ -73,3 +76,19 @@ def _keys(*mappings: Mapping[str, Any]) -> Iterator[str]:
 def _short(value: Any) -> str:
     text = repr(value[0] if isinstance(value, list) and len(value) == 1 else value)
     return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def finished_record(output: Path) -> dict[str, Any] | None:
+    """Return the record of the last finished run into an output folder, None if there is none.
+
+    Raises ReadError if a record is damaged.
+    """
+    found = None
+    for path in sorted(output.glob(f"{STATE}/*/{RECORD}"), key=lambda path: path.stat().st_mtime_ns):
+        try:
+            record = json.loads(path.read_text(encoding="utf-8"))
+            if record["state"] == FINISHED and record["summary"]:
+                found = dict(record)
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise ReadError(f"{path} is damaged: label the survey again (--overwrite)") from error
+    return found

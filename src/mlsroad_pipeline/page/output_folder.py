@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sqlite3
 import struct
 from collections.abc import Iterator, Mapping
@@ -16,14 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.execution.run_identity import STATE
+from mlsroad_pipeline.execution.run_identity import finished_record
 from mlsroad_pipeline.page.cloud_files import CloudFiles
 
 INVENTORY, REPORT, PHOTOS = "inventory.gpkg", "report.html", "photos"
 LINE_LAYERS = {"kerbs": "kerb", "wires": "wire"}
 """Layers of lines, as `datasets.inventory.geopackage` writes them; that module imports geopandas."""
-FINISHED = "finished"
-"""State in the record of a finished run, as `execution.run_folder` writes it; that module imports pandas."""
 _HIDDEN = ("fid", "geom", "geometry", "footprint", "method", "model_version")
 _MOST_VERTICES = 5000
 _ENVELOPES = (0, 32, 48, 48, 64)  # bytes of the envelope in the header of a GeoPackage geometry, by its code
@@ -46,11 +43,9 @@ class OutputFolder:
 
     @classmethod
     def find(cls, path: Path) -> OutputFolder | None:
-        """Return the output in a folder, None if no run is finished there."""
-        records = sorted(path.glob(f"{STATE}/*/run.json"), key=lambda record: record.stat().st_mtime_ns)
-        runs = [json.loads(record.read_text(encoding="utf-8")) for record in records]
-        finished = [run for run in runs if run.get("state") == FINISHED and run.get("summary")]
-        return cls(path, finished[-1]) if finished else None
+        """Return the output in a folder, None if no run is finished there; ReadError if its record is damaged."""
+        record = finished_record(path)
+        return None if record is None else cls(path, record)
 
     @property
     def name(self) -> str:

@@ -14,7 +14,8 @@ from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
 from mlsroad_pipeline.datasets.models.registered_models import PREFIX, configured_store
 from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel
 from mlsroad_pipeline.execution.output_lock import OutputInUseError, lock_output
-from mlsroad_pipeline.execution.run_folder import FINISHED, RunFolder
+from mlsroad_pipeline.execution.run_folder import RunFolder
+from mlsroad_pipeline.execution.run_identity import FINISHED
 from mlsroad_pipeline.label.chosen_model import ModelChoice, StoredModel
 from mlsroad_pipeline.label.model_choice import named_choice
 from mlsroad_pipeline.label.runs import finished_record
