@@ -13,7 +13,6 @@ from mlsroad_pipeline.datasets.inventory.exports import EXPORTS
 from mlsroad_pipeline.execution.fingerprints import code_digest
 from mlsroad_pipeline.execution.output_lock import lock_output
 from mlsroad_pipeline.execution.run_folder import (
-    FINISHED,
     OVERWRITE,
     UNFINISHED,
     OutputExistsError,
@@ -22,6 +21,7 @@ from mlsroad_pipeline.execution.run_folder import (
     entries_of,
     state_of,
 )
+from mlsroad_pipeline.execution.run_identity import FINISHED
 from mlsroad_pipeline.formats.crs import SIDECAR
 from mlsroad_pipeline.label.photos import FOLDER, TABLE
 from mlsroad_pipeline.label.targets import FOR_ALL, existing, planned_paths
