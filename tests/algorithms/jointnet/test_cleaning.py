@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
+from mlsroad_pipeline.algorithms.jointnet import cleaning
 from mlsroad_pipeline.algorithms.jointnet.cleaning import isolated_points
 from mlsroad_pipeline.algorithms.jointnet.measure_machine import train_machine
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters, TrainingParameters
@@ -22,6 +24,12 @@ def test_stray_points_are_isolated_and_objects_do_not_touch_each_other(rng):
     assert alone[350:362].sum() >= 10 and alone[:350].sum() <= 3 and not alone[362:].any()
     single = isolated_points(objects[1], np.array([0, 162]), factor=3.0, least=8)
     assert np.array_equal(single, alone[200:362])
+
+
+def test_spacing_is_that_of_a_search_tree(rng):
+    xyz = rng.normal(size=(300, 3)) + [400_000.0, 5_800_000.0, 30.0]
+    wanted = cKDTree(xyz).query(xyz, k=5)[0][:, 1:].mean(axis=1)
+    np.testing.assert_allclose(cleaning._spacing(xyz), wanted, rtol=1e-6)
 
 
 def test_an_object_keeps_half_of_its_points(rng):

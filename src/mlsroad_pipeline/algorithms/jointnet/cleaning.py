@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -13,8 +14,8 @@ PASSES = 3
 """Most passes; outliers close to each other are isolated once others have gone."""
 
 _LEAST_SHARE = 0.5
-_APART = 10.0
-"""Distance of objects from each other in the fourth dimension of the search tree, in radii of the largest object."""
+_BY_PAIRS = 1500
+"""Largest number of points of an object whose distances are computed pair by pair; a search tree serves larger ones."""
 
 
 def isolated_points(
@@ -39,38 +40,52 @@ def isolated_points(
     ndarray of bool, shape (n,)
         Isolated points; none of a pass that would leave an object with less than half of its points.
     """
+    alone = np.zeros(len(xyz), dtype=np.bool_)
+    for first, last in zip(indptr[:-1].tolist(), indptr[1:].tolist(), strict=True):
+        if last - first > least:
+            alone[first:last] = _isolated(xyz[first:last], factor, least)
+    return alone
+
+
+def _isolated(xyz: NDArray[np.float64], factor: float, least: int) -> NDArray[np.bool_]:
     keep = np.ones(len(xyz), dtype=np.bool_)
     for _ in range(PASSES):
         rows = np.flatnonzero(keep)
-        owner = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))[rows]
-        alone = _isolated(xyz[rows], owner, len(indptr) - 1, factor, least)
-        alone &= _within_half(alone, owner, indptr)
-        if not alone.any():
+        if len(rows) <= max(least, NEIGHBOURS):
+            break
+        spacing = _spacing(xyz[rows])
+        alone = spacing > factor * np.median(spacing)
+        if not alone.any() or len(rows) - alone.sum() < _LEAST_SHARE * len(xyz):
             break
         keep[rows[alone]] = False
     return ~keep
 
 
-def _isolated(
-    xyz: NDArray[np.float64], owner: NDArray[np.int64], n_objects: int, factor: float, least: int
-) -> NDArray[np.bool_]:
-    counts = np.bincount(owner, minlength=n_objects)
-    start = np.append(0, np.cumsum(counts))[:-1]
-    low = xyz[start[owner]]
-    local = xyz - low
-    apart = _APART * max(float(np.sqrt((local**2).sum(axis=1)).max(initial=0.0)), 1.0)
-    tree = cKDTree(np.column_stack([local, owner * apart]))
-    distance, _ = tree.query(tree.data, k=NEIGHBOURS + 1, distance_upper_bound=apart)
-    known = np.isfinite(distance[:, 1:])
-    spacing = np.where(known, distance[:, 1:], 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
-    order = np.lexsort((spacing, owner))
-    median = spacing[order][start + np.maximum(counts - 1, 0) // 2]
-    isolated: NDArray[np.bool_] = (spacing > factor * median[owner]) & (counts[owner] > least)
-    return isolated
+def _spacing(xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean distance of the nearest points of each point."""
+    if len(xyz) <= _BY_PAIRS:
+        return _spacing_by_pairs(np.ascontiguousarray(xyz - xyz[0]))
+    distance, _ = cKDTree(xyz).query(xyz, k=NEIGHBOURS + 1)
+    mean: NDArray[np.float64] = distance[:, 1:].mean(axis=1)
+    return mean
 
 
-def _within_half(alone: NDArray[np.bool_], owner: NDArray[np.int64], indptr: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return the points of objects that keep at least half of their points when the isolated ones go."""
-    n_objects = len(indptr) - 1
-    left = np.bincount(owner[~alone], minlength=n_objects)
-    return (left >= _LEAST_SHARE * np.diff(indptr))[owner]
+@njit(cache=True, nogil=True)
+def _spacing_by_pairs(xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+    n = len(xyz)
+    nearest = np.full((n, NEIGHBOURS), np.inf)
+    for i in range(n):
+        for j in range(i):
+            square = (xyz[i, 0] - xyz[j, 0]) ** 2 + (xyz[i, 1] - xyz[j, 1]) ** 2 + (xyz[i, 2] - xyz[j, 2]) ** 2
+            for own in (i, j):
+                if square < nearest[own, NEIGHBOURS - 1]:
+                    k = NEIGHBOURS - 1
+                    while k > 0 and nearest[own, k - 1] > square:
+                        nearest[own, k] = nearest[own, k - 1]
+                        k -= 1
+                    nearest[own, k] = square
+    out = np.zeros(n)
+    for i in range(n):
+        for k in range(NEIGHBOURS):
+            out[i] += np.sqrt(nearest[i, k]) / NEIGHBOURS
+    return out
