@@ -210,8 +210,10 @@ def _one_thread_for_good() -> None:
     """Limit the libraries of a process that runs scenes only to one thread, also those loaded later."""
     os.environ.update(fork_server.ONE_THREAD)
     threadpool_limits(1)
-    if "numba" in sys.modules:
-        importlib.import_module("numba").set_num_threads(1)
+    numba = importlib.import_module("numba") if "numba" in sys.modules else None
+    # Without need it would create a semaphore that a killed worker leaves behind.
+    if numba is not None and numba.config.NUMBA_NUM_THREADS > 1:
+        numba.set_num_threads(1)
 
 
 @contextmanager
