@@ -99,7 +99,10 @@ def _processes(
     jobs: Iterable[Any], n_workers: int, function: Callable[[Any], Any] = run_scene
 ) -> Generator[Any, None, None]:
     # With one worker joblib would run jobs in this process, which must survive a killed scene.
-    yield from _parallel(jobs, max(n_workers, 2), function, backend="loky", inner_max_num_threads=1)
+    try:
+        yield from _parallel(jobs, max(n_workers, 2), function, backend="loky", inner_max_num_threads=1)
+    except (EOFError, ConnectionError) as error:  # the fork server was killed while it started a worker
+        raise TerminatedWorkerError("the server of the workers was killed") from error
 
 
 class _Counted:
