@@ -27,6 +27,7 @@ from helpers.store import (
 from kedro.io import DatasetError
 
 from mlsroad_pipeline.datasets.scene_store_dataset import SceneStoreDataset
+from mlsroad_pipeline.execution import backends
 from mlsroad_pipeline.execution import progress as execution
 from mlsroad_pipeline.execution.progress import start_progress
 from mlsroad_pipeline.execution.task import SceneError, SceneTask
@@ -122,6 +123,21 @@ def test_scene_that_kills_its_worker_is_named_and_the_others_finish(tmp_path, ma
     tasks.pop("s2x")
     store.save(tasks)
     assert store.exists()
+
+
+def test_the_end_of_the_server_of_the_workers_is_that_of_a_worker(tmp_path, marks, monkeypatch):
+    whole, ended = backends._parallel, []
+
+    def parallel(*args, **config):
+        if not ended:
+            ended.append(True)
+            raise EOFError("unexpected EOF")  # as multiprocessing does when its server was killed
+        yield from whole(*args, **config)
+
+    monkeypatch.setattr(backends, "_parallel", parallel)
+    store = store_at(tmp_path / "stage", backend="loky", n_workers=2)
+    store.save(part_tasks(marks, 3))
+    assert store.exists() and count_marks(marks) == 3 and ended
 
 
 def test_scene_that_kills_dask_workers_is_named(tmp_path, marks, caplog):
