@@ -196,3 +196,16 @@ def test_oakland_is_within_five_percent(real_data, name):
         classify_ground(table[:, :3]), np.isin(codes, OAKLAND_GROUND), valid=~np.isin(codes, OAKLAND_UNLABELLED)
     )
     assert scores.total <= 0.05
+
+
+def test_random_order_gives_the_labels_of_the_scan_order(rng):
+    """More points than one chunk of the sorting, near each other and with a block far away."""
+    n = 150_000
+    street = np.column_stack([rng.uniform(0, 60, n), rng.uniform(0, 20, n), rng.normal(0, 0.01, n)])
+    street[::7, 2] += rng.uniform(0, 3, len(street[::7]))
+    street = street[np.lexsort((street[:, 1] // 8, street[:, 0] // 8))]
+    order = rng.permutation(n)
+    for cloud in (street, np.concatenate([street[:-1], [[50_000.0, 40_000.0, 1.0]]])):
+        labels = classify_ground(cloud)
+        for n_threads in (1, 3):
+            np.testing.assert_array_equal(classify_ground(cloud[order], n_threads=n_threads), labels[order])

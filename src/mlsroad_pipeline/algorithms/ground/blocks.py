@@ -2,8 +2,7 @@
 
 A *column* has the width of a voxel; `n_columns` x `n_columns` columns form a *block*. Occupied blocks are numbered in
 the order of their keys, so that results depend neither on the order of the points nor on the threads. A distant outlier
-costs one block, not a large raster. Points are not sorted: each pass reads them in order and caches the block of the
-previous point.
+costs one block, not a large raster. Each pass reads the points in order and caches the block of the previous point.
 """
 
 from __future__ import annotations
@@ -22,10 +21,19 @@ Frame: TypeAlias = tuple[float, float, float, float, int, int]
 """Origin x, y, z, columns per metre, columns per block side, and key stride."""
 
 Lookup: TypeAlias = tuple[Frame, NDArray[np.int64], NDArray[np.int32]]
-"""Frame and hash table of a grid, for the column of a point."""
+"""Frame and rows of the blocks of a grid, for the column of a point."""
 
 NOWHERE = -(2**60)
 """First column of the cached block before the first point, far from all columns."""
+
+CELLS_PER_BLOCK = 1024
+"""Cells of the grid per occupied block up to which rows are looked up by key: 4 KiB, a sixth of a block's columns."""
+
+SCATTERED = 4
+"""Largest mean number of consecutive points in a block of scattered points."""
+
+RECENT_KEYS = 4096
+"""Keys of blocks remembered in a first pass; a power of two."""
 
 MAX_BLOCKS_PER_AXIS = 2**31
 """Maximum blocks along an axis, so that block keys fit 64 bits."""
@@ -48,7 +56,10 @@ class BlockGrid:
     keys : ndarray of shape (b,), int64
         Key ``(by + 2) * stride + bx + 2`` of each occupied block, ascending.
     table_keys, table_slots : ndarray of shape (h,), int64 and int32
-        Open-addressing hash table from key to row of `keys`; -1 marks a free entry.
+        Row of `keys` by key, -1 for empty blocks, and no keys; of a sparse grid, an open-addressing hash table, where
+        -1 marks a free entry.
+    scattered : bool
+        Whether many points lie in another block than the point before, as in random order.
     """
 
     origin: NDArray[np.float64]
@@ -58,6 +69,7 @@ class BlockGrid:
     keys: NDArray[np.int64]
     table_keys: NDArray[np.int64]
     table_slots: NDArray[np.int32]
+    scattered: bool = False
 
     @property
     def frame(self) -> Frame:
@@ -67,7 +79,7 @@ class BlockGrid:
 
     @property
     def lookup(self) -> Lookup:
-        """Frame and hash table."""
+        """Frame and rows of the blocks."""
         return self.frame, self.table_keys, self.table_slots
 
 
@@ -79,6 +91,8 @@ def _hash(key: int, mask: int) -> np.int64:
 @njit(cache=True, nogil=True)
 def find_slot(table_keys: NDArray[np.int64], table_slots: NDArray[np.int32], key: int) -> np.int32:
     """Return the row of a block by its key; -1 for empty blocks."""
+    if len(table_keys) == 0:
+        return table_slots[key] if 0 <= key < len(table_slots) else np.int32(-1)
     mask = len(table_keys) - 1
     at = _hash(key, mask)
     while table_keys[at] != -1:
@@ -86,6 +100,18 @@ def find_slot(table_keys: NDArray[np.int64], table_slots: NDArray[np.int32], key
             return table_slots[at]
         at = (at + 1) & mask
     return np.int32(-1)
+
+
+def build_lookup(keys: NDArray[np.int64], n_cells: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Return the arrays that `find_slot` reads: rows by key and no keys, or a hash table where most cells are empty.
+
+    Points in random order need the row of another block each; a hash table takes them twice the time.
+    """
+    if n_cells > CELLS_PER_BLOCK * len(keys):
+        return build_table(keys)
+    slots = np.full(n_cells, -1, dtype=np.int32)
+    slots[keys] = np.arange(len(keys))
+    return np.empty(0, dtype=np.int64), slots
 
 
 @njit(cache=True)
@@ -105,15 +131,20 @@ def build_table(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.
     return table_keys, table_slots
 
 
+@njit(cache=True, nogil=True, inline="always")
+def block_of(column: int, n_columns: int) -> int:
+    """Return the block of a column; a product of float64 is exact here, and faster than a division of integers."""
+    return int(np.floor((column + 0.5) * (1.0 / n_columns)))
+
+
 @njit(cache=True, nogil=True)
-def enter_block(ix: int, iy: int, lookup: Lookup) -> tuple[int, int, int]:
+def find_block(ix: int, iy: int, lookup: Lookup) -> tuple[int, int, int]:
     """Return the row of the block of a column, and its first column along x and y.
 
     Kernels call it only if a point is outside the block of the previous point, which saves divisions and lookups.
     """
     (_, _, _, _, n_columns, stride), table_keys, table_slots = lookup
-    bx = ix // n_columns
-    by = iy // n_columns
+    bx, by = block_of(ix, n_columns), block_of(iy, n_columns)
     slot = find_slot(table_keys, table_slots, (by + 2) * stride + bx + 2)
     return int(slot), bx * n_columns, by * n_columns
 
@@ -131,27 +162,32 @@ def _insert(table: NDArray[np.int64], key: int) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _keys_of_range(xyz: NDArray[np.floating], span: Span, frame: Frame) -> NDArray[np.int64]:
-    """Return the distinct block keys of a range of points, unsorted."""
+def _keys_of_range(xyz: NDArray[np.floating], span: Span, frame: Frame) -> tuple[NDArray[np.int64], int]:
+    """Return the distinct block keys of a range of points, unsorted, and the number of points in another block."""
     x0, y0, _, per_metre, n_columns, stride = frame
     table = np.full(1024, -1, dtype=np.int64)
-    used = 0
+    recent = np.full(RECENT_KEYS, -1, dtype=np.int64)  # in the order of their remainders
+    used, changes = 0, 0
     corner_x, corner_y = NOWHERE, NOWHERE
     for i in range(span[0], span[1]):
         ix = int((np.float64(xyz[i, 0]) - x0) * per_metre)
         iy = int((np.float64(xyz[i, 1]) - y0) * per_metre)
         if 0 <= ix - corner_x < n_columns and 0 <= iy - corner_y < n_columns:
             continue
-        bx = ix // n_columns
-        by = iy // n_columns
+        changes += 1
+        bx, by = block_of(ix, n_columns), block_of(iy, n_columns)
         corner_x, corner_y = bx * n_columns, by * n_columns
-        used += _insert(table, (by + 2) * stride + bx + 2)
+        key = (by + 2) * stride + bx + 2
+        if recent[key % RECENT_KEYS] == key:
+            continue
+        recent[key % RECENT_KEYS] = key
+        used += _insert(table, key)
         if 2 * used > len(table):
             smaller = table
             table = np.full(2 * len(smaller), -1, dtype=np.int64)
             for key in smaller[smaller != -1]:
                 _insert(table, key)
-    return table[table != -1]
+    return table[table != -1], changes
 
 
 def build_blocks(
@@ -203,9 +239,10 @@ def build_blocks(
         table_slots=np.empty(0, dtype=np.int32),
     )
     parts = in_chunks(len(xyz), n_threads, lambda span: _keys_of_range(xyz, span, grid.frame))
-    keys = np.unique(np.concatenate(parts))
-    table_keys, table_slots = build_table(keys)
-    return BlockGrid(low, width, n_columns, grid.stride, keys, table_keys, table_slots)
+    keys = np.unique(np.concatenate([part[0] for part in parts]))
+    scattered = SCATTERED * sum(part[1] for part in parts) > len(xyz)
+    table_keys, table_slots = build_lookup(keys, int(n_blocks[0] * n_blocks[1]))
+    return BlockGrid(low, width, n_columns, grid.stride, keys, table_keys, table_slots, scattered)
 
 
 @njit(cache=True)
@@ -230,6 +267,6 @@ def column_minima(xyz: NDArray[np.floating], span: Span, lookup: Lookup, minima:
         ix = int((np.float64(xyz[i, 0]) - x0) * per_metre)
         iy = int((np.float64(xyz[i, 1]) - y0) * per_metre)
         if not (0 <= ix - corner_x < n_columns and 0 <= iy - corner_y < n_columns):
-            slot, corner_x, corner_y = enter_block(ix, iy, lookup)
+            slot, corner_x, corner_y = find_block(ix, iy, lookup)
         y, x = iy - corner_y, ix - corner_x
         minima[slot, y, x] = min(minima[slot, y, x], np.float32(np.float64(xyz[i, 2]) - z0))

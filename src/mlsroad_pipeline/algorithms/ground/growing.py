@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.ground.blocks import NOWHERE, Lookup, enter_block
+from mlsroad_pipeline.algorithms.ground.blocks import NOWHERE, Lookup, find_block
 from mlsroad_pipeline.algorithms.ground.spans import Span
 
 LAYERS = 64
@@ -33,7 +33,7 @@ def occupy(
         ix = int((np.float64(xyz[i, 0]) - x0) * per_metre)
         iy = int((np.float64(xyz[i, 1]) - y0) * per_metre)
         if not (0 <= ix - corner_x < n_columns and 0 <= iy - corner_y < n_columns):
-            slot, corner_x, corner_y = enter_block(ix, iy, lookup)
+            slot, corner_x, corner_y = find_block(ix, iy, lookup)
         y, x = iy - corner_y, ix - corner_x
         level = (np.float32(np.float64(xyz[i, 2]) - z0) - surface[slot, y, x]) * per_layer
         if level < LAYERS:
@@ -133,7 +133,7 @@ def label_points(
         ix = int((np.float64(xyz[i, 0]) - x0) * per_metre)
         iy = int((np.float64(xyz[i, 1]) - y0) * per_metre)
         if not (0 <= ix - corner_x < n_columns and 0 <= iy - corner_y < n_columns):
-            slot, corner_x, corner_y = enter_block(ix, iy, lookup)
+            slot, corner_x, corner_y = find_block(ix, iy, lookup)
         y, x = iy - corner_y, ix - corner_x
         height = np.float32(np.float64(xyz[i, 2]) - z0) - surface[slot, y, x]
         if height < lowest or height > highest:

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.ground.blocks import NOWHERE, Lookup, enter_block
+from mlsroad_pipeline.algorithms.ground.blocks import NOWHERE, Lookup, find_block
 from mlsroad_pipeline.algorithms.ground.spans import Span
 
 UNITS_PER_METRE = 100_000
@@ -30,7 +30,7 @@ def ground_minima(
         ix = int((np.float64(xyz[i, 0]) - x0) * per_metre)
         iy = int((np.float64(xyz[i, 1]) - y0) * per_metre)
         if not (0 <= ix - corner_x < n_columns and 0 <= iy - corner_y < n_columns):
-            slot, corner_x, corner_y = enter_block(ix, iy, lookup)
+            slot, corner_x, corner_y = find_block(ix, iy, lookup)
         y, x = iy - corner_y, ix - corner_x
         minima[slot, y, x] = min(minima[slot, y, x], np.float32(np.float64(xyz[i, 2]) - z0))
 
@@ -53,7 +53,7 @@ def ground_sums(
         ix = int((np.float64(xyz[i, 0]) - x0) * per_metre)
         iy = int((np.float64(xyz[i, 1]) - y0) * per_metre)
         if not (0 <= ix - corner_x < n_columns and 0 <= iy - corner_y < n_columns):
-            slot, corner_x, corner_y = enter_block(ix, iy, lookup)
+            slot, corner_x, corner_y = find_block(ix, iy, lookup)
         y, x = iy - corner_y, ix - corner_x
         height = np.float64(xyz[i, 2]) - z0
         if np.float32(height) <= limits[slot, y, x]:
@@ -74,7 +74,7 @@ def interpolate(
         v = (np.float64(xy[i, 1]) - y0) * per_metre
         ix, iy = int(np.floor(u)), int(np.floor(v))
         if not (0 <= ix - corner_x < n_columns and 0 <= iy - corner_y < n_columns):
-            slot, corner_x, corner_y = enter_block(ix, iy, lookup)
+            slot, corner_x, corner_y = find_block(ix, iy, lookup)
         if slot < 0:
             continue
         # Node (1, 1) is the centre of the first cell of the block.

@@ -11,6 +11,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
 from mlsroad_pipeline.algorithms.ground.blocks import BlockGrid, build_blocks, column_minima, neighbour_slots
 from mlsroad_pipeline.algorithms.ground.growing import LAYERS, climbing, label_points, occupy, reaching
+from mlsroad_pipeline.algorithms.ground.ordering import in_rows, sort_by_block
 from mlsroad_pipeline.algorithms.ground.reference import SurfaceParameters, block_surface, lower_surface
 from mlsroad_pipeline.algorithms.ground.spans import Span, bounds_of, in_chunks
 
@@ -98,8 +99,9 @@ def classify_ground(
 
     Notes
     -----
-    The points are read five times, without sorting or copying. Memory is 1 byte per point and 12 to 40 bytes per column
-    of the occupied blocks, part of it per thread.
+    The points are read five times, in scan order without sorting or copying. Points in random order are sorted by block
+    into a copy first. Memory is 1 byte per point and 12 to 40 bytes per column of the occupied blocks, part of it per
+    thread.
 
     References
     ----------
@@ -130,6 +132,9 @@ def classify_ground(
     per_cell = max(1, round(cell_size / voxel_size))
     n_columns = per_cell * max(2, round(block_size / (per_cell * voxel_size)))
     grid = build_blocks(points, bounds, width=voxel_size, n_columns=n_columns, n_threads=n_threads)
+    order = None
+    if grid.scattered:
+        points, order = sort_by_block(points, grid, n_threads)
     minima = _column_minima(points, grid, n_threads)
     if reference == "block":
         surface = block_surface(minima)
@@ -145,7 +150,8 @@ def classify_ground(
     heights = np.float32(-surface_step), np.float32(base_tolerance), np.float32(global_height)
     volume = (surface, objects)
     labels = in_chunks(len(points), n_threads, lambda span: label_points(points, span, grid.lookup, volume, heights))
-    return labels[0] if n_threads == 1 else np.concatenate(labels)
+    is_ground = labels[0] if n_threads == 1 else np.concatenate(labels)
+    return is_ground if order is None else in_rows(is_ground, order)
 
 
 def _layers(height: float, voxel_size: float) -> int:
