@@ -169,3 +169,21 @@ def test_bad_input_is_named(change, error, message):
     given = {"unary": np.zeros((3, 2)), "edges": [[0, 1], [1, 2]], "weights": [1.0, 1.0], **change}
     with pytest.raises(error, match=message):
         minimize(**given)
+
+
+@pytest.mark.parametrize("with_agreement", [False, True])
+def test_numbers_of_the_nodes_do_not_matter(rng, with_agreement):
+    """A graph in random order, which is renumbered, beside the same graph row by row."""
+    n_rows, n_columns, n_labels = 60, 50, 4
+    index = np.arange(n_rows * n_columns).reshape(n_rows, n_columns)
+    right, down = (index[:, :-1], index[:, 1:]), (index[:-1], index[1:])
+    edges = np.concatenate([np.column_stack([a.ravel(), b.ravel()]) for a, b in (right, down)])
+    unary, weights = rng.random((index.size, n_labels)), rng.random(len(edges))
+    agreement = rng.random((len(edges), n_labels)) / 10 if with_agreement else None
+    labels, energy = minimize(unary, edges, weights, agreement=agreement)
+    order = rng.permutation(index.size)
+    number = np.argsort(order)
+    assert np.abs(np.diff(number[edges], axis=1)).mean() > index.size / 10
+    mixed, again = minimize(unary[order], number[edges], weights, agreement=agreement)
+    np.testing.assert_array_equal(mixed, labels[order])
+    assert again == pytest.approx(energy, rel=1e-12)

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least
-from mlsroad_pipeline.algorithms.energy.binary_cut import CutGraph
+from mlsroad_pipeline.algorithms.energy.binary_cut import CutGraph, near_numbers
 from mlsroad_pipeline.algorithms.energy.pairwise_energy import PairwiseEnergy
 
 _LEAST_GAIN = 1e-10
@@ -158,6 +158,11 @@ def minimize(
     ([0, 0, 0], 1.0)
     """
     problem = PairwiseEnergy.checked(unary, edges, weights, label_costs, agreement)
+    first = initial_labels(problem.unary, initial)
+    number = near_numbers(problem.edges, len(problem.unary))
+    if number is not None:
+        order = np.argsort(number)
+        problem, first = problem.renumbered(number, order), first[order]
     graph = CutGraph(problem.edges, len(problem.unary))
     gain, slack = np.empty(len(problem.unary)), np.empty(len(problem.edges))
 
@@ -165,10 +170,11 @@ def minimize(
         problem.write_move(labels, alpha, gain, slack)
         return graph.minimize(gain, slack, labels == alpha)
 
-    return expand_in_turn(
-        initial_labels(problem.unary, initial),
+    labels, lowest = expand_in_turn(
+        first,
         n_labels=problem.unary.shape[1],
         max_cycles=max_cycles,
         energy=problem.of,
         move=move,
     )
+    return labels if number is None else labels[number], lowest

@@ -5,7 +5,7 @@ The formula of the energy is in `alpha_expansion`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -180,6 +180,27 @@ class PairwiseEnergy:
                 raise DataError(f"{name} must not be negative, got {values.min()}: the moves would not be submodular")
         costs = _check_label_costs(label_costs, n_labels)
         return cls(_finite(array, array.shape, "unary"), pairs.astype(np.int32), factors, costs, rewards)
+
+    def renumbered(self, number: NDArray[np.int32], order: NDArray[np.integer]) -> PairwiseEnergy:
+        """Return the same energy with other numbers of the nodes.
+
+        Parameters
+        ----------
+        number : ndarray of int32, shape (n,)
+            New number of each node.
+        order : ndarray of int, shape (n,)
+            Nodes in the order of their new numbers.
+
+        Returns
+        -------
+        PairwiseEnergy
+            The energy; edges are sorted by their nodes.
+        """
+        ends = np.sort(number[self.edges], axis=1)
+        by_node = np.argsort(ends[:, 0].astype(np.int64) * len(order) + ends[:, 1], kind="stable")
+        agreement = self.agreement[by_node] if len(self.agreement) else self.agreement
+        edges, unary = np.ascontiguousarray(ends[by_node]), np.ascontiguousarray(self.unary[order])
+        return replace(self, unary=unary, edges=edges, weights=self.weights[by_node], agreement=agreement)
 
     def of(self, labels: NDArray[np.int32]) -> float:
         """Return the energy of a labelling.
