@@ -176,6 +176,38 @@ def race_scikit_learn(repeats: int, features: NDArray[np.float32], centroids: ND
         report(name, len(unseen), ours, "scikit-learn", theirs)
 
 
+FORESTS = (
+    (200, 12_000, 30, 5, 1),
+    (200, 12_000, 30, 5, 5),
+    (100, 4_000, 30, 5, 20),
+    (50, 12_000, 60, 13, 5),
+    (20, 30_000, 30, 8, 1),
+)
+"""Trees, training rows, features, classes and smallest leaf of each forest of the set."""
+
+
+def race_forests(repeats: int, forests: tuple[tuple[int, ...], ...] = FORESTS, n_rows: int = 24_000) -> None:
+    """Race the flat forest against scikit-learn's with one job, on forests that span sizes, by processor time."""
+    rng = np.random.default_rng(0)
+    for n_trees, n_training, n_features, n_classes, leaf in forests:
+        values = rng.normal(size=(n_training + n_rows, n_features)).astype(np.float32)
+        noisy = values[:, :4].sum(axis=1) + rng.normal(0, 1, len(values))
+        target = np.digitize(noisy, np.linspace(-3, 3, n_classes - 1))[:n_training]
+        forest = RandomForestClassifier(n_trees, min_samples_leaf=leaf, random_state=0, n_jobs=1)
+        forest.fit(values[:n_training], target)
+        flat, unseen = FlatForest.from_trees(forest.estimators_), values[n_training:]
+        times: list[list[float]] = [[], []]
+        flat.predict_proba(unseen[:10])
+        for _ in range(repeats):
+            for taken, program in zip(times, (flat, forest), strict=True):
+                start = time.process_time()
+                program.predict_proba(unseen)
+                taken.append(time.process_time() - start)
+        nodes = len(flat.feature) // n_trees
+        name = f"{n_trees} trees of {nodes} nodes, {n_features} features, {n_classes} classes"
+        report(name, len(unseen), median(times[0]), "scikit-learn", median(times[1]))
+
+
 def main() -> None:
     """Run all races."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -198,6 +230,7 @@ def main() -> None:
     seconds, _ = race(lambda: nearest_supervoxels(xyz, features.centroids), None, arguments.repeats)
     report("nearest supervoxel of each point", len(xyz), seconds)
     race_scikit_learn(arguments.repeats, features.values, features.centroids)
+    race_forests(arguments.repeats)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,10 @@
 """Speed of alpha-expansion beside gco, PyMaxflow in a loop, and CGAL, where they are found.
 
 The graph and the rivals are those that ``$MLSROAD_RIVALS`` holds: ``graph.bin`` (287,000 voxels of a street, 1.24
-million edges, 5 labels), gco and PyMaxflow in ``venv/``, CGAL's program in ``build/``. Every entrant minimises the same
-Potts energy until no expansion lowers it, starting from each node's cheapest label, gco from label 0, as its interface
-has it. Runs alternate, medians are printed, compilation is outside. One JSON line per figure follows the table.
+million edges, 5 labels), gco and PyMaxflow in ``venv/``, CGAL's program in ``build/``. A set of ten made graphs spans
+sizes, labels and smoothness; there gco alone is raced, and all times are processor time. Every entrant minimises the
+same Potts energy until no expansion lowers it, starting from each node's cheapest label, gco from label 0, as its
+interface has it. Runs alternate, medians are printed, compilation is outside. One JSON line per figure follows.
 
     MLSROAD_RIVALS=rivals_data python benchmarks/bench_graph_cuts.py
 """
@@ -15,10 +16,12 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 from statistics import median
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +33,7 @@ REPEATS = 3
 GCO = """
 import sys, time, numpy as np, gco
 def run(unary, edges, weights, initial):
-    start = time.perf_counter()
+    start = time.process_time()
     graph = gco.GCO()
     graph.create_general_graph(len(unary), unary.shape[1], True)
     graph.set_data_cost(unary)
@@ -38,7 +41,7 @@ def run(unary, edges, weights, initial):
     graph.set_smooth_cost(1.0 - np.eye(unary.shape[1]))
     graph.expansion(-1)
     labels = graph.get_labels()
-    return time.perf_counter() - start, labels
+    return time.process_time() - start, labels
 """
 PYMAXFLOW = """
 import sys, time, numpy as np, maxflow
@@ -59,7 +62,7 @@ def expand(labels, alpha, unary, edges, weights):
     graph.maxflow()
     return np.where(graph.get_grid_segments(nodes), alpha, labels)
 def run(unary, edges, weights, labels):
-    start = time.perf_counter()
+    start = time.process_time()
     lowest, lowered = energy(labels, unary, edges, weights), True
     while lowered:
         lowered = False
@@ -68,7 +71,7 @@ def run(unary, edges, weights, labels):
             cost = energy(tried, unary, edges, weights)
             if cost < lowest - 1e-6:
                 labels, lowest, lowered = tried, cost, True
-    return time.perf_counter() - start, labels
+    return time.process_time() - start, labels
 """
 READ = """
 with open(sys.argv[1], "rb") as file:
@@ -92,9 +95,80 @@ def read_graph(file: Path) -> tuple[NDArray, NDArray, NDArray]:
 
 
 def own_run(unary: NDArray, edges: NDArray, weights: NDArray) -> tuple[float, float]:
-    start = time.perf_counter()
+    start = time.process_time()
     _, energy = minimize(unary, edges, weights)
-    return time.perf_counter() - start, energy
+    return time.process_time() - start, energy
+
+
+def image_graph(height: int, width: int, n_labels: int, weight: float) -> tuple[NDArray, NDArray, NDArray]:
+    """Return the graph of an image whose pixels are joined to their right and lower neighbours."""
+    rng, index = np.random.default_rng(0), np.arange(height * width).reshape(height, width)
+    right, down = (index[:, :-1], index[:, 1:]), (index[:-1], index[1:])
+    edges = np.concatenate([np.column_stack([a.ravel(), b.ravel()]) for a, b in (right, down)]).astype(np.int32)
+    truth = (index // width * 4 // height + index % width * 4 // width * 3) % n_labels
+    unary = rng.normal(0, 1, (index.size, n_labels)) - 2 * np.eye(n_labels)[truth.ravel()]
+    return (unary - unary.min()).astype(np.float32), edges, np.full(len(edges), weight, np.float32)
+
+
+def cloud_graph(n_nodes: int, n_labels: int, weight: float) -> tuple[NDArray, NDArray, NDArray]:
+    """Return a graph of points in random order that are joined to their eight nearest ones."""
+    rng = np.random.default_rng(0)
+    xyz = rng.random((n_nodes, 3)) * [100, 30, 1]
+    near = cKDTree(xyz).query(xyz, 9)[1][:, 1:]
+    pairs = np.column_stack([np.repeat(np.arange(n_nodes), 8), near.ravel()])
+    edges = np.unique(np.sort(pairs, axis=1), axis=0).astype(np.int32)
+    truth = ((xyz[:, 0] // 10 + xyz[:, 1] // 10) % n_labels).astype(int)
+    unary = rng.normal(0, 1.5, (n_nodes, n_labels)) - 2 * np.eye(n_labels)[truth]
+    return (
+        (unary - unary.min()).astype(np.float32),
+        edges,
+        (weight * np.exp(-rng.random(len(edges)))).astype(np.float32),
+    )
+
+
+GRAPHS: dict[str, Callable[[], tuple[NDArray, NDArray, NDArray]]] = {
+    "image 250 x 248, 5 labels, weight 0.5": partial(image_graph, 250, 248, 5, 0.5),
+    "image 250 x 248, 5 labels, weight 1": partial(image_graph, 250, 248, 5, 1.0),
+    "image 250 x 248, 5 labels, weight 3": partial(image_graph, 250, 248, 5, 3.0),
+    "image 250 x 248, 2 labels, weight 1": partial(image_graph, 250, 248, 2, 1.0),
+    "image 100 x 100, 20 labels, weight 1": partial(image_graph, 100, 100, 20, 1.0),
+    "image 500 x 500, 5 labels, weight 1": partial(image_graph, 500, 500, 5, 1.0),
+    "cloud of 2,000, 5 labels, weight 0.4": partial(cloud_graph, 2000, 5, 0.4),
+    "cloud of 30,000, 10 labels, weight 0.4": partial(cloud_graph, 30_000, 10, 0.4),
+    "cloud of 30,000, 10 labels, weight 2": partial(cloud_graph, 30_000, 10, 2.0),
+    "cloud of 100,000, 5 labels, weight 0.1": partial(cloud_graph, 100_000, 5, 0.1),
+}
+"""Ten graphs that span sizes, labels and smoothness."""
+
+
+def write_graph(file: Path, unary: NDArray, edges: NDArray, weights: NDArray) -> None:
+    """Write a graph file."""
+    with file.open("wb") as stream:
+        np.array([len(unary), len(edges), unary.shape[1]], "<i4").tofile(stream)
+        edges.astype("<i4").tofile(stream)
+        weights.astype("<f4").tofile(stream)
+        unary.astype("<f4").tofile(stream)
+
+
+def race_graphs(python: Path | None, names: Iterable[str] = GRAPHS) -> list[dict[str, Any]]:
+    """Race gco, where a Python has it, on made graphs; return a row per graph and program."""
+    rows = []
+    with TemporaryDirectory() as folder:
+        for name in names:
+            graph = GRAPHS[name]()
+            write_graph(file := Path(folder) / "graph.bin", *graph)
+            runs = {"mlsroad": partial(own_run, *graph)}
+            if python is not None:
+                runs["gco"] = partial(python_run, python, GCO, file)
+            results: dict[str, list[tuple[float, float]]] = {program: [] for program in runs}
+            for _ in range(REPEATS):
+                for program, run in runs.items():
+                    results[program].append(run())
+            for program, measured in results.items():
+                seconds, energy = median(row[0] for row in measured), measured[0][1]
+                rows.append({"kernel": f"alpha-expansion, {name}", "program": program, "seconds": round(seconds, 4),
+                             "energy": energy})  # fmt: skip
+    return rows
 
 
 def python_run(python: Path, program: str, graph: Path) -> tuple[float, float]:
@@ -133,6 +207,10 @@ def main() -> int:
     pairs = cKDTree(xyz).query_pairs(0.5, output_type="ndarray").astype(np.int32)
     minimize(rng.random((500, 5), np.float32), pairs, rng.random(len(pairs), np.float32))  # compiles
     rivals = Path(os.environ.get("MLSROAD_RIVALS", ""))
+    python = rivals / "venv" / "bin" / "python"
+    has_gco = python.exists() and not subprocess.run([python, "-c", "import gco"], check=False).returncode
+    for row in race_graphs(python if has_gco else None):
+        print(json.dumps(row), flush=True)
     if not (rivals / "graph.bin").is_file():
         print("not found: graph.bin (set MLSROAD_RIVALS)")
         return 0

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.geometry.outliers import keep_inliers
@@ -155,6 +156,32 @@ def main() -> None:
         time_companions(path, is_ground, arguments.repeats)
 
 
+def race_outliers(xyz: np.ndarray, cloud: str, repeats: int, threads: tuple[int, ...] = (1, 2)) -> None:
+    """Race the statistical outlier filter and the same rule with SciPy's tree, with 20 neighbours."""
+    points = xyz.astype(np.float64) - xyz.min(axis=0)
+
+    def with_scipy() -> np.ndarray:
+        tree = cKDTree(points)
+        parts = np.array_split(points, max(1, len(points) // 100_000))
+        spacing = np.concatenate([tree.query(part, k=20)[0].mean(axis=1) for part in parts])
+        positive = spacing[spacing > 0]
+        return spacing <= spacing.mean() + 2 * np.sqrt(((positive - spacing.mean()) ** 2).sum() / (len(points) - 1))
+
+    runs: dict[str, Callable[[], np.ndarray]] = {
+        f"mlsroad, {n} thread{'s' if n > 1 else ''}": lambda n=n: keep_inliers(points, n_threads=n) for n in threads
+    }
+    runs["SciPy cKDTree, 1 thread"] = with_scipy
+    keep_inliers(points[:1000])
+    seconds: dict[str, list[float]] = {name: [] for name in runs}
+    kept = {}
+    for _ in range(repeats):
+        for name, run in runs.items():
+            taken, kept[name] = timed(run)
+            seconds[name].append(taken)
+    for name, times in seconds.items():
+        report("statistical outliers", cloud, times, len(points), program=name, outliers=int((~kept[name]).sum()))
+
+
 def time_companions(path: Path, is_ground: np.ndarray, repeats: int) -> None:
     """Time what has no rival here."""
     with np.load(path) as data:
@@ -165,11 +192,11 @@ def time_companions(path: Path, is_ground: np.ndarray, repeats: int) -> None:
         "ground, shuffled points": (lambda: classify_ground(mixed), len(xyz)),
         "height_above_ground": (lambda: height_above_ground(xyz, is_ground), len(xyz)),
         "inspect_chunk": (lambda: inspect_chunk(chunk), len(chunk)),
-        "keep_inliers": (lambda: keep_inliers(xyz[:200_000]), 200_000),
     }
     for kernel, (work, n_points) in companions.items():
         work()
         report(kernel, path.stem, [timed(work)[0] for _ in range(repeats)], n_points)
+    race_outliers(xyz[:2_000_000], path.stem, min(repeats, 3))
 
 
 if __name__ == "__main__":

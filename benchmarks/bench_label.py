@@ -5,8 +5,9 @@
     python benchmarks/bench_label.py --millions 20 --backends loky dask --workers 4            # the same bytes?
 
 A simulated street of that many points is made once and kept in FOLDER. The models must be registered (`make run`).
-Memory is PSS summed over the process tree, sampled every half second. What earlier runs of `label` have stored in the
-project is removed first. `digest` is of the labelled LAZ and both inventories, the same for all backends and workers.
+Memory is PSS summed over the process tree and processor time its sum, sampled every half second. What earlier runs of
+`label` have stored in the project is removed first. `digest` is of the labelled LAZ and both inventories, the same for
+all backends and workers.
 """
 
 from __future__ import annotations
@@ -15,12 +16,12 @@ import argparse
 import hashlib
 import itertools
 import json
-import os
 import re
 import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,9 @@ from typing import Any
 import laspy
 import numpy as np
 import psutil
+from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.methods import methods_of
 from mlsroad_pipeline.simulation import long_survey, stream_points
 from mlsroad_pipeline.simulation.parameters.presets import PRESETS
@@ -45,20 +48,37 @@ def make_survey(folder: Path, millions: int, n_threads: int) -> Path:
     parameters = replace(PRESETS["demo"], seed=23, pulse_rate=550_000.0)
     n_points = millions * 1_000_000
     stream = long_survey(parameters, n_points=n_points, n_threads=n_threads)
-    header = laspy.LasHeader(version="1.4", point_format=7)
-    header.scales, header.offsets = np.full(3, 0.001), np.floor(stream.origin)
     fresh = path.with_suffix(".new.laz")
-    with laspy.open(fresh, mode="w", header=header) as writer:
-        for cloud in stream_points(stream, n_points=n_points):
+    write_points(fresh, stream_points(stream, n_points=n_points), stream.origin)
+    stream.trajectory.to_csv(path.parent / "trajectory.csv", index=False, float_format="%.6f")
+    fresh.rename(path)
+    return path
+
+
+def write_points(path: Path, clouds: Iterable[PointCloud], origin: NDArray[np.float64]) -> None:
+    """Write clouds with intensity, time and colour to a LAZ file."""
+    header = laspy.LasHeader(version="1.4", point_format=7)
+    header.scales, header.offsets = np.full(3, 0.001), np.floor(origin)
+    with laspy.open(path, mode="w", header=header) as writer:
+        for cloud in clouds:
             record = laspy.ScaleAwarePointRecord.zeros(len(cloud), header=header)
             record.x, record.y, record.z = cloud.world_xyz().T
             record.intensity = np.round(cloud["intensity"] * 65535).astype(np.uint16)
             record.gps_time = cloud["gps_time"]
             record.red, record.green, record.blue = cloud["rgb"].T.astype(np.uint16) * 257
             writer.write_points(record)
-    stream.trajectory.to_csv(path.parent / "trajectory.csv", index=False, float_format="%.6f")
-    fresh.rename(path)
-    return path
+
+
+def tree_cpu(process: psutil.Process) -> dict[int, float]:
+    """Return the processor seconds of a process and of all below it so far, by process."""
+    used = {}
+    for member in [process, *process.children(recursive=True)]:
+        try:
+            times = member.cpu_times()
+        except (psutil.NoSuchProcess, psutil.AccessDenied):
+            continue
+        used[member.pid] = times.user + times.system
+    return used
 
 
 def tree_pss(process: psutil.Process) -> dict[str, int]:
@@ -95,20 +115,20 @@ def run_label(survey: Path, output: Path, env: str, method: str, backend: str, n
         f"execution.backend={backend},execution.n_workers={n_workers}"
     )
     shutil.rmtree(output, ignore_errors=True)  # a finished run would not be repeated
-    before, start = os.times(), time.perf_counter()
-    peak = {"driver": 0, "workers": 0}
+    start, peak, used = time.perf_counter(), {"driver": 0, "workers": 0}, dict[int, float]()
     path = output.with_suffix(".log")
     with path.open("w") as log:
         process = psutil.Popen(command, cwd=REPOSITORY, stdout=log, stderr=subprocess.STDOUT)
         while process.poll() is None:
             peak = max(peak, tree_pss(process), key=lambda sizes: sum(sizes.values()))
+            used |= tree_cpu(process)
             time.sleep(0.5)
-    after, seconds = os.times(), time.perf_counter() - start
+    seconds = time.perf_counter() - start
     if process.returncode:
         raise SystemExit(f"label failed: see {path}")
     return {
         "seconds": seconds,
-        "cpu_seconds": after.children_user + after.children_system - before.children_user - before.children_system,
+        "cpu_seconds": sum(used.values()),
         "peak_gib": sum(peak.values()) / 2**30,
         "peak_driver_gib": peak["driver"] / 2**30,
         "stages": stage_seconds(path.read_text(encoding="utf-8")),

@@ -38,6 +38,7 @@ BENCHMARKS: dict[str, list[str]] = {
     "visibility": ["speed"],
     "simulator": [],
     "store": [],
+    "start": [],
     "label": ["--millions", "5", "20"],
 }
 NEEDS_CLOUDS = {"ground", "vccs", "fpfh", "clusters", "graph_cuts", "formats", "evaluation"}
