@@ -16,8 +16,8 @@ from importlib.machinery import ModuleSpec
 from multiprocessing import forkserver, resource_tracker
 from types import FrameType
 
-START_METHOD = "forkserver"
-"""Start method of multiprocessing for workers that the server forks."""
+START_METHOD = "mlsroad_forkserver"
+"""Start method of loky for workers that the server forks."""
 
 PARENT_INTERVAL = 0.5
 """Seconds between two checks of a loading server that its driver is alive."""
