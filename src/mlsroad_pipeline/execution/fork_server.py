@@ -22,6 +22,9 @@ START_METHOD = "mlsroad_forkserver"
 PARENT_INTERVAL = 0.5
 """Seconds between two checks of a loading server that its driver is alive."""
 
+_DRIVER = "MLSROAD_DRIVER"
+"""Variable with the number of the driver's process while the server starts."""
+
 _LIBRARIES = ("OMP", "OPENBLAS", "MKL", "BLIS", "VECLIB_MAXIMUM", "NUMEXPR", "NUMBA")
 ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in _LIBRARIES}
 """Environment variables that limit libraries to one thread, as loky sets them for its workers."""
@@ -41,8 +44,10 @@ def start(preload: str) -> bool:
             main.__spec__ = ModuleSpec("mlsroad_pipeline.__main__", None)
         forkserver.set_forkserver_preload([preload])
         resource_tracker.ensure_running()  # it unblocks SIGINT
+        os.environ[_DRIVER] = str(os.getpid())
         with _interrupts_blocked():
             forkserver.ensure_running()
+        del os.environ[_DRIVER]
         _started = True
     return True
 
@@ -77,7 +82,7 @@ def load(function: Callable[[], object]) -> None:
     if not any("multiprocessing.forkserver" in argument for argument in sys.orig_argv):
         return
     os.environ.update(ONE_THREAD)
-    driver = os.getppid()
+    driver = int(os.environ.pop(_DRIVER, os.getppid()))
 
     def check(number: int, frame: FrameType | None) -> None:
         if os.getppid() != driver:
