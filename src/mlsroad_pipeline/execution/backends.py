@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing.context
 import os
 import signal
 import tempfile
@@ -14,8 +13,7 @@ from typing import Any
 
 import joblib
 from joblib.externals.loky.backend import resource_tracker
-from joblib.externals.loky.backend.context import START_METHODS, LokyContext, set_start_method
-from joblib.externals.loky.backend.process import LokyProcess
+from joblib.externals.loky.backend.context import set_start_method
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
@@ -120,31 +118,6 @@ class _Counted:
             yield job
 
 
-class _ForkedProcess(LokyProcess):
-    """Worker process that the fork server of this process forks."""
-
-    @staticmethod
-    def _Popen(process_obj: Any) -> Any:  # the name is that of multiprocessing
-        from multiprocessing.popen_forkserver import Popen  # noqa: PLC0415  # no such system elsewhere than on POSIX
-
-        return Popen(process_obj)
-
-
-class _ForkedContext(LokyContext):
-    """Context of loky, whose locks its own tracker removes, with processes that the fork server forks."""
-
-    _name = fork_server.START_METHOD
-    Process = _ForkedProcess
-
-
-def _use_fork_server() -> None:
-    """Let the fork server start the workers of this process."""
-    multiprocessing.context._concrete_contexts[fork_server.START_METHOD] = _ForkedContext()  # type: ignore[attr-defined]  # as loky does
-    if fork_server.START_METHOD not in START_METHODS:
-        START_METHODS.append(fork_server.START_METHOD)
-    set_start_method(fork_server.START_METHOD, force=True)
-
-
 def _start_tracker() -> None:
     """Start loky's tracker of temporary files without standard error: after an interrupt it prints tracebacks."""
     kept = os.dup(2)
@@ -163,7 +136,7 @@ def warm_workers(execution: Execution, function: str) -> None:
     Call it in a thread of its own: it blocks SIGINT there, and in the workers.
     """
     if fork_server.is_started():
-        _use_fork_server()
+        set_start_method(fork_server.START_METHOD, force=True)
     _start_tracker()
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # of this thread and the processes that it starts
     n_workers = max(execution.n_local_workers, 2)

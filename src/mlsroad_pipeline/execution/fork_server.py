@@ -16,7 +16,7 @@ from importlib.machinery import ModuleSpec
 from multiprocessing import forkserver, resource_tracker
 from types import FrameType
 
-START_METHOD = "mlsroad_forkserver"
+START_METHOD = "forkserver"
 """Start method of loky for workers that the server forks."""
 
 PARENT_INTERVAL = 0.5
