@@ -103,7 +103,8 @@ def _fix_alone(
                 free[n_free] = i
                 n_free += 1
     free = free[:n_free]
-    for i in free:
+    for node in free:
+        i = int(node)
         for at in range(start[i], start[i + 1]):
             j = incident[at, 0]
             if value[j] == 1:
