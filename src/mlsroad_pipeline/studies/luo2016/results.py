@@ -94,6 +94,8 @@ def _sensitivity(
     matrices: dict[float, dict[str, dict[str, NDArray[np.int64]]]] = {}
     facts: dict[float, pd.DataFrame] = {}
     for value, repetitions in runs.items():
+        if not repetitions:
+            continue
         found = [(run, results[run.key]) for run in repetitions]
         matrices[value] = {
             f"test_{seed}": {method: result["matrices"][method][place]}
@@ -101,7 +103,7 @@ def _sensitivity(
             for place, seed in enumerate(run.test)
         }
         facts[value] = pd.concat([facts_of(result, method) for _, result in found])
-    return sensitivity_table({value: each for value, each in matrices.items() if each}, facts, classes=classes)
+    return sensitivity_table(matrices, facts, classes=classes)
 
 
 def facts_of(result: RunResult, method: str) -> pd.DataFrame:
