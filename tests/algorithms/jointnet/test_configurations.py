@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from conftest import REPOSITORY
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters, TrainingParameters
 from mlsroad_pipeline.algorithms.jointnet.recogniser import JointNetRecogniser
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle
@@ -18,7 +19,7 @@ PRINTED = {  # Luo et al. 2019: sections 3.2.1 to 3.2.4, 4.2
     },
     "training": {
         "epochs": 150, "copies": 1, "batch_size": 32, "learning_rate": 0.001, "momentum": 0.9, "weight_decay": 0.0005,
-        "clip": 0.0, "schedule": "halving", "label_smoothing": 0.0, "loss": "sum", "n_members": 1, "n_turns": 1,
+        "clip": 0.0, "schedule": "halving", "label_smoothing": 0.0, "loss": "mean", "n_members": 1, "n_turns": 1,
         "validation": 0.0, "machine_share": 0.0,
     },
     "augmentation": {
@@ -31,7 +32,7 @@ TUNED = {
         "compress": True,
     },
     "training": {
-        **PRINTED["training"], "copies": 4, "learning_rate": 0.01, "clip": 1.0, "loss": "mean", "n_turns": 8,
+        **PRINTED["training"], "copies": 4, "learning_rate": 0.01, "clip": 1.0, "n_turns": 8,
     },
     "augmentation": {**PRINTED["augmentation"], "rotate": True, "drop": 0.6, "occlude": 0.4, "scale": 0.1},
 }  # fmt: skip
@@ -79,3 +80,15 @@ def test_the_sum_over_a_batch_is_the_mean_at_a_larger_rate(rng):
     np.testing.assert_allclose(one.predict_proba(objects), other.predict_proba(objects), atol=1e-4)
     losses = [[entry["loss"] for entry in found.histories_[0]] for found in (one, other)]
     assert losses[0] == pytest.approx(losses[1], rel=1e-3)
+
+
+def test_a_training_that_diverges_is_an_error(rng):
+    objects = [rng.normal(size=(300, 3)) for _ in range(8)]
+    training = {"epochs": 5, "copies": 1, "loss": "sum", "learning_rate": 50.0, "n_members": 1, "label_smoothing": 0.0}
+    wild = JointNetParameters(
+        inputs={"relative": False, "compress": False, "measures": False},
+        network={"batch_norm": False},
+        training=training,
+    )
+    with pytest.raises(DataError, match=r"diverged in epoch \d: lower training\.learning_rate \(50\)"):
+        JointNetRecogniser(wild).fit(objects, np.arange(8) % 2)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.jointnet.inputs import Points, augment, encode
 from mlsroad_pipeline.algorithms.jointnet.network import JointNet
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters, TrainingParameters
@@ -153,6 +153,8 @@ def train_network(
         If the checkpoint is damaged or of another training.
     ParameterError
         If a GPU is requested and none is available.
+    DataError
+        If the loss is no longer finite.
     """
     run = _Run(points, target, n_classes, parameters, member)
     name = f"network_{member}"
@@ -224,6 +226,11 @@ class _Run:
                     losses.append(self._step({view: v[rows] for view, v in images.items()}, measures[rows], rows))
                     counts.append(len(rows))
         self.history.append({"loss": float(np.dot(losses, counts)) / max(sum(counts), 1)})
+        if not np.isfinite(self.history[-1]["loss"]):
+            raise DataError(
+                f"training of jointnet diverged in epoch {epoch + 1}: lower training.learning_rate "
+                f"({p.learning_rate:g}), set training.clip, or training.loss to mean"
+            )
         if len(self.held_target):
             self._validate()
 

@@ -9,6 +9,7 @@ from typing import Any, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.recognition.disturbances import Disturbance, disturb
 from mlsroad_pipeline.algorithms.recognition.object_set import ObjectArrays, ObjectSet
 from mlsroad_pipeline.algorithms.recognition.recogniser import make_recogniser, probabilities
@@ -87,10 +88,10 @@ def train_and_recognise(
     for parameters in settings:
         start = time.process_time()
         recogniser = make_recogniser(method, parameters)
-        fitted.append(recogniser.fit(learned.objects, learned.label, intensities=learned.intensities))
+        fitted.append(_fitted(recogniser, learned, tolerant=validation is not None))
         seconds.append(time.process_time() - start)
         tried.append(
-            np.nan if validation is None else _accuracy(recogniser, ObjectSet.from_arrays(validation), n_classes)
+            np.nan if validation is None else _accuracy(fitted[-1], ObjectSet.from_arrays(validation), n_classes)
         )
     chosen = int(np.argmax(tried)) if validation is not None else 0
     objects, recogniser = ObjectSet.from_arrays(test), fitted[chosen]
@@ -119,7 +120,19 @@ def train_and_recognise(
     return {"results": results, "facts": facts}
 
 
+def _fitted(recogniser: Any, objects: ObjectSet, *, tolerant: bool) -> Any:
+    """Return a trained recogniser; None for a setting to try whose training diverges."""
+    try:
+        return recogniser.fit(objects.objects, objects.label, intensities=objects.intensities)
+    except DataError as error:
+        if not tolerant or "diverged" not in str(error):
+            raise
+        return None
+
+
 def _accuracy(recogniser: Any, objects: ObjectSet, n_classes: int) -> float:
+    if recogniser is None:
+        return 0.0
     return float((probabilities(recogniser, objects, n_classes)["label"] == objects.label).mean())
 
 
