@@ -64,11 +64,11 @@ export class Actions {
     if (here && this.model.group === null && this.model.groups.length) this.goGroup(this.model.groups.includes(following) ? following : this.model.groups[0]);
   }
 
-  private leaveOut(group: PointGroup): void {
+  private async leaveOut(group: PointGroup): Promise<void> {
     const { groups } = this.model;
     const following = groups[groups.indexOf(group) + 1];
-    this.model.skip(group);
-    if (following) this.goGroup(following);
+    await this.model.leaveOut(group);
+    if (following && this.model.group === null) this.goGroup(following);
   }
 
   private chosen(): number | null {
@@ -99,7 +99,7 @@ export class Actions {
   }
 
   reject(): void {
-    if (this.model.group) return this.leaveOut(this.model.group);
+    if (this.model.group) return void this.leaveOut(this.model.group);
     void this.decideAndGoOn("reject");
   }
 

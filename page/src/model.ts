@@ -59,7 +59,8 @@ export class Model {
   group: PointGroup | null = null;
   /** Rows of the points of the chosen group. */
   highlighted = new Set<number>();
-  private skipped = new Set<string>();
+  /** Group that was left out last, until something is saved. */
+  private leftOut: PointGroup | null = null;
   painted = new Map<number, number>();
   saved: { text: string; kind: "" | "busy" | "ok" | "bad" } = { text: "", kind: "" };
   tiles: Status = { state: "building", share: 0 };
@@ -202,13 +203,22 @@ export class Model {
   /** Give the points of a group a class, also the one that they have. */
   async answer(group: PointGroup, name: string): Promise<boolean> {
     const done = await this.paint({ places: [group.place], radius: 1, class: name, only: group.code, group: true });
-    if (done) this.skip(group);
+    if (done) this.drop(group);
     return done;
   }
 
-  /** Take a group out of the list. */
-  skip(group: PointGroup): void {
-    this.skipped.add(String(group.place));
+  /** Ask about a group no more while the page is open. */
+  async leaveOut(group: PointGroup): Promise<void> {
+    try {
+      await this.source.leaveOut(group, false);
+      this.leftOut = group;
+      this.drop(group);
+    } catch (error) {
+      this.report(error, "Not left out");
+    }
+  }
+
+  private drop(group: PointGroup): void {
     this.groups = this.groups.filter((other) => other !== group);
     if (this.group === group) this.leaveGroup();
     this.emit("queue");
@@ -216,8 +226,7 @@ export class Model {
 
   async loadGroups(): Promise<void> {
     try {
-      const found = await this.source.groups(50 + this.skipped.size);
-      this.groups = found.filter((group) => !this.skipped.has(String(group.place)));
+      this.groups = await this.source.groups(50);
       this.emit("queue");
     } catch (error) {
       this.report(error, "Places cannot be listed");
@@ -293,6 +302,19 @@ export class Model {
   }
 
   async undo(): Promise<boolean> {
+    const { leftOut } = this;
+    if (leftOut) {
+      this.leftOut = null;
+      try {
+        await this.source.leaveOut(leftOut, true);
+      } catch (error) {
+        this.report(error, "Not undone");
+        return false;
+      }
+      this.groups = [leftOut, ...this.groups];
+      this.emit("queue");
+      return true;
+    }
     return this.save(async () => {
       const last = this.decisions.at(-1); // after what was being saved
       if (!last) return "Nothing to undo";
@@ -302,6 +324,7 @@ export class Model {
       this.painted.clear();
       for (const stroke of this.strokes.values()) for (const row of stroke.rows) this.painted.set(row, stroke.code);
       this.emit("paint");
+      if (this.groups.length) this.groups = await this.source.groups(50); // an answer that was taken back is asked again
       return `Undone: ${last.action.replace("_", " ")}`;
     });
   }
@@ -309,6 +332,7 @@ export class Model {
   /** Save once all that is being saved is finished, such as the first part of a long stroke. */
   private async save(act: () => Promise<string>): Promise<boolean> {
     this.waiting++;
+    this.leftOut = null;
     const own = this.last.then(() => this.saveNow(act));
     this.last = own.catch(() => false);
     try {

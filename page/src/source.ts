@@ -16,6 +16,7 @@ export interface Source {
   queue(number: number): Promise<QueueItem[]>;
   groups(number: number): Promise<PointGroup[]>;
   group(group: PointGroup): Promise<number[]>;
+  leaveOut(group: PointGroup, back: boolean): Promise<unknown>;
   decide(wanted: Wanted): Promise<{ ids: number[] }>;
   paint(wanted: Paint): Promise<{ ids: number[]; rows: number[] }>;
   undo(ids: number[]): Promise<void>;
@@ -62,6 +63,7 @@ export const server: Source = {
   queue: (number) => json(`/api/queue?number=${number}`),
   groups: (number) => json(`/api/groups?number=${number}`),
   group: async (group) => (await post<{ rows: number[] }>("/api/group", { places: [group.place], only: group.code })).rows,
+  leaveOut: (group, back) => post("/api/leave-out", { places: [group.place], back }),
   decide: (wanted) => post("/api/decide", wanted),
   paint: (wanted) => post("/api/paint", wanted),
   undo: (ids) => post("/api/undo", { ids }),
@@ -105,6 +107,7 @@ export function embedded(): Source | null {
     queue: async (number) => (await content).queue.slice(0, number),
     groups: async () => [],
     group: refuse,
+    leaveOut: refuse,
     decide: refuse,
     paint: refuse,
     undo: refuse,

@@ -17,6 +17,10 @@ REACH, GAP = 6.0, 0.12
 """Of a cluster: largest distance from the click along an axis, and edge of the cells that must touch, metres."""
 
 
+class TooManyPointsError(ParameterError):
+    """A stroke selects more points than one decision may have."""
+
+
 class Near(NamedTuple):
     """Points of a box: local coordinates, rows in the survey and class codes."""
 
@@ -116,5 +120,5 @@ def cluster(
 
 def _checked(rows: NDArray[np.uint32]) -> NDArray[np.uint32]:
     if len(rows) > MOST_POINTS:
-        raise ParameterError(f"{len(rows):,} points are selected, {MOST_POINTS:,} at most: use a smaller brush")
+        raise TooManyPointsError(f"{len(rows):,} points are selected, {MOST_POINTS:,} at most: use a smaller brush")
     return rows

@@ -41,7 +41,7 @@ class ServedSurvey:
             raise ReadError(f"{output.path}: the labelled files hold no points, there is nothing to show")
         self.output, self.user = output, user
         self.tiles = TileCache(output.path, output.cloud_names)
-        self._guard, self._reading = threading.Lock(), threading.Lock()
+        self._guard, self._reading, self._grouping = threading.Lock(), threading.Lock(), threading.Lock()
         self._first: FirstPicture | None = None
         self._store: CorrectionStore | None = None
         self._objects = ""
@@ -153,15 +153,27 @@ class ServedSurvey:
 
     def point_groups(self, number: int) -> list[dict[str, Any]]:
         """Return the groups of points to look at first; none while the tiles are not finished."""
+        if self.tiles.index() is None:
+            return []
+        self._check_current()
+        return [dict(group) for group in self._point_groups().first(number, self._paintings())]
+
+    def _point_groups(self) -> PointGroups:
+        """Return the groups of the points, found at the first request."""
         from mlsroad_pipeline.page.point_groups import PointGroups  # noqa: PLC0415  # SciPy
 
         index = self.tiles.index()
         if index is None:
-            return []
-        with self._reading:
+            raise ReadError("the points are still being prepared: paint when that is finished")
+        with self._grouping:
             if self._groups is None:
                 self._groups = PointGroups(index)
-        return [dict(group) for group in self._groups.first(number, self._paintings())]
+            return self._groups
+
+    def leave_out(self, wanted: dict[str, Any]) -> dict[str, Any]:
+        """Leave a group out of the list while the page is open, or take it back."""
+        self._point_groups().leave_out(_places(wanted.get("places"))[0], back=bool(wanted.get("back")))
+        return {}
 
     def group(self, wanted: dict[str, Any]) -> dict[str, Any]:
         """Return the rows of the points of a group."""
@@ -200,8 +212,6 @@ class ServedSurvey:
 
     def _selected(self, wanted: dict[str, Any]) -> NDArray[np.uint32]:
         """Return the rows of the points that a stroke, a click on a cluster or a group selects."""
-        from mlsroad_pipeline.page.point_groups import points_of_group  # noqa: PLC0415  # SciPy
-
         index = self.tiles.index()
         if index is None:
             raise ReadError("the points are still being prepared: paint when that is finished")
@@ -211,8 +221,9 @@ class ServedSurvey:
             return brushed(index, places, _radius(wanted.get("radius")), only, painted)
         if only is None:
             raise ParameterError("a cluster needs the class of its points (only)")
-        select = points_of_group if wanted.get("group") else cluster
-        return select(index, places[0], only, painted)
+        if wanted.get("group"):
+            return self._point_groups().rows(places[0], only, painted)
+        return cluster(index, places[0], only, painted)
 
     def _paintings(self) -> Painted:
         """Return the points that strokes in force have painted."""

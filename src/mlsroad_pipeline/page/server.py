@@ -67,7 +67,13 @@ def _requests(survey: ServedSurvey) -> list[Route]:
         "queue": lambda request: survey.queue(number(request)),
         "groups": lambda request: survey.point_groups(number(request)),
     }
-    acts = {"decide": survey.decide, "undo": survey.undo, "paint": survey.paint, "group": survey.group}
+    acts = {
+        "decide": survey.decide,
+        "undo": survey.undo,
+        "paint": survey.paint,
+        "group": survey.group,
+        "leave-out": survey.leave_out,
+    }
     return [
         *(Route(f"/api/{name}", _answer(value)) for name, value in answers.items()),
         *(Route(f"/api/{name}", _change(act), methods=["POST"]) for name, act in acts.items()),
