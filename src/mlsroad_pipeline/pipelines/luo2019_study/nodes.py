@@ -13,7 +13,7 @@ from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.recognition.descriptor_machine import DescriptorParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
-from mlsroad_pipeline.studies.luo2019.parameters import BASELINES, JOINTNET, PRINTED, StudyParameters
+from mlsroad_pipeline.studies.luo2019.parameters import BASELINES, JOINTNET, PRINTED, TUNED, StudyParameters
 from mlsroad_pipeline.studies.luo2019.plan import SYDNEY, StudyPlan
 from mlsroad_pipeline.studies.luo2019.results import StudyTables, study_tables
 from mlsroad_pipeline.studies.luo2019.set_parameters import SimulatedObjectsParameters
@@ -27,6 +27,7 @@ def plan_study(
     sets: SimulatedObjectsParameters,
     classes: Mapping[str, Any],
     jointnet: JointNetParameters,
+    tuned: JointNetParameters,
     printed: JointNetParameters,
     hierarchy: DescriptorParameters,
     spin: DescriptorParameters,
@@ -36,6 +37,7 @@ def plan_study(
     """Plan the runs."""
     methods: dict[str, Any] = {
         JOINTNET: jointnet,
+        TUNED: tuned,
         PRINTED: printed,
         **{slug: jointnet for slug, known in METHODS.items() if known.variant},
     }

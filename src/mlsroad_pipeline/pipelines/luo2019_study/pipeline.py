@@ -6,7 +6,7 @@ from mlsroad_pipeline.pipelines import simulated_objects
 from mlsroad_pipeline.pipelines.luo2019_study.nodes import plan_study, read_folds, tabulate_study
 from mlsroad_pipeline.pipelines.study import Stage, StudyReport, study_pipeline
 from mlsroad_pipeline.studies.luo2019.figures import CAPTIONS, study_figures
-from mlsroad_pipeline.studies.luo2019.parameters import BASELINES, JOINTNET, PRINTED
+from mlsroad_pipeline.studies.luo2019.parameters import BASELINES, JOINTNET, PRINTED, TUNED
 from mlsroad_pipeline.studies.luo2019.plan import measure_networks, run_methods
 from mlsroad_pipeline.studies.luo2019.report import study_sections
 from mlsroad_pipeline.studies.luo2019.results import StudyTables
@@ -16,7 +16,7 @@ def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: parameters to simulated sets, runs, tables, figures and a report."""
     return simulated_objects.create_pipeline() + study_pipeline(
         "luo2019",
-        parameters=("simulated_objects", "classes", JOINTNET, PRINTED, *BASELINES),
+        parameters=("simulated_objects", "classes", JOINTNET, TUNED, PRINTED, *BASELINES),
         plan=plan_study,
         stages=[
             Stage("read_luo2019_folds", read_folds, [], "folds"),
