@@ -105,7 +105,19 @@ def find_slot(table_keys: NDArray[np.int64], table_slots: NDArray[np.int32], key
 def build_lookup(keys: NDArray[np.int64], n_cells: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """Return the arrays that `find_slot` reads: rows by key and no keys, or a hash table where most cells are empty.
 
-    Points in random order need the row of another block each; a hash table takes them twice the time.
+    Points in random order need the row of another block each.
+
+    Parameters
+    ----------
+    keys : ndarray of shape (b,), int64
+        Keys of the occupied blocks, ascending.
+    n_cells : int
+        Number of all keys of the grid.
+
+    Returns
+    -------
+    table_keys, table_slots : ndarray of int64 and int32
+        As in `BlockGrid`.
     """
     if n_cells > CELLS_PER_BLOCK * len(keys):
         return build_table(keys)
