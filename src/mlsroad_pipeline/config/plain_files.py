@@ -19,6 +19,7 @@ from omegaconf._utils import get_yaml_loader
 
 _PLAIN_KINDS = ("parameters", "catalog", "globals", "mlflow")
 _GLOBAL = re.compile(r"(?<!\\)\$\{globals:(\w+)\}")
+_TARGET = re.compile(r"\$\{[^:}]*\}")  # without a resolver
 _SUFFIXES = (".yml", ".yaml", ".json")
 
 
@@ -53,6 +54,15 @@ def _yaml_loader() -> Any:
             yaml.resolver.Resolver.__init__(self)
 
     return Loader
+
+
+def _has_target(value: Any) -> bool:
+    """Return whether a value, or one inside it, refers to a value of the same configuration, as ``${label.survey}``."""
+    if isinstance(value, str):
+        return _TARGET.search(value) is not None
+    if isinstance(value, Mapping):
+        return any(map(_has_target, value.values()))
+    return isinstance(value, list) and any(map(_has_target, value))
 
 
 def _refers(value: Any) -> bool:
@@ -115,6 +125,8 @@ class PlainFilesLoader(OmegaConfigLoader):
         if key == "catalog":
             read = {name: self._with_globals(value) if _refers(value) else value for name, value in read.items()}
         open_ones = {name: value for name, value in read.items() if _refers(value)}
+        if any(_has_target(value) for value in open_ones.values()):
+            open_ones = read  # the target may lie in any section
         resolved: dict[str, Any] = {}
         if open_ones:
             # Kedro merges the runtime parameters once more, in their place.

@@ -33,7 +33,11 @@ _started = _loaded = False
 
 
 def start(preload: str) -> bool:
-    """Start the server, which imports a module before the first fork; return False if this system has none."""
+    """Start the server, which imports a module before the first fork; return False if this system has none.
+
+    Its socket lies in the folder of temporary files. Where the path of that is too long for a socket (108 bytes), or
+    cannot be written, there is no server and each worker loads the libraries by itself.
+    """
     global _started  # noqa: PLW0603  # multiprocessing has one server per process
     if not sys.platform.startswith("linux"):
         return False
@@ -45,9 +49,13 @@ def start(preload: str) -> bool:
         forkserver.set_forkserver_preload([preload])
         resource_tracker.ensure_running()  # it unblocks SIGINT
         os.environ[_DRIVER] = str(os.getpid())
-        with _interrupts_blocked():
-            forkserver.ensure_running()
-        del os.environ[_DRIVER]
+        try:
+            with _interrupts_blocked():
+                forkserver.ensure_running()
+        except OSError:
+            return False
+        finally:
+            del os.environ[_DRIVER]
         _started = True
     return True
 

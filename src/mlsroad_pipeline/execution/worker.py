@@ -130,6 +130,7 @@ def run_scene(job: SceneJob) -> Outcome:
         job.store.check_held(job.token)
         if job.backend == "loky":
             _settle()
+            gc.enable()  # a worker that was not warmed up has inherited it disabled
         with _one_inner_thread(job.backend):
             inputs = load_inputs(job.task.inputs)
             sources = sources or [value.source for value in inputs.values() if isinstance(value, PointCloud)]

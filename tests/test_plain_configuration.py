@@ -1,0 +1,31 @@
+"""Configuration files read by libyaml have the values that Kedro's loader gives."""
+
+import pytest
+from kedro.config import OmegaConfigLoader
+
+from mlsroad_pipeline.config.plain_files import PlainFilesLoader
+
+PARAMETERS = """
+_place: /data
+label: {survey: street.laz, output: "${_place}/out"}
+inspect: {survey: "${label.survey}"}
+ingest: {lengths: [1.0, 2], on: "yes", none: null}
+"""
+CATALOG = """
+_csv: {type: pandas.CSVDataset}
+one: {type: "${_csv.type}", filepath: a.csv}
+two: {type: pandas.CSVDataset, filepath: b.csv}
+"""
+
+
+@pytest.mark.parametrize("kind", ["parameters", "catalog"])
+def test_references_between_sections_are_those_of_kedro(tmp_path, kind):
+    for folder in ("base", "local"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "base/parameters.yml").write_text(PARAMETERS, encoding="utf-8")
+    (tmp_path / "base/catalog.yml").write_text(CATALOG, encoding="utf-8")
+    settings = {"base_env": "base", "default_run_env": "local"}
+    expected = OmegaConfigLoader(str(tmp_path), **settings)[kind]
+    found = PlainFilesLoader(str(tmp_path), **settings)[kind]
+    assert found == expected
+    assert "street.laz" in str(found) or found["one"]["type"] == "pandas.CSVDataset"
