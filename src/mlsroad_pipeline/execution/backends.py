@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import tempfile
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import joblib
@@ -118,18 +116,6 @@ class _Counted:
             yield job
 
 
-def _start_tracker() -> None:
-    """Start loky's tracker of temporary files without standard error: after an interrupt it prints tracebacks."""
-    kept = os.dup(2)
-    try:
-        with Path(os.devnull).open("w") as nowhere:
-            os.dup2(nowhere.fileno(), 2)
-        resource_tracker.ensure_running()  # it unblocks SIGINT
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-
-
 def warm_workers(execution: Execution, function: str) -> None:
     """Start the process pool of the stages and call a function, given by its dotted name, once in each worker.
 
@@ -137,7 +123,8 @@ def warm_workers(execution: Execution, function: str) -> None:
     """
     if fork_server.is_started():
         set_start_method(fork_server.START_METHOD, force=True)
-    _start_tracker()
+    with fork_server.no_standard_error():  # after an interrupt it prints tracebacks
+        resource_tracker.ensure_running()  # it unblocks SIGINT
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # of this thread and the processes that it starts
     n_workers = max(execution.n_local_workers, 2)
     at_once = max(int(joblib.cpu_count()) - 1, 1)  # one core is left to this process

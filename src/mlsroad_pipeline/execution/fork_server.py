@@ -47,7 +47,8 @@ def start(preload: str) -> bool:
             # Of a script without a name, multiprocessing would run the file in each worker.
             main.__spec__ = ModuleSpec("mlsroad_pipeline.__main__", None)
         forkserver.set_forkserver_preload([preload])
-        resource_tracker.ensure_running()  # it unblocks SIGINT
+        with no_standard_error():
+            resource_tracker.ensure_running()  # it unblocks SIGINT
         os.environ[_DRIVER] = str(os.getpid())
         try:
             with _interrupts_blocked():
@@ -68,6 +69,19 @@ def is_started() -> bool:
 def is_loaded() -> bool:
     """Return whether this process is a worker whose server has loaded libraries and kernels."""
     return _loaded
+
+
+@contextmanager
+def no_standard_error() -> Iterator[None]:
+    """Give processes that are started meanwhile no standard error: trackers print warnings of killed processes."""
+    kept = os.dup(2)
+    try:
+        with open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 @contextmanager

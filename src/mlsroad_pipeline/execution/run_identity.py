@@ -81,14 +81,15 @@ def _short(value: Any) -> str:
 def finished_record(output: Path) -> dict[str, Any] | None:
     """Return the record of the last finished run into an output folder, None if there is none.
 
-    Raises ReadError if a record is damaged.
+    Raises ReadError if a record that is not older cannot be read or is damaged.
     """
-    found = None
-    for path in sorted(output.glob(f"{STATE}/*/{RECORD}"), key=lambda path: path.stat().st_mtime_ns):
+    for path in sorted(output.glob(f"{STATE}/*/{RECORD}"), key=lambda path: path.stat().st_mtime_ns, reverse=True):
         try:
             record = json.loads(path.read_text(encoding="utf-8"))
             if record["state"] == FINISHED and record["summary"]:
-                found = dict(record)
-        except (OSError, ValueError, KeyError, TypeError) as error:
+                return dict(record)
+        except OSError as error:
+            raise ReadError(f"{path} cannot be read: {error.strerror}") from error
+        except (ValueError, KeyError, TypeError) as error:
             raise ReadError(f"{path} is damaged: label the survey again (--overwrite)") from error
-    return found
+    return None
