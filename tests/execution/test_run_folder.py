@@ -52,6 +52,23 @@ def test_the_folder_follows_from_survey_and_settings_alone(tmp_path, monkeypatch
     assert run_settings(given)["label"] == {"survey": [str(tmp_path / "a.laz")], "scheme": "asprs"}
 
 
+def test_masks_and_weights_are_settings_of_the_methods_that_use_images_alone(tmp_path):
+    weights = tmp_path / "net.onnx"
+    weights.write_bytes(b"one")
+    plain = {"label": {"survey": "a.laz", "output": "out", "method": "image_labels"}}
+    masks = {"image_labels": {"masks": "train_ids", "weights": None, "classes": "cityscapes", "labels": "labels"}}
+    other = {"image_labels": {**masks["image_labels"], "masks": "others"}}
+    network = {"image_labels": {"masks": None, "weights": str(weights), "classes": "cityscapes"}}
+    found = [run_folder({**plain, **given}) for given in ({}, masks, other, network)]
+    weights.write_bytes(b"other network")
+    assert len({*found, run_folder({**plain, **network})}) == 5
+    trees = {"label": {**plain["label"], "method": "boosted_trees"}}
+    assert run_folder({**trees, **masks}) == run_folder(trees) and "image_labels" not in run_settings(
+        {**trees, **masks}
+    )
+    assert "labels" not in run_settings({**plain, **masks})["image_labels"]
+
+
 def test_a_published_file_is_its_own_and_an_edited_one_is_not(run):
     target = run.publish(written(run))
     assert target == run.output / "a.laz" and target.read_bytes() == b"result"

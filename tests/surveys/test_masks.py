@@ -1,6 +1,7 @@
 """Masks in files and their class maps."""
 
 import struct
+import zipfile
 import zlib
 
 import numpy as np
@@ -64,16 +65,42 @@ def test_probabilities_are_read_with_channels_last_or_first(tmp_path, known, dty
     assert names(known, found)[:4] == [*READ[:3], "vegetation"] and found.sum(axis=2) == pytest.approx(np.ones((4, 5)))
 
 
+def chunk(kind, data):
+    """Return a chunk of a PNG."""
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
 def deep_palette():
     """Return a PNG with a palette and 16 bits a pixel, which the format does not have."""
-
-    def chunk(kind, data):
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
     head = struct.pack(">IIBBBBB", 5, 4, 16, 3, 0, 0, 0)
     rows = zlib.compress(b"".join(b"\0" + b"\0\5" * 5 for _ in range(4)))
     parts = [chunk(b"IHDR", head), chunk(b"PLTE", bytes(48)), chunk(b"IDAT", rows), chunk(b"IEND", b"")]
     return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
+
+
+def grey(bits):
+    """Return a PNG in grey of few bits a pixel."""
+    head = struct.pack(">IIBBBBB", 5, 4, bits, 0, 0, 0, 0)
+    rows = zlib.compress((b"\0" + b"\1" * -(-5 * bits // 8)) * 4)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+
+
+def damaged(path, what):
+    """Write an NPZ and damage its data, the header of its array, or its method of compression."""
+    np.savez_compressed(path, probabilities=np.full((4, 5, 19), 1 / 19))
+    content = bytearray(path.read_bytes())
+    start = 30 + int.from_bytes(content[26:28], "little") + int.from_bytes(content[28:30], "little")
+    if what == "deflate":
+        content[start : start + 8] = b"\xff" * 8
+    elif what == "method":
+        for place in (8, content.index(b"PK\1\2") + 10):
+            content[place : place + 2] = b"\x63\0"
+    else:
+        with zipfile.ZipFile(path, "w") as archive:
+            header = b"\x93NUMPY\1\0\x10\0" + b"{'descr': ((((((("[:16]
+            archive.writestr("probabilities.npy", header)
+        return
+    path.write_bytes(content)
 
 
 def written(path, what):
@@ -83,8 +110,8 @@ def written(path, what):
         Picture.fromarray(np.full((4, 5), 26011, dtype=np.uint16)).save(path)
     elif what == "colours":
         Picture.fromarray(np.zeros((4, 5, 3), dtype=np.uint8)).save(path)
-    elif what == "deep palette":
-        path.write_bytes(deep_palette())
+    elif path.suffix == ".png":
+        path.write_bytes({"deep palette": deep_palette(), "2 bits": grey(2), "4 bits": grey(4), "text": b"no"}[what])
     elif what == "sum":
         np.savez(path, probabilities=np.full((4, 5, 19), 0.5, dtype=np.float32))
     elif what == "nan":
@@ -97,6 +124,8 @@ def written(path, what):
         np.savez(path, probabilities=np.zeros((6, 5, 19), dtype=np.float32))
     elif what == "pickle":
         np.savez(path, probabilities=np.array([{}], dtype=object))
+    elif what in ("deflate", "method", "header"):
+        damaged(path, what)
     else:
         path.write_bytes(b"nothing")
 
@@ -116,6 +145,11 @@ def written(path, what):
         ("shape", "npz", r"float32 of shape \(6, 5, 19\); they must be floats of shape \(4, 5, classes\)"),
         ("pickle", "npz", r"object of shape \(1,\)"),
         ("text", "npz", r"cannot be read as NPZ"),
+        ("deflate", "npz", r"cannot be read as NPZ: error: "),
+        ("method", "npz", r"cannot be read as NPZ: NotImplementedError: "),
+        ("header", "npz", r"cannot be read as NPZ: (TokenError|ValueError): "),
+        ("2 bits", "png", r"the mask is grey of 2 bits; save .* with 8 or 16 bits, or with a palette"),
+        ("4 bits", "png", r"the mask is grey of 4 bits"),
     ],
 )
 def test_a_bad_mask_is_one_line_with_file_and_value(tmp_path, known, what, suffix, told):
@@ -148,6 +182,19 @@ def test_masks_lie_in_one_folder_or_beside_the_pictures_of_each_drive(tmp_path):
         masks_of_drives({"north": drive(tmp_path / "north", "i0", "i1")}, "segmented")
 
 
+def test_names_with_folders_have_masks_in_the_same_folders(tmp_path):
+    for camera in ("front", "rear"):
+        (tmp_path / "segmented" / camera).mkdir(parents=True)
+        Picture.fromarray(NUMBERS).save(tmp_path / "segmented" / camera / "0001.5.png")
+    images = drive(tmp_path, "front/0001.5", "rear/0001.5")
+    for folder in ("segmented", str(tmp_path / "segmented")):
+        found = masks_of_drives({"north": images}, folder)["north"]
+        assert [str(i.path.relative_to(tmp_path)) for i in found] == [f"segmented/{i.name}.png" for i in images]
+    Picture.fromarray(NUMBERS).save(tmp_path / "segmented" / "a.png")
+    with pytest.raises(ReadError, match=r"segmented/a\.png: is the mask of both images 'a\.jpg' and 'a\.png'"):
+        masks_of_drives({"north": drive(tmp_path, "a.jpg", "a.png")}, "segmented")
+
+
 def test_class_maps_are_read_from_csv_and_yaml(tmp_path, scheme):
     (tmp_path / "a.csv").write_text("number, name, class\n1, street, road\n0, unknown,\n")
     (tmp_path / "a.yml").write_text("0: null\n1: {name: street, class: man-made terrain}\n")
@@ -168,6 +215,9 @@ def test_class_maps_are_read_from_csv_and_yaml(tmp_path, scheme):
         ("a.yml", "- road\n", r"must map class numbers to classes"),
         ("a.yml", "0: [road]\n", r"class number 0 has \['road'\]"),
         ("a.yml", "0: {\n", r"not YAML"),
+        ("a.yml", "0: road\n1: car\n0: tree\n", r"a\.yml: class number 0 is repeated"),
+        ("a.yml", "1: road\n0x1: tree\n", r"a\.yml: class number 1 is repeated"),
+        ("a.csv", "number,class\n0,road\n0,tree\n", r"a\.csv: class number 0 is repeated"),
         ("a.txt", "", r"name cityscapes, scheme, or a file"),
     ],
 )

@@ -31,8 +31,11 @@ from mlsroad_pipeline.execution.source_reach import (
     reachable_sources,
 )
 
-NUMERICAL_PACKAGES = ("numpy", "scipy", "numba", "scikit-learn", "open3d", "laspy", "torch", "PyMaxflow")
-"""Packages whose versions are part of every fingerprint: results may differ between versions."""
+NUMERICAL_PACKAGES = (
+    "numpy", "scipy", "numba", "scikit-learn", "open3d", "laspy", "torch", "PyMaxflow",
+    "onnxruntime", "onnxruntime-gpu",
+)  # fmt: skip
+"""Packages whose versions, if installed, are part of every fingerprint: results may differ between versions."""
 
 
 @runtime_checkable

@@ -9,13 +9,20 @@ from pathlib import Path
 from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
-from mlsroad_pipeline.execution.digests import digest_json
+from mlsroad_pipeline.algorithms.models.methods import needs_images
+from mlsroad_pipeline.execution.digests import digest_file, digest_json
 
 STATE = ".mlsroad"
 """Folder below an output that holds the state and the records of its runs; it marks a folder of results."""
 
 GROUPS = ("ingest", "ground_removal", "classes")
 """Groups of parameters that `label` uses besides its own."""
+
+SEGMENTATION = (
+    "classes", "scheme", "reach", "visibility", "magnification", "window", "overlap", "flip", "mean", "spread",
+    "device",
+)  # fmt: skip
+"""Parameters of `image_labels` that `label` uses together with masks or weights."""
 
 UNRELATED = ("output", "overwrite", "keep_state", "copc", "coloured_ply", "export", "photos")
 """Parameters of `label` that change no label: a run with another value of them is the same run."""
@@ -38,8 +45,23 @@ def run_settings(parameters: Mapping[str, Any]) -> dict[str, Any]:
     paths = [survey] if isinstance(survey, str | os.PathLike | int) else list(survey)
     label["survey"] = [absolute(path) for path in paths]
     settings = {"label": label, **{group: parameters.get(group) for group in GROUPS}}
+    if label.get("method") is None or needs_images(str(label["method"])):
+        settings |= _own_segmentation(parameters.get("image_labels") or {})
     plain: dict[str, Any] = json.loads(json.dumps(settings, default=str))
     return plain
+
+
+def _own_segmentation(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings of images segmented by masks or weights, with digests of their files; else none."""
+    masks, weights = given.get("masks"), given.get("weights")
+    if masks is None and weights is None:
+        return {}
+    paths = {name: absolute(given[name]) for name in ("masks", "weights", "classes") if given.get(name) is not None}
+    folder = {"masks": paths["masks"]} if masks is not None and os.path.isdir(paths["masks"]) else {}
+    files = {name: paths[name] for name in ("weights", "classes") if name in paths and os.path.isfile(paths[name])}
+    digests = {f"{name}_digest": digest_file(path) for name, path in files.items()}
+    used = {name: given.get(name) for name in ("masks", "weights", *SEGMENTATION)}
+    return {"image_labels": {**used, **folder, **files, **digests}}
 
 
 def run_folder(parameters: Mapping[str, Any]) -> Path | None:

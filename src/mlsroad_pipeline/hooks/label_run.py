@@ -51,7 +51,8 @@ class LabelRunHooks:
         from mlsroad_pipeline.pipelines.label.repeat import is_finished  # noqa: PLC0415  # `label` alone needs it
 
         parameters = context.params
-        return is_finished(str(folder), run_settings(configured), parameters[LABEL], parameters["ingest"])
+        given = (parameters[name] for name in (LABEL, "ingest", "image_labels"))
+        return is_finished(str(folder), run_settings(configured), *given)
 
     @hook_impl
     def before_pipeline_run(self) -> None:

@@ -10,6 +10,8 @@ import numpy as np
 import pandas as pd
 
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
+from mlsroad_pipeline.algorithms.models.members import member
+from mlsroad_pipeline.algorithms.models.methods import needs_images
 from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
 from mlsroad_pipeline.execution.run_identity import absolute
 from mlsroad_pipeline.label.confidence import LOW, confidence_table
@@ -47,6 +49,7 @@ class LabelSummary(TypedDict):
     method: str
     model: Any
     trained_on: Any
+    segmentation: dict[str, str] | None
     n_files: int
     n_points: int
     classes: dict[str, int]
@@ -77,6 +80,16 @@ def class_counts(bundle: ModelBundle, total: LabelCounts) -> dict[str, int]:
     return dict(zip(names, total["counts"].tolist(), strict=True))
 
 
+def segmentation_source(bundle: ModelBundle) -> dict[str, str] | None:
+    """Return the name and the class map of the segmentation of a model that uses images, None for other models."""
+    if not needs_images(bundle.slug):
+        return None
+    how = member(bundle, "image_labels").metadata.get("segmentation")
+    if how is None:  # a network that an earlier version trained
+        return {"name": "trained network", "classes": f"scheme {bundle_scheme(bundle).name!r}"}
+    return {"name": str(how["name"]), "classes": str(how["classes"]["source"])}
+
+
 def summarise_labels(
     bundle: ModelBundle,
     parameters: LabelParameters,
@@ -100,6 +113,7 @@ def summarise_labels(
         "method": bundle.slug,
         "model": model_source(bundle),
         "trained_on": bundle.metadata.get("trained_on"),
+        "segmentation": segmentation_source(bundle),
         "n_files": len(quality),
         "n_points": int(quality["n_points"].sum()),
         "classes": {name: count for name, count in class_counts(bundle, total).items() if count},

@@ -17,9 +17,9 @@ from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
 from mlsroad_pipeline.algorithms.image_labels.camera import LARGEST, Camera
 from mlsroad_pipeline.algorithms.image_labels.poses import PoseTrack, rotation_of
 from mlsroad_pipeline.formats.files import WRONG, named_errors
-from mlsroad_pipeline.surveys.images import PosedImage, SurveyImages
+from mlsroad_pipeline.surveys.images import PICTURES, PosedImage, SurveyImages
 
-_SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+_SUFFIXES = ("", *PICTURES)
 _LENS = ("k1", "k2", "p1", "p2", "k3")
 _POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 

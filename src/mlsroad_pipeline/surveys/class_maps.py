@@ -68,11 +68,14 @@ def _csv_rows(text: str, source: str) -> list[tuple[Any, Any, Any]]:
 
 def _yaml_rows(text: str, source: str) -> list[tuple[Any, Any, Any]]:
     try:
-        given = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+        keys, given = _keys_and_content(text)
+    except (yaml.YAMLError, ValueError) as error:
         raise ReadError(f"{source}: not YAML: {' '.join(str(error).split())}") from error
     if not isinstance(given, dict):
         raise ReadError(f"{source}: must map class numbers to classes, such as `0: road`, not {given!r:.60}")
+    repeated = next((key for k, key in enumerate(keys) if key in keys[:k]), None)
+    if repeated is not None:
+        raise ReadError(f"{source}: class number {repeated} is repeated")
     rows = []
     for number, value in given.items():
         if isinstance(value, dict) and set(value) <= {"name", "class"}:
@@ -82,3 +85,13 @@ def _yaml_rows(text: str, source: str) -> list[tuple[Any, Any, Any]]:
         else:
             raise ReadError(f"{source}: class number {number} has {value!r:.60}, not a class or {{name, class}}")
     return rows
+
+
+def _keys_and_content(text: str) -> tuple[list[Any], Any]:
+    """Return the keys of a YAML mapping, of which PyYAML keeps the last of equal ones, and its content."""
+    loader = yaml.SafeLoader(text)
+    node = loader.get_single_node()
+    if not isinstance(node, yaml.MappingNode):
+        return [], None if node is None else loader.construct_document(node)
+    keys = [loader.construct_object(key) for key, _ in node.value if key.tag != "tag:yaml.org,2002:merge"]
+    return keys, loader.construct_document(node)

@@ -46,11 +46,11 @@ class DriveImages:
     @property
     def folder(self) -> str:
         """Folder of the pictures."""
-        return str(self.images[0].path.parent)
+        return str(self.images[0].root)
 
     def folder_of(self, masks: str | None) -> str:
         """Return the folder of the pictures, or that of the masks."""
-        return self.folder if masks is None else str(masks_folder(self.images[0].path, masks))
+        return self.folder if masks is None else str(masks_folder(self.images[0], masks))
 
 
 def images_of_drives(

@@ -16,6 +16,9 @@ from PIL import UnidentifiedImageError
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+"""Suffixes of pictures, which the name of an image may lack."""
+
 
 @dataclass(frozen=True)
 class PosedImage:
@@ -24,7 +27,7 @@ class PosedImage:
     Parameters
     ----------
     name : str
-        Unique in the survey.
+        Unique in the survey; it may have folders, such as ``front/0001``.
     group : str
         Name of the camera, such as ``front_left``.
     time : float
@@ -41,6 +44,12 @@ class PosedImage:
     camera: Camera
     path: Path
 
+    @property
+    def root(self) -> Path:
+        """Folder of the pictures, from which the name of the image starts."""
+        name = Path(self.name)
+        return self.path.parent if name.is_absolute() else self.path.parents[max(len(name.parts), 1) - 1]
+
     def load(self) -> NDArray[np.uint8]:
         """Return the picture."""
         return read_picture(self.path, self.camera, self.name)
@@ -52,7 +61,7 @@ class PosedImage:
 
     def load_labels(self, folder: str) -> NDArray[np.uint8]:
         """Return the label image from a folder beside the pictures."""
-        path = self.path.parent.parent / folder / f"{self.path.stem}.png"
+        path = self.root.parent / folder / self.path.relative_to(self.root).with_suffix(".png")
         with opened_picture(path, self.camera, self.name) as picture:
             labels: NDArray[np.uint8] = np.asarray(picture).astype(np.uint8)
         return labels

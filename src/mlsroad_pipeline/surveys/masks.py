@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import lzma
+import struct
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,16 +16,24 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 from mlsroad_pipeline.algorithms.image_labels.legend import Legend
-from mlsroad_pipeline.surveys.images import SurveyImages, opened_picture
+from mlsroad_pipeline.surveys.images import PICTURES, PosedImage, SurveyImages, opened_picture
 
 SUFFIXES = (".npz", ".png")
 PROBABILITIES = "probabilities"
 """Array of an NPZ mask."""
 
-_MODES = ("1", "L", "P", "I;16", "I;16B", "I")
+_MODES = ("L", "P", "I;16", "I;16B", "I")
 _TOLERANCE = 0.01
+_HEADER = 26
+"""Bytes of a PNG up to its bit depth and colour type."""
+_DAMAGED = (
+    OSError, EOFError, ValueError, SyntaxError, RuntimeError, zipfile.BadZipFile, zlib.error, lzma.LZMAError,
+    struct.error, tokenize.TokenError,
+)  # fmt: skip
+"""Errors of zipfile and NumPy for damaged or encrypted archives and headers of arrays."""
 
 
 @dataclass(frozen=True)
@@ -62,25 +74,34 @@ def masks_of_drives(drives: Mapping[str, SurveyImages], folder: str) -> dict[str
 
 
 def with_masks(images: SurveyImages, folder: str) -> SurveyImages:
-    """Return images whose paths are those of their masks."""
-    moved = []
+    """Return images whose paths are those of their masks; raise ReadError if two images have the same mask."""
+    moved: dict[Path, PosedImage] = {}
     for image in images:
-        moved.append(replace(image, path=mask_of(masks_folder(image.path, folder), image.name)))
-    return SurveyImages(tuple(moved), images.origin, images.source)
+        path = mask_of(masks_folder(image, folder), image.name)
+        if path in moved:
+            raise ReadError(
+                f"{path}: is the mask of both images {moved[path].name!r} and {image.name!r}; name masks as the "
+                "images, such as a.jpg.png and a.png.png"
+            )
+        moved[path] = replace(image, path=path)
+    return SurveyImages(tuple(moved.values()), images.origin, images.source)
 
 
-def masks_folder(picture: Path, folder: str) -> Path:
-    """Return the folder of the mask of a picture: a path that exists, or the name of a folder beside the pictures."""
-    return Path(folder) if Path(folder).is_dir() else picture.parent.parent / folder
+def masks_folder(image: PosedImage, folder: str) -> Path:
+    """Return the folder of the mask of an image: a path that exists, or the name of a folder beside the pictures."""
+    return Path(folder) if Path(folder).is_dir() else image.root.parent / folder
 
 
 def mask_of(folder: Path, name: str) -> Path:
     """Return the mask of an image; its name may or may not have the suffix of the picture."""
-    for stem in dict.fromkeys((name, Path(name).stem)):
+    own = Path(name).name if Path(name).is_absolute() else name
+    bare = Path(own)
+    bare = bare.with_suffix("") if bare.suffix.lower() in PICTURES else bare
+    for stem in dict.fromkeys((own, str(bare))):
         for suffix in SUFFIXES:
             if (path := folder / f"{stem}{suffix}").is_file():
                 return path
-    raise ReadError(f"{folder}: no mask of image {name!r}: neither {Path(name).stem}.png nor {Path(name).stem}.npz")
+    raise ReadError(f"{folder}: no mask of image {name!r}: neither {bare}.png nor {bare}.npz")
 
 
 def check_mask(path: Path, camera: Camera) -> None:
@@ -88,6 +109,11 @@ def check_mask(path: Path, camera: Camera) -> None:
     if path.suffix == ".npz":
         _shape_of(path, camera)
         return
+    depth = _grey_depth(path)
+    if depth < 8:
+        raise ReadError(
+            f"{path}: the mask is grey of {depth} bits; save the class numbers with 8 or 16 bits, or with a palette"
+        )
     with opened_picture(path, camera, path.stem) as picture:
         if picture.mode not in _MODES:
             raise ReadError(
@@ -107,6 +133,17 @@ def read_mask(path: str | Path, camera: Camera, known: MaskLegend) -> NDArray[np
     return known.legend.of_numbers(numbers, known.scheme, source=str(source))
 
 
+def _grey_depth(path: Path) -> int:
+    """Return the bits of a pixel of a grey PNG, whose numbers Pillow scales below 8 bits; 8 for other files."""
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(_HEADER)
+    except OSError:  # `opened_picture` reports it
+        return 8
+    is_grey = head.startswith(b"\x89PNG") and len(head) == _HEADER and head[25] in (0, 4)
+    return head[24] if is_grey else 8
+
+
 def _shape_of(path: Path, camera: Camera) -> tuple[int, ...]:
     """Return the shape of the probabilities; only the header is read."""
     try:
@@ -116,8 +153,8 @@ def _shape_of(path: Path, camera: Camera) -> tuple[int, ...]:
             shape, _, dtype = reader(member)
     except KeyError:
         raise ReadError(f"{path}: holds no array {PROBABILITIES!r}") from None
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise ReadError(f"{path}: cannot be read as NPZ: {error}") from error
+    except _DAMAGED as error:
+        raise _no_npz(path, error) from error
     size = (camera.height, camera.width)
     if dtype.kind != "f" or len(shape) != 3 or size not in (shape[:2], shape[1:]):
         raise ReadError(
@@ -127,13 +164,17 @@ def _shape_of(path: Path, camera: Camera) -> tuple[int, ...]:
     return shape
 
 
+def _no_npz(path: Path, error: Exception) -> ReadError:
+    return ReadError(f"{path}: cannot be read as NPZ: {type(error).__name__}: {printable(error)[:200]}")
+
+
 def _probabilities(path: Path, camera: Camera) -> NDArray[np.floating]:
     shape = _shape_of(path, camera)
     try:
         with np.load(path, allow_pickle=False) as archive:
             values: NDArray[np.floating] = archive[PROBABILITIES]
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise ReadError(f"{path}: cannot be read as NPZ: {error}") from error
+    except _DAMAGED as error:
+        raise _no_npz(path, error) from error
     if shape[:2] != (camera.height, camera.width):  # channels first
         values = np.moveaxis(values, 0, 2)
     total = values.sum(axis=2, dtype=np.float64)

@@ -114,3 +114,29 @@ def test_points_alone_and_wrong_parameters_are_refused(model):
         ImageLabelsParameters(reach=-1)
     with pytest.raises(ParameterError, match="calibration must be a name, got ''"):
         ImageLabelsParameters(calibration="")
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"mean": 5}, "mean must be three numbers for red, green and blue, got 5"),
+        ({"mean": ["a", 1, 2]}, r"mean must be three numbers .* got \['a', 1, 2\]"),
+        ({"spread": [1, 2, 0]}, "spread must be three numbers above 0"),
+        ({"overlap": "a"}, r"overlap must be in \[0, 1\), got 'a'"),
+        ({"flip": "no"}, "flip must be true or false, got 'no'"),
+        ({"masks": 7}, "masks must be a name, got 7"),
+        ({"weights": ["a"]}, r"weights must be a name, got \['a'\]"),
+        ({"classes": None}, "classes must be a name, got None"),
+        ({"window": [True, 5]}, "window must be height and width"),
+    ],
+)
+def test_values_of_other_types_are_named(given, told):
+    with pytest.raises(ParameterError, match=told):
+        ImageLabelsParameters(**given)
+
+
+def test_the_home_folder_is_expanded_in_paths(monkeypatch):
+    monkeypatch.setenv("HOME", "/home/me")
+    found = ImageLabelsParameters(masks="~/m", classes="~/c.csv")
+    assert (found.masks, found.classes) == ("/home/me/m", "/home/me/c.csv")
+    assert ImageLabelsParameters(weights="~/w.pth").weights == "/home/me/w.pth"

@@ -4,6 +4,7 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.image_labels import onnx_network
 from mlsroad_pipeline.algorithms.image_labels.onnx_network import OnnxNetwork
 from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
 
@@ -85,9 +86,21 @@ def test_what_is_no_segmentation_network_is_named(image):
     numbers = brightest(
         end=[helper.make_node("ArgMax", ["raw"], ["scores"], axis=1, keepdims=0)], out=TensorProto.INT64
     )
+    last = [
+        helper.make_node("ArgMax", ["raw"], ["first"], axis=1, keepdims=1),
+        helper.make_node("Transpose", ["first"], ["scores"], perm=[0, 2, 3, 1]),
+    ]
+    with pytest.raises(DataError, match=r"x\.onnx: returns int64 \(1, 64, 64, 1\), not class numbers"):
+        OnnxNetwork(brightest(end=last, out=TensorProto.INT64), **flat(source="x.onnx"))
     network = OnnxNetwork(numbers, **flat(n_numbers=2))
     with pytest.raises(DataError, match=r"returns class number 2, the class map has 2"):
         segment_image(network, image)
     with pytest.raises(ParameterError, match="device must be one of auto, cpu, cuda"):
         OnnxNetwork(brightest(), **flat(device="tpu"))
     assert onnx.__version__
+
+
+def test_cuda_that_onnxruntime_replaces_by_the_cpu_is_an_error(monkeypatch):
+    monkeypatch.setattr(onnx_network, "_providers", lambda _: ["CPUExecutionProvider"])
+    with pytest.raises(ParameterError, match=r"x\.onnx: device is 'cuda', but onnxruntime cannot use CUDA here"):
+        OnnxNetwork(brightest(), **flat(device="cuda", source="x.onnx"))

@@ -1,15 +1,17 @@
 """Models of masks and of networks trained elsewhere."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import onnx
+import pandas as pd
 import pytest
 import torch
 from onnx import TensorProto, helper, numpy_helper
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
+from mlsroad_pipeline.algorithms.image_labels import onnx_network, segmenters
 from mlsroad_pipeline.algorithms.image_labels.pspnet import PSPNet
 from mlsroad_pipeline.algorithms.image_labels.segmenters import network_of, segmenter_of
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
@@ -17,7 +19,8 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.members import member, with_members
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
 from mlsroad_pipeline.datasets.models.own_segmentation import own_model, with_own_segmentation
-from mlsroad_pipeline.label.model_choice import ModelRequest, image_request
+from mlsroad_pipeline.label.model_choice import ModelRequest, image_request, named_choice
+from mlsroad_pipeline.label.summary import segmentation_source
 
 SCHEME = ClassScheme("two", ("ground", "thing"), (("road", "sidewalk"), ("car", "tree")), (), (2, 6))
 MAP = "number,class\n0,road\n1,car\n2,\n"
@@ -54,6 +57,20 @@ def test_a_network_in_onnx_is_stored_with_its_classes(tmp_path, classes):
     assert made.metadata["segmentation"]["classes"]["rows"][1] == [1, "car", "car"]
 
 
+def test_the_network_of_a_process_is_built_once(tmp_path, classes, monkeypatch):
+    path, built = network_file(tmp_path), []
+    one, other = (
+        own_model(ImageLabelsParameters(weights=path, classes=classes, flip=f), SCHEME) for f in (True, False)
+    )
+    third = own_model(ImageLabelsParameters(weights=path, classes=classes, mean=(1, 2, 3)), SCHEME)
+    true = onnx_network.OnnxNetwork
+    monkeypatch.setattr(segmenters, "_kept", {})
+    monkeypatch.setattr(onnx_network, "OnnxNetwork", lambda *given, **more: built.append(1) or true(*given, **more))
+    for model, count in ((one, 1), (other, 1), (third, 2), (one, 3)):
+        segmenter_of(model)
+        assert len(built) == count
+
+
 def test_published_weights_are_stored_with_their_classes(tmp_path, classes):
     torch.manual_seed(1)
     network = PSPNet(3, backbone="resnet50")
@@ -83,8 +100,36 @@ def test_the_segmentation_of_a_fusion_is_replaced(classes):
     assert network.metadata["segmentation"]["source"] == "masks" and network.metadata["cameras"] == ["front"]
     assert network.metadata["parameters"]["reach"] == 20.0 and not network.arrays
     assert list(member(changed, "detrended_forest").arrays) == ["a"] and "bias" in changed.arrays
+    assert segmentation_source(changed) == {"name": "masks of m", "classes": classes}
+    assert segmentation_source(members["detrended_forest"]) is None
+    assert segmentation_source(fusion) == {"name": "trained network", "classes": "scheme 'two'"}
     with pytest.raises(ParameterError, match="has no member 'image_labels'"):
         with_own_segmentation(members["detrended_forest"], ImageLabelsParameters(masks="m", classes=classes))
+
+
+def test_the_device_of_the_run_takes_the_place_of_the_stored_one(tmp_path, classes):
+    made = own_model(ImageLabelsParameters(weights=network_file(tmp_path), classes=classes), SCHEME, cameras=["front"])
+    parameters = {**made.metadata["parameters"], "device": "cuda", "reach": 12.0}
+    trained = replace(made, metadata={**made.metadata, "parameters": parameters})
+    forest = ModelBundle("detrended_forest", {}, {**made.metadata, "parameters": {}})
+    fusion = with_members(
+        ModelBundle("fusion", {}, made.metadata), {"detrended_forest": forest, "image_labels": trained}
+    )
+    for stored in (trained, fusion):
+        save_bundle(stored, tmp_path / stored.slug)
+        request = ModelRequest(stored.slug, named_choice(model=str(tmp_path / stored.slug)))
+        bundle, _ = image_request(request, ImageLabelsParameters(device="cpu"), {}).bundle(pd.DataFrame(), {})
+        network = member(bundle, "image_labels")
+        assert network.metadata["parameters"]["device"] == "cpu" and network.metadata["parameters"]["reach"] == 12.0
+        assert segmenter_of(network)(np.zeros((32, 32, 3), np.uint8)).shape == (32, 32, 2)
+
+
+def test_masks_do_not_go_with_a_named_model_of_images(tmp_path, classes):
+    save_bundle(own_model(ImageLabelsParameters(masks="m", classes=classes), SCHEME), tmp_path / "model")
+    named = named_choice(model=str(tmp_path / "model"))
+    for method in (None, "image_labels"):
+        with pytest.raises(ParameterError, match=r"masks takes the place of .*model .*: set label\.model to null"):
+            image_request(ModelRequest(method, named), ImageLabelsParameters(masks="m", classes=classes), {})
 
 
 def test_own_segmentation_needs_a_method_that_uses_images(classes, caplog):
@@ -92,7 +137,7 @@ def test_own_segmentation_needs_a_method_that_uses_images(classes, caplog):
         "classes": {n: {"members": list(m), "asprs": 2} for n, m in zip(SCHEME.classes, SCHEME.members, strict=True)}
     }}  # fmt: skip
     plain = ModelRequest("boosted_trees")
-    assert image_request(plain, ImageLabelsParameters(), schemes) is plain
+    assert image_request(plain, ImageLabelsParameters(), schemes) == plain
     assert image_request(ModelRequest("image_labels"), masked, schemes).own.slug == "image_labels"
     assert image_request(ModelRequest("fusion"), masked, schemes).images is masked and "another" in caplog.text
     with pytest.raises(ParameterError, match=r"image_labels\.masks is set: use label\.method=image_labels or fusion"):

@@ -24,6 +24,7 @@ except ImportError as error:
 STEP = 32
 """Sides of images are rounded to multiples of it where a network takes any size, pixels."""
 
+_CUDA = "CUDAExecutionProvider"
 _TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
 
 
@@ -65,6 +66,11 @@ class OnnxNetwork:
             self._session = onnxruntime.InferenceSession(content, options, providers=providers)
         except Exception as error:  # onnxruntime has an error class for each kind of failure
             raise DataError(f"{source}: cannot be read as an ONNX model: {_one_line(error)}") from error
+        if device == "cuda" and _CUDA not in self._session.get_providers():  # onnxruntime takes the CPU instead
+            raise ParameterError(
+                f"{source}: device is 'cuda', but onnxruntime cannot use CUDA here (it runs with "
+                f"{', '.join(self._session.get_providers())}): install its CUDA libraries, or use device 'cpu'"
+            )
         given = self._session.get_inputs()
         shape = list(given[0].shape) if len(given) == 1 else []
         if len(shape) != 4 or 3 not in (shape[1], shape[3]) or given[0].type not in _TYPES:
@@ -106,23 +112,27 @@ class OnnxNetwork:
             image = (image * spread + mean).round().clamp(0, 255)
         pixels = np.ascontiguousarray(image.numpy().transpose(0, 2, 3, 1) if self._last else image.numpy())
         try:
-            out = self._session.run(None, {self._name: pixels.astype(self._type)})[0]
+            out = np.asarray(self._session.run(None, {self._name: pixels.astype(self._type)})[0])
         except Exception as error:  # as above
             raise DataError(
                 f"{self.source}: fails on an image of {sides[1]} x {sides[0]} pixels: {_one_line(error)}"
             ) from error
-        return _resized(self._log_odds(np.asarray(out)), size), None
+        return _resized(self._log_odds(out), size), None
 
     def _log_odds(self, out: NDArray) -> Tensor:
         if out.dtype.kind in "iu":
-            numbers = out.reshape(1, *out.shape[-2:]).astype(np.int64)
-            if numbers.max(initial=0) >= self._n_numbers or numbers.min(initial=0) < 0:
+            if out.ndim not in (3, 4) or set(out.shape[:-2]) != {1} or not out.size:
                 raise DataError(
-                    f"{self.source}: returns class number {numbers.max()}, the class map has {self._n_numbers}"
+                    f"{self.source}: returns {out.dtype} {out.shape}, not class numbers (1, rows, columns) or "
+                    "(1, 1, rows, columns)"
                 )
+            numbers = out.reshape(1, *out.shape[-2:]).astype(np.int64)
+            if numbers.max() >= self._n_numbers or numbers.min() < 0:
+                wrong = numbers.min() if numbers.min() < 0 else numbers.max()
+                raise DataError(f"{self.source}: returns class number {wrong}, the class map has {self._n_numbers}")
             shares = functional.one_hot(torch.from_numpy(numbers), self._n_numbers).permute(0, 3, 1, 2).float()
             return torch.log(shares.clamp(min=1e-6))
-        if out.ndim != 4 or out.dtype.kind != "f":
+        if out.ndim != 4 or len(out) != 1 or not out.size or out.dtype.kind != "f":
             raise DataError(f"{self.source}: returns {out.dtype} {out.shape}, not scores (1, classes, rows, columns)")
         scores = torch.from_numpy(out.astype(np.float32))
         if out.min() >= 0 and np.abs(out.sum(axis=1, dtype=np.float64) - 1).max() < 1e-2:
@@ -141,10 +151,10 @@ def _providers(device: str) -> list[str]:
     available = onnxruntime.get_available_providers()
     if device not in ("auto", "cpu", "cuda"):
         find_device(device)
-    if device == "cuda" and "CUDAExecutionProvider" not in available:
+    if device == "cuda" and _CUDA not in available:
         raise ParameterError("device is 'cuda', but onnxruntime has no CUDA: install onnxruntime-gpu, or use 'cpu'")
     return [
-        *(["CUDAExecutionProvider"] if device != "cpu" and "CUDAExecutionProvider" in available else []),
+        *([_CUDA] if device != "cpu" and _CUDA in available else []),
         "CPUExecutionProvider",
     ]
 

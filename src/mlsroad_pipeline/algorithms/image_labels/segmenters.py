@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -18,6 +19,8 @@ from mlsroad_pipeline.algorithms.models.torch_training import find_device
 
 MASKS, NETWORK, ONNX = "masks", "network", "onnx"
 """Ways in which the images of a model are segmented."""
+
+_kept: dict[tuple[Any, ...], Segmenter] = {}
 
 
 def segmentation_of(bundle: ModelBundle) -> Mapping[str, Any]:
@@ -119,10 +122,17 @@ def segmenter_of(bundle: ModelBundle) -> Callable[[NDArray[np.uint8]], NDArray[n
 
 
 def _onnx_network(bundle: ModelBundle, legend: Legend) -> Segmenter:
+    """Return the network of an ONNX model; the last one of the process is kept, since it is built for every scene."""
     from mlsroad_pipeline.algorithms.image_labels.onnx_network import OnnxNetwork  # noqa: PLC0415  an extra
 
     how, p = segmentation_of(bundle), bundle.metadata["parameters"]
-    return OnnxNetwork(
-        np.asarray(bundle.arrays[ONNX]).tobytes(), n_numbers=legend.n_scores, mean=p["mean"], spread=p["spread"],
-        device=p["device"], source=str(how["name"]),
-    )  # fmt: skip
+    content = np.ascontiguousarray(bundle.arrays[ONNX])
+    settings = (legend.n_scores, tuple(p["mean"]), tuple(p["spread"]), p["device"], str(how["name"]))
+    key = (hashlib.blake2b(content).hexdigest(), *settings)
+    if key not in _kept:
+        _kept.clear()
+        n_numbers, mean, spread, device, source = settings
+        _kept[key] = OnnxNetwork(
+            content.tobytes(), n_numbers=n_numbers, mean=mean, spread=spread, device=device, source=source
+        )
+    return _kept[key]

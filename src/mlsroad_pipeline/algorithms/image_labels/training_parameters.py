@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from numbers import Real
 
 import numpy as np
 
@@ -197,9 +199,13 @@ class ImageLabelsParameters:
         check_positive(self.reach, "reach")
         given = (TRAINED_AT if self.weights is None else 1.0) if self.magnification is None else self.magnification
         object.__setattr__(self, "magnification", check_magnifications(given))
-        for name in ("calibration", "labels", "classes", "scheme"):
-            if not getattr(self, name):
-                raise ParameterError(f"{name} must be a name, got {getattr(self, name)!r}")
+        for name in ("calibration", "labels", "classes", "scheme", "masks", "weights"):
+            value = getattr(self, name)
+            if (value is not None or name not in ("masks", "weights")) and not (isinstance(value, str) and value):
+                raise ParameterError(f"{name} must be a name, got {value!r}")
+        for name in ("masks", "weights", "classes"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, os.path.expanduser(getattr(self, name)))
         if self.masks is not None and self.weights is not None:
             raise ParameterError(f"masks {self.masks!r} and weights {self.weights!r} are both given: set one to null")
         self._check_segmentation()
@@ -207,18 +213,15 @@ class ImageLabelsParameters:
     def _check_segmentation(self) -> None:
         if self.window is not None:
             sides = tuple(self.window) if isinstance(self.window, Sequence) else (self.window,)
-            if len(sides) != 2 or any(not isinstance(side, int) or side < 1 for side in sides):
+            if len(sides) != 2 or any(type(side) is not int or side < 1 for side in sides):
                 raise ParameterError(f"window must be height and width in pixels, got {self.window!r}")
             object.__setattr__(self, "window", sides)
-        if not 0 <= self.overlap < 1:
+        if not _is_number(self.overlap) or not 0 <= self.overlap < 1:
             raise ParameterError(f"overlap must be in [0, 1), got {self.overlap!r}")
+        if not isinstance(self.flip, bool):
+            raise ParameterError(f"flip must be true or false, got {self.flip!r}")
         for name in ("mean", "spread"):
-            values = tuple(float(value) for value in getattr(self, name))
-            if len(values) != 3 or not np.isfinite(values).all() or (name == "spread" and min(values) <= 0):
-                raise ParameterError(
-                    f"{name} must be three numbers for red, green and blue, got {getattr(self, name)!r}"
-                )
-            object.__setattr__(self, name, values)
+            object.__setattr__(self, name, _colour(getattr(self, name), name, positive=name == "spread"))
         for name, known in (("device", ("auto", "cpu", "cuda")), ("visibility", ("depth_buffer", "hidden_points"))):
             if getattr(self, name) not in known:
                 raise ParameterError(f"{name} must be one of {', '.join(known)}, got {getattr(self, name)!r}")
@@ -232,6 +235,19 @@ class ImageLabelsParameters:
     def own_segmentation(self) -> bool:
         """Return whether images are segmented by masks or by a network trained elsewhere."""
         return self.masks is not None or self.weights is not None
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and bool(np.isfinite(value))
+
+
+def _colour(given: object, name: str, *, positive: bool) -> tuple[float, ...]:
+    """Return three numbers for red, green and blue, or raise ParameterError."""
+    values = tuple(given) if isinstance(given, Sequence) else ()
+    if len(values) != 3 or not all(_is_number(value) for value in values) or (positive and min(values) <= 0):
+        more = " above 0" if positive else ""
+        raise ParameterError(f"{name} must be three numbers{more} for red, green and blue, got {given!r}")
+    return tuple(float(value) for value in values)
 
 
 def check_magnifications(given: float | Sequence[float]) -> tuple[float, ...]:

@@ -28,7 +28,11 @@ def own_model(
     from mlsroad_pipeline.algorithms.image_labels.labeller import make_model  # noqa: PLC0415  it imports torch
 
     legend = read_class_map(parameters.classes, scheme)
-    arrays, how = ({}, _of_masks(parameters)) if parameters.weights is None else _of_weights(parameters, legend)
+    arrays: dict[str, Any] = {}
+    how: dict[str, Any] = {"source": "masks"}
+    if parameters.weights is not None:
+        arrays, how = _of_weights(parameters, legend)
+    how["name"] = segmentation_name(parameters)
     return make_model(
         arrays, {**how, "classes": legend.to_json()}, parameters=parameters, scheme=scheme, cameras=cameras,
         trained_on={"segmentation": how["name"], "classes": parameters.classes, **(trained_on or {})},
@@ -47,8 +51,25 @@ def with_own_segmentation(bundle: ModelBundle, parameters: ImageLabelsParameters
     return with_members(replace(bundle, arrays=rest), {**kept, "image_labels": own})
 
 
-def _of_masks(parameters: ImageLabelsParameters) -> dict[str, Any]:
-    return {"source": "masks", "name": f"masks of {parameters.masks}"}
+def segmentation_name(parameters: ImageLabelsParameters) -> str:
+    """Return the name of the masks or the weights that the parameters name, for logs and summaries."""
+    return f"masks of {parameters.masks}" if parameters.weights is None else str(parameters.weights)
+
+
+def with_device(bundle: ModelBundle, device: str) -> ModelBundle:
+    """Return a model whose images are segmented on another device than its training named."""
+    metadata = dict(bundle.metadata)
+    if bundle.slug != "image_labels":
+        members = metadata.get("members", {})
+        if "image_labels" not in members:
+            return bundle
+        metadata["members"] = {**members, "image_labels": _on(members["image_labels"], device)}
+        return replace(bundle, metadata=metadata)
+    return replace(bundle, metadata=_on(metadata, device))
+
+
+def _on(metadata: Mapping[str, Any], device: str) -> dict[str, Any]:
+    return {**metadata, "parameters": {**metadata["parameters"], "device": device}}
 
 
 def _of_weights(parameters: ImageLabelsParameters, legend: Legend) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -58,14 +79,14 @@ def _of_weights(parameters: ImageLabelsParameters, legend: Legend) -> tuple[dict
     if path.suffix.lower() == ".onnx":
         arrays: dict[str, Any] = {"onnx": _content(path)}
         count = _onnx_classes(arrays["onnx"], parameters, legend, str(path))
-        how: dict[str, Any] = {"source": "onnx", "name": str(path)}
+        how: dict[str, Any] = {"source": "onnx"}
     else:
         from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import to_arrays  # noqa: PLC0415  torch
         from mlsroad_pipeline.datasets.models.pspnet_checkpoint import load_published  # noqa: PLC0415
 
         network = load_published(path)
         count, arrays = network.n_classes, to_arrays(network)
-        how = {"source": "network", "name": str(path), "backbone": network.backbone, "n_classes": count}
+        how = {"source": "network", "backbone": network.backbone, "n_classes": count}
     if count != legend.n_scores:
         raise DataError(
             f"{path}: has {count} classes, {legend.source} names {legend.n_scores} from 0: set image_labels.classes to "

@@ -10,7 +10,10 @@ from typing import Any
 from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
+from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
+from mlsroad_pipeline.algorithms.models.methods import needs_images
 from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
+from mlsroad_pipeline.datasets.models.own_segmentation import segmentation_name
 from mlsroad_pipeline.datasets.models.registered_models import PREFIX, configured_store
 from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel
 from mlsroad_pipeline.execution.output_lock import OutputInUseError, lock_output
@@ -27,8 +30,9 @@ logger = logging.getLogger(__name__)
 
 
 def is_finished(
-    folder: str, settings: Mapping[str, Any], parameters: LabelParameters, ingest: IngestParameters
-) -> bool:
+    folder: str, settings: Mapping[str, Any], parameters: LabelParameters, ingest: IngestParameters,
+    images: ImageLabelsParameters,
+) -> bool:  # fmt: skip
     """Return whether the results of a run are there and nothing has changed."""
     run = RunFolder(folder, settings)
     record = run.read()
@@ -37,10 +41,20 @@ def is_finished(
     try:
         if not finished_record(run, record, plan_labelling(parameters, ingest), parameters):
             return False
+        summary = record["summary"]
+        if needs_images(summary["method"]) and not _is_segmented(images, summary.get("segmentation") or {}):
+            return False
+        if images.own_segmentation and parameters.method == summary["method"] == "image_labels":
+            return parameters.model is None  # no registered model takes part
         named = named_choice(method=parameters.method, model=parameters.model, store=configured_store())
     except MlsRoadError:  # the run itself reports it
         return False
-    return _is_same(named, record["summary"]["model"])
+    return _is_same(named, summary["model"])
+
+
+def _is_segmented(images: ImageLabelsParameters, used: Mapping[str, str]) -> bool:
+    """Return whether the images were segmented by the masks or the weights that are named; the model decides else."""
+    return not images.own_segmentation or used.get("name") == segmentation_name(images)
 
 
 def _is_same(named: ModelChoice | None, used: Any) -> bool:

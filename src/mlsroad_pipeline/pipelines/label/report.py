@@ -18,7 +18,7 @@ from mlsroad_pipeline.algorithms.models.methods import needs_images
 from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory, line_vertices
 from mlsroad_pipeline.label.confidence import confidence_table
 from mlsroad_pipeline.label.scene import LabelCounts
-from mlsroad_pipeline.label.summary import class_counts, summed_counts, written_clouds
+from mlsroad_pipeline.label.summary import class_counts, segmentation_source, summed_counts, written_clouds
 from mlsroad_pipeline.label.work import WrittenFile
 from mlsroad_pipeline.pipelines.label.report_pictures import ReportPictures
 from mlsroad_pipeline.reporting.html.gallery import GallerySection
@@ -73,6 +73,9 @@ def label_report_sections(
         "files": len(quality),
         "points": int(quality["n_points"].sum()),
     }
+    segmentation = segmentation_source(bundle)
+    if segmentation is not None:
+        facts["images segmented by"] = f"{segmentation['name']}, classes of {segmentation['classes']}"
     facts |= _seen_by_cameras(bundle, counts)
     return [
         *_map_and_pictures(inventory, pictures, scheme),
