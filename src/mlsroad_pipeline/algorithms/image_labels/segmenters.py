@@ -128,7 +128,7 @@ def _onnx_network(bundle: ModelBundle, legend: Legend) -> Segmenter:
     how, p = segmentation_of(bundle), bundle.metadata["parameters"]
     content = np.ascontiguousarray(bundle.arrays[ONNX])
     settings = (legend.n_scores, tuple(p["mean"]), tuple(p["spread"]), p["device"], str(how["name"]))
-    key = (hashlib.blake2b(content).hexdigest(), *settings)
+    key = (hashlib.blake2b(content.data).hexdigest(), *settings)
     if key not in _kept:
         _kept.clear()
         n_numbers, mean, spread, device, source = settings
