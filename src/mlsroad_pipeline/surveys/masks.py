@@ -38,7 +38,7 @@ _DAMAGED = (
 
 @dataclass(frozen=True)
 class MaskLegend:
-    """What the class numbers of masks mean.
+    """Class map of masks: number, name and class of points.
 
     Parameters
     ----------
