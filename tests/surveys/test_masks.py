@@ -227,3 +227,13 @@ def test_class_maps_that_are_wrong_are_named(tmp_path, scheme, name, text, told)
         read_class_map(str(tmp_path / name), scheme)
     with pytest.raises(ReadError, match="no such class map"):
         read_class_map(str(tmp_path / "none.csv"), scheme)
+
+
+def test_the_home_folder_is_expanded(tmp_path, monkeypatch, scheme):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "m").mkdir()
+    Picture.fromarray(NUMBERS).save(tmp_path / "m" / "i0.png")
+    found = masks_of_drives({"d": drive(tmp_path / "d", "i0")}, "~/m")["d"]
+    assert [image.path for image in found] == [tmp_path / "m" / "i0.png"]
+    (tmp_path / "c.csv").write_text("number,class\n0,road\n")
+    assert read_class_map("~/c.csv", scheme).source == str(tmp_path / "c.csv")

@@ -24,7 +24,7 @@ def read_class_map(given: str, scheme: ClassScheme) -> Legend:
     shipped = files("mlsroad_pipeline.surveys").joinpath("class_maps", f"{given}.csv")
     if "/" not in given and shipped.is_file():
         return _legend(_csv_rows(shipped.read_text(encoding="utf-8"), given), given, scheme)
-    path = Path(given)
+    path = Path(given).expanduser()
     if path.suffix.lower() not in (".csv", ".yml", ".yaml"):
         raise ReadError(f"image_labels.classes is {given!r}: name cityscapes, scheme, or a file .csv or .yml")
     if not path.is_file():

@@ -57,7 +57,7 @@ def masks_of_drives(drives: Mapping[str, SurveyImages], folder: str) -> dict[str
 
     A folder that exists holds the masks of all drives; otherwise it is the name of a folder beside the pictures.
     """
-    shared = Path(folder).is_dir()
+    shared = Path(folder).expanduser().is_dir()
     names: dict[str, str] = {}
     found = {}
     for drive, images in drives.items():
@@ -89,7 +89,8 @@ def with_masks(images: SurveyImages, folder: str) -> SurveyImages:
 
 def masks_folder(image: PosedImage, folder: str) -> Path:
     """Return the folder of the mask of an image: a path that exists, or the name of a folder beside the pictures."""
-    return Path(folder) if Path(folder).is_dir() else image.root.parent / folder
+    named = Path(folder).expanduser()
+    return named if named.is_dir() else image.root.parent / folder
 
 
 def mask_of(folder: Path, name: str) -> Path:

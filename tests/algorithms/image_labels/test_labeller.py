@@ -133,10 +133,3 @@ def test_points_alone_and_wrong_parameters_are_refused(model):
 def test_values_of_other_types_are_named(given, told):
     with pytest.raises(ParameterError, match=told):
         ImageLabelsParameters(**given)
-
-
-def test_the_home_folder_is_expanded_in_paths(monkeypatch):
-    monkeypatch.setenv("HOME", "/home/me")
-    found = ImageLabelsParameters(masks="~/m", classes="~/c.csv")
-    assert (found.masks, found.classes) == ("/home/me/m", "/home/me/c.csv")
-    assert ImageLabelsParameters(weights="~/w.pth").weights == "/home/me/w.pth"

@@ -57,6 +57,12 @@ def test_a_network_in_onnx_is_stored_with_its_classes(tmp_path, classes):
     assert made.metadata["segmentation"]["classes"]["rows"][1] == [1, "car", "car"]
 
 
+def test_the_home_folder_of_weights_is_expanded(tmp_path, classes, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    network_file(tmp_path)
+    assert own_model(ImageLabelsParameters(weights="~/net.onnx", classes=classes), SCHEME).slug == "image_labels"
+
+
 def test_the_network_of_a_process_is_built_once(tmp_path, classes, monkeypatch):
     path, built = network_file(tmp_path), []
     one, other = (

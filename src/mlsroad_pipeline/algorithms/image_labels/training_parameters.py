@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
@@ -204,9 +203,6 @@ class ImageLabelsParameters:
             value = getattr(self, name)
             if (value is not None or name not in ("masks", "weights")) and not (isinstance(value, str) and value):
                 raise ParameterError(f"{name} must be a name, got {value!r}")
-        for name in ("masks", "weights", "classes"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, os.path.expanduser(getattr(self, name)))
         if self.masks is not None and self.weights is not None:
             raise ParameterError(f"masks {self.masks!r} and weights {self.weights!r} are both given: set one to null")
         self._check_segmentation()

@@ -73,7 +73,7 @@ def _on(metadata: Mapping[str, Any], device: str) -> dict[str, Any]:
 
 
 def _of_weights(parameters: ImageLabelsParameters, legend: Legend) -> tuple[dict[str, Any], dict[str, Any]]:
-    path = Path(str(parameters.weights))
+    path = Path(str(parameters.weights)).expanduser()
     if not path.is_file():
         raise ReadError(f"{path}: no such weights (image_labels.weights)")
     if path.suffix.lower() == ".onnx":
