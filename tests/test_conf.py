@@ -5,9 +5,9 @@ import re
 import shutil
 
 import pytest
-import yaml
 from helpers.conf import CONF, base, configured, parameters_of
 from helpers.wiring import REPOSITORY, joined, make_project
+from helpers.yaml_files import read_yaml
 from kedro.framework.project import pipelines
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, ClassScheme
@@ -33,7 +33,7 @@ def _some_data(tmp_path_factory):
 
 
 def test_make_run_runs_every_method_at_the_quick_scale(project):
-    quick = yaml.safe_load((CONF / "quick.yml").read_text(encoding="utf-8"))["run"]
+    quick = read_yaml(CONF / "quick.yml")["run"]
     assert "kedro run --config=conf/quick.yml" in (REPOSITORY / "Makefile").read_text(encoding="utf-8")
     parameters = parameters_of(project, **quick["params"])
     assert pipelines[quick["pipelines"]].nodes

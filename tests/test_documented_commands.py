@@ -12,10 +12,10 @@ import numpy as np
 import pyogrio
 import pytest
 import typer
-import yaml
 from helpers.conf import CONF, from_command_line
 from helpers.documented import documented_commands
 from helpers.wiring import REPOSITORY, make_project
+from helpers.yaml_files import read_yaml
 
 from mlsroad_pipeline import cli
 from mlsroad_pipeline.commands.app import app
@@ -35,7 +35,7 @@ LIBRARY_WARNING = re.compile(r"\w*Warning\b|warn\(")
 def base_parameters():
     parameters = {}
     for path in (CONF / "base").glob("parameters*.yml"):
-        parameters |= yaml.safe_load(path.read_text(encoding="utf-8"))
+        parameters |= read_yaml(path)
     return parameters
 
 

@@ -5,8 +5,8 @@ import dataclasses
 import re
 
 import pytest
-import yaml
 from helpers.conf import CONF, base
+from helpers.yaml_files import read_yaml
 from numpydoc.docscrape import ClassDoc
 
 from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters
@@ -133,7 +133,7 @@ def leaves(tree, path=()):
 
 @pytest.mark.parametrize("name", ["quick", "tiny"])
 def test_smaller_scales_change_parameters_that_there_are(name):
-    configured = yaml.safe_load((CONF / f"{name}.yml").read_text(encoding="utf-8"))
+    configured = read_yaml(CONF / f"{name}.yml")
     changes = configured["run"]["params"] if name == "quick" else configured
     for path, value in leaves(changes):
         there = base(path[0])

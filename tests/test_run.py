@@ -13,8 +13,8 @@ import mlflow
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 from helpers.wiring import REPOSITORY, TINY, run, session_of, shared_run, stage_counts, tracked_runs
+from helpers.yaml_files import read_yaml
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.metrics.scores import COLUMNS
@@ -41,7 +41,7 @@ def catalog(project):
 
 
 def scheme_of(name):
-    configured = yaml.safe_load((REPOSITORY / "conf/base/parameters_classes.yml").read_text(encoding="utf-8"))
+    configured = read_yaml(REPOSITORY / "conf/base/parameters_classes.yml")
     return ClassScheme.from_config(name, configured["classes"]["schemes"][name])
 
 

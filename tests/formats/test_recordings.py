@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
+from helpers.yaml_files import read_yaml
 
 from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
@@ -33,7 +33,7 @@ RECORD_SIZES = {"kitti_painted": 16, "semantickitti": 16, "sydney/objects": 34}
 def read_options(env):
     """Give the options of a shipped environment, those of the base where it has none of its own."""
     path = CONF / env / ("parameters_survey.yml" if env == "base" else "parameters.yml")
-    return ReadOptions.from_config(yaml.safe_load(path.read_text()).get("survey", {}).get("read"))
+    return ReadOptions.from_config(read_yaml(path).get("survey", {}).get("read"))
 
 
 def counted(path, folder):

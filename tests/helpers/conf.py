@@ -3,8 +3,8 @@
 import functools
 
 import click
-import yaml
 from helpers.wiring import REPOSITORY, session_of
+from helpers.yaml_files import read_yaml
 
 from mlsroad_pipeline.cli import run
 
@@ -12,7 +12,7 @@ CONF = REPOSITORY / "conf"
 
 
 def base(group):
-    return yaml.safe_load((CONF / f"base/parameters_{group}.yml").read_text(encoding="utf-8"))[group]
+    return read_yaml(CONF / f"base/parameters_{group}.yml")[group]
 
 
 def context_of(project, env, **parameters):

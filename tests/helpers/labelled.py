@@ -1,15 +1,15 @@
 """Checks of labelled files: standard codes, confidences, and all points and attributes of the original."""
 
 import numpy as np
-import yaml
 from helpers.wiring import REPOSITORY
+from helpers.yaml_files import read_yaml
 
 N_POINTS = 9000
 UNCLASSIFIED, NOISE = 1, 7
 
 
 def scheme(name="road_inventory"):
-    configured = yaml.safe_load((REPOSITORY / "conf/base/parameters_classes.yml").read_text(encoding="utf-8"))
+    configured = read_yaml(REPOSITORY / "conf/base/parameters_classes.yml")
     return configured["classes"]["schemes"][name]
 
 

@@ -22,17 +22,19 @@ import mlflow
 import pytest
 import yaml
 from filelock import FileLock
+from helpers.yaml_files import read_yaml
 from kedro.framework.project import pipelines
 from kedro.framework.session import KedroSession
 from kedro.framework.startup import bootstrap_project
 from mlflow.entities import Run
 from omegaconf import OmegaConf
+from omegaconf import _utils as omegaconf_utils
 from omegaconf import base as omegaconf_base
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SURVEYS = {"train": {"preset": "tiny", "seed": 7}, "test": {"preset": "tiny", "seed": 11}}
 TINY: dict[str, Any] = {
-    **yaml.safe_load((REPOSITORY / "conf/tiny.yml").read_text(encoding="utf-8")),
+    **read_yaml(REPOSITORY / "conf/tiny.yml"),
     "execution": {"backend": "sequential"},
 }
 """Parameters with which the whole comparison takes seconds."""
@@ -100,7 +102,11 @@ def parsed_once() -> Iterator[None]:
     if importlib.util.find_spec("ibis") is None:
         sys.modules["ibis"] = None  # type: ignore[assignment]  # the import fails at once
     try:
-        with mock.patch.object(OmegaConf, "load", load), mock.patch.object(omegaconf_base, "parse", _parsed_reference):
+        with (
+            mock.patch.object(OmegaConf, "load", load),
+            mock.patch.object(omegaconf_base, "parse", _parsed_reference),
+            mock.patch.object(omegaconf_utils, "parse", _parsed_reference),
+        ):
             yield
     finally:
         if sys.modules.get("ibis", True) is None:

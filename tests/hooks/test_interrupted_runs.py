@@ -6,6 +6,7 @@ import sys
 import mlflow
 import psutil
 import pytest
+from helpers.wiring import empty_store
 
 from mlsroad_pipeline.hooks.interrupted_runs import PROCESS, close_stale_runs, this_process
 from mlsroad_pipeline.hooks.mlflow_run import MlflowDetailsHooks
@@ -19,6 +20,7 @@ def ended_process():
 
 @pytest.fixture
 def tracking_store(tmp_path):
+    (tmp_path / "mlflow.db").write_bytes(empty_store())
     before = mlflow.get_tracking_uri()
     mlflow.set_tracking_uri(f"sqlite:///{tmp_path / 'mlflow.db'}")
     yield

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import mlflow
 import pytest
 import yaml
+from helpers.yaml_files import read_yaml
 from kedro_mlflow.config.kedro_mlflow_config import KedroMlflowConfig
 
 from mlsroad_pipeline.hooks.data_fingerprint import fingerprint_files
@@ -128,7 +129,7 @@ def project(tmp_path_factory):
     for name, text in FILES.items():
         (root / name).parent.mkdir(parents=True, exist_ok=True)
         (root / name).write_text(textwrap.dedent(text))
-    config = yaml.safe_load((REPOSITORY / "conf" / "base" / "mlflow.yml").read_text())
+    config = read_yaml(REPOSITORY / "conf" / "base" / "mlflow.yml")
     config["tracking"]["disable_tracking"]["pipelines"] = ["silent"]
     (root / "conf" / "local").mkdir()
     (root / "conf" / "base" / "mlflow.yml").write_text(yaml.safe_dump(config))

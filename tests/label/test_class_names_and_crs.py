@@ -5,8 +5,7 @@ import re
 import laspy
 import numpy as np
 import pytest
-import yaml
-from helpers.conf import CONF, base
+from helpers.conf import base
 from helpers.formats import make_labels, make_las
 from helpers.wiring import REPOSITORY
 
@@ -93,6 +92,5 @@ def test_table_of_codes_in_the_manual_is_that_of_the_code():
 
 def schemes_codes():
     """Return the codes that the scheme of the shipped models writes, with those of noise and of unlabelled points."""
-    text = (CONF / "base/parameters_classes.yml").read_text(encoding="utf-8")
-    classes = yaml.safe_load(text)["classes"]["schemes"]["road_inventory"]["classes"]
+    classes = base("classes")["schemes"]["road_inventory"]["classes"]
     return {config["asprs"] for config in classes.values()} | {1, 7}

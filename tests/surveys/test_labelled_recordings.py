@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-import yaml
 from helpers.conf import CONF, base
+from helpers.yaml_files import read_yaml
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
@@ -14,7 +14,7 @@ from mlsroad_pipeline.algorithms.scenes.parts import TEST, TRAIN, Pose
 from mlsroad_pipeline.studies.recordings.sources import Source, sources_of
 from mlsroad_pipeline.surveys.recording_scenes import read_scene
 
-CONFIG = yaml.safe_load((CONF / "recordings/parameters.yml").read_text(encoding="utf-8"))["recordings_study"]
+CONFIG = read_yaml(CONF / "recordings/parameters.yml")["recordings_study"]
 SOURCES = sources_of(CONFIG["sources"])
 GAP = base("recordings_study")["gap"]
 

@@ -6,7 +6,7 @@ import zlib
 
 import numpy as np
 import pytest
-import yaml
+from helpers.yaml_files import read_yaml
 from PIL import Image as Picture
 
 from conftest import REPOSITORY
@@ -23,7 +23,7 @@ NUMBERS = np.array([[0, 13, 5, 255, 10]] * 4, dtype=np.uint8)
 
 @pytest.fixture(scope="module")
 def scheme():
-    given = yaml.safe_load((REPOSITORY / "conf" / "base" / "parameters_classes.yml").read_text())
+    given = read_yaml(REPOSITORY / "conf" / "base" / "parameters_classes.yml")
     return ClassScheme.from_config("tomic2019", given["classes"]["schemes"]["tomic2019"])
 
 

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-import yaml
+from helpers.yaml_files import read_yaml
 
 from conftest import REPOSITORY
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, ClassScheme
@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.image_labels.cityscapes import (
 
 @pytest.fixture(scope="module")
 def scheme():
-    given = yaml.safe_load((REPOSITORY / "conf" / "base" / "parameters_classes.yml").read_text())
+    given = read_yaml(REPOSITORY / "conf" / "base" / "parameters_classes.yml")
     return ClassScheme.from_config("tomic2019", given["classes"]["schemes"]["tomic2019"])
 
 

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-import yaml
+from helpers.yaml_files import read_yaml
 
 from conftest import REPOSITORY
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
@@ -10,7 +10,7 @@ from mlsroad_pipeline.algorithms.image_labels.legend import Legend
 
 @pytest.fixture(scope="module")
 def schemes():
-    given = yaml.safe_load((REPOSITORY / "conf" / "base" / "parameters_classes.yml").read_text())["classes"]["schemes"]
+    given = read_yaml(REPOSITORY / "conf" / "base" / "parameters_classes.yml")["classes"]["schemes"]
     return {name: ClassScheme.from_config(name, given[name]) for name in ("tomic2019", "road_inventory")}
 
 

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-import yaml
+from helpers.yaml_files import read_yaml
 
 from conftest import REPOSITORY
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
@@ -40,8 +40,7 @@ TUNED = {
 
 @pytest.mark.parametrize(("slug", "wanted"), [("jointnet_printed", PRINTED), ("jointnet_tuned", TUNED)])
 def test_both_configurations_have_the_stated_values(slug, wanted):
-    text = (REPOSITORY / "conf" / "base" / f"parameters_{slug}.yml").read_text(encoding="utf-8")
-    given = yaml.safe_load(text)[slug]
+    given = read_yaml(REPOSITORY / "conf" / "base" / f"parameters_{slug}.yml")[slug]
     assert given["inputs"] == {**wanted["inputs"], "clean": 0.0}
     assert {name: given["training"][name] for name in wanted["training"]} == wanted["training"]
     assert given["training"]["augmentation"] == wanted["augmentation"]

@@ -6,6 +6,7 @@ import mlflow
 import numpy as np
 import pandas as pd
 import pytest
+from helpers.wiring import empty_store
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
@@ -132,6 +133,7 @@ def test_stored_members_are_opened_and_points_alone_refused():
 def test_a_registered_model_is_loaded_and_predicts(stored, tmp_path):
     code = tmp_path / "registered_model_code.py"
     code.write_text(CODE, encoding="utf-8")
+    (tmp_path / "mlflow.db").write_bytes(empty_store())
     before, name = mlflow.get_tracking_uri(), "mlsroad-patch_forest"
     mlflow.set_tracking_uri(f"sqlite:///{tmp_path / 'mlflow.db'}")
     try:

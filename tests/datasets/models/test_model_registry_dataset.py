@@ -11,6 +11,7 @@ import mlflow
 import numpy as np
 import pandas as pd
 import pytest
+from helpers.wiring import empty_store
 from kedro.io import DatasetError
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, MissingColumnError
@@ -44,8 +45,9 @@ def planted(height):
 
 @pytest.fixture(scope="module")
 def registry(tmp_path_factory):
-    """Two versions in one store: setting up a database costs seconds."""
+    """Two versions in one store."""
     folder = tmp_path_factory.mktemp("registry")
+    (folder / "mlflow.db").write_bytes(empty_store())
     before = mlflow.get_tracking_uri()
     module = types.ModuleType(MODULE)
     exec(LABELLER, module.__dict__)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from helpers.wiring import REPOSITORY
+from helpers.yaml_files import read_yaml
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
@@ -68,7 +68,7 @@ def test_card_is_generated_from_the_entry(name):
 
 @pytest.mark.parametrize("name", MODELS)
 def test_entry_is_that_of_the_environment_that_trains_the_model(name):
-    config = yaml.safe_load((REPOSITORY / f"conf/{name}/parameters.yml").read_text(encoding="utf-8"))
+    config = read_yaml(REPOSITORY / f"conf/{name}/parameters.yml")
     own = config["shipped"]
     assert (own["name"], own["summary"]) == (name, MODELS[name].summary)
     recorded = {key: (r["title"], r["licence"], r["sha256"]) for key, r in own.get("recordings", {}).items()}

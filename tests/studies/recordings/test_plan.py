@@ -81,9 +81,9 @@ def test_simulated_streets_alone_are_one_model_for_all_recordings(plan):
 
 
 def test_models_of_different_training_data_have_different_keys(plan):
-    by_key = {}
-    for run in plan().trained_runs():
-        by_key.setdefault(model_key(plan(), run), []).append(plan().training_scenes(run))
+    study, by_key = plan(), {}
+    for run in study.trained_runs():
+        by_key.setdefault(model_key(study, run), []).append(study.training_scenes(run))
     for scenes in by_key.values():
         assert all(other == scenes[0] for other in scenes)
     distinct = {(key.partition(".")[0], tuple(sorted(scenes[0].items()))) for key, scenes in by_key.items()}

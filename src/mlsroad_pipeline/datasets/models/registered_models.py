@@ -74,21 +74,20 @@ class MlflowStore:
         from mlflow import MlflowClient  # noqa: PLC0415
 
         client = MlflowClient(tracking_uri=self.uri, registry_uri=self.uri)
-        found: list[RegisteredVersion] = []
-        for model in _all_pages(client.search_registered_models, filter_string=f"name LIKE '{PREFIX}%'"):
-            aliases: dict[int, list[str]] = {}
+        ours = f"name LIKE '{PREFIX}%'"
+        aliases: dict[tuple[str, int], list[str]] = {}
+        for model in _all_pages(client.search_registered_models, filter_string=ours):
             for alias, version in model.aliases.items():
-                aliases.setdefault(int(version), []).append(str(alias))
-            method = model.name.removeprefix(PREFIX)
-            found += [
-                RegisteredVersion(
-                    method,
-                    int(version.version),
-                    tuple(sorted(aliases.get(int(version.version), ()))),
-                    _plain(str(version.tags.get("trained_on", ""))),
-                )
-                for version in _all_pages(client.search_model_versions, filter_string=f"name='{model.name}'")
-            ]
+                aliases.setdefault((model.name, int(version)), []).append(str(alias))
+        found = [
+            RegisteredVersion(
+                version.name.removeprefix(PREFIX),
+                int(version.version),
+                tuple(sorted(aliases.get((version.name, int(version.version)), ()))),
+                _plain(str(version.tags.get("trained_on", ""))),
+            )
+            for version in _all_pages(client.search_model_versions, filter_string=ours)
+        ]
         return sorted(found, key=lambda item: (item.method, item.version))
 
     def load(self, found: RegisteredVersion) -> ModelBundle:

@@ -20,8 +20,11 @@ from mlsroad_pipeline.studies.luo2019.scores import NetworkCost
 POINTS = 1000
 """Points of each timed object."""
 
+STEPS, SECONDS = 20, 4.0
+"""Training steps over which times are averaged; fewer where they take more CPU time than this."""
 
-def measure_network(*, parameters: Any, n_classes: int, n_iterations: int = 20) -> NetworkCost:
+
+def measure_network(*, parameters: Any, n_classes: int) -> NetworkCost:
     """Measure one network on one CPU thread with a batch of random objects."""
     with reproducible(0):
         network, run = _pointnet(parameters, n_classes) if isinstance(parameters, PointNetParameters) else _jointnet(
@@ -40,7 +43,7 @@ def measure_network(*, parameters: Any, n_classes: int, n_iterations: int = 20) 
         weights = sum(own.values())
         activations = sum(size for place, size in kept.items() if place not in own)
         forward, backward = [], []
-        for _ in range(n_iterations):
+        while len(forward) < STEPS and sum(forward) + sum(backward) < SECONDS:
             start = time.process_time()
             loss = run()
             middle = time.process_time()
