@@ -180,6 +180,20 @@ def with_models(shared: Path, folder: Path) -> Path:
     return folder
 
 
+def copied_run(shared: Path, folder: Path) -> Path:
+    """Copy the data of the shared run, and its store of runs; the registered models stay where they are."""
+    unused = shutil.ignore_patterns("mlartifacts", "done")
+    return Path(shutil.copytree(shared, folder, dirs_exist_ok=True, ignore=unused))
+
+
+def copied_stages(shared: Path, folder: Path) -> Path:
+    """Copy what the shared run has stored before any training: a run in the copy trains without simulating anew."""
+    later = shutil.ignore_patterns("mlartifacts", "mlflow.db", "done", "06_models", "07_model_output", "08_reporting")
+    shutil.copytree(shared, folder, dirs_exist_ok=True, ignore=later)
+    (folder / "mlflow.db").write_bytes(empty_store())
+    return folder
+
+
 def label(project: Path, survey: Path | str, output: Path | str, **changes: Any) -> Path:
     """Label a survey as `kedro run --pipelines=label` does, with the forest of the shared run unless another is named.
 

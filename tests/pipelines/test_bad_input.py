@@ -9,11 +9,15 @@ import pytest
 from helpers.wiring import TINY, joined, label, last_line, make_project, run, shared_run, stored_records, with_models
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
+from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.methods import methods_of
+from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
 from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.formats.options import WriteOptions
 from mlsroad_pipeline.formats.ply.format import PlyFormat
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
+from mlsroad_pipeline.surveys.plan import plan_comparison
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -224,17 +228,29 @@ def test_test_files_without_a_labelled_point_have_empty_scores(tmp_path, rng):
     ("splits", "message"),
     [
         ({"train": "train/*.laz", "test": "*/*.laz"}, r"splits 'train' and 'test' share train/train\.laz"),
-        ({"train": "train/*.laz", "test": "nothing/*.laz"}, r"split 'test' matches nothing"),
-        ({"train": "train/*.laz", "te st": "test/*.laz"}, r"'te st'"),
         ({"test": "test/*.laz", "train": None}, r"no training scenes: the split 'train' is empty"),
-        ({"other": {"files": ["train/*"], "part": 1}}, r"unknown keys of a split: part"),
-        ({"other": 3}, r"a split must be a glob, a list of globs or a mapping with files, got 3"),
     ],
 )
 def test_splits_that_cannot_be_are_named(tmp_path, rng, splits, message):
     xyz, labels = street(rng)
     said = failure(compared, tmp_path, (xyz, labels), (xyz, labels), survey={"splits": splits})
     assert re.search(message, said), said
+
+
+@pytest.mark.parametrize(
+    ("splits", "message"),
+    [
+        ({"train": "train/*.laz", "test": "nothing/*.laz"}, r"split 'test' matches nothing"),
+        ({"train": "train/*.laz", "te st": "test/*.laz"}, r"'te st'"),
+        ({"other": {"files": ["train/*"], "part": 1}}, r"unknown keys of a split: part"),
+        ({"other": 3}, r"a split must be a glob, a list of globs or a mapping with files, got 3"),
+    ],
+)
+def test_splits_that_the_plan_refuses_are_named(tmp_path, rng, splits, message):
+    for split in ("train", "test"):
+        las(tmp_path / split / f"{split}.laz", street(rng, 100)[0])
+    with pytest.raises(MlsRoadError, match=message):
+        plan_comparison(SurveyParameters(str(tmp_path), splits, "tomic2019"), IngestParameters(), {"taxonomy": None})
 
 
 def test_root_that_does_not_exist_is_named(tmp_path, rng):

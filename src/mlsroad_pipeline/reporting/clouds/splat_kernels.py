@@ -34,31 +34,53 @@ def splat(xyz, first, rotation, scale, perspective, splat_metres, largest, depth
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def block_minimum(depth, side):  # type: ignore[no-untyped-def]  # numba infers the types
-    """Return the minimum depth over each block of pixels and its neighbouring blocks."""
-    rows, columns = (depth.shape[0] + side - 1) // side, (depth.shape[1] + side - 1) // side
-    own = np.full((rows, columns), np.float32(np.inf))
-    for row in range(depth.shape[0]):
-        for column in range(depth.shape[1]):
-            own[row // side, column // side] = min(own[row // side, column // side], depth[row, column])
-    least = np.empty_like(own)
-    for row in range(rows):
-        for column in range(columns):
-            least[row, column] = own[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2].min()
-    return least
+def window_minima(depth, reach):  # type: ignore[no-untyped-def]  # numba infers the types
+    """Return the minimum depth over the rows, and over the columns, within a reach of each pixel."""
+    height, width = depth.shape
+    over_rows, over_columns = depth.copy(), depth.copy()
+    for shift in range(1, reach + 1):
+        for row in range(height):
+            for other in (row - shift, row + shift):
+                if 0 <= other < height:
+                    for column in range(width):
+                        over_rows[row, column] = min(over_rows[row, column], depth[other, column])
+            for column in range(width - shift):
+                over_columns[row, column] = min(over_columns[row, column], depth[row, column + shift])
+            for column in range(shift, width):
+                over_columns[row, column] = min(over_columns[row, column], depth[row, column - shift])
+    return over_rows, over_columns
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def close(depth, winner, around, side, step, closed_depth, closed_winner):  # type: ignore[no-untyped-def]  # numba infers the types
+def is_surrounded(over_rows, over_columns, row, column, reach, limit):  # type: ignore[no-untyped-def]  # numba infers the types
+    """Return whether nearer pixels lie on all four sides; without them no three pairs of opposite sectors have any."""
+    height, width = over_rows.shape
+    for low, high in ((max(column - reach, 0), column), (column + 1, min(column + reach + 1, width))):
+        x = low
+        while x < high and not over_rows[row, x] < limit:
+            x += 1
+        if x == high:
+            return False
+    for low, high in ((max(row - reach, 0), row), (row + 1, min(row + reach + 1, height))):
+        y = low
+        while y < high and not over_columns[y, column] < limit:
+            y += 1
+        if y == high:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def close(depth, winner, around, reach, step, closed_depth, closed_winner):  # type: ignore[no-untyped-def]  # numba infers the types
     """Fill gaps with the nearest surface around them: a pixel is in a gap if three of the four pairs of opposite
     sectors contain nearer pixels. `around` lists offsets (down, right, sector), closest first.
     """
     height, width = depth.shape
-    least = block_minimum(depth, side)
+    over_rows, over_columns = window_minima(depth, reach)
     for row in range(height):
         for column in range(width):
             limit = depth[row, column] - step
-            if not least[row // side, column // side] < limit:
+            if not is_surrounded(over_rows, over_columns, row, column, reach, limit):
                 continue
             sectors, best = 0, -1
             for k in range(around.shape[0]):

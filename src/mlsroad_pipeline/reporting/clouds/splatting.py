@@ -49,7 +49,7 @@ def close_gaps(
     check_positive(step, "step")
     closed_index, closed_depth = index.copy(), depth.copy()
     if reach:
-        close(depth, index, _offsets(reach), max(8, reach), np.float32(step), closed_depth, closed_index)
+        close(depth, index, _offsets(reach), reach, np.float32(step), closed_depth, closed_index)
     return closed_index, closed_depth
 
 

@@ -42,7 +42,8 @@ def measure_network(*, parameters: Any, n_classes: int) -> NetworkCost:
         own = {p.untyped_storage().data_ptr(): p.untyped_storage().nbytes() for p in network.parameters()}
         weights = sum(own.values())
         activations = sum(size for place, size in kept.items() if place not in own)
-        forward, backward = [], []
+        forward: list[float] = []
+        backward: list[float] = []
         while len(forward) < STEPS and sum(forward) + sum(backward) < SECONDS:
             start = time.process_time()
             loss = run()
