@@ -7,7 +7,7 @@ import laspy
 import numpy as np
 import pandas as pd
 import pytest
-from helpers.wiring import REPOSITORY, TINY, label, make_project, run, session_of
+from helpers.wiring import REPOSITORY, TINY, copied_stages, label, run, session_of
 from kedro.framework.project import pipelines
 
 from mlsroad_pipeline.algorithms import baselines
@@ -28,12 +28,11 @@ def line_of_the_page():
 
 
 @pytest.fixture
-def project(tmp_path, monkeypatch):
+def project(shared, tmp_path, monkeypatch):
     """A project with the folder, the line and the parameters of the method."""
     monkeypatch.setattr(baselines, "__path__", [*baselines.__path__, str(FOLDERS)])
     monkeypatch.setitem(METHODS, "toy", line_of_the_page())
-    (tmp_path / "project").mkdir()
-    project = make_project(tmp_path / "project")
+    project = copied_stages(shared, tmp_path / "project")
     (project / "conf/base/parameters_toy.yml").write_text("toy:\n  height: 0.3\n", encoding="utf-8")
     yield project
     for name in [name for name in sys.modules if name.startswith("mlsroad_pipeline.algorithms.baselines.toy")]:

@@ -8,7 +8,7 @@ import laspy
 import numpy as np
 import pandas as pd
 import pytest
-from helpers.wiring import TINY, contents, empty_store, label, run, session_of, shared_run, stage_counts, stored_records
+from helpers.wiring import TINY, contents, copied_run, label, run, session_of, stage_counts, stored_records
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
@@ -25,15 +25,9 @@ METHODS = ["image_labels", "fusion"]
 
 
 @pytest.fixture(scope="module")
-def project(tmp_path_factory):
-    """Run both pipelines on what the whole comparison has stored, in a folder of their own."""
-    folder = tmp_path_factory.mktemp("images")
-    tracked = shutil.ignore_patterns("mlflow.db", "mlartifacts", "mlruns")
-    shutil.copytree(shared_run(tmp_path_factory), folder, dirs_exist_ok=True, ignore=tracked)
-    (folder / "mlflow.db").write_bytes(empty_store())
-    with session_of(folder, **TINY) as session:
-        session.run(pipeline_names=["detrended_forest", *METHODS])  # registered here, since tracking was left out
-    return folder
+def project(shared, tmp_path_factory):
+    """The whole comparison, in a folder of its own."""
+    return copied_run(shared, tmp_path_factory.mktemp("images"))
 
 
 @pytest.fixture(scope="module")

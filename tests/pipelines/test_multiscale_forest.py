@@ -5,15 +5,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from helpers.labelled import check_labels
-from helpers.wiring import TINY, label, make_project, run, session_of
+from helpers.wiring import TINY, copied_stages, label, run, session_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 SLUG = "multiscale_forest"
 
 
-def test_it_is_trained_scored_and_used_by_label(tmp_path):
-    (tmp_path / "project").mkdir()
-    project = make_project(tmp_path / "project")
+def test_it_is_trained_scored_and_used_by_label(shared, tmp_path):
+    project = copied_stages(shared, tmp_path / "project")
     own = {"radius": 0.2, "n_scales": 6, "n_trees": 10, "max_per_scene": 200}
     run(project, to_nodes=[f"score_{SLUG}"], **{**TINY, SLUG: own})
     scores = pd.read_csv(project / f"data/08_reporting/scores/{SLUG}.csv")

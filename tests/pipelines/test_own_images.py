@@ -8,7 +8,7 @@ import numpy as np
 import onnx
 import pandas as pd
 import pytest
-from helpers.wiring import TINY, empty_store, joined, label, run, session_of, shared_run
+from helpers.wiring import TINY, copied_run, empty_store, joined, label, run, session_of
 from onnx import TensorProto, helper, numpy_helper
 from PIL import Image as Picture
 
@@ -33,14 +33,9 @@ CODES_OF = {0: 11, 1: 11, 2: 6, 3: 68, 4: 68, 5: 64, 6: 64, 7: 65, 8: 5, 9: 2, 1
 
 
 @pytest.fixture(scope="module")
-def project(tmp_path_factory):
+def project(shared, tmp_path_factory):
     """A project with a registered network, and masks of the 19 classes beside the pictures of its surveys."""
-    folder = tmp_path_factory.mktemp("own")
-    tracked = shutil.ignore_patterns("mlflow.db", "mlartifacts", "mlruns")
-    shutil.copytree(shared_run(tmp_path_factory), folder, dirs_exist_ok=True, ignore=tracked)
-    (folder / "mlflow.db").write_bytes(empty_store())
-    with session_of(folder, **TINY) as session:
-        session.run(pipeline_names=["image_labels"])
+    folder = copied_run(shared, tmp_path_factory.mktemp("own"))
     table = np.full(256, 255, dtype=np.uint8)
     table[0] = 10  # the sky
     for name, number in TRAIN_ID.items():
