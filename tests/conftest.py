@@ -16,19 +16,32 @@ from helpers.store import store_at
 REPOSITORY = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("MLSROAD_DATA", REPOSITORY.parent / "shared" / "data"))
 LONG = (
-    "pipelines/test_bad_input.py",  # makes the run that the last five use
+    "pipelines/test_bad_input.py",  # makes the run that others use; the next four need none
     "pipelines/test_luo2019_study.py",
-    "pipelines/test_slices.py",
     "execution/test_backends.py",
-    "pipelines/test_luo2016_study.py",
-    "pipelines/test_recognition_bad_input.py",
+    "commands/test_mlsroad.py",
     "pipelines/test_tomic2019_study.py",
-    "pipelines/test_yu2016_study.py",
-    "test_notebooks.py",
-    "pipelines/test_image_methods.py",
     "pipelines/test_label.py",
-    "test_run.py",
+    "test_notebooks.py",
+    "pipelines/test_own_images.py",
+    "pipelines/test_image_methods.py",
     "pipelines/test_label_formats.py",
+    "pipelines/test_label_runs.py",
+    "pipelines/test_slices.py",
+    "pipelines/test_luo2016_study.py",
+    "test_documented_commands.py",
+    "test_conf.py",
+    "pipelines/test_recognition_bad_input.py",
+    "simulation/test_truth.py",
+    "surveys/test_simulated.py",
+    "test_run.py",
+    "pipelines/test_superpoint_transformer.py",
+    "page/test_browser.py",
+    "pipelines/test_recordings_study.py",
+    "pipelines/test_yu2016_study.py",
+    "pipelines/test_boosted_trees.py",
+    "pipelines/test_multiscale_forest.py",
+    "pipelines/test_add_a_method.py",
 )
 """Longest test files; they run first, so that the processes end at about the same time."""
 
@@ -76,9 +89,10 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_collection_finish():
-    """Leave the modules and tests out of garbage collection: it would walk through them again and again."""
+    """Leave the modules and tests out of garbage collection, and collect less often: it takes a tenth of most runs."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(50_000, 20, 50)
 
 
 def pytest_terminal_summary(terminalreporter):

@@ -189,7 +189,7 @@ def test_survey_unlike_the_training_streets_is_warned_of_with_its_strange_proper
 ):
     path = tmp_path / "wide.laz"
     LasFormat().write(path, replace(cloud, xyz=cloud.xyz * (8, 8, 1)), WriteOptions(like="none"))
-    out = label(label_project, path, tmp_path / "out")
+    out = label(label_project, path, tmp_path / "out", ingest={"scene_length": 120.0})  # as many scenes as before
     sentence = (
         r"The survey differs from the training data: points lie \S+ m apart \(median; training scenes \S+ to \S+ m\)\."
     )
