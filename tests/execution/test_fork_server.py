@@ -1,7 +1,13 @@
 """The server that workers are forked from: it starts with the driver, or leaves the workers to themselves."""
 
+import fcntl
+import os
 import subprocess
 import sys
+import tempfile
+from pathlib import Path
+
+import pytest
 
 START = "from mlsroad_pipeline.execution import fork_server; print(fork_server.start('json'), fork_server.is_started())"
 
@@ -19,3 +25,32 @@ def test_a_folder_too_long_for_a_socket_is_no_error(tmp_path, monkeypatch):
     path = ":".join(sys.path)
     assert started(PYTHONPATH=path) == (0, ["True", "True"], "")
     assert started(PYTHONPATH=path, TMPDIR=str(long)) == (0, ["False", "False"], "")
+
+
+@pytest.fixture
+def short():
+    """Return a folder with a short path, as sockets need one."""
+    with tempfile.TemporaryDirectory() as folder:
+        yield Path(folder)
+
+
+def test_a_killed_driver_leaves_no_folder_for_ever(short):
+    (short / "mlsroad-data").mkdir()
+    code = f"{START}; import sys; sys.stdin.read()"
+    environment = {"PYTHONPATH": ":".join(sys.path), "TMPDIR": str(short)}
+    streams = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with subprocess.Popen([sys.executable, "-uc", code], env=environment, **streams) as killed:
+        assert killed.stdout.readline() == "True True\n"
+        killed.kill()
+    (left,) = short.glob("mlsroad-????????")
+    assert [path.name.partition("-")[0] for path in left.rglob("*") if path.is_socket()] == ["listener"]
+    assert started(**environment)[1] == ["True", "True"]
+    assert left.exists()  # it may be that of a process that has not locked it yet
+    used = short / "mlsroad-used"
+    used.mkdir()
+    with (used / ".scratch-lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        for folder in (left, used):
+            os.utime(folder, (1, 1))
+        assert started(**environment)[1] == ["True", "True"]
+        assert sorted(short.iterdir()) == [short / "mlsroad-data", used]

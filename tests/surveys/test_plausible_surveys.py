@@ -336,6 +336,10 @@ def test_paths_of_kedro_run_stay_text(text):
         ({"label": {"survey": ["a.laz", "https://b/a.laz"]}}, r"label\.survey is 'https://b/a\.laz', an address"),
         ({"label": {"sections": "s3:/b/s.csv"}}, r"label\.sections is 's3:/b/s\.csv', an address"),
         ({"survey": {"root": "gs://b"}}, r"survey\.root is 'gs://b', an address"),
+        ({"score": {"clouds": ["https://h/a.laz"]}}, r"score\.clouds is 'https://h/a\.laz', an address"),
+        ({"image_labels": {"masks": "s3://b"}}, r"image_labels\.masks is 's3://b', an address"),
+        ({"label": {"model": "s3://b/model"}}, r"label\.model is 's3://b/model', an address"),
+        ({"luo2019_study": {"a": {"b": ["gs://b"]}}}, r"luo2019_study\.a\.b is 'gs://b', an address"),
     ],
 )
 def test_what_is_no_path_is_one_line(section, message):

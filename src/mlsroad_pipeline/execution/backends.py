@@ -16,6 +16,7 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.execution import fork_server
+from mlsroad_pipeline.execution.scratch import scratch_folder
 from mlsroad_pipeline.execution.settings import Execution
 from mlsroad_pipeline.execution.task import SceneFailure
 from mlsroad_pipeline.execution.worker import Outcome, SceneJob, SharedLimit, WarmUp, describe_error, run_scene, warm_up
@@ -128,7 +129,7 @@ def warm_workers(execution: Execution, function: str) -> None:
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # of this thread and the processes that it starts
     n_workers = max(execution.n_local_workers, 2)
     at_once = max(int(joblib.cpu_count()) - 1, 1)  # one core is left to this process
-    with _pool_lock, tempfile.TemporaryDirectory(prefix="mlsroad-start-") as folder:
+    with _pool_lock, tempfile.TemporaryDirectory(dir=scratch_folder()) as folder:
         jobs = [WarmUp(function, f"{folder}/{i % at_once}") for i in range(n_workers)]
         with suppress(TerminatedWorkerError):  # the stages start others
             for _ in _processes(jobs, n_workers, warm_up):

@@ -18,6 +18,7 @@ from distributed import Client, Future, LocalCluster, Security, default_client
 from distributed.comm.core import CommClosedError
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
+from mlsroad_pipeline.execution.scratch import scratch_folder
 from mlsroad_pipeline.execution.settings import Execution
 from mlsroad_pipeline.execution.worker import Outcome, SceneJob, run_scene
 
@@ -137,7 +138,7 @@ def _connected(execution: Execution) -> Iterator[Client]:
         yield current
         return
     with (
-        tempfile.TemporaryDirectory(prefix="mlsroad-dask-") as folder,
+        tempfile.TemporaryDirectory(dir=scratch_folder()) as folder,
         LocalCluster(
             n_workers=execution.n_local_workers,
             threads_per_worker=1,

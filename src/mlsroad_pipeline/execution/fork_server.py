@@ -10,11 +10,15 @@ import gc
 import os
 import signal
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from importlib.machinery import ModuleSpec
 from multiprocessing import forkserver, resource_tracker
+from pathlib import Path
 from types import FrameType
+
+from mlsroad_pipeline.execution.scratch import scratch_folder
 
 START_METHOD = "forkserver"
 """Start method of loky for workers that the server forks."""
@@ -51,7 +55,7 @@ def start(preload: str) -> bool:
             resource_tracker.ensure_running()  # it unblocks SIGINT
         os.environ[_DRIVER] = str(os.getpid())
         try:
-            with _interrupts_blocked():
+            with _interrupts_blocked(), _temporary_files_in(scratch_folder()):
                 forkserver.ensure_running()
         except OSError:
             return False
@@ -82,6 +86,17 @@ def no_standard_error() -> Iterator[None]:
     finally:
         os.dup2(kept, 2)
         os.close(kept)
+
+
+@contextmanager
+def _temporary_files_in(folder: Path) -> Iterator[None]:
+    """Let multiprocessing make the folder of its sockets below another one, which a killed driver does not leave."""
+    before = tempfile.tempdir
+    tempfile.tempdir = str(folder)
+    try:
+        yield
+    finally:
+        tempfile.tempdir = before
 
 
 @contextmanager

@@ -26,6 +26,9 @@ PATHS = (
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")
 """Start of an address such as ``s3://``; a letter and a colon alone are none, and ``./s3:/`` names a folder."""
 
+_MAY_BE_ADDRESSES = ("scheduler", "source", "crs")
+"""Names of parameters that are addresses, or texts with one, in place of files."""
+
 
 def local_path(value: str | os.PathLike[str], name: str) -> Path:
     """Return a file or folder of this machine, in place of which an address would become a folder named ``s3:``.
@@ -85,7 +88,7 @@ def with_text_of_paths(parameters: dict[str, Any], pairs: Iterable[str]) -> dict
 
 
 def check_paths(parameters: Mapping[str, Any], given: Mapping[str, Any]) -> None:
-    """Check that paths are text.
+    """Check that paths are text and local.
 
     Parameters
     ----------
@@ -97,8 +100,10 @@ def check_paths(parameters: Mapping[str, Any], given: Mapping[str, Any]) -> None
     Raises
     ------
     ParameterError
-        If a path is a number or an address, or a place is null or empty on the command line.
+        If a path is a number, a place is null or empty on the command line, or any parameter is the address of a file
+        elsewhere.
     """
+    _check_local(parameters, "")
     for name in PATHS:
         section, _, key = name.partition(".")
         values, own = parameters.get(section), given.get(section)
@@ -106,9 +111,20 @@ def check_paths(parameters: Mapping[str, Any], given: Mapping[str, Any]) -> None
         for item in value if isinstance(value, list | tuple) else [value]:
             if isinstance(item, int | float):
                 raise ParameterError(f"{name} is {item!r}, not text: write a name such as 0715 or 2024_05_01 in quotes")
-            if isinstance(item, str):
-                local_path(item, name)
         empty = section == "inspect" and isinstance(own, Mapping) and own.get(key) == ""  # `label` has its own message
         if name in PLACES and (value is None or empty):
             what = "null" if value is None else "empty"
             raise ParameterError(f"{name} is {what}: name a file or folder, or leave the parameter out")
+
+
+def _check_local(value: Any, name: str) -> None:
+    """Raise ParameterError for an address in a parameter or below it."""
+    if isinstance(value, str):
+        local_path(value, name)
+    elif isinstance(value, list | tuple):
+        for item in value:
+            _check_local(item, name)
+    elif isinstance(value, Mapping):
+        for key, item in value.items():
+            if key not in _MAY_BE_ADDRESSES:
+                _check_local(item, f"{name}.{key}" if name else str(key))

@@ -23,6 +23,7 @@ from mlsroad_pipeline.datasets.reports.html_report_dataset import HtmlReportData
 from mlsroad_pipeline.datasets.reports.metric_series_dataset import MetricSeriesDataset
 from mlsroad_pipeline.datasets.reports.report_file import ReportFileDataset
 from mlsroad_pipeline.datasets.reports.scores_dataset import ScoresDataset
+from mlsroad_pipeline.execution.scratch import scratch_folder
 from mlsroad_pipeline.hooks.data_fingerprint import fingerprint_files, source_files
 from mlsroad_pipeline.hooks.data_sets import DataSets
 from mlsroad_pipeline.hooks.interrupted_runs import PROCESS, this_process
@@ -165,7 +166,7 @@ class RunRecords:
 
     def _log_file(self, run_id: str, dataset: ReportFileDataset[Any, Any], folder: str) -> None:
         """Record a file as an artifact."""
-        with tempfile.TemporaryDirectory() as temporary:
+        with tempfile.TemporaryDirectory(dir=scratch_folder()) as temporary:
             path = Path(temporary) / dataset.filename
             path.write_bytes(dataset.read_bytes())
             mlflow.MlflowClient().log_artifact(run_id, str(path), folder)

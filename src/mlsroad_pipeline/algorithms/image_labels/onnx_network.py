@@ -12,7 +12,7 @@ from torch.nn import functional
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.image_labels.pspnet import MEAN, SPREAD
-from mlsroad_pipeline.algorithms.models.torch_training import find_device
+from mlsroad_pipeline.algorithms.models.torch_training import find_device, warn_of_cpu
 
 try:
     import onnxruntime
@@ -71,6 +71,8 @@ class OnnxNetwork:
                 f"{source}: device is 'cuda', but onnxruntime cannot use CUDA here (it runs with "
                 f"{', '.join(self._session.get_providers())}): install its CUDA libraries, or use device 'cpu'"
             )
+        if device == "auto" and len(self._session.get_providers()) < len(providers):
+            warn_of_cpu("onnxruntime", f"it runs with {', '.join(self._session.get_providers())}")
         given = self._session.get_inputs()
         shape = list(given[0].shape) if len(given) == 1 else []
         if len(shape) != 4 or 3 not in (shape[1], shape[3]) or given[0].type not in _TYPES:

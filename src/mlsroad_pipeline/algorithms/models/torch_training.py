@@ -5,6 +5,9 @@ This module imports PyTorch; modules that run no network must not import it.
 
 from __future__ import annotations
 
+import functools
+import logging
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
@@ -14,7 +17,13 @@ from numpy.typing import NDArray
 from torch import nn
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.models.bundle import arrays_under
+
+logger = logging.getLogger(__name__)
+
+_NO_GPU = "Found no NVIDIA driver"
+"""Part of the warning of PyTorch with CUDA on a computer without a GPU."""
 
 
 def find_device(wanted: str) -> torch.device:
@@ -23,7 +32,7 @@ def find_device(wanted: str) -> torch.device:
     Parameters
     ----------
     wanted : {"auto", "cpu", "cuda"}
-        Requested device; "auto" is a GPU if there is one.
+        Requested device; "auto" is a GPU if there is one. Where it fails, a warning is logged, once per process.
 
     Returns
     -------
@@ -33,14 +42,55 @@ def find_device(wanted: str) -> torch.device:
     Raises
     ------
     ParameterError
-        If the name is unknown, or "cuda" is requested without a GPU.
+        If the name is unknown, or "cuda" is requested without a GPU that works.
     """
     if wanted not in ("auto", "cpu", "cuda"):
         raise ParameterError(f"device must be one of auto, cpu, cuda, got {wanted!r}")
-    available = torch.cuda.is_available()
-    if wanted == "cuda" and not available:
-        raise ParameterError("device is 'cuda', but PyTorch finds no GPU: use 'auto' or 'cpu'")
-    return torch.device("cuda" if wanted != "cpu" and available else "cpu")
+    if wanted == "cpu":
+        return torch.device("cpu")
+    failure = _cuda_failure()
+    if failure is None:
+        return torch.device("cuda")
+    if wanted == "cuda":
+        reason = f"cannot use the GPU ({failure})" if failure else "finds no GPU"
+        raise ParameterError(f"device is 'cuda', but PyTorch {reason}: use 'auto' or 'cpu'")
+    if failure:
+        warn_of_cpu("PyTorch", failure)
+    return torch.device("cpu")
+
+
+@functools.lru_cache(maxsize=8)
+def warn_of_cpu(library: str, failure: str) -> None:
+    """Warn that networks run on the CPU, although there is a GPU; once per reason.
+
+    Parameters
+    ----------
+    library : str
+        Name of the library.
+    failure : str
+        Why it cannot use the GPU.
+    """
+    logger.warning(
+        "Networks run on the CPU, which is slower: %s cannot use the GPU (%s). Mend CUDA, or set the device to cpu",
+        library,
+        failure,
+    )
+
+
+@functools.lru_cache(maxsize=1)
+def _cuda_failure() -> str | None:
+    """Return why PyTorch cannot use a GPU: None if it can, an empty text if there is none."""
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            available = torch.cuda.is_available()
+        if available:
+            torch.zeros(1, device="cuda").add_(1).item()
+            return None
+    except (RuntimeError, AssertionError) as error:  # no memory, no kernels for it, used by another process alone
+        return printable(error).strip()[:200] or type(error).__name__
+    texts = [printable(item.message).strip()[:200] for item in caught]
+    return next((text for text in texts if _NO_GPU not in text), "")
 
 
 @contextmanager

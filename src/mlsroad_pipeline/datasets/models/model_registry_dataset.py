@@ -25,6 +25,7 @@ from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bund
 from mlsroad_pipeline.datasets.models.model_notes import annotate_version
 from mlsroad_pipeline.datasets.models.point_labeller import signature
 from mlsroad_pipeline.execution.digests import digest_file
+from mlsroad_pipeline.execution.scratch import scratch_folder
 
 LOGGER = logging.getLogger(__name__)
 
@@ -189,7 +190,7 @@ def register_bundle(bundle: ModelBundle, name: str, *, input_example: pd.DataFra
     # JSON converts tuples to the lists that MLflow's YAML needs.
     plain = json.loads(json.dumps(dict(bundle.metadata)))
     metadata = {key: value for key, value in plain.items() if key != "registered"}
-    with tempfile.TemporaryDirectory() as folder, _run():
+    with tempfile.TemporaryDirectory(dir=scratch_folder()) as folder, _run():
         save_bundle(replace(bundle, metadata=metadata), Path(folder) / "bundle")
         fingerprint = digest_file(str(Path(folder) / "bundle"))
         existing = _registered_already(name, fingerprint)

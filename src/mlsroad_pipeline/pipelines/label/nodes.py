@@ -22,6 +22,7 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.label.checks import check_headers, check_outputs
+from mlsroad_pipeline.label.devices import check_device
 from mlsroad_pipeline.label.exports import export_inventory
 from mlsroad_pipeline.label.images import LabelImages, images_of_survey, images_to_label
 from mlsroad_pipeline.label.inventory import OBJECTS, inventory_of, objects_task
@@ -79,6 +80,7 @@ def describe_survey(plan: SurveyPlan, pieces: SceneCollection, ingest: IngestPar
 def choose_model(request: ModelRequest, quality: pd.DataFrame, facts: dict[str, float]) -> ModelBundle:
     """Return the model for the survey, and log the reason of the choice."""
     bundle, line = request.bundle(quality, facts)
+    check_device(bundle)
     logger.info(line)
     return bundle
 

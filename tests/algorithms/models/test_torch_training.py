@@ -1,0 +1,97 @@
+"""Device of networks: a GPU that fails is not left out without a warning."""
+
+import logging
+import warnings
+
+import pytest
+import torch
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.models import torch_training
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.torch_training import find_device
+from mlsroad_pipeline.label import devices
+from mlsroad_pipeline.label.devices import check_device
+
+
+@pytest.fixture
+def cuda(monkeypatch):
+    """Return a function that sets what PyTorch finds: whether there is CUDA, its warning, and the error of its first use."""
+    for cached in (torch_training._cuda_failure, torch_training.warn_of_cpu):
+        cached.cache_clear()
+
+    def found(available, warning=None, error=None):
+        def is_available():
+            if warning is not None:
+                warnings.warn(warning, stacklevel=2)
+            return available
+
+        def zeros(*_, device):
+            raise error
+
+        monkeypatch.setattr(torch.cuda, "is_available", is_available)
+        if error is not None:
+            monkeypatch.setattr(torch, "zeros", zeros)
+
+    yield found
+    torch_training._cuda_failure.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("available", "warning", "error", "reason"),
+    [
+        (
+            False,
+            "CUDA initialization: The NVIDIA driver is too old\n (found version 10010).",
+            None,
+            "is too old (found",
+        ),
+        (True, None, RuntimeError("CUDA error: no kernel image is available\nfor execution on the device"), "image is"),
+        (True, None, torch.OutOfMemoryError("CUDA out of memory."), "CUDA out of memory."),
+        (True, None, AssertionError(), "AssertionError"),
+    ],
+)
+def test_a_gpu_that_fails_is_told_once(cuda, caplog, available, warning, error, reason):
+    cuda(available, warning, error)
+    with caplog.at_level(logging.WARNING):
+        assert [find_device("auto").type for _ in range(3)] == ["cpu"] * 3
+    (record,) = caplog.records
+    assert "Networks run on the CPU, which is slower: PyTorch cannot use the GPU" in record.message
+    assert reason in record.message and "\n" not in record.message
+    with pytest.raises(
+        ParameterError, match=r"device is 'cuda', but PyTorch cannot use the GPU \(.*: use 'auto' or 'cpu'"
+    ):
+        find_device("cuda")
+    assert find_device("cpu").type == "cpu"
+
+
+@pytest.mark.parametrize("warning", [None, "CUDA initialization: Found no NVIDIA driver on your system."])
+def test_a_computer_without_a_gpu_needs_no_warning(cuda, caplog, warning):
+    cuda(False, warning)
+    assert find_device("auto").type == "cpu"
+    assert not caplog.records
+    with pytest.raises(ParameterError, match="device is 'cuda', but PyTorch finds no GPU"):
+        find_device("cuda")
+
+
+def toy(metadata):
+    place = "mlsroad_pipeline.algorithms.models.bundle:refuse_points"
+    return ModelBundle("toy", {}, {"entry_point": place, "classes": ["a"], **metadata})
+
+
+@pytest.mark.parametrize(
+    "metadata",
+    [
+        {"parameters": {"device": "auto"}},
+        {"parameters": {"recogniser": {"training": {"device": "auto"}}}},
+        {"members": {"image_labels": {"parameters": {"device": "auto"}}}},
+    ],
+)
+def test_label_finds_the_device_before_its_workers(cuda, caplog, monkeypatch, metadata):
+    cuda(False, "CUDA initialization: out of order")
+    monkeypatch.setattr(devices, "version", lambda _: "2.9.0")  # with CUDA
+    check_device(toy(metadata))
+    assert "Networks run on the CPU" in caplog.text
+    check_device(toy({"parameters": {"device": "auto"}, "segmentation": {"source": "masks"}}))
+    with pytest.raises(ParameterError, match="cannot use the GPU"):
+        check_device(toy({"parameters": {"device": "cuda"}}))
