@@ -6,6 +6,8 @@ import struct
 
 import numpy as np
 
+from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
+
 HUGE = (b"\xff\xff\xff\xff", b"\x00\x00\x00\x80", b"\xff\xff\xff\x7f", b"\x00\x00\x00\x00", struct.pack("<d", 1e300))
 VALUES = (None, True, -1, 0, 1, 2**31, 2**63, 1e308, 0.5, "", "x", "1e400", "NaN", [], {}, [1], [[1, 2]], {"a": 1})
 CELLS = ("", "x", "-1", "0", "nan", "inf", "1e308", "1e400", "9" * 25, "0.5", '"', "1,2", "\0", "é", "True", "-")
@@ -111,3 +113,22 @@ def mutated_arrays(arrays, rng):
             places = rng.integers(flat.size, size=1 if kind == 4 else max(1, flat.size // 4))
             flat[places] = np.array(worst[int(rng.integers(4))]).astype(values.dtype)
     return arrays
+
+
+def refusals(path, damage, reader, n_cases):
+    """Read a file with damaged content so many times; return how often it is refused, in one line that names the file."""
+    sound, refused = path.read_bytes(), 0
+    reader(path)
+    for case in range(n_cases):
+        rng = np.random.default_rng([case, len(path.name)])
+        path.write_bytes(damage(sound, rng))
+        try:
+            reader(path)
+        except MlsRoadError as error:
+            text = str(error)
+            assert path.name in text or str(path.parent) in text, f"case {case}: {error}"
+            assert text.isprintable(), f"case {case}: {error!r}"
+            refused += 1
+        except Exception as error:
+            raise AssertionError(f"{path}, case {case}: {type(error).__name__}: {error}") from error
+    return refused

@@ -9,7 +9,7 @@ import os
 
 import numpy as np
 import pytest
-from helpers.mutations import mutated, mutated_json, mutated_table, mutated_value
+from helpers.mutations import mutated, mutated_json, mutated_table, mutated_value, refusals
 from PIL import Image
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
@@ -122,20 +122,7 @@ def test_damaged_files_beside_the_points(tmp_path, kind):
         content(tmp_path)
     else:
         path.write_bytes(content.encode() if isinstance(content, str) else content)
-    sound = path.read_bytes()
-    reader(path)
-    refused = 0
-    for case in range(N_CASES * COSTS.get(kind, 10) // 10):
-        rng = np.random.default_rng([case, len(kind)])
-        path.write_bytes(damage(sound, rng))
-        try:
-            reader(path)
-        except MlsRoadError as error:
-            assert path.name in str(error) or str(tmp_path) in str(error), f"case {case}: {error}"
-            assert len(str(error).splitlines()) == 1, f"case {case}: {error}"
-            refused += 1
-        except Exception as error:
-            raise AssertionError(f"{kind}, case {case}: {type(error).__name__}: {error}") from error
+    refused = refusals(path, damage, reader, N_CASES * COSTS.get(kind, 10) // 10)
     assert refused > N_CASES // 20 or kind == "prj"  # the damage is damage; a .prj that is none is logged
 
 

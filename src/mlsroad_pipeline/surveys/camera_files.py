@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from PIL import Image as Picture
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
 from mlsroad_pipeline.algorithms.image_labels.camera import LARGEST, Camera
 from mlsroad_pipeline.algorithms.image_labels.poses import PoseTrack, rotation_of
 from mlsroad_pipeline.formats.files import WRONG, named_errors
-from mlsroad_pipeline.surveys.images import PICTURES, PosedImage, SurveyImages
+from mlsroad_pipeline.surveys.images import PICTURES, PosedImage, SurveyImages, picture_size
 
 _SUFFIXES = ("", *PICTURES)
 _LENS = ("k1", "k2", "p1", "p2", "k3")
@@ -104,8 +103,7 @@ def read_kitti(folder: str | Path, *, camera: int = 2) -> SurveyImages:
         poses[:, :3] = _numbers(root / "poses.txt", 12, len(pictures)).reshape(-1, 3, 4)
     if (root / "times.txt").is_file():
         times = _numbers(root / "times.txt", 1, len(pictures)).ravel()
-    with Picture.open(pictures[0]) as picture:
-        width, height = picture.size
+    width, height = picture_size(pictures[0])
     matrix = projection[:, :3]
     aside = np.linalg.solve(matrix, projection[:, 3])
     images = []

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -13,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image as Picture
 from PIL import UnidentifiedImageError
 
-from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
@@ -73,22 +76,43 @@ def read_picture(path: str | Path, camera: Camera, name: str) -> NDArray[np.uint
         return np.asarray(picture.convert("RGB"), dtype=np.uint8)
 
 
+_DAMAGED = (
+    UnidentifiedImageError, OSError, EOFError, ValueError, SyntaxError, struct.error, zlib.error,
+    Picture.DecompressionBombError,
+)  # fmt: skip
+"""Errors of Pillow for damaged files, and for more than 179 million pixels."""
+
+
 @contextmanager
 def opened_picture(path: Path, camera: Camera, name: str) -> Iterator[Picture.Image]:
     """Open a picture and check its size; pixels are loaded on access."""
     if not path.is_file():
         raise ReadError(f"{path}: no such picture (image {name!r})")
+    with _readable(path) as picture:
+        if picture.size != (camera.width, camera.height):
+            wide, high = picture.size
+            raise ReadError(
+                f"{path}: the picture has {wide} x {high} pixels, the calibration is for "
+                f"{camera.width} x {camera.height}"
+            )
+        yield picture
+
+
+def picture_size(path: Path) -> tuple[int, int]:
+    """Return width and height of a picture, without its pixels."""
+    with _readable(path) as picture:
+        return picture.size
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[Picture.Image]:
     try:
         with Picture.open(path) as picture:
-            if picture.size != (camera.width, camera.height):
-                wide, high = picture.size
-                raise ReadError(
-                    f"{path}: the picture has {wide} x {high} pixels, the calibration is for "
-                    f"{camera.width} x {camera.height}"
-                )
             yield picture
-    except (UnidentifiedImageError, OSError) as error:
-        raise ReadError(f"{path}: cannot be read as a picture: {error}") from error
+    except MlsRoadError:
+        raise
+    except _DAMAGED as error:
+        raise ReadError(f"{path}: cannot be read as a picture: {printable(error)[:200]}") from error
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.image_labels import onnx_network
 from mlsroad_pipeline.algorithms.image_labels.onnx_network import OnnxNetwork
 from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
+from mlsroad_pipeline.algorithms.models.torch_training import warn_of_cpu
 
 FREE = [1, 3, "rows", "columns"]
 
@@ -104,3 +105,27 @@ def test_cuda_that_onnxruntime_replaces_by_the_cpu_is_an_error(monkeypatch):
     monkeypatch.setattr(onnx_network, "_providers", lambda _: ["CPUExecutionProvider"])
     with pytest.raises(ParameterError, match=r"x\.onnx: device is 'cuda', but onnxruntime cannot use CUDA here"):
         OnnxNetwork(brightest(), **flat(device="cuda", source="x.onnx"))
+
+
+@pytest.mark.filterwarnings("ignore:Specified provider")
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_gpu_that_onnxruntime_cannot_use_is_told_once(monkeypatch, caplog, capfd, fails):
+    warn_of_cpu.cache_clear()
+    wanted = ["CUDAExecutionProvider", "CPUExecutionProvider"]
+    monkeypatch.setattr(onnx_network, "_providers", lambda device: wanted if device == "auto" else wanted[1:])
+    session = onnx_network.onnxruntime.InferenceSession
+
+    def failing(content, options, *, providers, **kwargs):
+        if fails and len(providers) == 2:
+            raise RuntimeError("CUDA failure 2: out of memory ; GPU=0")
+        return session(content, options, providers=providers, **kwargs)
+
+    monkeypatch.setattr(onnx_network.onnxruntime, "InferenceSession", failing)
+    for _ in range(2):
+        assert OnnxNetwork(brightest(), **flat(device="auto")).n_classes == 3
+    (record,) = caplog.records
+    reason = "CUDA failure 2: out of memory" if fails else "it runs with CPUExecutionProvider"
+    assert f"Networks run on the CPU, which is slower: onnxruntime cannot use the GPU ({reason}" in record.message
+    with pytest.raises(DataError, match="cannot be read as an ONNX model"):
+        OnnxNetwork(brightest()[:50], **flat(device="auto"))
+    assert capfd.readouterr() == ("", "")

@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.image_labels.pspnet import MEAN, SPREAD
 from mlsroad_pipeline.algorithms.models.torch_training import find_device, warn_of_cpu
 
@@ -58,25 +59,14 @@ class OnnxNetwork:
     ) -> None:  # fmt: skip
         self.mean, self.spread, self.source, self._n_numbers = tuple(mean), tuple(spread), source, n_numbers
         self.device = torch.device("cpu")  # onnxruntime copies what it needs
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1  # sums depend on the number of threads
-        options.log_severity_level = 3
-        providers = _providers(device)
+        self._session = _session(content, device, source)
         try:
-            self._session = onnxruntime.InferenceSession(content, options, providers=providers)
-        except Exception as error:  # onnxruntime has an error class for each kind of failure
+            given = self._session.get_inputs()
+            shape = list(given[0].shape) if len(given) == 1 else []
+        except UnicodeDecodeError as error:
             raise DataError(f"{source}: cannot be read as an ONNX model: {_one_line(error)}") from error
-        if device == "cuda" and _CUDA not in self._session.get_providers():  # onnxruntime takes the CPU instead
-            raise ParameterError(
-                f"{source}: device is 'cuda', but onnxruntime cannot use CUDA here (it runs with "
-                f"{', '.join(self._session.get_providers())}): install its CUDA libraries, or use device 'cpu'"
-            )
-        if device == "auto" and len(self._session.get_providers()) < len(providers):
-            warn_of_cpu("onnxruntime", f"it runs with {', '.join(self._session.get_providers())}")
-        given = self._session.get_inputs()
-        shape = list(given[0].shape) if len(given) == 1 else []
         if len(shape) != 4 or 3 not in (shape[1], shape[3]) or given[0].type not in _TYPES:
-            found = ", ".join(f"{item.name} {item.type} {item.shape}" for item in given)
+            found = printable(", ".join(f"{item.name} {item.type} {item.shape}" for item in given))[:300]
             raise DataError(
                 f"{source}: its input must be one image (1, 3, rows, columns) of float or uint8, not {found}"
             )
@@ -136,6 +126,8 @@ class OnnxNetwork:
             return torch.log(shares.clamp(min=1e-6))
         if out.ndim != 4 or len(out) != 1 or not out.size or out.dtype.kind != "f":
             raise DataError(f"{self.source}: returns {out.dtype} {out.shape}, not scores (1, classes, rows, columns)")
+        if not (out < np.inf).all():
+            raise DataError(f"{self.source}: returns NaN or infinity for an image")
         scores = torch.from_numpy(out.astype(np.float32))
         if out.min() >= 0 and np.abs(out.sum(axis=1, dtype=np.float64) - 1).max() < 1e-2:
             return torch.log(scores.clamp(min=1e-12))  # probabilities
@@ -147,6 +139,31 @@ def _resized(x: Tensor, size: Sequence[int]) -> Tensor:
         return x
     smaller = size[0] < x.shape[2] or size[1] < x.shape[3]
     return functional.interpolate(x, size=tuple(size), mode="bilinear", align_corners=False, antialias=smaller)
+
+
+def _session(content: bytes, device: str, source: str) -> onnxruntime.InferenceSession:
+    """Return a session; with the device "auto" it is one of the CPU where the GPU fails."""
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1  # sums depend on the number of threads
+    options.log_severity_level = 4  # errors are raised
+    providers = _providers(device)
+    try:  # its own fallback prints to the standard output
+        session = onnxruntime.InferenceSession(content, options, providers=providers, enable_fallback=0)
+    except Exception as error:  # onnxruntime has an error class for each kind of failure
+        if device != "auto" or len(providers) == 1:
+            raise DataError(f"{source}: cannot be read as an ONNX model: {_one_line(error)}") from error
+        session = _session(content, "cpu", source)
+        warn_of_cpu("onnxruntime", _one_line(error))
+        return session
+    used = ", ".join(session.get_providers())
+    if device == "cuda" and _CUDA not in used:  # onnxruntime takes the CPU instead
+        raise ParameterError(
+            f"{source}: device is 'cuda', but onnxruntime cannot use CUDA here (it runs with {used}): install its CUDA "
+            "libraries, or use device 'cpu'"
+        )
+    if device == "auto" and len(session.get_providers()) < len(providers):
+        warn_of_cpu("onnxruntime", f"it runs with {used}")
+    return session
 
 
 def _providers(device: str) -> list[str]:
@@ -162,4 +179,4 @@ def _providers(device: str) -> list[str]:
 
 
 def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:300]
+    return printable(error)[:300]

@@ -8,9 +8,11 @@ import torch
 from torch import Tensor
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.image_labels.pspnet import PSPNet
 from mlsroad_pipeline.algorithms.image_labels.pspnet_layouts import recognise_weights
 from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import load_state
+from mlsroad_pipeline.datasets.models.torch_checkpoints import torch_error
 
 
 def load_published(path: str | Path, *, n_classes: int | None = None, backbone: str | None = None) -> PSPNet:
@@ -45,17 +47,31 @@ def load_published(path: str | Path, *, n_classes: int | None = None, backbone: 
     try:
         given = torch.load(source, map_location="cpu", weights_only=True)
     except Exception as error:  # torch has no error of its own for a file that is no checkpoint
-        raise ReadError(f"{source}: cannot be read as weights without running code: {error}") from error
+        raise ReadError(f"{source}: cannot be read as weights without running code: {torch_error(error)}") from error
     state = given.get("state_dict", given) if isinstance(given, dict) else None
-    if not isinstance(state, dict) or not all(isinstance(value, Tensor) for value in state.values()):
+    if not isinstance(state, dict) or not all(
+        isinstance(name, str) and isinstance(value, Tensor) for name, value in state.items()
+    ):
         raise ReadError(f"{source}: holds no state dict")
+    state = {printable(name): value for name, value in state.items()}
+    strange = next((name for name, value in state.items() if not _is_finite(value)), None)
+    if strange is not None:
+        raise DataError(f"{source}: weights {strange} hold NaN, infinity or no real numbers")
     if backbone is None:
         backbone, state = recognise_weights(state, source=str(source))
     if n_classes is None:
         last = next((value for name, value in state.items() if name.endswith("cls.4.weight")), None)
         if last is None:
             raise DataError(f"{source}: has no weights cls.4.weight, whose first size is the number of classes")
+        if last.ndim != 4 or not len(last):
+            raise DataError(
+                f"{source}: weights cls.4.weight have the shape {tuple(last.shape)}, not (classes, n, 1, 1)"
+            )
         n_classes = len(last)
     network = PSPNet(n_classes, backbone=backbone)
     load_state(network, state, source=str(source))
     return network.eval()
+
+
+def _is_finite(weights: Tensor) -> bool:
+    return not weights.is_complex() and bool(torch.isfinite(weights).all())

@@ -9,7 +9,14 @@ from typing import Any
 import torch
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.execution.store_files import sync_file, sync_folder
+
+
+def torch_error(error: Exception) -> str:
+    """Return the cause of an error of `torch.load` in one line, without its advice to run code of the file."""
+    cause = str(error).partition("WeightsUnpickler error:")[2].partition("Check the documentation")[0]
+    return printable(cause or error).strip()[:200] or type(error).__name__
 
 
 @dataclass(frozen=True)
@@ -36,7 +43,9 @@ class TorchCheckpoints:
         try:
             state: dict[str, Any] = dict(torch.load(path, map_location="cpu", weights_only=True))
         except Exception as error:  # damaged archives raise errors of many kinds
-            raise ReadError(f"{path}: the checkpoint is damaged: {error}") from error
+            raise ReadError(
+                f"{path}: the checkpoint is damaged ({torch_error(error)}); remove it to train anew"
+            ) from error
         return state
 
     def save(self, name: str, state: dict[str, Any]) -> None:
