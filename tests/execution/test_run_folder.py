@@ -171,6 +171,12 @@ def test_a_geopackage_that_is_open_elsewhere_is_an_error(tmp_path, ending):
         check_closed(tmp_path / "inventory.gpkg")
 
 
+def test_a_folder_in_the_place_of_a_result_is_an_error(tmp_path):
+    (tmp_path / "a.laz").mkdir()
+    with pytest.raises(OutputExistsError, match=r"a\.laz is a folder, where a file is to be written: move it away"):
+        check_closed(tmp_path / "a.laz")
+
+
 HOLDER = "import sys, time; from mlsroad_pipeline.execution.output_lock import lock_output; lock_output(sys.argv[1]); "
 
 

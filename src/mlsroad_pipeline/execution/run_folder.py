@@ -241,7 +241,9 @@ class RunFolder:
 
 
 def check_closed(target: Path) -> None:
-    """Raise OutputExistsError for a GeoPackage that another program has open."""
+    """Raise OutputExistsError for a folder in place of a file, and for a GeoPackage that another program has open."""
+    if target.is_dir():
+        raise OutputExistsError(f"{target} is a folder, where a file is to be written: move it away")
     if target.suffix.lower() != ".gpkg":
         return
     beside = [target.name + ending for ending in _OPEN if os.path.lexists(f"{target}{ending}")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import struct
 import tokenize
 import zipfile
 import zlib
@@ -32,7 +33,7 @@ CRS = "crs"
 LARGEST_RATIO = 1100
 """Maximum compression ratio of Deflate, about 1,032 to 1: an entry above it is damaged."""
 
-DAMAGE = (ValueError, EOFError, OSError, zipfile.BadZipFile, zlib.error)
+DAMAGE = (ValueError, EOFError, OSError, struct.error, zipfile.BadZipFile, zlib.error)
 MANGLED = (SyntaxError, tokenize.TokenError, KeyError, TypeError, RuntimeError)
 """Errors raised for a damaged header of an archive entry or an array."""
 

@@ -104,7 +104,7 @@ def finished_record(run: RunFolder, record: Mapping[str, Any], plan: SurveyPlan,
             return False
         versions = run.versions()
         targets = [Path(target) for target in planned_paths(plan, run.output, parameters)]
-        names = [target.relative_to(run.output).as_posix() for target in targets]
+        names = {target.relative_to(run.output).as_posix() for target in targets} | versions.keys()
         return all(state_of(run.output / name) in versions.get(name, ()) for name in names)
     except MlsRoadError:  # the run itself reports it
         return False

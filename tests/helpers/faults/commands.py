@@ -1,4 +1,4 @@
-"""Process that loads what a command needs, then forks: ``store``, ``label`` or ``train`` into a folder per line of input.
+"""Process that loads what a command needs, then forks: ``store``, ``inventory``, ``label`` or ``train`` into a folder per line of input.
 
 No thread may be started before: a forked process would wait for it for ever.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import subprocess
 import sys
 import traceback
 from collections.abc import Callable
@@ -80,6 +81,29 @@ def label(work: Path, output: Path) -> None:
     run(work / "project", "label", **_of_label(work, output))
 
 
+def prepare_inventory(work: Path) -> None:
+    """Load the libraries that write an inventory."""
+    inventory(work, work / "loaded")
+    shutil.rmtree(work / "loaded")
+
+
+def inventory(work: Path, output: Path) -> None:
+    """Write an inventory of a pole, a vehicle and a kerb in every format."""
+    from helpers.inventories import planted_inventory
+
+    from mlsroad_pipeline.datasets.inventory.exports import EXPORTS
+    from mlsroad_pipeline.datasets.inventory.geopackage import write_geopackage
+    from mlsroad_pipeline.datasets.inventory.geoparquet import write_geoparquet
+
+    del work
+    output.mkdir(exist_ok=True)
+    given = planted_inventory()
+    write_geopackage(given, output / "inventory.gpkg")
+    write_geoparquet(given, output / "inventory.parquet")
+    for export in EXPORTS.values():
+        export.write(given, output)
+
+
 def prepare_train(work: Path) -> None:
     """Make a project with the features of two tiny streets, in a process of its own, and load the configuration."""
     from helpers.wiring import TINY, make_project, run, session_of
@@ -104,7 +128,8 @@ def train(work: Path, output: Path) -> None:
 
     if not (output / "copied").exists():
         shutil.rmtree(output, ignore_errors=True)
-        shutil.copytree(work / "project", output)
+        undisturbed = {name: value for name, value in os.environ.items() if name != "LD_PRELOAD"}
+        subprocess.run(["cp", "-r", str(work / "project"), str(output)], check=True, env=undisturbed)
         (output / "copied").touch()
     run(output, "detrended_forest", **TINY)
 
@@ -112,6 +137,7 @@ def train(work: Path, output: Path) -> None:
 COMMANDS: dict[str, tuple[Callable[[Path], None], Callable[[Path, Path], None]]] = {
     "store": (lambda work: None, store),
     "label": (prepare_label, label),
+    "inventory": (prepare_inventory, inventory),
     "train": (prepare_train, train),
 }
 

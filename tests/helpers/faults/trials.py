@@ -42,7 +42,8 @@ class Trials:
 
     def __init__(self, work: Path, command: str) -> None:
         self.root, self._control = work / "root", work / "control"
-        self.root.mkdir(parents=True)
+        temporary = self.root / "temporary"
+        temporary.mkdir(parents=True)
         self._control.write_bytes(bytes(32))
         with self._control.open("r+b") as stream:
             self._mapped = mmap.mmap(stream.fileno(), 32)
@@ -50,7 +51,12 @@ class Trials:
         environment = {
             **os.environ,
             **{"PYTHONPATH": places, "LD_PRELOAD": str(build(work)), "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"},
-            **{"FAULT_ROOT": str(self.root), "FAULT_CONTROL": str(self._control), "FAULT_LIST": str(work / "list")},
+            **{
+                "FAULT_ROOT": str(self.root),
+                "TMPDIR": str(temporary),
+                "FAULT_CONTROL": str(self._control),
+                "FAULT_LIST": str(work / "list"),
+            },
         }
         reading, writing = os.pipe()
         line = [sys.executable, "-W", "ignore", "-m", "helpers.faults.commands", command, str(work), str(writing)]
@@ -117,13 +123,9 @@ def results(folder: Path) -> dict[str, str]:
 
 
 def distinct(operations: list[str]) -> list[int]:
-    """Return the numbers, from 1, of the first and the last of consecutive operations of one kind on one file.
-
-    Those that copy a project before a training are left out.
-    """
+    """Return the numbers, from 1, of the first and the last of consecutive operations of one kind on one file."""
     ends = [k for k in range(1, len(operations)) if operations[k] != operations[k - 1]]
-    copied = max((k for k, name in enumerate(operations, start=1) if name.startswith("sendfile")), default=0)
-    return sorted(k for k in {1, len(operations), *ends, *(end + 1 for end in ends)} if k > copied)
+    return sorted({1, len(operations), *ends, *(end + 1 for end in ends)})
 
 
 def tries(trials: Trials, expected: dict[str, str], points: Iterator[tuple[int, str]]) -> Iterator[dict[str, Any]]:

@@ -40,6 +40,14 @@ class _Prepared(NamedTuple):
     shift: np.unsignedinteger
 
 
+_DTYPES = {
+    **{"n_leaves": np.uint8, "tree_class": np.uint8, "feature": np.int16, "threshold": np.float32},
+    **{"missing_left": np.bool_, "left": np.int8, "right": np.int8, "leaf": np.float32},
+    **{"initial": np.float64, "n_features": np.int64},
+}
+"""Types of the arrays of a stored model."""
+
+
 @dataclass(frozen=True)
 class BoostedTrees:
     """Trees whose leaf values are added per class.
@@ -204,11 +212,14 @@ class BoostedTrees:
         Raises
         ------
         DataError
-            If an array is missing.
+            If an array is missing, or of another type or shape.
         """
         names = [f.name for f in fields(cls)]
         check_arrays(arrays, names, "boosted trees")
         own = {name: np.asarray(arrays[name]) for name in names}
+        for name, values in own.items():
+            if values.dtype != _DTYPES[name] or values.ndim != (name != "n_features"):
+                raise DataError(f"array {name} of boosted trees is {values.dtype} {values.shape}: the model is damaged")
         return cls(n_features=int(own.pop("n_features")), **own)
 
     @cached_property

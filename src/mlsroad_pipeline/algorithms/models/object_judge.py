@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.models.array_checks import check_model_arrays
 from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
 
 _MOST, _LEAST_EFFECT = 3, 0.15  # largest number of reasons, and the least change of the score (log odds) of each
@@ -64,6 +65,10 @@ REASONS: dict[str, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
     ),
 }  # fmt: skip
 """Reasons for and against each kind, and the features (by the first letters of their names) that they rest on."""
+
+
+_FAR = 1e3
+"""Limit of the calibration of log odds."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +147,8 @@ class ObjectJudge:
         """
         scores = self.scores(classifier, features)
         if scores.shape[1] == 1:
-            return 1.0 / (1.0 + np.exp(-scores))
+            with np.errstate(over="ignore"):  # of a score far below 0, whose probability is 0
+                return 1.0 / (1.0 + np.exp(-scores))
         powers = np.exp(scores - scores.max(axis=1, keepdims=True))
         return powers / powers.sum(axis=1, keepdims=True)
 
@@ -207,8 +213,9 @@ class ObjectJudge:
         Raises
         ------
         DataError
-            If an array is missing.
+            If an array is missing, has another shape or type, or holds NaN; those of `typical` may be NaN.
         """
+        check_model_arrays({name: values for name, values in arrays.items() if not name.endswith("/typical")})
         try:
             classifiers = [str(name) for name in arrays["questions"]]
             parts = {
@@ -219,9 +226,12 @@ class ObjectJudge:
                 }
                 for classifier in classifiers
             }
+            trees = {classifier: BoostedTrees.from_arrays(part) for classifier, part in parts.items()}
+            for classifier, part in parts.items():
+                _check_judge(classifier, part)
             return cls(
                 {classifier: [str(name) for name in part["features"]] for classifier, part in parts.items()},
-                {classifier: BoostedTrees.from_arrays(part) for classifier, part in parts.items()},
+                trees,
                 {
                     classifier: (float(part["calibration"][0]), float(part["calibration"][1]))
                     for classifier, part in parts.items()
@@ -230,3 +240,18 @@ class ObjectJudge:
             )
         except KeyError as error:
             raise DataError(f"the judge of objects lacks the array {error}") from error
+
+
+def _check_judge(classifier: str, part: Mapping[str, NDArray]) -> None:
+    """Check the arrays of a classifier that are no trees."""
+    n_features = int(part["n_features"])
+    calibration, typical = part["calibration"], part["typical"]
+    near = calibration.dtype.kind == "f" and bool((np.abs(calibration) < _FAR).all())
+    finite = typical.dtype.kind == "f" and not np.isinf(typical).any()
+    for name, fits in (
+        ("features", part["features"].shape == (n_features,)),
+        ("calibration", calibration.shape == (2,) and near),
+        ("typical", typical.shape == (n_features,) and finite),
+    ):
+        if not fits:
+            raise DataError(f"the judge of objects is damaged: array '{classifier}/{name}' has other values")

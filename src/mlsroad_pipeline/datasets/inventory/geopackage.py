@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import errno
-import os
 import sqlite3
-import uuid
 import warnings
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from pathlib import Path
 
 import geopandas as gpd
@@ -39,6 +36,7 @@ from mlsroad_pipeline.datasets.inventory.road_inventory import (
     vehicle_boxes,
     with_empty_text,
 )
+from mlsroad_pipeline.datasets.inventory.whole_files import write_whole
 
 LAYERS = {"poles": "pole", "signs": "sign", "trees": "tree", "vehicles": "vehicle"}
 """Layer name to kind of object."""
@@ -47,6 +45,8 @@ LINE_LAYERS = {"kerbs": "kerb", "wires": "wire"}
 """Layer name to kind of line."""
 
 _FIXED_DATE = "2000-01-01T00:00:00.000Z"
+_OPTIONS = {"OGR_CURRENT_DATE": _FIXED_DATE, "OGR_SQLITE_SYNCHRONOUS": "OFF"}
+"""Options of GDAL: the default date is the time of writing; the finished file is synced, its parts need not be."""
 _POINT, _POLYGON, _LINE = "Point Z", "Polygon Z", "LineString Z"
 _OF_FOOTPRINTS = ["object_id", "class", "kind", "score", "height"]  # repeated in the layer of footprints
 
@@ -88,15 +88,17 @@ def write_geopackage(inventory: RoadInventory, path: str | Path) -> None:
     """
     target = Path(path)
     table, crs = checked(inventory, target)
-    before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
-    # The default is the time of writing: equal inventories would give different bytes.
-    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": _FIXED_DATE})
+    before = {name: pyogrio.get_gdal_config_option(name) for name in _OPTIONS}
+
+    def write(folder: Path) -> None:
+        _write_layers(folder / target.name, inventory, table, crs)
+        _check_whole(folder / target.name, target)
+
+    pyogrio.set_gdal_config_options(_OPTIONS)
     try:
-        with _replaced(target) as temporary:
-            _write_layers(temporary, inventory, table, crs)
-            _check_whole(temporary, target)
+        write_whole(target.parent, write)
     finally:
-        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
+        pyogrio.set_gdal_config_options(before)
 
 
 def _check_whole(path: Path, target: Path) -> None:
@@ -114,17 +116,6 @@ def _check_whole(path: Path, target: Path) -> None:
                 rows.append(len({database.execute(count).fetchone() for count in counts}) == 1)
     if not (sound and len(parts) == 1 and 0 not in parts and all(rows)):
         raise OSError(errno.EIO, "the disk has lost a part of the GeoPackage while it was written", str(target))
-
-
-@contextmanager
-def _replaced(target: Path) -> Iterator[Path]:
-    """Yield a temporary path in the target's folder; rename it to the target at the end, remove it on an error."""
-    temporary = target.with_name(f".{target.stem}-{uuid.uuid4().hex}{target.suffix}")
-    try:
-        yield temporary
-        os.replace(temporary, target)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _write_layers(path: Path, inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> None:

@@ -29,6 +29,7 @@ from mlsroad_pipeline.datasets.inventory.road_inventory import (
     line_shapes,
     vehicle_boxes,
 )
+from mlsroad_pipeline.datasets.inventory.whole_files import write_whole
 from mlsroad_pipeline.formats.files import atomic_file
 
 logger = logging.getLogger(__name__)
@@ -184,15 +185,20 @@ def _write(
     driver: str,
     layer: str,
     options: dict[str, Any] | None = None,
-) -> None:
+) -> list[Path]:
     frame = gpd.GeoDataFrame(
         columns.reset_index(drop=True), geometry=gpd.GeoSeries(geometry, dtype="geometry"), crs=crs
     )
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=".*crs.* was not provided", category=UserWarning)
-        pyogrio.write_dataframe(
-            frame, path, layer=layer, driver=driver, geometry_type=kind, layer_options=options or {}
-        )
+
+    def write(folder: Path) -> None:
+        place = folder / path.name
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message=".*crs.* was not provided", category=UserWarning)
+            pyogrio.write_dataframe(
+                frame, place, layer=layer, driver=driver, geometry_type=kind, layer_options=options or {}
+            )
+
+    return write_whole(path.parent, write)
 
 
 def short_name(name: str) -> str:
@@ -240,17 +246,17 @@ def write_shapefile(inventory: RoadInventory, folder: Path) -> list[Path]:
     written: list[Path] = []
     for layer, rows, geometry, kind in layers:
         path = target / f"{layer}.shp"
-        options = {"ENCODING": "UTF-8"}
+        options = {"ENCODING": "UTF-8", "DBF_DATE_LAST_UPDATE": "2000-01-01"}  # the default is the day of writing
         short = _short(rows, path)
-        _write(path, short, geometry, kind, crs, driver="ESRI Shapefile", layer=layer, options=options)
-        written += [path.with_suffix(end) for end in (".shp", ".shx", ".dbf", ".cpg", ".prj")]
+        parts = _write(path, short, geometry, kind, crs, driver="ESRI Shapefile", layer=layer, options=options)
+        written += sorted(parts, key=lambda part: part != path)  # the file that programs open comes first
     names = target / "fields.csv"
     with atomic_file(names) as stream:
         fields = [str(name) for name in columns]
         if inventory.lines is not None:
             fields += [name for name in LINE_FIELDS if name != "line" and name not in fields]
         stream.write(_names(fields).to_csv(index=False, lineterminator="\n").encode())
-    return [*(path for path in written if path.exists()), names]
+    return [*written, names]
 
 
 def _names(columns: Sequence[str]) -> pd.DataFrame:

@@ -9,7 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.models.object_judge import ObjectJudge
+from mlsroad_pipeline.formats.files import WRONG
+from mlsroad_pipeline.formats.npz import DAMAGE, MANGLED
 
 FOLDER = Path(__file__).parent / "shipped_judges"
 """Folder of the judge in the package."""
@@ -56,5 +59,5 @@ def shipped_judge() -> ObjectJudge:
     try:
         with np.load(path, allow_pickle=False) as arrays:
             return ObjectJudge.from_arrays(dict(arrays))
-    except (OSError, ValueError) as error:
-        raise ReadError(f"{path} cannot be read ({error}): install the package again") from error
+    except (*DAMAGE, *MANGLED, *WRONG) as error:
+        raise ReadError(f"{path} cannot be read ({printable(error)}): install the package again") from error

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,6 +12,7 @@ from mlsroad_pipeline.algorithms.baselines.boosted_trees.continuation import Rep
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.algorithms.features.voxel_scales import voxel_feature_names
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.formats.npz import DAMAGE, MANGLED
 
 FILE = Path(__file__).with_name("shipped_replay") / "general.npz"
 """Voxels of simulated streets, drawn in proportion to their training weights: `benchmarks/replay_voxels.py`."""
@@ -66,7 +65,7 @@ def read_replay(bundle: ModelBundle, path: Path = FILE) -> Replay:
     try:
         with np.load(path) as stored:
             arrays = {name: stored[name] for name in ("values", "allowed", "classes", "features")}
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile, zlib.error) as error:
+    except (*DAMAGE, *MANGLED) as error:
         raise ReadError(f"{path} is missing or damaged: install mlsroad_pipeline again") from error
     if arrays["classes"].tolist() != list(bundle.metadata["classes"]):
         raise ParameterError(
