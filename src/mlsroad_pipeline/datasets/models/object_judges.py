@@ -57,7 +57,7 @@ def shipped_judge() -> ObjectJudge:
     """
     path = FOLDER / JUDGE
     try:
-        with np.load(path, allow_pickle=False) as arrays:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
             return ObjectJudge.from_arrays(dict(arrays))
     except (*DAMAGE, *MANGLED, *WRONG) as error:
         raise ReadError(f"{path} cannot be read ({printable(error)}): install the package again") from error

@@ -63,7 +63,7 @@ def read_replay(bundle: ModelBundle, path: Path = FILE) -> Replay:
         If the file is missing or damaged.
     """
     try:
-        with np.load(path) as stored:
+        with path.open("rb") as stream, np.load(stream) as stored:
             arrays = {name: stored[name] for name in ("values", "allowed", "classes", "features")}
     except (*DAMAGE, *MANGLED) as error:
         raise ReadError(f"{path} is missing or damaged: install mlsroad_pipeline again") from error
