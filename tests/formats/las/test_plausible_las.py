@@ -77,6 +77,53 @@ def test_points_beyond_the_stated_number_of_a_laz_are_read(tmp_path, rng, stated
     assert LAS.info(path, DEFAULT).notes == (f"its header states {stated} points, it holds 60001: all are read",)
 
 
+@pytest.mark.parametrize(
+    ("version", "point_format", "n", "stated"),
+    [
+        *(("1.2", 0, 2, 1), ("1.2", 0, 300, 0), ("1.2", 1, 300, 299), ("1.2", 2, 300, 7), ("1.2", 3, 300, 150)),
+        *(("1.3", 4, 300, 298), ("1.3", 5, 300, 150), ("1.2", 1, 50_300, 5), ("1.4", 3, 50_300, 50_001)),
+    ],
+)
+def test_the_last_chunk_of_a_laz_without_layers_is_read_to_its_end(tmp_path, rng, version, point_format, n, stated):
+    path = tmp_path / "a.laz"
+    las = make_las(path, rng, version=version, point_format=point_format, n=n, extras=n < 1000)
+    patch(path, "I", 107, stated)
+    if version == "1.4":
+        patch(path, "Q", 247, stated)
+    info = LAS.info(path, DEFAULT)
+    assert info.notes == (f"its header states {stated} points, it holds {n}: all are read",)
+    np.testing.assert_allclose(LAS.read(path, DEFAULT).world_xyz(), las.xyz, rtol=0, atol=1e-6)
+
+
+def test_points_that_take_no_byte_are_told(tmp_path):
+    path = tmp_path / "a.laz"
+    las = laspy.create(point_format=1, file_version="1.2")
+    las.x = las.y = las.z = np.full(3000, 7.0)
+    las.write(path)
+    assert LAS.info(path, DEFAULT).notes == ()
+    patch(path, "I", 107, 1500)
+    info = LAS.info(path, DEFAULT)
+    (note,) = info.notes
+    more = int(note.split("up to ")[1].split()[0])
+    assert info.n_points < 3000 <= info.n_points + more and "repeat the last ones" in note
+
+
+@pytest.mark.parametrize("point_format", [3, 7])
+def test_a_table_of_chunks_at_the_end_is_found(tmp_path, rng, point_format):
+    path, streamed = tmp_path / "a.laz", tmp_path / "b.laz"
+    version = "1.2" if point_format < 6 else "1.4"
+    las = make_las(path, rng, version=version, point_format=point_format, extras=False)
+    data, header = bytearray(path.read_bytes()), read_header(path)
+    table = data[header.point_offset : header.point_offset + 8]
+    data = data[: struct.unpack_from("<Q", data, 235)[0]] if header.evlrs else data
+    struct.pack_into("<q", data, header.point_offset, -1)
+    struct.pack_into("<I", data, 107, 0)
+    if version == "1.4":
+        struct.pack_into("<QIQ", data, 235, 0, 0, 11)
+    streamed.write_bytes(data + table)
+    assert len(LAS.read(streamed, DEFAULT)) == len(las) == 300
+
+
 def test_bytes_after_the_points_are_no_points(tmp_path, rng):
     path = tmp_path / "a.las"
     make_las(path, rng, version="1.2", point_format=1, extras=False)

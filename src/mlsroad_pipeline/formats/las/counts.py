@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import BinaryIO
@@ -14,20 +13,13 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.formats.content import Content, open_content
 from mlsroad_pipeline.formats.files import FileKey
+from mlsroad_pipeline.formats.las.last_chunk import stream_points
 
 POINTWISE = 1
 """LASzip compressor without chunks (LASzip 1)."""
 
 LAYERED_FROM = 6
 """First point format whose chunks state their number of points."""
-
-SPARE_BYTES = 64
-"""Bytes at the end of a chunk without which its points cannot be decompressed; the last 4 are the coder's."""
-
-NOT_COUNTED = (
-    "its header states {} points, {} more, whose number is not stated: they are not read; write the file anew from its "
-    "source"
-)
 
 COMPARED, REACH, NEAR_STEPS = 1000, 100, 1_000_000
 """Number of records that others are compared with, and how far others may be: extents of these, and steps."""
@@ -126,7 +118,7 @@ def _coordinates(data: bytes, size: int) -> NDArray[np.float64]:
 
 @lru_cache(maxsize=64)
 def compressed_points(key: FileKey, begin: int, record: bytes, layout: tuple[int, int], stated: int) -> tuple[int, str]:
-    """Return the number of points of a LAZ file, as far as its chunks state it, and a sentence if it is another one.
+    """Return the number of points of a LAZ file by its chunks, and a sentence if it is not the stated one.
 
     Parameters
     ----------
@@ -152,69 +144,43 @@ def compressed_points(key: FileKey, begin: int, record: bytes, layout: tuple[int
     try:
         laz = lazrs.LazVlr(record)
         with open_content(Path(key[0])).stream() as stream:
-            if record[0] == POINTWISE or stream.seek(0, 2) < begin + 8:
-                return stated, ""
-            stream.seek(begin)
-            table = struct.unpack("<q", stream.read(8))[0]
-            if table < begin + 8:
-                return stated, ""
-            stream.seek(table)
-            n_chunks = struct.unpack("<II", stream.read(8))[1]
-            if n_chunks > (table - begin) // layout[1]:
+            if record[0] == POINTWISE or not _has_table(stream, begin, layout[1]):
                 return stated, ""
             stream.seek(begin)
             chunks = lazrs.read_chunk_table(stream, laz)
-            if chunks and layout[0] < LAYERED_FROM and not laz.uses_variable_size_chunks():
-                return stated, _left_over(stream, laz, record, chunks, begin, layout[1], stated)
-            n_points = max(stated, _of_chunks(stream, laz, chunks, begin, layout, stated))
-            return n_points, f"its header states {stated} points, it holds {n_points}: all are read" * (
-                n_points != stated
-            )
+            if not chunks or laz.uses_variable_size_chunks():
+                n_points, note = sum(number for number, _ in chunks), ""
+            else:
+                stream.seek(begin + 8 + sum(n_bytes for _, n_bytes in chunks[:-1]))
+                data, full = stream.read(chunks[-1][1]), (len(chunks) - 1) * laz.chunk_size()
+                if layout[0] >= LAYERED_FROM:
+                    n_points, note = full + _of_layers(data, layout[1], laz.chunk_size()), ""
+                else:
+                    last, note = stream_points(data, record, laz, stated - full)
+                    n_points = full + last
     except (lazrs.LazrsError, struct.error, OverflowError):
         return stated, ""
+    if n_points > stated:
+        return n_points, f"its header states {stated} points, it holds {n_points}: all are read{note}"
+    return stated, note
 
 
-def _of_chunks(
-    stream: BinaryIO,
-    laz: lazrs.LazVlr,
-    chunks: Sequence[tuple[int, int]],
-    begin: int,
-    layout: tuple[int, int],
-    stated: int,
-) -> int:
-    if laz.uses_variable_size_chunks():
-        return sum(n_points for n_points, _ in chunks)
-    full = (len(chunks) - 1) * laz.chunk_size()
-    if not chunks:
-        return stated
-    stream.seek(begin + 8 + sum(n_bytes for _, n_bytes in chunks[:-1]) + layout[1])
-    last = struct.unpack("<I", stream.read(4))[0]
-    return full + last if 0 < last <= laz.chunk_size() else stated
+def _has_table(stream: BinaryIO, begin: int, size: int) -> bool:
+    """Return whether the chunk table lies behind the points and has no more chunks than fit before it."""
+    end = stream.seek(0, 2)
+    if end < begin + 8:
+        return False
+    stream.seek(begin)
+    table = struct.unpack("<q", stream.read(8))[0]
+    if table == -1:  # a writer that cannot seek back puts it at the end
+        stream.seek(end - 8)
+        table = struct.unpack("<q", stream.read(8))[0]
+    if not begin + 8 <= table <= end - 8:
+        return False
+    stream.seek(table)
+    return bool(struct.unpack("<II", stream.read(8))[1] <= (table - begin) // size)
 
 
-def _left_over(
-    stream: BinaryIO,
-    laz: lazrs.LazVlr,
-    record: bytes,
-    chunks: Sequence[tuple[int, int]],
-    begin: int,
-    size: int,
-    stated: int,
-) -> str:
-    """Return a sentence if the last chunk of points of formats 0 to 5 holds more points than the header states.
-
-    Such a chunk does not state its number of points, but the stated ones take all of its bytes.
-    """
-    n_bytes, n_last = chunks[-1][1], stated - (len(chunks) - 1) * laz.chunk_size()
-    if n_bytes < size + SPARE_BYTES or not (n_last < laz.chunk_size() and (n_last > 0 or not stated)):
-        return ""
-    if not stated:
-        return NOT_COUNTED.format(stated, "its chunks hold")
-    stream.seek(begin + 8 + sum(number for _, number in chunks[:-1]))
-    data = stream.read(n_bytes - SPARE_BYTES)
-    try:
-        points = np.empty(n_last * size, np.uint8)
-        lazrs.decompress_points_with_chunk_table(data, record, points, [(n_last, len(data))])
-    except lazrs.LazrsError:
-        return ""
-    return NOT_COUNTED.format(stated, "its last chunk holds")
+def _of_layers(data: bytes, size: int, largest: int) -> int:
+    last = int(struct.unpack_from("<I", data, size)[0])
+    return last if last <= largest else 0

@@ -1,0 +1,92 @@
+"""Number of points in the last chunk of a LAZ file of point formats 0 to 5, which no field of the file states.
+
+The decoder of LASzip reads as many bytes as the encoder writes (M. Isenburg, LASzip, `ArithmeticEncoder::done`): the
+last point of a chunk takes its last byte.
+"""
+
+from __future__ import annotations
+
+import struct
+
+import lazrs
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.formats.expansion import ALLOWED, LARGEST_RATIO
+
+NOT_COUNTED = (
+    "the last chunk of its points is longer than the {} points that its header leaves for it: what follows is not "
+    "read; write the file anew from its source"
+)
+"""Sentence where the chunk is not that of a known compressor."""
+
+EQUAL = "; up to {} more may follow, which repeat the last ones so evenly that they take no byte"
+"""What follows the sentence where several numbers of points give the same bytes."""
+
+FIRST_GUESS = 1024
+"""Smallest number of points with which the search for the last point begins."""
+
+
+def stream_points(data: bytes, record: bytes, laz: lazrs.LazVlr, stated: int) -> tuple[int, str]:
+    """Return the number of points of a chunk.
+
+    Parameters
+    ----------
+    data : bytes
+        The chunk.
+    record : bytes
+        Data of the LASzip record.
+    laz : lazrs.LazVlr
+        The same, parsed.
+    stated : int
+        Number of points that the header of the file leaves for the chunk; any number.
+
+    Returns
+    -------
+    n_points : int
+        The stated number, unless the chunk has bytes behind these points and compressing more of them gives the
+        same bytes.
+    note : str
+        Sentence if bytes behind the points are no such points.
+    """
+    if stated > laz.chunk_size() or (stated > 0 and _unpacked(data[:-1], record, laz, stated) is None):
+        return stated, ""
+    fewest = _most_points(data[:-1], record, laz, stated) + 1
+    alone = _unpacked(data, record, laz, fewest + 1) is None
+    most = fewest if alone else _most_points(data, record, laz, fewest)
+    points = _unpacked(data, record, laz, most)
+    if points is None or not points.size:
+        return stated, ""
+    size = laz.item_size()
+    same = [n for n in range(fewest, most + 1) if _packed(points[: n * size], record) == data]
+    if not same:
+        return stated, NOT_COUNTED.format(max(stated, 0))
+    return same[0], EQUAL.format(same[-1] - same[0]) if len(same) > 1 else ""
+
+
+def _most_points(data: bytes, record: bytes, laz: lazrs.LazVlr, stated: int) -> int:
+    """Return how many points can be decompressed from these bytes, by bisection."""
+    size = laz.item_size()
+    limit = min(laz.chunk_size(), max(ALLOWED, LARGEST_RATIO * len(data)) // size)
+    low, high = max(stated, 0), min(max(2 * stated, FIRST_GUESS), limit + 1)
+    while high <= limit and _unpacked(data, record, laz, high) is not None:
+        low, high = high, min(2 * high, limit + 1)
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if _unpacked(data, record, laz, middle) is None else (middle, high)
+    return low
+
+
+def _unpacked(data: bytes, record: bytes, laz: lazrs.LazVlr, n_points: int) -> NDArray[np.uint8] | None:
+    points = np.empty(n_points * laz.item_size(), np.uint8)
+    try:
+        lazrs.decompress_points_with_chunk_table(data, record, points, [(n_points, len(data))])
+    except lazrs.LazrsError:
+        return None
+    return points
+
+
+def _packed(points: NDArray[np.uint8], record: bytes) -> bytes:
+    """Return points as one chunk."""
+    whole = bytes(lazrs.compress_points(lazrs.LazVlr(record), points, False))
+    return whole[8 : struct.unpack_from("<q", whole)[0]]
