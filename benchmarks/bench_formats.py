@@ -20,12 +20,17 @@ from pathlib import Path
 import laspy
 import lazrs
 import numpy as np
+import pye57
+import pypcd4
 
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
+from mlsroad_pipeline.formats.e57.format import CARTESIAN
+from mlsroad_pipeline.formats.e57.format import _open as open_e57
 from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.formats.las.header import LASZIP, RECORD_SIZES, LasHeader, read_header
 from mlsroad_pipeline.formats.las.records import RecordReader
 from mlsroad_pipeline.formats.las.writer import RecordWriter
+from mlsroad_pipeline.formats.pcd.format import _open as open_pcd
 from mlsroad_pipeline.formats.ply.format import PlyFormat
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.formats.text.format import TextFormat
@@ -34,7 +39,7 @@ from mlsroad_pipeline.surveys.inspection import inspect_file
 
 CHUNK = 1_000_000
 REPEATS = 3
-RIVALS = ("lazrs alone", "laspy", "numpy.loadtxt")
+RIVALS = ("lazrs alone", "laspy", "numpy.loadtxt", "pypcd4 as one array", "pypcd4", "pye57")
 """Suffix of the names of competing programs."""
 TABLE_POINTS, TEXT_POINTS = 1_000_000, 5_000_000
 RECORDS = 2_000_000
@@ -232,9 +237,44 @@ def bench_long_text(laz: Path, out: Path) -> None:
     )
 
 
+def bench_others(laz: Path, out: Path) -> None:
+    """Read two million points with intensity from PCD and E57, each time from a file that has just been opened.
+
+    pypcd4 maps the records; as one array they are float32. mlsroad returns coordinates in float64 that are checked.
+    """
+    del laz
+    rng = np.random.default_rng(0)
+    pcd, e57 = out / "a.pcd", out / "a.e57"
+    values = rng.random((4, RECORDS))
+    pypcd4.PointCloud.from_xyzi_points(values.T.astype(np.float32)).save(str(pcd))
+    file = pye57.E57(str(e57), mode="w")
+    file.write_scan_raw(dict(zip((*CARTESIAN, "intensity"), values, strict=True)))
+    file.close()
+
+    def read(path: Path) -> int:
+        open_pcd.cache_clear()
+        open_e57.cache_clear()
+        return len(get_format(path).read(path, ReadOptions()))
+
+    measure(
+        {
+            "read PCD": lambda: read(pcd),
+            "read PCD, pypcd4": lambda: pypcd4.PointCloud.from_path(pcd).points,
+            "read PCD, pypcd4 as one array": lambda: len(
+                pypcd4.PointCloud.from_path(pcd).numpy(("x", "y", "z", "intensity"))
+            ),
+            "read E57": lambda: read(e57),
+            "read E57, pye57": lambda: len(
+                pye57.E57(str(e57)).read_scan(0, intensity=True, ignore_missing_fields=True)["intensity"]
+            ),
+        },
+        repeats=7,
+    )
+
+
 GROUPS = {
     **{"records": bench_records, "inspect": bench_inspect, "laz": bench_laz, "labels": bench_labels},
-    **{"text": bench_text, "long-text": bench_long_text},
+    **{"text": bench_text, "long-text": bench_long_text, "others": bench_others},
 }
 
 

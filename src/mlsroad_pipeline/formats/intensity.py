@@ -113,7 +113,7 @@ def scaled_intensity(values: NDArray, rule: IntensityRule, *, source: Path) -> N
     """
     with np.errstate(over="ignore", invalid="ignore"):  # overflows raise below
         shifted = values - rule.low if rule.by_range else values
-        scaled: NDArray[np.float32] = (shifted / (rule.high - rule.low)).astype(np.float32)
+        scaled: NDArray[np.float32] = (shifted / (rule.high - rule.low)).astype(np.float32, copy=False)
     if rule.clipped:
         return np.clip(scaled, 0.0, 1.0)
     low, high = np.fmin.reduce(scaled, initial=np.nan), np.fmax.reduce(scaled, initial=np.nan)  # NaN where all are

@@ -187,12 +187,18 @@ def with_points_only(table: PointTable, path: Path) -> PointTable:
         return table
     returned = []
     for start in range(0, table.n_points, CHUNK):
-        part = table.rows(COORDINATES, start, min(start + CHUNK, table.n_points))
+        stop = min(start + CHUNK, table.n_points)
+        first = table.rows(COORDINATES[:1], start, stop)[COORDINATES[0]]
+        with np.errstate(invalid="ignore", over="ignore"):
+            if np.isfinite(first.sum()):  # no NaN: the other coordinates need not be read
+                returned.append(np.ones(stop - start, np.bool_))
+                continue
+        part = table.rows(COORDINATES, start, stop)
         returned.append(~np.logical_and.reduce([np.isnan(part[name]) for name in COORDINATES]))
+    if all(mask.all() for mask in returned):
+        return table
     kept = np.flatnonzero(np.concatenate(returned)) if returned else np.empty(0, np.int64)
     n_lost = table.n_points - len(kept)
-    if not n_lost:
-        return table
     logger.info("%s: %d of %d points are NaN, beams without return; they are left out", path, n_lost, table.n_points)
 
     def rows(names: Sequence[str], start: int, stop: int) -> Mapping[str, NDArray]:

@@ -123,7 +123,10 @@ def _open(key: FileKey, threads: bool) -> PointTable:
                 sources[name] = lambda a, b, f=field, i=i: values(f, a, b)[:, i]  # type: ignore[misc]
 
     def rows(names: Sequence[str], start: int, stop: int) -> Mapping[str, NDArray]:
-        return {name: np.ascontiguousarray(sources[name](start, stop)) for name in names}
+        parts = {name: sources[name](start, stop) for name in names}
+        return {  # coordinates are copied into one array by the caller
+            name: part if name in COORDINATES else np.ascontiguousarray(part) for name, part in parts.items()
+        }
 
     details = {"encoding": header.encoding, **{k.lower(): v for k, v in header.entries.items() if k != "DATA"}}
     notes = (*_viewpoint_note(header), *_left_over(path, header))
