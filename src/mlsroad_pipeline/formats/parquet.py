@@ -32,6 +32,10 @@ VECTORS = {"rgb": COLOURS, "xyz": ("x", "y", "z")}
 logger = logging.getLogger(__name__)
 
 
+PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+"""Units of times in a second."""
+
+
 @dataclass(frozen=True)
 class _Column:
     """A column of the table, or one index of a column of lists of fixed length."""
@@ -159,7 +163,7 @@ def _values(column: pa.ChunkedArray, entry: _Column) -> NDArray:
     if entry.index is not None:
         array = pa.compute.list_element(array, entry.index)
     if pa.types.is_timestamp(array.type):
-        return np.asarray(array.cast(pa.timestamp("us")).cast(pa.int64()).to_numpy(zero_copy_only=False) * 1e-6)
+        return np.asarray(array.cast(pa.int64()).to_numpy(zero_copy_only=False) / PER_SECOND[array.type.unit])
     if pa.types.is_decimal(array.type):
         array = array.cast(pa.float64())
     values = array.to_numpy(zero_copy_only=False)

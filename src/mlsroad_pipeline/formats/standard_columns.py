@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -23,9 +24,9 @@ from mlsroad_pipeline.formats.intensity import ORIGINAL, intensity_rule, scaled_
 COORDINATES = ("x", "y", "z")
 COLOURS = ("red", "green", "blue")
 ALIASES: dict[str, tuple[str, ...]] = {
-    "x": ("//x", "px", "easting", "east", "x[m]", "x(m)", "x_m"),
-    "y": ("py", "northing", "north", "y[m]", "y(m)", "y_m"),
-    "z": ("pz", "elevation", "height", "altitude", "z[m]", "z(m)", "z_m"),
+    "x": ("//x", "px", "easting", "east", "x_m", "point x", "x coord", "x coordinate"),
+    "y": ("py", "northing", "north", "y_m", "point y", "y coord", "y coordinate"),
+    "z": ("pz", "elevation", "height", "altitude", "z_m", "point z", "z coord", "z coordinate"),
     "red": ("r", "diffuse_red"),
     "green": ("g", "diffuse_green"),
     "blue": ("b", "diffuse_blue"),
@@ -40,6 +41,22 @@ COLOUR_DEPTH = "colours are read as {} bits in fields of 16; rgb_bits changes th
 INTEGER_COLUMNS = ("label", "instance")
 NEAR = 1000.0
 """Coordinates below this many metres are local: float32 resolves them to 0.1 mm, and the origin stays zero."""
+
+
+def bare_name(name: str) -> str:
+    """Return a name in lower case without its unit in brackets: ``easting`` of ``Easting (m)``.
+
+    Parameters
+    ----------
+    name : str
+        Name of a column.
+
+    Returns
+    -------
+    str
+        The name; unchanged but for its case where it is a unit alone.
+    """
+    return re.sub(r"(?<=\S)\s*[\[(][^\[\]()]*[\])]\s*$", "", name.lower())
 
 
 def resolve_columns(file_names: Sequence[str], options: ReadOptions, source: Path) -> dict[str, str]:
@@ -66,11 +83,11 @@ def resolve_columns(file_names: Sequence[str], options: ReadOptions, source: Pat
     """
     chosen = _mapped(file_names, options, source)
     taken = set(chosen.values())
-    exact = {name.lower() for name in file_names}
+    exact = {bare_name(name) for name in file_names}
     for name in file_names:
         if name in taken:
             continue
-        lower = name.lower()
+        lower = bare_name(name)
         standard = lower if lower in ALIASES else name
         meant = next((key for key, other in ALIASES.items() if lower in other), None)
         if meant is not None and meant not in exact and meant not in chosen:
@@ -79,7 +96,7 @@ def resolve_columns(file_names: Sequence[str], options: ReadOptions, source: Pat
         chosen[f"file_{name}" if standard in chosen else standard] = name
     for name in COORDINATES:
         if name not in chosen:
-            raise _missing(name, file_names, source)
+            raise _missing(name, file_names, source, f"; set columns, such as {{{name}: NAME}}")
     if options.only is None:
         return chosen
     wanted = set(COORDINATES)
@@ -105,8 +122,8 @@ def _mapped(file_names: Sequence[str], options: ReadOptions, source: Path) -> di
     return chosen
 
 
-def _missing(name: object, have: Sequence[str], source: Path) -> MissingColumnError:
-    return MissingColumnError(f"{source} has no column {name!r} (columns: {', '.join(have) or 'none'})")
+def _missing(name: object, have: Sequence[str], source: Path, more: str = "") -> MissingColumnError:
+    return MissingColumnError(f"{source} has no column {name!r} (columns: {', '.join(have) or 'none'}){more}")
 
 
 def origin_near(corner: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import FileInfo, PointFormat, ReadOptions
 from mlsroad_pipeline.formats.crs import auto_note, with_units
@@ -22,6 +23,9 @@ from mlsroad_pipeline.formats.standard_columns import COORDINATES, resolve_colum
 logger = logging.getLogger(__name__)
 
 CHUNK = 1_000_000
+LEAST_RECORDS = 100
+"""Smallest number of points whose bytes are compared with the length of a file."""
+
 _EXTREMES: dict[tuple[FileKey, tuple[str, ...], tuple[object, ...]], tuple[float, float]] = {}
 """Minima and maxima of columns of a file under given options."""
 
@@ -166,6 +170,32 @@ def _extremes(table: PointTable, path: Path, names: tuple[str, ...], options: Re
                     low, high = min(low, float(values.min())), max(high, float(values.max()))
         _EXTREMES[key] = (low, high) if low <= high else (0.0, 0.0)
     return _EXTREMES[key]
+
+
+def check_record_size(path: Path, n_points: int, size: int, more: int, column: str) -> None:
+    """Raise an error for a header without one of its columns, whose points would be read from wrong places.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    n_points, size : int
+        Number of points and bytes of a point that its header states.
+    more : int
+        Number of bytes behind these points.
+    column : str
+        Name of a column in the terms of the format.
+
+    Raises
+    ------
+    ReadError
+        If these bytes are the same small number for each point.
+    """
+    if n_points >= LEAST_RECORDS and more > 0 and more % n_points == 0 and more // n_points < size:
+        raise ReadError(
+            f"{path}: its header describes points of {size} bytes, it holds {size + more // n_points} for each of "
+            f"{n_points} points: the header lacks a {column}, or states a wrong type; correct it"
+        )
 
 
 def with_points_only(table: PointTable, path: Path) -> PointTable:

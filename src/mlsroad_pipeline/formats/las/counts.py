@@ -11,6 +11,7 @@ import lazrs
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.content import Content, open_content
 from mlsroad_pipeline.formats.files import FileKey
 from mlsroad_pipeline.formats.las.last_chunk import stream_points
@@ -140,6 +141,11 @@ def compressed_points(key: FileKey, begin: int, record: bytes, layout: tuple[int
         reader raises the error.
     note : str
         Sentence for the user.
+
+    Raises
+    ------
+    ReadError
+        If the last chunk of points of formats 0 to 5 ends before the points that the header states.
     """
     try:
         laz = lazrs.LazVlr(record)
@@ -158,6 +164,10 @@ def compressed_points(key: FileKey, begin: int, record: bytes, layout: tuple[int
                 else:
                     last, note = stream_points(data, record, laz, stated - full)
                     n_points = full + last
+                    if full < n_points < stated and last < laz.chunk_size():
+                        raise ReadError(
+                            f"{key[0]} is truncated or damaged: its header states {stated} points, it holds {n_points}"
+                        )
     except (lazrs.LazrsError, struct.error, OverflowError):
         return stated, ""
     if n_points > stated:

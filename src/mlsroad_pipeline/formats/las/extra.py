@@ -70,7 +70,7 @@ class ExtraDimension:
             The dimension.
         """
         code, options = descriptor[2], descriptor[3]
-        name = descriptor[4:36].split(b"\0")[0].decode("utf-8", "replace")
+        name = _text(descriptor[4:36])
         if code == 0:
             return cls(name, np.dtype("u1"), max(options, 1), descriptor=descriptor)
         width = 1 + (code - 1) // 10
@@ -108,8 +108,7 @@ class ExtraDimension:
             code, options = 0, width
         else:
             code, options = 1 + DESCRIPTOR_TYPES.index(dtype.str[1:]) + 10 * (width - 1), 0
-        text = name.encode()[:32], description.encode()[:32]
-        packed = struct.pack("<HBB32s4x120s32s", 0, code, options, text[0], b"", text[1])
+        packed = struct.pack("<HBB32s4x120s32s", 0, code, options, _bytes(name), b"", _bytes(description))
         return cls(name, dtype, width, descriptor=packed)
 
     def without_missing(self, values: NDArray) -> NDArray:
@@ -171,7 +170,7 @@ class ExtraDimension:
         ExtraDimension
             The dimension.
         """
-        descriptor = self.descriptor[:4] + struct.pack("32s", name.encode()[:32]) + self.descriptor[36:]
+        descriptor = self.descriptor[:4] + struct.pack("32s", _bytes(name)) + self.descriptor[36:]
         return replace(self, name=name, descriptor=descriptor)
 
 
@@ -215,4 +214,35 @@ def pack_descriptors(dimensions: Sequence[ExtraDimension]) -> bytes:
     bytes
         Their descriptors.
     """
-    return b"".join(d.descriptor or ExtraDimension.create(d.name, d.dtype, d.width).descriptor for d in dimensions)
+    return b"".join(_valid(d) for d in dimensions)
+
+
+def _valid(dimension: ExtraDimension) -> bytes:
+    """Return a descriptor that other readers accept: text in UTF-8, a size, and no scale or offset that is none."""
+    if not dimension.descriptor:
+        return ExtraDimension.create(dimension.name, dimension.dtype, dimension.width).descriptor
+    packed = bytearray(dimension.descriptor)
+    for start in (4, 160):
+        packed[start : start + 32] = struct.pack("32s", _bytes(_text(bytes(packed[start : start + 32]))))
+    if packed[2] == 0:
+        packed[3] = dimension.width
+        return bytes(packed)
+    for bit, start, values in ((0x08, 112, dimension.scale), (0x10, 136, dimension.offset)):
+        if packed[3] & bit and values is None:
+            packed[3] &= ~bit
+            packed[start : start + 24] = bytes(24)
+    return bytes(packed)
+
+
+def _text(data: bytes) -> str:
+    """Return text up to the first zero byte: UTF-8, or Latin-1 where it is none."""
+    data = data.split(b"\0")[0]
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
+
+def _bytes(text: str) -> bytes:
+    """Return the first 32 bytes of text, whole characters."""
+    return text.encode()[:32].decode("utf-8", "ignore").encode()

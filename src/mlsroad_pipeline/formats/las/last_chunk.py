@@ -44,13 +44,16 @@ def stream_points(data: bytes, record: bytes, laz: lazrs.LazVlr, stated: int) ->
     Returns
     -------
     n_points : int
-        The stated number, unless the chunk has bytes behind these points and compressing more of them gives the
-        same bytes.
+        The stated number, unless the chunk ends before these points, or has bytes behind them and compressing more
+        points gives the same bytes.
     note : str
         Sentence if bytes behind the points are no such points.
     """
-    if stated > laz.chunk_size() or (stated > 0 and _unpacked(data[:-1], record, laz, stated) is None):
+    if stated > laz.chunk_size():
         return stated, ""
+    if stated > 0 and _unpacked(data[:-1], record, laz, stated) is None:
+        enough = _unpacked(data, record, laz, stated) is not None
+        return (stated if enough else _most_points(data, record, laz, 0)), ""
     fewest = _most_points(data[:-1], record, laz, stated) + 1
     alone = _unpacked(data, record, laz, fewest + 1) is None
     most = fewest if alone else _most_points(data, record, laz, fewest)

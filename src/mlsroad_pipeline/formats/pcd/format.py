@@ -20,7 +20,7 @@ from mlsroad_pipeline.formats.flat_table import parts_of, scalar_columns
 from mlsroad_pipeline.formats.pcd.header import PcdField, PcdHeader, read_pcd_header
 from mlsroad_pipeline.formats.pcd.lzf import unpack
 from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES, NEAR
-from mlsroad_pipeline.formats.tables import PointTable, TableFormat, with_points_only
+from mlsroad_pipeline.formats.tables import PointTable, TableFormat, check_record_size, with_points_only
 from mlsroad_pipeline.formats.text.rows import TextRows, index_rows
 from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, parse_rows, typed_column
 
@@ -145,6 +145,8 @@ def _left_over(path: Path, header: PcdHeader) -> tuple[str, ...]:
         if header.encoding == "binary_compressed":
             size = 8 + struct.unpack("<I", file.read(4, header.begin))[0]
         more, what = file.size - header.begin - size, "bytes"
+        if header.encoding == "binary":
+            check_record_size(path, stated, header.record_size, more, "field")
     return (f"its header states {stated} points, {more} more {what} follow: they are not read",) * (more > 0)
 
 

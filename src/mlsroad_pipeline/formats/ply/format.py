@@ -19,7 +19,7 @@ from mlsroad_pipeline.formats.files import FileKey, file_key
 from mlsroad_pipeline.formats.flat_table import parts_of, scalar_columns
 from mlsroad_pipeline.formats.ply.header import TYPES, PlyHeader, read_ply_header
 from mlsroad_pipeline.formats.ply.vertices import scattered_vertices
-from mlsroad_pipeline.formats.tables import PointTable, TableFormat
+from mlsroad_pipeline.formats.tables import PointTable, TableFormat, check_record_size
 from mlsroad_pipeline.formats.text.rows import TextRows, index_rows
 from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, parse_rows, typed_column
 
@@ -92,8 +92,9 @@ def _left_over(path: Path, header: PlyHeader) -> tuple[str, ...]:
         end = vertex_rows(path, header).end if stated else header.begin
         more = index_rows(path, file, end, 1).n_rows
         return (f"its header states {stated} points, {more} more rows follow: they are not read",) * (more > 0)
-    end = header.begin + stated * header.vertex.dtype(header.order).itemsize
-    more = file.size - end
+    size = header.vertex.dtype(header.order).itemsize
+    more = file.size - header.begin - stated * size
+    check_record_size(path, stated, size, more, "property")
     return (f"its header states {stated} points, {more} more bytes follow: they are not read",) * (more > 0)
 
 

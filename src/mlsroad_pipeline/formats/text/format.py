@@ -7,6 +7,7 @@ from pathlib import Path
 
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.content import output_file, with_packed
@@ -14,6 +15,7 @@ from mlsroad_pipeline.formats.crs import write_sidecar
 from mlsroad_pipeline.formats.flat_table import column_names, parts_of, write_columns
 from mlsroad_pipeline.formats.tables import PointTable, TableFormat
 from mlsroad_pipeline.formats.text.layout import open_table
+from mlsroad_pipeline.formats.text.unnamed import GROWS
 from mlsroad_pipeline.formats.text.values import parse_rows
 
 
@@ -35,9 +37,12 @@ class TextFormat(TableFormat):
         Raises
         ------
         ReadError
-            If the file holds no rows of numbers.
+            If the file holds no rows of numbers, or its first column counts them and has no name.
         """
         found = open_table(path, options)
+        placed = "x" in options.columns
+        if found.wrong and not placed:
+            raise ReadError(found.wrong)
 
         def rows(names: Sequence[str], start: int, stop: int) -> Mapping[str, NDArray]:
             data, line = found.rows.read(start, stop), found.rows.first_line + start
@@ -45,8 +50,9 @@ class TextFormat(TableFormat):
             columns = dict(zip(found.numeric_names, parsed, strict=True))
             return {name: columns[name] for name in names}
 
+        notes = tuple(note for note in found.notes if not (placed and note == GROWS))
         details = {"delimiter": found.delimiter, "decimal": found.form.decimal, "names": found.names}
-        return PointTable(found.numeric_names, found.rows.n_rows, rows, None, details, found.notes, found.guess)
+        return PointTable(found.numeric_names, found.rows.n_rows, rows, None, details, notes, found.guess)
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
         """Write a cloud as text with a row of names, compressed where the path ends in ``.gz``.

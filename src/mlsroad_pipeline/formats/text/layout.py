@@ -10,8 +10,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.formats.content import first_bytes, open_content, unpacked_name
@@ -19,7 +17,8 @@ from mlsroad_pipeline.formats.files import FileKey, file_key
 from mlsroad_pipeline.formats.text.delimiters import numeric_columns, numeric_share, sniffed
 from mlsroad_pipeline.formats.text.names import OPTIONS, checked_names, decoded, names_in_comments, split_names
 from mlsroad_pipeline.formats.text.rows import TextRows, index_rows
-from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, is_number, parse_rows, split_row
+from mlsroad_pipeline.formats.text.unnamed import interpret
+from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, is_number, split_row
 
 LAYOUTS = {".xyz_label_conf": ("x", "y", "z", "label", "confidence")}
 """Columns of files without a row of names, by file extension (Oakland 3-D)."""
@@ -72,6 +71,8 @@ class TextTable:
         Detected mapping of unnamed columns, as in `ReadOptions.columns`; used where that is not set.
     notes : tuple of str
         Sentences for the user.
+    wrong : str
+        Message of an error unless `ReadOptions.columns` names the coordinates; else empty.
     """
 
     rows: TextRows
@@ -81,6 +82,7 @@ class TextTable:
     has_names: bool
     guess: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    wrong: str = ""
 
     @property
     def delimiter(self) -> str:
@@ -158,11 +160,11 @@ def _open_table(
         kept = tuple(i for i in (range(width) if kept is None else kept) if names[i])
     form = RowForm(width, found, mark, kept, any('"' in row for row in body))
     rows = index_rows(path, text, begin, row_line + 1)
-    guess = {} if named or path_layout(path, width) else _guessed(rows, form)
-    note = f"it states {stated} points and holds {rows.n_rows}: all are read"
-    notes = (note,) if stated not in (-1, rows.n_rows) else ()
+    guess, notes, wrong = ({}, (), "") if named or path_layout(path, width) else interpret(rows, form)
+    if stated not in (-1, rows.n_rows):
+        notes = (*notes, f"it states {stated} points and holds {rows.n_rows}: all are read")
     head = TextHead(tuple(lines[:row_line]), at if named else -1)
-    table = TextTable(rows, names, form, head, named, guess, notes)
+    table = TextTable(rows, names, form, head, named, guess, notes, wrong)
     _log(table, path)
     return table
 
@@ -273,34 +275,3 @@ def _default_names(path: Path, width: int) -> tuple[str, ...]:
     if width < 3:
         raise ReadError(f"{path} has {width} values a row; at least x, y and z are needed")
     return ("x", "y", "z", *(f"column_{i}" for i in range(3, width)))
-
-
-def _guessed(rows: TextRows, form: RowForm) -> dict[str, Any]:
-    """Detect colours in unnamed columns: three whole numbers up to 255 right after x, y, z or after one more column.
-
-    That one is the intensity where it is not negative. Other unnamed columns are not interpreted.
-    """
-    if form.width < 6:
-        return {}
-    starts = sorted({0, rows.n_rows // 2, max(rows.n_rows - SAMPLE, 0)})
-    parts = []
-    for start in starts:
-        data = rows.read(start, min(start + SAMPLE, rows.n_rows))
-        try:
-            parts.append(parse_rows(data, form, path=rows.path, first_line=rows.first_line + start))
-        except ReadError:
-            return {}  # reading reports the row
-    columns = [np.concatenate(values) for values in zip(*parts, strict=True)]
-    for first in (3, 4):
-        triple = columns[first : first + 3]
-        if len(triple) == 3 and all(_is_byte(values) for values in triple) and max(v.max() for v in triple) > 1:
-            guess: dict[str, Any] = {"rgb": [first, first + 1, first + 2]}
-            if first == 4 and columns[3].min() >= 0:
-                guess["intensity"] = 3
-            return guess
-    return {}
-
-
-def _is_byte(values: np.ndarray) -> bool:
-    with np.errstate(invalid="ignore"):
-        return bool(((values >= 0) & (values <= 255) & (values == np.floor(values))).all())
