@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -18,6 +19,9 @@ from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions
 
 SIDECAR = ".prj"
 LARGEST = 1 << 20
+ANGLES = re.compile("degree|radian|gr?ad|arc", re.IGNORECASE)
+"""Names of units of angles."""
+
 SAME_UNIT = 1e-7
 """Relative tolerance within which two units are equal: a foot and a US survey foot differ by 2e-6."""
 
@@ -192,7 +196,8 @@ def with_units(options: ReadOptions, crs: str | None, source: Path) -> ReadOptio
     units = None if system is None else crs_units(system)
     if units is None:
         return replace(options, units=1.0)
-    flat = units.flat[1] if units.kind == "projected" else 1.0
+    lengths = units.kind == "projected" or (units.kind == "other" and not ANGLES.search(units.flat[0]))
+    flat = units.flat[1] if lengths else 1.0
     height = flat if units.height is None else units.height[1]
     height_units = height if options.height_units is None else options.height_units
     return replace(options, units=flat, height_units=height_units)

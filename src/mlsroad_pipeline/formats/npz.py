@@ -29,6 +29,9 @@ VECTORS = {
 }
 """Arrays whose first three columns have names, in lower case."""
 
+TIME_UNITS = ("W", "D", "h", "m", "s", "ms", "us", "ns")
+"""Units of times of NumPy that have a fixed length."""
+
 CRS = "crs"
 LARGEST_RATIO = 1100
 """Maximum compression ratio of Deflate, about 1,032 to 1: an entry above it is damaged."""
@@ -187,11 +190,20 @@ def _columns(arrays: Mapping[str, NDArray], path: Path) -> dict[str, NDArray]:
         for part, values in _parts(name, array).items():
             flat.setdefault(part, (name, values))
     coordinates = next((v for n, (_, v) in flat.items() if n.lower() in COORDINATES), np.empty(0))
+    flat = {name: (source, _seconds(v) if v.dtype.kind in "mM" else v) for name, (source, v) in flat.items()}
     columns = {name: v for name, (_, v) in flat.items() if v.dtype.kind in "biuf" and len(v) == len(coordinates)}
     lost = sorted(set(arrays) - {flat[name][0] for name in columns})
     if lost:
         logger.info("%s: arrays that are not columns of the points are left out: %s", path, ", ".join(lost))
     return {n: v.astype(np.uint8) if v.dtype == np.bool_ else _native(v) for n, v in columns.items()}
+
+
+def _seconds(times: NDArray) -> NDArray:
+    """Return dates as seconds since 1970, and durations as seconds; NaN where there is none."""
+    if np.datetime_data(times.dtype)[0] not in TIME_UNITS:
+        return times
+    elapsed = times - np.datetime64(0, "s") if times.dtype.kind == "M" else times
+    return np.asarray(elapsed / np.timedelta64(1, "s"))
 
 
 def _native(values: NDArray) -> NDArray:

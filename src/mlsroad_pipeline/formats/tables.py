@@ -23,6 +23,9 @@ from mlsroad_pipeline.formats.standard_columns import COORDINATES, resolve_colum
 logger = logging.getLogger(__name__)
 
 CHUNK = 1_000_000
+LARGEST_STEP = 0.01
+"""Largest distance of neighbouring numbers, in units of a file, that is not told."""
+
 LEAST_RECORDS = 100
 """Smallest number of points whose bytes are compared with the length of a file."""
 
@@ -108,6 +111,7 @@ class TableFormat(PointFormat):
         notes = [*table.notes, auto_note(options, table.crs, path)]
         first = self._cloud(table, path, options, 0, min(1, table.n_points), notes)
         columns = {name: values.dtype for name, values in first.columns.items()}
+        notes.append(_precision_note(table, path, options))
         told = tuple(text for text in notes if text)
         return FileInfo(
             *(path, self.name, table.n_points, columns, first.origin, first.crs, None, table.details), notes=told
@@ -170,6 +174,39 @@ def _extremes(table: PointTable, path: Path, names: tuple[str, ...], options: Re
                     low, high = min(low, float(values.min())), max(high, float(values.max()))
         _EXTREMES[key] = (low, high) if low <= high else (0.0, 0.0)
     return _EXTREMES[key]
+
+
+def _precision_note(table: PointTable, path: Path, options: ReadOptions) -> str:
+    names = resolve_columns(table.names, options, path)
+    first = table.rows([names[axis] for axis in COORDINATES], 0, min(1, table.n_points))
+    return precision_note([first[names[axis]] for axis in COORDINATES])
+
+
+def precision_note(coordinates: Sequence[NDArray]) -> str:
+    """Return a sentence on coordinates that are too large for the type that they are stored in.
+
+    Parameters
+    ----------
+    coordinates : sequence of ndarray of shape (n,)
+        Coordinates of a few points as stored.
+
+    Returns
+    -------
+    str
+        The sentence; empty where neighbouring numbers are less than `LARGEST_STEP` apart, in units of the file.
+    """
+    floats = [
+        values for values in coordinates if values.dtype.kind == "f" and values.dtype.itemsize < 8 and len(values)
+    ]
+    with np.errstate(invalid="ignore", over="ignore"):
+        step = max((float(np.abs(np.spacing(values)).max()) for values in floats), default=0.0)
+    if not LARGEST_STEP < step < np.inf:
+        return ""
+    bits = 8 * floats[0].dtype.itemsize
+    return (
+        f"coordinates are stored as floats of {bits} bits in steps of up to {step:g}, too coarse for objects: "
+        "export them with 64 bits, or relative to an offset"
+    )
 
 
 def check_record_size(path: Path, n_points: int, size: int, more: int, column: str) -> None:

@@ -15,6 +15,7 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
+from mlsroad_pipeline.algorithms.quality.report import QualityReport
 from mlsroad_pipeline.datasets.inventory.vector_files import prj_text, to_wgs84
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.formats.crs import crs_units
@@ -26,10 +27,13 @@ from mlsroad_pipeline.label.inventory import read_sections, survey_crs
 from mlsroad_pipeline.label.writer import keeps_units, result_header
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan
+from mlsroad_pipeline.surveys.reading import options_in_use
 from mlsroad_pipeline.surveys.survey_warnings import looks_like_degrees
 
 NO_LENGTHS = {"geographic": "coordinates in degrees", "geocentric": "geocentric coordinates, without heights"}
 """Kinds of systems that points are not labelled in."""
+
+ALL_WITHHELD = "all points are flagged withheld: there is nothing to label"
 
 LIMIT = 2**31 - 1
 """Largest coordinate of LAS in steps of its scale."""
@@ -70,10 +74,18 @@ def check_header(path: str, options: ReadOptions, *, copc: bool = False) -> None
         )
 
 
-def output_problems(path: str, options: ReadOptions) -> list[str]:
-    """Return why `label` would refuse a file that can be read."""
+def output_problems(path: str, options: ReadOptions, quality: QualityReport) -> list[str]:
+    """Return why `label` would refuse a file that can be read, from its header and the extent of its points."""
+    ends = (("min", quality.low), ("max", quality.high))
+    row = {f"{end}_{axis}": value for end, values in ends for axis, value in zip("xyz", values, strict=True)}
+    form = get_format(path)
     try:
         check_header(path, options)
+        if form.info(Path(path), options).crs is None:
+            _check_degrees(row, path)
+        _check_room(path, options, row, options_in_use(form, path, options).factors)
+        if quality.n_points and quality.n_points == quality.n_withheld:
+            raise DataError(f"{path}: {ALL_WITHHELD}")
     except DataError as error:
         return [f"label refuses it: {str(error).removeprefix(path).lstrip(': ')}"]
     return []
@@ -93,7 +105,7 @@ def check_outputs(plan: SurveyPlan, files: SceneCollection, quality: pd.DataFram
     facts = files.load_all("info")
     rows = {str(row["source"]): row for row in quality.to_dict("records")}
     if sum(row["n_points"] - row["n_withheld"] for row in rows.values()) <= 0:
-        raise DataError(f"{plan.files[0].source.path}: all points are flagged withheld: there is nothing to label")
+        raise DataError(f"{plan.files[0].source.path}: {ALL_WITHHELD}")
     for file in plan.files:
         if crs is None:
             _check_degrees(rows[file.source.name], file.source.path)
@@ -109,12 +121,16 @@ def check_file(
     factors: NDArray[np.float64] | None = None,
 ) -> None:
     """Check that the results of one file can be written; `row` has its extent in metres, `factors` are its units."""
-    path = Path(file.source.path)
-    check_header(str(path), plan.options, copc=copc)
+    check_header(file.source.path, plan.options, copc=copc)
+    _check_room(file.source.path, plan.options, row, factors)
+
+
+def _check_room(path: str, options: ReadOptions, row: Mapping[Any, Any], factors: NDArray[np.float64] | None) -> None:
+    """Check that coordinates fit into the result of a file; LAS keeps its scale and offset."""
     form = get_format(path)
-    if form.name != "LAS":  # LAS keeps its scale and offset
-        units = np.ones(3) if factors is None or not keeps_units(plan.options) else factors
-        _check_extent(path, result_header(path, form, plan.options), row, units)
+    if form.name != "LAS":
+        units = np.ones(3) if factors is None or not keeps_units(options) else factors
+        _check_extent(Path(path), result_header(Path(path), form, options), row, units)
 
 
 def _check_extent(path: Path, header: LasHeader, row: Mapping[Any, Any], factors: NDArray[np.float64]) -> None:
@@ -122,10 +138,10 @@ def _check_extent(path: Path, header: LasHeader, row: Mapping[Any, Any], factors
         ends = np.array([row[f"min_{name}"], row[f"max_{name}"]]) / factors[axis]
         steps = np.abs(ends - header.offset[axis]) / header.scale[axis]
         if (steps > LIMIT).any():
-            worst, scale = ends[steps.argmax()], header.scale[axis]
+            scale = header.scale[axis]
             raise DataError(
-                f"{path}: {name} {worst:.10g} lies more than {LIMIT * scale:.0f} from the first point, "
-                f"the limit of LAZ at a scale of {scale:g}; remove that point or set label.read.units"
+                f"{path}: {name} is {ends[0]:.10g} to {ends[1]:.10g}, more than {LIMIT * scale:.0f} from the first point, "
+                f"the limit of LAZ at a scale of {scale:g}; remove stray points or set label.read.units"
             )
 
 

@@ -42,8 +42,8 @@ from mlsroad_pipeline.surveys.trajectory_files import read_trajectory
 
 logger = logging.getLogger(__name__)
 
-ProblemsOf = Callable[[str, ReadOptions], list[str]]
-"""Function from a file and the options of the reader to the reasons for which it cannot be labelled."""
+ProblemsOf = Callable[[str, ReadOptions, QualityReport], list[str]]
+"""Function from a file, options of the reader and quality of the points to the reasons why it cannot be labelled."""
 
 CHUNK = 500_000
 SAMPLE_RUNS, SAMPLE_SIZE = 16, 64
@@ -141,7 +141,7 @@ def inspect_survey(
     *,
     root: str | Sequence[str],
     read: Mapping[str, Any],
-    problems_of: ProblemsOf = lambda path, options: [],
+    problems_of: ProblemsOf = lambda path, options, quality: [],
 ) -> tuple[list[FileInspection], dict[str, str]]:
     """Inspect all files of a survey; return the results, and the reason of each file that is left out."""
     options = ReadOptions.from_config({**NEW_SURVEY, **read})
@@ -161,7 +161,7 @@ def inspect_survey(
         except DataError as error:
             unread[file.name] = f"cannot be read: {error}"
         else:
-            inspected.more.extend(problems_of(file.path, options))
+            inspected.more.extend(problems_of(file.path, options, inspected.overview.quality))
             files.append(inspected)
     return files, unread
 

@@ -24,7 +24,7 @@ from mlsroad_pipeline.formats.files import FileKey, atomic_file, file_key, sprea
 from mlsroad_pipeline.formats.flat_table import scalar_columns
 from mlsroad_pipeline.formats.intensity import FULL, ORIGINAL
 from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES
-from mlsroad_pipeline.formats.tables import PointTable, TableFormat
+from mlsroad_pipeline.formats.tables import PointTable, TableFormat, precision_note
 
 CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
@@ -92,6 +92,7 @@ class _Scan:
         self._widened = False
         self._intensities = self._intensity_limits()
         self.types = self._types()
+        self._check_precision()
 
     def _valid(self) -> NDArray[np.int64] | None:
         name = next((name for name in INVALID if name in self._fields), None)
@@ -103,6 +104,11 @@ class _Scan:
             kept.append(start + np.flatnonzero(self._raw(name, start, stop) == 0))
         index = np.concatenate(kept) if kept else np.empty(0, np.int64)
         return None if len(index) == self._scan.n_points else index
+
+    def _check_precision(self) -> None:
+        stored = [name for name in CARTESIAN if name in self._fields and self._scan.n_points]
+        note = precision_note([self._raw(name, 0, 1) for name in stored])
+        self.notes += [note] if note else []
 
     def _raw(self, name: str, start: int, stop: int) -> NDArray:
         return read_field(self._pages, self._scan, name, start, stop)

@@ -54,8 +54,11 @@ def two_systems_note(header: LasHeader) -> str:
     Returns
     -------
     str
-        The sentence, empty if its WKT record and its GeoTIFF keys agree or one of them is missing.
+        The sentence, empty if its WKT records and its GeoTIFF keys agree or one of them is missing.
     """
+    texts = {vlr.data.split(b"\0")[0].strip() for vlr in (*header.vlrs, *header.evlrs) if vlr.key == WKT}
+    if len(texts) > 1:
+        return f"it has {len(texts)} WKT records that differ: the first is used; crs sets another"
     stated, keys = read_crs(header), _geotiff_wkt(header, None)
     if header.find(WKT) is None or stated is None or keys is None or is_same_crs(stated, keys):
         return ""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 DESCRIPTOR_SIZE = 192
+NAME_BYTES = 32
 LAST_TYPE = 30
 """Last type of a descriptor that is defined."""
 
@@ -174,13 +175,15 @@ class ExtraDimension:
         return replace(self, name=name, descriptor=descriptor)
 
 
-def undocumented(n_bytes: int) -> list[ExtraDimension]:
-    """Return dimensions for bytes without a descriptor, which other programs can read when they are described.
+def undocumented(n_bytes: int, base: str = "extra_bytes") -> list[ExtraDimension]:
+    """Return dimensions for bytes without a type, which other programs can read when they are described.
 
     Parameters
     ----------
     n_bytes : int
         Number of bytes.
+    base : str, default "extra_bytes"
+        Name of the first dimension.
 
     Returns
     -------
@@ -190,7 +193,7 @@ def undocumented(n_bytes: int) -> list[ExtraDimension]:
     dimensions: list[ExtraDimension] = []
     while n_bytes:
         width = next(w for w in range(min(n_bytes, LARGEST_WIDTH), 0, -1) if not w & SCALE_BITS)
-        name = f"extra_bytes_{len(dimensions) + 1}" if dimensions else "extra_bytes"
+        name = f"{cut_text(base, NAME_BYTES - 4)}_{len(dimensions) + 1}" if dimensions else base
         dimensions.append(ExtraDimension(name, np.dtype("u1"), width))
         n_bytes -= width
     return dimensions
@@ -244,5 +247,22 @@ def _text(data: bytes) -> str:
 
 
 def _bytes(text: str) -> bytes:
-    """Return the first 32 bytes of text, whole characters."""
-    return text.encode()[:32].decode("utf-8", "ignore").encode()
+    return cut_text(text, NAME_BYTES).encode()
+
+
+def cut_text(text: str, n_bytes: int) -> str:
+    """Return the start of a text that has at most so many bytes, whole characters.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+    n_bytes : int
+        Largest number of bytes in UTF-8.
+
+    Returns
+    -------
+    str
+        Its start.
+    """
+    return text.encode()[:n_bytes].decode("utf-8", "ignore")

@@ -19,7 +19,7 @@ from mlsroad_pipeline.formats.content import open_content
 from mlsroad_pipeline.formats.expansion import check_expansion
 from mlsroad_pipeline.formats.files import file_key
 from mlsroad_pipeline.formats.las.counts import compressed_points, stored_points, waveform_start
-from mlsroad_pipeline.formats.las.extra import DESCRIPTOR_SIZE, LAST_TYPE, ExtraDimension, undocumented
+from mlsroad_pipeline.formats.las.extra import DESCRIPTOR_SIZE, LAST_TYPE, SCALE_BITS, ExtraDimension, undocumented
 from mlsroad_pipeline.formats.las.vlr import Vlr
 
 SIGNATURE = b"LASF"
@@ -197,7 +197,7 @@ class LasHeader:
     def extra_dimensions(self) -> tuple[ExtraDimension, ...]:
         """Return the extra dimensions; bytes without a descriptor are one named ``extra_bytes``."""
         spare = self.record_size - RECORD_SIZES[self.point_format]
-        dimensions = []
+        dimensions: list[ExtraDimension] = []
         records = [vlr.data for vlr in (*self.vlrs, *self.evlrs) if vlr.key == EXTRA_BYTES]
         data = b"".join(part[: len(part) // DESCRIPTOR_SIZE * DESCRIPTOR_SIZE] for part in records) if spare else b""
         for at in range(0, len(data) - DESCRIPTOR_SIZE + 1, DESCRIPTOR_SIZE):
@@ -207,7 +207,8 @@ class LasHeader:
             size = dimension.dtype.itemsize * dimension.width
             if size > spare:
                 break
-            dimensions.append(dimension)
+            untyped = data[at + 2] == 0 and size & SCALE_BITS  # laspy would take the size for a scale
+            dimensions += undocumented(size, dimension.name) if untyped else [dimension]
             spare -= size
         return (*dimensions, *undocumented(spare))
 

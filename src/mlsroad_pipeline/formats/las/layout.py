@@ -75,9 +75,7 @@ def with_extra(
     if not existing and not added:
         return header
     names = unique_names(header.point_format, [d.name for d in (*existing, *added)])
-    dimensions = [
-        d if d.name == name else d.renamed(name[:32]) for d, name in zip((*existing, *added), names, strict=True)
-    ]
+    dimensions = [d if d.name == name else d.renamed(name) for d, name in zip((*existing, *added), names, strict=True)]
     size = header.record_size + sum(d.dtype.itemsize * d.width for d in added)
     if len(dimensions) > MOST_DIMENSIONS or size > LARGEST_RECORD:
         raise DataError(

@@ -18,11 +18,15 @@ from mlsroad_pipeline.formats.content import open_content
 from mlsroad_pipeline.formats.files import clip_range
 from mlsroad_pipeline.formats.las.chunks import VariableChunks, check_chunk_table, check_layers
 from mlsroad_pipeline.formats.las.counts import POINTWISE
+from mlsroad_pipeline.formats.las.extra import NAME_BYTES, cut_text
 from mlsroad_pipeline.formats.las.header import (
     LASZIP,
     LasHeader,
 )
 from mlsroad_pipeline.formats.las.pointwise import PointwisePoints
+
+EXTRA = "_extra"
+"""What makes a name unique that is taken."""
 
 SELECT_ALL = int(lazrs.SELECTIVE_DECOMPRESS_ALL)
 
@@ -59,15 +63,18 @@ def unique_names(point_format: int, names: Sequence[str]) -> list[str]:
     Returns
     -------
     list of str
-        The names; one that is taken gets ``_extra`` appended, an empty one is ``unnamed``.
+        The names; one that is taken gets ``_extra`` appended, shortened where it has more than 32 bytes, an empty one
+        is ``unnamed``.
     """
     parts = COMPOSED_FIELDS[point_format].values()
     taken = {*ALL_POINT_FORMATS_DTYPE[point_format].names, *(part.name for group in parts for part in group), *"xyz"}
-    unique = []
+    unique: list[str] = []
     for given in names:
-        name = given.strip() or "unnamed"
+        name = own = given.strip() or "unnamed"
+        suffix = EXTRA
         while name in taken:
-            name += "_extra"
+            name = cut_text(own, NAME_BYTES - len(suffix)) + suffix
+            suffix = suffix + EXTRA if len(suffix) < len(EXTRA) * 2 else f"_{len(unique)}"
         taken.add(name)
         unique.append(name)
     return unique

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.formats.las.counts import EXTERNAL, INTERNAL
 from mlsroad_pipeline.formats.las.crs import WKT, read_crs, with_wkt
 from mlsroad_pipeline.formats.las.header import HEADER_SIZES, RECORD_SIZES, WKT_BIT, LasHeader
+from mlsroad_pipeline.formats.las.lookup import LOOKUP
 from mlsroad_pipeline.formats.las.records import record_dtype
+from mlsroad_pipeline.formats.las.vlr import Vlr
 
 SUCCESSORS = {0: 6, 1: 6, 2: 7, 3: 7, 4: 9, 5: 10}
 """Point format to the one of LAS 1.4 that holds all its fields."""
 
 ANGLE_STEP = 0.006
 """Degrees of one step of the scan angle in formats 6 to 10; formats 0 to 5 have whole degrees."""
+
+LAST_DAY, ENCODING_BITS = 366, 0x1F
+"""Largest day of a date, and bits of the global encoding that are defined."""
+
+SINGLE = (WKT, LOOKUP)
+"""Records that a file has once; the first is used."""
 
 COPC = b"copc"
 RECORD_1_0 = b"\xdd\xcc"
@@ -37,22 +47,39 @@ def upgraded_header(header: LasHeader) -> LasHeader:
         keys is added as WKT, which these formats require, where they are supported. Records of a cloud-optimised file
         (COPC) are dropped: their byte offsets hold for the old file only.
     """
-    header = replace(
-        header,
-        vlrs=tuple(vlr for vlr in header.vlrs if vlr.key[0] != COPC),
-        evlrs=tuple(vlr for vlr in header.evlrs if vlr.key[0] != COPC),
-    )
-    header = replace(header, vlrs=tuple(replace(vlr, reserved=0) for vlr in header.vlrs))  # LAS 1.0 has a mark there
+    single = [header.find(key) for key in SINGLE]
+    header = replace(header, vlrs=_valid(header.vlrs, single), evlrs=_valid(header.evlrs, single))
+    if header.integer("H", 90) > LAST_DAY:
+        header = header.patched(("H", 90, 0), ("H", 92, 0))
+    encoding = header.integer("H", 6) & ENCODING_BITS
+    if encoding & (INTERNAL | EXTERNAL) == INTERNAL | EXTERNAL:
+        inside = header.minor >= 3 and header.integer("Q", 227) > 0
+        encoding &= ~(EXTERNAL if inside else INTERNAL)
+    header = header.patched(("H", 6, encoding))
     old = header.point_format
-    if old not in SUCCESSORS:
+    if old not in SUCCESSORS and header.minor >= 4:
         return _with_system(header, header)
+    successor = SUCCESSORS.get(old, old)  # points of a later format than the stated version has
     own, written = HEADER_SIZES[header.minor], max(header.minor, 4)
     block = header.block[:own].ljust(HEADER_SIZES[written], b"\0") + header.block[own:]
     gap = header.gap.removesuffix(RECORD_1_0) if header.minor == 0 else header.gap
-    size = header.record_size + RECORD_SIZES[SUCCESSORS[old]] - RECORD_SIZES[old]
-    changes: list[tuple[str, int, object]] = [("B", 25, written), ("B", 104, SUCCESSORS[old]), ("H", 105, size)]
+    size = header.record_size + RECORD_SIZES[successor] - RECORD_SIZES[old]
+    changes: list[tuple[str, int, object]] = [("B", 25, written), ("B", 104, successor), ("H", 105, size)]
     new = replace(header, block=block, gap=gap).patched(*changes)
     return _with_system(new, header)
+
+
+def _valid(records: Sequence[Vlr], single: Sequence[Vlr | None]) -> tuple[Vlr, ...]:
+    """Return records as LAS 1.4 requires them: no second WKT, user ids in ASCII, no mark of LAS 1.0."""
+    return tuple(
+        replace(vlr, reserved=0, user_id=vlr.user_id if vlr.user_id.isascii() else _ascii(vlr.user_id))
+        for vlr in records
+        if vlr.key[0] != COPC and (vlr.key not in SINGLE or any(vlr is record for record in single))
+    )
+
+
+def _ascii(user_id: bytes) -> bytes:
+    return bytes(byte if byte < 128 else ord("_") for byte in user_id)
 
 
 def _with_system(new: LasHeader, old: LasHeader) -> LasHeader:

@@ -43,6 +43,12 @@ class PcdFormat(TableFormat):
     extensions: tuple[str, ...] = with_packed(".pcd")
     signatures: tuple[bytes, ...] = (b"# .PCD", b"VERSION .7", b"VERSION 0.7", b"VERSION .6", b"VERSION 0.6")
 
+    def recognises(self, path: Path, head: bytes) -> bool:
+        """Return whether a file begins with a line of the header; comments and other lines count by the name alone."""
+        if head.startswith(self.signatures):
+            return True
+        return path.name.lower().endswith(self.extensions) and head.split()[:1] in ([b"VERSION"], [b"FIELDS"], [b"#"])
+
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
         """Open a file.
 

@@ -117,8 +117,10 @@ def read_pcd_header(path: Path) -> PcdHeader:
         line = data[at:end].decode("utf-8", "replace").strip()
         at, n_lines = end, n_lines + 1
         if line and not line.startswith("#"):
-            key, _, value = line.partition(" ")
-            entries[key.upper()] = value.strip()
+            key, *value = line.split(maxsplit=1)
+            if key.upper() in entries:
+                raise ReadError(f"{path}, line {n_lines}: a second {key.upper()}: {line[:80]!r}; remove one of them")
+            entries[key.upper()] = value[0] if value else ""
     encoding = entries["DATA"].lower()
     if encoding not in ENCODINGS:
         raise ReadError(f"{path}, line {n_lines}: DATA {entries['DATA']!r}; {', '.join(ENCODINGS)} can be read")
