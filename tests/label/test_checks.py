@@ -109,7 +109,7 @@ def test_coordinates_beyond_32_bits_are_named(tmp_path):
     path = ply(tmp_path / "a.ply")
     check(path, high=2_147_483.0)
     with pytest.raises(
-        DataError, match=r"a\.ply: x 2147484 lies more than 2147484 from the first point.*scale of 0\.001"
+        DataError, match=r"a\.ply: x is .* to 2147484, more than 2147484 from the first point.*scale of 0\.001"
     ):
         check(path, high=2_147_484.0)
     check(las(tmp_path / "b.las"), high=1e9)  # it keeps its own scale

@@ -38,6 +38,9 @@ ALIASES: dict[str, tuple[str, ...]] = {
 
 COLOUR_DEPTH = "colours are read as {} bits in fields of 16; rgb_bits changes that"
 
+JOINED = ("rgb", "rgb16")
+"""Columns that are made of several; a column of a file with such a name is not one of them."""
+
 INTEGER_COLUMNS = ("label", "instance")
 NEAR = 1000.0
 """Coordinates below this many metres are local: float32 resolves them to 0.1 mm, and the origin stays zero."""
@@ -93,7 +96,7 @@ def resolve_columns(file_names: Sequence[str], options: ReadOptions, source: Pat
         if meant is not None and meant not in exact and meant not in chosen:
             standard = meant
             log_once(str(source), f"column {name!r} is read as {meant}")
-        chosen[f"file_{name}" if standard in chosen else standard] = name
+        chosen[f"file_{name}" if standard in chosen or standard in JOINED else standard] = name
     for name in COORDINATES:
         if name not in chosen:
             raise _missing(name, file_names, source, f"; set columns, such as {{{name}: NAME}}")

@@ -177,7 +177,8 @@ def _extremes(table: PointTable, path: Path, names: tuple[str, ...], options: Re
 
 
 def _precision_note(table: PointTable, path: Path, options: ReadOptions) -> str:
-    names = resolve_columns(table.names, options, path)
+    columns = options.columns or table.guess
+    names = resolve_columns(table.names, replace(options, columns=columns, only=()), path)
     first = table.rows([names[axis] for axis in COORDINATES], 0, min(1, table.n_points))
     return precision_note([first[names[axis]] for axis in COORDINATES])
 

@@ -138,9 +138,9 @@ def _check_extent(path: Path, header: LasHeader, row: Mapping[Any, Any], factors
         ends = np.array([row[f"min_{name}"], row[f"max_{name}"]]) / factors[axis]
         steps = np.abs(ends - header.offset[axis]) / header.scale[axis]
         if (steps > LIMIT).any():
-            scale = header.scale[axis]
+            scale, extent = header.scale[axis], f"{ends[0]:.10g} to {ends[1]:.10g}"
             raise DataError(
-                f"{path}: {name} is {ends[0]:.10g} to {ends[1]:.10g}, more than {LIMIT * scale:.0f} from the first point, "
+                f"{path}: {name} is {extent}, more than {LIMIT * scale:.0f} from the first point, "
                 f"the limit of LAZ at a scale of {scale:g}; remove stray points or set label.read.units"
             )
 

@@ -39,6 +39,16 @@ def find_point_files(root: str | Path, patterns: Sequence[str] | None = None) ->
     return files
 
 
+def broken_links(root: str | Path) -> list[Path]:
+    """Return the links below a folder, or of a glob, that are named as point clouds and lead to no file."""
+    path = Path(root)
+    if path.is_file():
+        return []
+    entries = _below(path) if path.is_dir() else _entries(path) if has_magic(str(root)) else ()
+    links = (entry for entry in entries if entry.is_symlink() and not os.path.exists(entry))
+    return sorted(link for link in links if format_of_name(link) is not None and not _hidden(link, path))
+
+
 def _matching(folder: Path, pattern: str) -> list[Path]:
     if Path(pattern).is_absolute() or ".." in Path(pattern).parts:
         raise ParameterError(f"pattern {pattern!r} must stay below {folder}")

@@ -12,12 +12,13 @@ from pathlib import Path
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart, check_splits_along, check_splits_sectors
 from mlsroad_pipeline.formats.registry import format_of_name
-from mlsroad_pipeline.surveys.discovery import find_point_files, find_split_files
+from mlsroad_pipeline.surveys.discovery import broken_links, find_point_files, find_split_files
 from mlsroad_pipeline.surveys.probing import copies_beside, no_points_reason
 
 RESULTS = ".mlsroad"
 """Folder that marks an output folder of `label`: `execution.run_identity.STATE`."""
 
+BROKEN = "is a link to a file that does not exist: skipped"
 IN_RESULTS = "is in a folder of labelled results: skipped"
 """Reason for leaving out a result of an earlier run."""
 
@@ -114,6 +115,7 @@ class Survey:
         named = {Path(root).absolute() for root in self.roots}
         for root in self.roots:
             below = find_point_files(root)
+            reasons |= dict.fromkeys(broken_links(root), BROKEN)
             results = _in_results(below, _folder_of(Path(root)))
             reasons |= dict.fromkeys(results, IN_RESULTS)
             below = [path for path in below if path not in results]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
-from mlsroad_pipeline.formats.content import first_bytes
+from mlsroad_pipeline.formats.content import first_bytes, unpacked_name
 from mlsroad_pipeline.formats.las.copc import SUFFIX
 from mlsroad_pipeline.formats.las.header import read_header
 from mlsroad_pipeline.formats.options import ReadOptions
@@ -69,13 +69,14 @@ def copies_beside(paths: Sequence[Path]) -> dict[Path, str]:
     """
     groups: dict[tuple[Path, str], list[Path]] = {}
     for path in paths:
-        if path.name.lower().endswith((".las", ".laz")):
-            stem = path.stem.removesuffix(".copc") if path.suffix.lower() == ".laz" else path.stem
+        name = unpacked_name(path)
+        if name.lower().endswith((".las", ".laz")):
+            stem = name[:-4].removesuffix(".copc") if name.lower().endswith(".laz") else name[:-4]
             groups.setdefault((path.parent, stem), []).append(path)
     reasons = {}
     for group in (group for group in groups.values() if len(group) > 1):
         kept, *others = sorted(
-            group, key=lambda path: (path.name.lower().endswith(SUFFIX), path.suffix.lower() != ".laz")
+            group, key=lambda path: (path.name.lower().endswith(SUFFIX), path.suffix.lower() != ".laz", path.name)
         )
         for path in others:
             if _same_points(kept, path):

@@ -234,7 +234,7 @@ def _open(key: FileKey, limits: bool) -> PointTable:
         return {name: _joined(scans, ends, name, types[name], (start, max(start, stop))) for name in names}
 
     details = {"scans": len(scans), "invalid": n_invalid, "guid": root.findtext(NAMESPACE + "guid")}
-    notes = tuple(note for scan in scans for note in scan.notes)
+    notes = tuple(dict.fromkeys(note for scan in scans for note in scan.notes))
     return PointTable(tuple(types), int(ends[-1]), rows, _crs(root), details, notes)
 
 
