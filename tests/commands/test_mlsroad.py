@@ -210,8 +210,8 @@ def test_verbose_shows_the_traceback(forked, folder):
     assert done.stderr.strip().splitlines()[-1].startswith("Error: ")
 
 
-def test_inspect_says_where_its_report_is(folder, tmp_path):
-    done = mlsroad("inspect", folder / "street", "-o", tmp_path / "quality", cwd=tmp_path)
+def test_inspect_says_where_its_report_is(forked, folder, tmp_path):
+    done = forked("inspect", folder / "street", "-o", tmp_path / "quality", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.splitlines()[-1] == "Report: quality/inspection.html"
     facts = json.loads((tmp_path / "quality/inspection.json").read_text(encoding="utf-8"))
@@ -244,7 +244,7 @@ def test_a_closed_standard_output_is_no_error(folder):
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_learn_continues_the_model_and_keeps_the_corrections(labelled, folder, tmp_path):
+def test_learn_continues_the_model_and_keeps_the_corrections(forked, labelled, folder, tmp_path):
     """Accept, reject and paint, learn, label again: the decisions stand in the new inventory."""
     from mlsroad_pipeline.corrections import Correction, open_corrections
 
@@ -271,5 +271,5 @@ def test_learn_continues_the_model_and_keeps_the_corrections(labelled, folder, t
     with open_corrections(out) as store:
         assert len(store.current()) == 2
     (out / "corrections.sqlite").write_bytes(b"x" * 5000)
-    refused = mlsroad("label", folder / "one, two.laz", "-o", out, "--overwrite", *ALONE, cwd=folder)
+    refused = forked("label", folder / "one, two.laz", "-o", out, "--overwrite", *ALONE, cwd=folder)
     assert refused.returncode == 1 and "corrections.sqlite is damaged" in " ".join(refused.stderr.split())
