@@ -1,5 +1,7 @@
 """Plausible faults of surveys: times, units, folders, paths; `inspect` and `label` tell the same."""
 
+import gzip
+import re
 import shutil
 
 import laspy
@@ -222,6 +224,37 @@ def test_systems_that_proj_does_not_understand_are_refused(tmp_path, rng):
     check_headers(plan_labelling(given, IngestParameters()), given)
 
 
+@pytest.mark.parametrize("where", [0, 2, -1])
+@pytest.mark.parametrize("ending", ["ply", "npz", "e57"])
+def test_inspect_tells_what_label_refuses_of_the_extent(tmp_path, rng, where, ending):
+    xyz = rng.random((5, 3)) + [389_300, 5_819_700, 34]
+    xyz[where] = 0
+    (found,), _ = inspected(write(tmp_path / f"a.{ending}", xyz))
+    refused = [text for text in found.warnings if text.startswith("label refuses it: ")]
+    assert len(refused) == 1
+    assert re.match(r"label refuses it: y is 0 to 58197\d\d.*remove stray points or set label\.read\.units", refused[0])
+
+
+def test_feet_of_a_site_grid_are_converted(tmp_path, rng):
+    path = write(tmp_path / "a.npz", rng.random((5, 3)) * 100)
+    (tmp_path / "a.prj").write_text('LOCAL_CS["site",UNIT["US survey foot",0.304800609601219]]')
+    (found,), _ = inspected(path)
+    assert any("coordinates are converted from units of 0.3048006096 m" in text for text in found.warnings)
+
+
+def test_unnamed_colours_and_extra_dimensions_named_rgb_are_labelled(tmp_path, rng):
+    path = tmp_path / "a.pts"
+    rows = np.column_stack([rng.random((80, 3)) * 9, np.arange(80) - 2048, rng.integers(0, 255, (80, 3))])
+    np.savetxt(path, rows, fmt="%.3f %.3f %.3f %d %d %d %d", header="80", comments="")
+    assert "rgb" in describe_file(str(path), options=NEW, labels=False, windows=False)["sample"]
+    las = laspy.create(point_format=1, file_version="1.2")
+    las.add_extra_dim(laspy.ExtraBytesParams("rgb", "u1"))
+    las.x = las.y = las.z = np.arange(5.0)
+    las.write(tmp_path / "b.las")
+    found = describe_file(str(tmp_path / "b.las"), options=NEW, labels=False, windows=False)
+    assert "rgb" not in found["sample"]
+
+
 # withheld
 
 
@@ -290,6 +323,22 @@ def test_copies_links_and_empty_tiles_are_listed_once(tmp_path, rng):
     for ending in ("ply", "pcd", "e57", "laz"):
         assert "without points: skipped" in reasons[f"tiles/empty_{ending}.{ending}"]
     assert len(Survey.at(str(root / "**" / "*.laz")).listing().files) == 2
+
+
+def test_links_to_nothing_and_packed_copies_are_told(tmp_path, rng):
+    root = tmp_path / "in"
+    path = root_file(root, "a.las")
+    make_las(path, rng, version="1.2", point_format=1, n=50, extras=False)
+    (root / "a.las.gz").write_bytes(gzip.compress(path.read_bytes()))
+    (root / "b.laz").symlink_to(root / "gone.laz")
+    (root / "c.laz").symlink_to(root / "c.laz")
+    for listing in (Survey.at(root).listing(), Survey.at(str(root / "*")).listing()):
+        assert [file.name for file in listing.files] == ["a.las"]
+        assert listing.skipped == {
+            "a.las.gz": "is a copy of a.las: skipped",
+            "b.laz": "is a link to a file that does not exist: skipped",
+            "c.laz": "is a link to a file that does not exist: skipped",
+        }
 
 
 def root_file(root, name):

@@ -1,0 +1,129 @@
+"""Headers that lack or repeat something, and columns that are none of coordinates: an error, or a sentence."""
+
+import struct
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.formats.base import ReadOptions
+from mlsroad_pipeline.formats.registry import get_format
+
+DEFAULT = ReadOptions()
+XYZ = np.random.default_rng(0).random((200, 3)) + [389_300, 5_819_700, 34]
+
+
+def notes(path):
+    return get_format(path).info(path, DEFAULT).notes
+
+
+def ply(path, properties, records):
+    lines = [*("ply", "format binary_little_endian 1.0", f"element vertex {len(records)}"), *properties, "end_header"]
+    path.write_bytes(("\n".join(lines) + "\n").encode() + records.tobytes())
+
+
+def pcd(path, records, **entries):
+    fields = {"FIELDS": "x y z q", "SIZE": "8 8 8 4", "TYPE": "F F F F", "COUNT": "1 1 1 1"} | entries
+    head = {"VERSION": "0.7", **fields, "WIDTH": len(records), "HEIGHT": 1, "POINTS": len(records), "DATA": "binary"}
+    path.write_bytes("".join(f"{key} {value}\n" for key, value in head.items()).encode() + records.tobytes())
+
+
+def records_of(dtype="f8"):
+    records = np.zeros(len(XYZ), [(name, dtype) for name in "xyz"] + [("q", "f4")])
+    for name, values in zip("xyz", XYZ.T, strict=True):
+        records[name] = values
+    return records
+
+
+def test_a_property_that_the_header_lacks(tmp_path):
+    ply(tmp_path / "a.ply", [f"property double {name}" for name in "xyz"], records_of())
+    with pytest.raises(ReadError, match=r"a\.ply.*points of 24 bytes, it holds 28 for each of 200.*lacks a property"):
+        notes(tmp_path / "a.ply")
+    pcd(tmp_path / "a.pcd", records_of(), FIELDS="x y z", SIZE="8 8 8", TYPE="F F F", COUNT="1 1 1")
+    with pytest.raises(ReadError, match=r"a\.pcd.*it holds 28 for each of 200.*lacks a field"):
+        notes(tmp_path / "a.pcd")
+
+
+def test_half_of_the_points_stated_is_no_missing_property(tmp_path):
+    path = tmp_path / "a.ply"
+    ply(path, [*(f"property double {name}" for name in "xyz"), "property float q"], records_of())
+    path.write_bytes(path.read_bytes().replace(b"vertex 200", b"vertex 100"))
+    assert notes(path) == ("its header states 100 points, 2800 more bytes follow: they are not read",)
+
+
+def test_lines_of_a_pcd(tmp_path):
+    path = tmp_path / "a.pcd"
+    pcd(path, records_of())
+    data = path.read_bytes()
+    path.write_bytes(data.replace(b"SIZE", b"FIELDS z y x q\nSIZE"))
+    with pytest.raises(ReadError, match=r"a\.pcd, line 3: a second FIELDS: 'FIELDS z y x q'"):
+        notes(path)
+    head, _, tail = data.partition(b"DATA binary\n")
+    path.write_bytes(head.replace(b"VERSION 0.7\n", b"").replace(b" ", b"\t") + b"DATA binary\n" + tail)
+    np.testing.assert_array_equal(get_format(path).read(path, DEFAULT).world_xyz(), XYZ)
+
+
+@pytest.mark.parametrize("form", ["ply", "pcd", "npz", "local.npz"])
+def test_coordinates_that_are_too_coarse(tmp_path, form):
+    path, records = tmp_path / f"a.{form}", records_of("f4")
+    if form == "ply":
+        ply(path, [f"property float {name}" for name in "xyzq"], records)
+    elif form == "pcd":
+        pcd(path, records, SIZE="4 4 4 4")
+    else:
+        np.savez(path, xyz=(XYZ - (XYZ[0] if form == "local.npz" else 0)).astype(np.float32))
+    found = [note for note in notes(path) if "floats of 32 bits in steps of up to 0.5" in note]
+    assert len(found) == (form != "local.npz")
+
+
+@pytest.mark.parametrize("first", [0, 1, 500_000])
+def test_rows_that_count_themselves(tmp_path, first):
+    path = tmp_path / "a.txt"
+    np.savetxt(path, np.column_stack([np.arange(200) + first, XYZ]), fmt="%d %.3f %.3f %.3f")
+    with pytest.raises(
+        ReadError, match=rf"a\.txt, line 1: its first column, {first:g}, counts the rows.*columns by index"
+    ):
+        notes(path)
+    placed = ReadOptions(columns={"x": 1, "y": 2, "z": 3})
+    np.testing.assert_allclose(get_format(path).read(path, placed).world_xyz(), XYZ, rtol=0, atol=6e-4)
+
+
+def test_times_in_front_are_told(tmp_path):
+    path = tmp_path / "a.txt"
+    np.savetxt(path, np.column_stack([1e5 + np.arange(200) ** 1.01, XYZ]), fmt="%.4f")
+    assert any("first column is read as x, but grows" in note for note in notes(path))
+    np.savetxt(path, np.column_stack([XYZ, np.arange(200)]), fmt="%.4f")
+    assert notes(path) == ()
+
+
+@pytest.mark.parametrize(
+    ("head", "between"),
+    [("Easting (m)\tNorthing (m)\tHeight (m)", "\t"), ("X [m],Y [m],Z [m]", ","), ("Point X\tPoint Y\tPoint Z", "\t")],
+)
+def test_names_with_units(tmp_path, head, between):
+    path = tmp_path / "a.txt"
+    np.savetxt(path, XYZ, fmt="%.3f", delimiter=between, header=head, comments="")
+    np.testing.assert_allclose(get_format(path).read(path, DEFAULT).world_xyz(), XYZ, rtol=0, atol=6e-4)
+
+
+@pytest.mark.parametrize("unit", ["s", "ms", "us", "ns"])
+def test_times_as_dates(tmp_path, unit):
+    times = np.datetime64("2024-05-01T10:00:00", unit) + np.arange(len(XYZ)) * np.timedelta64(1, "s").astype(
+        f"m8[{unit}]"
+    )
+    if unit == "ns":
+        times = times + np.timedelta64(1, "ns")
+    pq.write_table(pa.table({**dict(zip("xyz", XYZ.T, strict=True)), "gps_time": times}), tmp_path / "a.parquet")
+    np.savez(tmp_path / "a.npz", xyz=XYZ, gps_time=times)
+    for name in ("a.parquet", "a.npz"):
+        found = get_format(tmp_path / name).read(tmp_path / name, DEFAULT)["gps_time"]
+        np.testing.assert_allclose(found, 1714557600.0 + np.arange(len(XYZ)), rtol=0, atol=1e-6)
+
+
+def test_bytes_behind_few_points_are_told(tmp_path):
+    path = tmp_path / "a.ply"
+    ply(path, [*(f"property double {name}" for name in "xyz"), "property float q"], records_of()[:50])
+    path.write_bytes(path.read_bytes() + struct.pack("<50I", *range(50)))
+    assert notes(path) == ("its header states 50 points, 200 more bytes follow: they are not read",)
