@@ -1,4 +1,4 @@
-"""Scores of the kerbs and wires of `label`, with the shipped model, on simulated streets and on recordings.
+"""Scores of the kerbs, wires and markings of `label`, with the shipped model, on simulated streets and on recordings.
 
     python benchmarks/line_scores.py [--only simulated semantickitti ...] [--folder FOLDER]
 
@@ -6,9 +6,13 @@
   sixth of the pulses of a VMX-450, and `hdl32`), seeds that nothing was chosen on. A true kerb counts if it is at least
   5 cm high and both of its sides have points in four cells of 0.1 m within 0.35 m; lower and hidden ones are uncounted.
   A true wire reaches from its first to its last point, in space, and counts if it has 50 points and is 3 m long;
+  A true marking counts where it has points of paint in three cells of 0.1 m within 0.35 m; crossings are scored along
+  their middle. Other paint, such as arrows, is uncounted;
 - semantickitti, pandaset: scans of SemanticKITTI 00 and frames of PandaSet 001, each labelled alone. The reference is
   the border between points of road or parking and of sidewalk, at most 0.5 m apart; borders to other ground are
-  uncounted. Not every such border is a kerb.
+  uncounted. Not every such border is a kerb;
+- pandaset_merged: the four frames of PandaSet 001 as one cloud. The reference of markings is the shortest tree through
+  the middles of points of lane lines, stop lines and other road markings, in groups of at least 1 m.
 
 Recordings lie below $MLSROAD_DATA. Prints a table in Markdown and writes `line_scores.json` into the folder.
 """
@@ -29,6 +33,8 @@ import laspy
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
@@ -36,22 +42,27 @@ from mlsroad_pipeline.algorithms.metrics.line_scores import LineScores, places_a
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 from mlsroad_pipeline.simulation.runtime.stream import SurveyStream
 from mlsroad_pipeline.simulation.street.kerb_truth import true_kerbs
+from mlsroad_pipeline.simulation.street.marking_truth import true_markings
 
 DATA = Path(os.environ.get("MLSROAD_DATA", "../shared/data")).absolute()
-KINDS, SCANNERS = ("town", "suburb", "ring_road", "campus"), ("demo", "hdl32")
+SIMULATED, SCANNERS = ("town", "suburb", "ring_road", "campus"), ("demo", "hdl32")
 FIRST_SEED, LENGTH = 931, 100
 LEAST, NEAR, CELLS = 0.05, 0.35, 4  # metres, metres, cells on either side
+PAINTED = 3  # cells within `NEAR`
 WITHIN = (0.1, 0.2, 0.5)
 
 
+Places = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
 class Case(NamedTuple):
-    """A survey, its true kerbs as places every 0.1 m, uncounted ones, and its true wires, None where not known."""
+    """A survey, its true kerbs, wires and markings as places every 0.1 m, counted and uncounted; None: not known."""
 
     name: str
     survey: Path
-    true: NDArray[np.float64]
-    uncounted: NDArray[np.float64]
-    wires: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+    kerbs: Places | None
+    wires: Places | None = None
+    markings: Places | None = None
 
 
 def mlsroad(*arguments: object) -> None:
@@ -80,7 +91,7 @@ def seen(kerbs: NDArray[np.float64], xyz: NDArray[np.float64]) -> NDArray[np.boo
 
 def simulated(folder: Path) -> Iterator[Case]:
     """Yield the streets, simulated where they are not there."""
-    for number, (kind, scanner) in enumerate((k, s) for k in KINDS for s in SCANNERS):
+    for number, (kind, scanner) in enumerate((k, s) for k in SIMULATED for s in SCANNERS):
         street, seed = folder / "streets" / f"{kind}_{scanner}", FIRST_SEED + number
         if not (street / "objects.csv").is_file():
             options = ("--preset", scanner, "--seed", seed, "--length", LENGTH, "--overwrite")
@@ -93,10 +104,21 @@ def simulated(folder: Path) -> Iterator[Case]:
         counted = np.zeros(len(kerbs), dtype=bool)
         points = laspy.read(street / "survey.laz")
         counted[high] = seen(kerbs[high], np.asarray(points.xyz))
-        yield Case(street.name, street, kerbs[counted, :2], kerbs[~counted, :2], true_wires(points))
+        paint = true_paint(stream, points)
+        yield Case(street.name, street, (kerbs[counted, :2], kerbs[~counted, :2]), true_wires(points), paint)
 
 
-def true_wires(points: laspy.LasData) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def true_paint(stream: SurveyStream, points: laspy.LasData) -> Places:
+    """Return places along the markings of a simulated street that count, and on other paint."""
+    markings = true_markings(stream.street, start=-40.0, end=LENGTH + 40.0)
+    places, rest = (part[:, :2] + stream.origin[:2] for part in (markings.places, markings.rest))
+    painted = np.asarray(points.xyz)[np.asarray(points["label"]) == TAXONOMY["lane_marking"], :2]
+    cells = np.unique(np.round(painted, 1), axis=0)
+    counted = np.array([len(near) >= PAINTED for near in cKDTree(cells).query_ball_point(places, NEAR)], dtype=bool)
+    return places[counted], np.concatenate([places[~counted], rest])
+
+
+def true_wires(points: laspy.LasData) -> Places:
     """Return places along the wires of a simulated street that count, and along those that do not."""
     label, instance = np.asarray(points["label"]), np.asarray(points["instance"])
     counted, others = [], []
@@ -130,9 +152,8 @@ def semantickitti(_: Path) -> Iterator[Case]:
         xyz = np.fromfile(scan, np.float32).reshape(-1, 4)[:, :3].astype(np.float64)
         code = np.fromfile(folder / "label" / f"{scan.stem}.label", np.uint32) & 0xFFFF
         road = np.isin(code, [40, 44, 60])
-        yield Case(
-            f"kitti_{scan.stem}", scan, border(xyz, road, code == 48), border(xyz, road, np.isin(code, [49, 72]))
-        )
+        kerbs = border(xyz, road, code == 48), border(xyz, road, np.isin(code, [49, 72]))
+        yield Case(f"kitti_{scan.stem}", scan, kerbs)
 
 
 def pandaset(_: Path) -> Iterator[Case]:
@@ -141,32 +162,84 @@ def pandaset(_: Path) -> Iterator[Case]:
         with np.load(frame, allow_pickle=False) as arrays:
             xyz, code = arrays["xyz"].astype(np.float64), arrays["label"]
         road = np.isin(code, [7, 8, 9, 10])
-        yield Case(
-            f"pandaset_{frame.stem}", frame, border(xyz, road, code == 11), border(xyz, road, np.isin(code, [5, 6, 12]))
-        )
+        kerbs = border(xyz, road, code == 11), border(xyz, road, np.isin(code, [5, 6, 12]))
+        yield Case(f"pandaset_{frame.stem}", frame, kerbs)
 
 
-SETS = {f.__name__: f for f in (simulated, semantickitti, pandaset)}
+def pandaset_merged(folder: Path) -> Iterator[Case]:
+    """Yield the frames as one cloud, written as LAS with the device as scanner."""
+    parts: dict[str, list[NDArray]] = {name: [] for name in ("xyz", "intensity", "time", "device", "label")}
+    for frame in sorted((DATA / "real/pandaset/001/frames").glob("*.npz")):
+        with np.load(frame, allow_pickle=False) as arrays:
+            for name, found in parts.items():
+                found.append(arrays[name])
+    if not parts["xyz"]:
+        return
+    columns = {name: np.concatenate(found) for name, found in parts.items()}
+    cloud = laspy.create(point_format=6, file_version="1.4")
+    cloud.header.scales = [0.001] * 3
+    cloud.xyz = columns["xyz"]
+    cloud.intensity = (columns["intensity"] * 257).astype(np.uint16)
+    cloud.gps_time, cloud.scanner_channel = columns["time"] - 1e9, columns["device"]
+    folder.mkdir(parents=True, exist_ok=True)
+    cloud.write(folder / "pandaset_001.laz")
+    paint = columns["xyz"][np.isin(columns["label"], [8, 9, 10]), :2]
+    yield Case("pandaset_001", folder / "pandaset_001.laz", None, None, middle_lines(paint))
+
+
+def middle_lines(paint: NDArray[np.float64]) -> Places:
+    """Return places along the middles of groups of points of paint, and the points of groups that are too short."""
+    middle = paint.copy()
+    for _ in range(3):  # towards the line through the points around
+        tree, moved = cKDTree(middle), middle.copy()
+        for k, rows in enumerate(tree.query_ball_point(middle, 0.6)):
+            around = middle[rows] - middle[rows].mean(axis=0)
+            along = np.linalg.svd(around, full_matrices=False)[2][0] if len(rows) > 2 else np.zeros(2)
+            moved[k] = middle[rows].mean(axis=0) + ((middle[k] - middle[rows].mean(axis=0)) @ along) * along
+        middle = moved
+    middle = np.unique(np.round(middle / 0.05), axis=0) * 0.05
+    pairs = cKDTree(middle).query_pairs(1.2, output_type="ndarray")
+    apart = np.hypot(*(middle[pairs[:, 0]] - middle[pairs[:, 1]]).T)
+    graph = coo_array((apart, (pairs[:, 0], pairs[:, 1])), shape=(len(middle),) * 2)
+    tree = minimum_spanning_tree(graph).tocoo()
+    group = connected_components(graph, directed=False)[1]
+    length = np.bincount(group[tree.row], tree.data, minlength=group.max() + 1)
+    edges = [middle[[a, b]] for a, b in zip(tree.row, tree.col, strict=True) if length[group[a]] >= 1.0]
+    # Edges shorter than a place are thinned to squares of 0.1 m.
+    places = np.unique(np.round(np.concatenate([places_along(edges, step=0.02), np.zeros((0, 2))]), 1), axis=0)
+    return places, middle[length[group] < 1.0]
+
+
+SETS = {f.__name__: f for f in (simulated, semantickitti, pandaset, pandaset_merged)}
+KINDS_OF = {
+    "kerbs": ("kerbs",),
+    "wires": ("wires",),
+    "markings": ("lane_lines", "stop_lines", "crossings", "other_markings"),
+}
 
 
 def listed(case: Case, folder: Path) -> dict[str, list[NDArray[np.float64]]]:
-    """Return the vertices of the kerbs and wires of `label`."""
+    """Return the vertices of the kerbs, wires and markings of `label`."""
     results = folder / case.name
     mlsroad("label", case.survey, "-o", results, "--overwrite")
-    layers = {name: geopandas.read_file(results / "inventory.gpkg", layer=name) for name in ("kerbs", "wires")}
     return {
-        name: [shapely.get_coordinates(line, include_z=True) for line in frame.geometry]
-        for name, frame in layers.items()
+        name: [
+            shapely.get_coordinates(line, include_z=True)
+            for layer in layers
+            for line in geopandas.read_file(results / "inventory.gpkg", layer=layer).geometry
+        ]
+        for name, layers in KINDS_OF.items()
     }
 
 
 def scores_of(case: Case, lines: dict[str, list[NDArray[np.float64]]]) -> dict[str, list[LineScores]]:
     """Return the scores of a survey at each distance, by kind."""
-    kerbs = places_along(lines["kerbs"])
-    scores = {"kerbs": [score_lines(kerbs, case.true, within=d, uncounted=case.uncounted) for d in WITHIN]}
-    if case.wires is not None:
-        wires = places_along(lines["wires"], solid=True)
-        scores["wires"] = [score_lines(wires, case.wires[0], within=d, uncounted=case.wires[1]) for d in WITHIN]
+    scores = {}
+    for name in KINDS_OF:
+        true: Places | None = getattr(case, name)
+        if true is not None:
+            found = places_along(lines[name], solid=name == "wires")
+            scores[name] = [score_lines(found, true[0], within=d, uncounted=true[1]) for d in WITHIN]
     return scores
 
 
@@ -202,7 +275,7 @@ def main() -> None:
             found[case.name] = scores_of(case, listed(case, folder))
             for kind, values in found[case.name].items():
                 print_row(case.name, kind, values)
-        for kind in ("kerbs", "wires"):
+        for kind in KINDS_OF:
             of_kind = [scores[kind] for scores in found.values() if kind in scores]
             if of_kind:
                 values = [mean(list(row)) for row in zip(*of_kind, strict=True)]

@@ -26,7 +26,7 @@ def planted(number, kind, **values):
 
 
 def planted_lines():
-    """Return a kerb and a wire."""
+    """Return a line of each kind."""
     rows = []
     for number, kind in enumerate(LINE_KINDS, start=1):
         x, y = 391_000.25 + number, 5_820_000.5
@@ -35,6 +35,9 @@ def planted_lines():
         row |= {
             "clearance": 5.25,
             "score": 0.75,
+            "width": 0.125,
+            "contrast": 4.5,
+            "pattern": "dashed",
             "line": f"LINESTRING Z ({x:.3f} {y:.3f} 34.250, {x + 3:.3f} {y + 4:.3f} 34.500)",
         }
         rows.append(row)
@@ -42,7 +45,7 @@ def planted_lines():
 
 
 def planted_inventory():
-    """Return an inventory with each kind of object, a kerb, a wire, a trajectory and sections."""
+    """Return an inventory with each kind of object and line, a trajectory and sections."""
     rows = [
         planted(1, "pole", tilt=2.5, lean_azimuth=210.0, station=12.5, offset=-3.25, reasons="slender; stands free"),
         planted(2, "sign", facing=90.0, facing_from="post", pole_id=1, panel_bottom=2.2, footprint=""),

@@ -12,6 +12,7 @@ from helpers.corrected import PLACES, object_rows, write_inventory
 from helpers.page_output import COMMAND, EVIL, FILES, Served, served, write_output
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.inventory.lines import LINE_LAYERS
 from mlsroad_pipeline.corrections import open_corrections
 from mlsroad_pipeline.page.output_folder import OutputFolder
 from mlsroad_pipeline.page.served import ServedSurvey
@@ -136,7 +137,8 @@ def test_photos_and_ranges_of_tiles_are_given(page, folder):
 
 def test_the_survey_has_path_lines_and_objects_as_the_inventory_states_them(page):
     survey = page.json("/api/survey")
-    assert survey["lines"] == {"kerb": [[[495.0, 895.0, 12.0], [540.0, 895.5, 12.1], [590.0, 896.0, 12.2]]], "wire": []}
+    kerb = [[495.0, 895.0, 12.0], [540.0, 895.5, 12.1], [590.0, 896.0, 12.2]]
+    assert survey["lines"] == {kind: [kerb] if kind == "kerb" else [] for kind in LINE_LAYERS.values()}
     assert (len(survey["path"]), survey["path"][0], survey["path"][-1]) == (
         50,
         [495.0, 897.0, 14.0],

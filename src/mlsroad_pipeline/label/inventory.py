@@ -51,7 +51,7 @@ def objects_task(
     drives = {drive: scenes_of(drive, results) for drive in plan.drives()}
     parts: dict[str, Any] = {
         name: {drive: Deferred(tuple(stored[key] for key in keys)) for drive, keys in drives.items()}
-        for name in ("objects", "fragments", "evidence", "kerbs", "wires")
+        for name in ("objects", "fragments", "evidence", "kerbs", "wires", "markings")
         for stored in [results.part(name)]
     }
     parts["sightings"] = Deferred(tuple(results.part("sightings").values()))
@@ -67,6 +67,7 @@ def objects_task(
             "judge": judge_digest(),
             "least_score": parameters.least_score,
             "least_length": parameters.least_kerb,
+            "least_marking": parameters.least_marking,
             "method": bundle.slug,
             "model_version": version,
         },

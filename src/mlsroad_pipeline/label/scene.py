@@ -20,10 +20,15 @@ from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extra
 from mlsroad_pipeline.algorithms.inventory.judging import STEM
 from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import ground_classes, kerb_steps, no_steps
 from mlsroad_pipeline.algorithms.inventory.kerbs.steps import StepLimits
+from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import (
+    marking_stripes,
+    no_stripes,
+    paved_classes,
+)
 from mlsroad_pipeline.algorithms.inventory.merging import MergedObjects, merge_scenes
 from mlsroad_pipeline.algorithms.inventory.object_features import FEATURES
 from mlsroad_pipeline.algorithms.inventory.rules import KINDS, ObjectRule, rules_for_scheme
-from mlsroad_pipeline.algorithms.inventory.sightings import sightings_of_scene
+from mlsroad_pipeline.algorithms.inventory.sightings import device_of, sightings_of_scene
 from mlsroad_pipeline.algorithms.inventory.stem_features import STEM_FEATURES
 from mlsroad_pipeline.algorithms.inventory.table import OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.inventory.wires import wire_points, wire_probability
@@ -61,6 +66,8 @@ class LabelSettings:
         SHA256 of the shipped judge of objects that gives the scores; empty: the score is the mean confidence.
     kerbs : StepLimits, optional
         Limits of a kerb's step; None finds no kerbs.
+    least_contrast : float, optional
+        Least contrast of a marking, standard deviations of the road; None finds no markings.
     """
 
     codes: NDArray[np.uint8]
@@ -69,6 +76,7 @@ class LabelSettings:
     outliers: OutlierParameters = field(default_factory=OutlierParameters)
     judge: str = ""
     kerbs: StepLimits | None = None
+    least_contrast: float | None = None
 
 
 class CoreLabels(TypedDict):
@@ -102,7 +110,8 @@ class LabelCounts(TypedDict):
 class LabelledScene(TypedDict):
     """Stored parts of a labelled scene; `objects`, `fragments` and `evidence` are those of `SceneObjects`.
 
-    `kerbs` are the steps of `kerb_steps`, `wires` the points of `wire_points`.
+    `kerbs` are the steps of `kerb_steps`, `wires` the points of `wire_points`, `markings` the stripes of
+    `marking_stripes`.
 
     The counts are those of the labels of the points, before they get the classes of their objects.
     """
@@ -117,6 +126,7 @@ class LabelledScene(TypedDict):
     sample: PictureSample
     kerbs: pd.DataFrame
     wires: pd.DataFrame
+    markings: pd.DataFrame
 
 
 def label_new_scene(
@@ -166,6 +176,7 @@ def label_new_scene(
             core=core,
             origin=scene.origin,
         ),
+        "markings": _markings(scene, label, ground["height"], bundle_scheme(bundle), settings.least_contrast),
     }
 
 
@@ -184,6 +195,24 @@ def _kerbs(
         core=scene["core"],
         origin=scene.origin,
         limits=limits,
+    )
+
+
+def _markings(
+    scene: PointCloud,
+    label: NDArray[np.integer],
+    height: NDArray[np.float32],
+    scheme: ClassScheme,
+    least_contrast: float | None,
+) -> pd.DataFrame:
+    if least_contrast is None or "intensity" not in scene:
+        return no_stripes()
+    return marking_stripes(
+        *(scene.xyz, height, label, scene["intensity"], device_of(scene)),
+        is_paved=paved_classes(scheme),
+        core=scene["core"],
+        origin=scene.origin,
+        least_contrast=least_contrast,
     )
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects
 from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import join_kerbs
 from mlsroad_pipeline.algorithms.inventory.lines import numbered
+from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import join_markings
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.sightings import Sightings, with_sightings
 from mlsroad_pipeline.algorithms.inventory.wires import join_wires
@@ -122,7 +123,7 @@ class _StoredObjects(Sequence[SceneObjects]):
 class JoinedObjects(TypedDict):
     """Objects of a survey, their numbers in each scene (see `merging.MergedObjects`), and their classes.
 
-    `lines` are the kerbs and wires of all drives.
+    `lines` are the kerbs, wires and markings of all drives.
     """
 
     objects: pd.DataFrame
@@ -139,12 +140,14 @@ def join_objects(
     sightings: Sequence[StoredResult],
     kerbs: Mapping[str, Sequence[StoredResult]],
     wires: Mapping[str, Sequence[StoredResult]],
+    markings: Mapping[str, Sequence[StoredResult]],
     *,
     rules: Mapping[str, ObjectRule],
     labels: Mapping[str, int],
     judge: str,
     least_score: float,
     least_length: float,
+    least_marking: float,
     method: str,
     model_version: str,
 ) -> JoinedObjects:
@@ -157,6 +160,8 @@ def join_objects(
         drives.append((scenes, trajectory))
         lines.append(join_kerbs([stored.load() for stored in kerbs[drive]], trajectory, least_length=least_length))
         lines.append(join_wires([stored.load() for stored in wires[drive]], trajectory))
+        stripes = [stored.load() for stored in markings[drive]]
+        lines.append(join_markings(stripes, trajectory, least_length=least_marking))
     judges = object_judge() if judge else None
     joined, numbers = join_inventories(drives, rules, judge=judges, least_score=least_score)
     table = with_sightings(joined, numbers, (Sightings(stored.key, stored.load()) for stored in sightings))

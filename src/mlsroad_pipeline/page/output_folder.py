@@ -19,7 +19,14 @@ from mlsroad_pipeline.execution.run_identity import finished_record
 from mlsroad_pipeline.page.cloud_files import CloudFiles
 
 INVENTORY, REPORT, PHOTOS = "inventory.gpkg", "report.html", "photos"
-LINE_LAYERS = {"kerbs": "kerb", "wires": "wire"}
+LINE_LAYERS = {
+    "kerbs": "kerb",
+    "wires": "wire",
+    "lane_lines": "lane_line",
+    "stop_lines": "stop_line",
+    "crossings": "crossing",
+    "other_markings": "other_marking",
+}
 """Layers of lines, as `datasets.inventory.geopackage` writes them; that module imports geopandas."""
 _HIDDEN = ("fid", "geom", "geometry", "footprint", "method", "model_version")
 _MOST_VERTICES = 5000

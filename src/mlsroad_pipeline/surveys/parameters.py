@@ -13,6 +13,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadErro
 from mlsroad_pipeline.algorithms.core.validation import check_positive
 from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import LEAST_LENGTH
 from mlsroad_pipeline.algorithms.inventory.kerbs.steps import StepLimits
+from mlsroad_pipeline.algorithms.inventory.markings import marking_lines
 from mlsroad_pipeline.formats.crs import parse_crs
 from mlsroad_pipeline.formats.options import NEW_SURVEY, TAXONOMY_CODING, ReadOptions
 
@@ -124,6 +125,9 @@ class LabelParameters:
         candidates.
     kerbs : mapping or None
         Changes of the limits of kerbs: `StepLimits`, and `least_length` in metres. None finds no kerbs.
+    markings : mapping or None
+        Changes of `least_contrast` (standard deviations of the road) and `least_length` (metres). None finds no
+        markings.
     copc : bool, default False
         Whether to write a cloud-optimised copy (``.copc.laz``) beside each LAZ, for web viewers and QGIS.
     coloured_ply : bool, default False
@@ -163,6 +167,7 @@ class LabelParameters:
     inventory: Mapping[str, Any] = field(default_factory=dict)
     least_score: float = 0.4
     kerbs: Mapping[str, Any] | None = field(default_factory=dict)
+    markings: Mapping[str, Any] | None = field(default_factory=dict)
     copc: bool = False
     coloured_ply: bool = False
     export: Sequence[str] = ()
@@ -187,6 +192,7 @@ class LabelParameters:
             if not isinstance(getattr(self, name), Mapping):
                 raise ParameterError(f"label.{name} must have parameters below it, got {getattr(self, name)!r}")
         self.kerb_limits()
+        _ = self.least_contrast, self.least_marking
         object.__setattr__(self, "export", _formats(self.export))
         if self.photos and self.images is None:
             raise ParameterError("label.photos needs images: set label.images to the name of their camera file")
@@ -231,6 +237,27 @@ class LabelParameters:
             return StepLimits(**changes)
         except ParameterError as error:
             raise ParameterError(f"label.kerbs: {error}") from error
+
+    @property
+    def least_contrast(self) -> float | None:
+        """Least contrast of a marking, standard deviations of the road; None where no markings are wanted."""
+        value = self._of_markings("least_contrast", marking_lines.LEAST_CONTRAST)
+        return None if self.markings is None else value
+
+    @property
+    def least_marking(self) -> float:
+        """Length of the shortest marking, metres."""
+        return self._of_markings("least_length", marking_lines.LEAST_LENGTH)
+
+    def _of_markings(self, name: str, default: float) -> float:
+        given = {} if self.markings is None else self.markings
+        if not isinstance(given, Mapping):
+            raise ParameterError(f"label.markings must have parameters below it, or be null, got {given!r}")
+        known = ("least_contrast", "least_length")
+        unknown = [key for key in given if key not in known]
+        if unknown:
+            raise ParameterError(f"label.markings has no parameter {unknown[0]!r} (parameters: {', '.join(known)})")
+        return check_positive(given.get(name, default), f"label.markings.{name}")
 
     @property
     def survey_name(self) -> str:

@@ -15,7 +15,7 @@ from helpers.inventories import UTM, planted, planted_inventory
 from pyproj import CRS, Transformer
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.inventory.lines import LINE_FIELDS
+from mlsroad_pipeline.algorithms.inventory.lines import LINE_FIELDS, LINE_KINDS
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS, empty_table
 from mlsroad_pipeline.datasets.inventory import vector_files
 from mlsroad_pipeline.datasets.inventory.drawing import APPLICATION, ATTRIBUTES
@@ -94,7 +94,7 @@ def test_geojson_is_in_longitudes_and_latitudes(inventory, folder):
 def test_lines_are_the_same_in_every_format(inventory, folder):
     table = inventory.lines
     vertices = np.array(line_vertices(table))
-    assert vertices.shape == (2, 2, 3) and vertices[0, 1].tolist() == [391_004.25, 5_820_004.5, 34.5]
+    assert vertices.shape == (len(LINE_KINDS), 2, 3) and vertices[0, 1].tolist() == [391_004.25, 5_820_004.5, 34.5]
     pd.testing.assert_frame_equal(pd.read_csv(folder / "lines.csv"), table)
     columns = [name for name in LINE_FIELDS if name != "line"]
     for path in (folder / "lines.fgb", folder / "lines.geojson", folder / "inventory_shp" / "lines.shp"):
@@ -106,9 +106,9 @@ def test_lines_are_the_same_in_every_format(inventory, folder):
         read = np.array([shapely.get_coordinates(line, include_z=True) for line in found.geometry])
         np.testing.assert_allclose(read, vertices, atol=1e-3)
     drawn = readfile(folder / "inventory.dxf").modelspace().query('POLYLINE[layer!="trajectory"]')
-    assert [line.dxf.layer for line in drawn] == ["kerb", "wire"]
+    assert [line.dxf.layer for line in drawn] == list(LINE_KINDS)
     assert [list(map(tuple, line.points())) for line in drawn] == [list(map(tuple, line)) for line in vertices]
-    assert [line.get_xdata(APPLICATION)[0].value for line in drawn] == [1, 2]
+    assert [line.get_xdata(APPLICATION)[0].value for line in drawn] == list(range(1, len(LINE_KINDS) + 1))
 
 
 def test_flatgeobuf(inventory, folder):

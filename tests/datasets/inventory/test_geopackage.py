@@ -60,7 +60,7 @@ def query(path, statement):
 
 def test_lines_are_a_layer_of_each_kind_and_read_again(inventory, tmp_path):
     path = tmp_path / "inventory.gpkg"
-    row = {name: 1.5 for name in LINE_FIELDS} | {"line_id": 1, "kind": "kerb", "offset": np.nan}
+    row = {name: 1.5 for name in LINE_FIELDS} | {"line_id": 1, "kind": "kerb", "offset": np.nan, "pattern": ""}
     row["line"] = "LINESTRING Z (583000.000 4477000.000 120.000, 583003.000 4477004.000 120.250)"
     lines = pd.DataFrame([row, row | {"line_id": 2, "kind": "wire"}]).astype(
         {name: field.dtype for name, field in LINE_FIELDS.items()}

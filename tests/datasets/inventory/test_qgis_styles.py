@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from mlsroad_pipeline.algorithms.inventory.lines import LINE_FIELDS
+from mlsroad_pipeline.algorithms.inventory.lines import LINE_FIELDS, LINE_LAYERS
 from mlsroad_pipeline.algorithms.inventory.rules import KINDS
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS
 from mlsroad_pipeline.datasets.inventory.qgis_styles import COLOURS, LAYERS, qml
@@ -17,8 +17,7 @@ SYMBOLS = {
     "footprints": "fill",
     "trajectory": "line",
     "sections": "line",
-    "kerbs": "line",
-    "wires": "line",
+    **dict.fromkeys(LINE_LAYERS, "line"),
 }
 
 
@@ -36,7 +35,7 @@ def test_style_of_a_layer(layer):
     if layer not in ("trajectory", "sections"):
         assert {alias.get("field"): alias.get("name") for alias in root.iter("alias")} == {
             name: field.alias
-            for name, field in (LINE_FIELDS if layer in ("kerbs", "wires") else FIELDS).items()
+            for name, field in (LINE_FIELDS if layer in LINE_LAYERS else FIELDS).items()
             if name != "line"
         }
 

@@ -12,33 +12,53 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.inventory.table import Field
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
-LINE_KINDS = ("kerb", "wire")
+LINE_LAYERS = {
+    "kerbs": "kerb",
+    "wires": "wire",
+    "lane_lines": "lane_line",
+    "stop_lines": "stop_line",
+    "crossings": "crossing",
+    "other_markings": "other_marking",
+}
+"""Layer name to kind of line."""
+
+LINE_KINDS = tuple(LINE_LAYERS.values())
 """Kinds of lines."""
 
 LINE_FIELDS: dict[str, Field] = {
     "line_id": Field("int64", "Line", "Number of the line, from 1, by kind and station."),
-    "kind": Field("str", "Kind", "What it is: kerb or wire."),
-    "score": Field("float64", "Score", "Mean probability of the class wire of a wire's points, 0 to 1."),
+    "kind": Field("str", "Kind", "What it is: kerb, wire, lane_line, stop_line, crossing or other_marking."),
+    "score": Field(
+        "float64", "Score", "Mean probability of the class wire of a wire's points; probability of a marking, 0 to 1."
+    ),
     "length": Field("float64", "Length [m]", "Length in plan."),
     "height": Field("float64", "Height [m]", "Median height of a kerb's upper edge above its foot."),
     "least_height": Field("float64", "Least height [m]", "Smallest height of a kerb's vertices."),
     "most_height": Field("float64", "Largest height [m]", "Largest height of a kerb's vertices."),
     "sag": Field("float64", "Sag [m]", "Largest distance of a wire below the chord between its ends."),
     "clearance": Field("float64", "Clearance [m]", "Smallest height of a wire's points above the ground."),
+    "width": Field("float64", "Width [m]", "Width of a marking; of a crossing the length of its bars."),
+    "contrast": Field("float64", "Contrast", "Intensity of a marking above the road, standard deviations of the road."),
+    "pattern": Field("str", "Pattern", "Pattern of a lane line: solid, or dashed for each dash of one."),
     "from_station": Field("float64", "From station [m]", "Smallest way along the trajectory beside the line."),
     "to_station": Field("float64", "To station [m]", "Largest way along the trajectory beside the line."),
     "offset": Field("float64", "Offset [m]", "Median distance from the trajectory, positive to the right."),
     "x": Field("float64", "First easting [m]", "First coordinate of its first vertex."),
     "y": Field("float64", "First northing [m]", "Second coordinate of its first vertex."),
-    "line": Field("str", "Line", "WKT (LINESTRING Z): the foot of a kerb, its upper side on the left; a wire."),
+    "line": Field(
+        "str", "Line", "WKT (LINESTRING Z): the foot of a kerb, its upper side on the left; a wire; a marking."
+    ),
 }
 """Columns of the lines; NaN where a kind has no such measure, and stations without a trajectory."""
+
+ADDED_FIELDS: dict[str, object] = {"width": np.nan, "contrast": np.nan, "pattern": ""}
+"""Columns that files of earlier versions lack, with the values they are read as."""
 
 _DECIMALS = 3
 
 
 def line_row(
-    kind: str, vertices: NDArray[np.float64], trajectory: Trajectory | None, **measures: float
+    kind: str, vertices: NDArray[np.float64], trajectory: Trajectory | None, **measures: float | str
 ) -> dict[str, object]:
     """Return the row of a line in `LINE_FIELDS`.
 
@@ -50,7 +70,7 @@ def line_row(
         World coordinates, metres.
     trajectory : Trajectory or None
         Trajectory that gives the stations.
-    **measures : float
+    **measures : float or str
         Measures of the kind, by column.
 
     Returns
@@ -58,7 +78,12 @@ def line_row(
     dict
         All columns; `line_id` is 0.
     """
-    row: dict[str, object] = dict.fromkeys(LINE_FIELDS, np.nan) | {"line_id": 0, "kind": kind, **measures}
+    row: dict[str, object] = dict.fromkeys(LINE_FIELDS, np.nan) | {
+        "line_id": 0,
+        "kind": kind,
+        "pattern": "",
+        **measures,
+    }
     row["length"] = float(np.hypot(*np.diff(vertices[:, :2], axis=0).T).sum())
     row["x"], row["y"] = vertices[0, :2].tolist()
     row["line"] = shapely.to_wkt(shapely.LineString(vertices), rounding_precision=_DECIMALS, trim=False)

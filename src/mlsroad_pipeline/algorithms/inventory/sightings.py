@@ -99,6 +99,25 @@ def _passes(second: NDArray[np.int32]) -> NDArray[np.int64]:
     return np.searchsorted(starts, second, side="right")
 
 
+def device_of(scene: PointCloud) -> NDArray[np.int64]:
+    """Return a number for the scanner and pass of each point of a scene.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene with any of the columns of `visit_columns`.
+
+    Returns
+    -------
+    ndarray of int64, shape (n,)
+        Equal numbers are of one scanner and one pass, or of one route where there are no times.
+    """
+    scanner = scene[SCANNER].astype(np.int64) if SCANNER in scene else np.zeros(len(scene), dtype=np.int64)
+    route = scene[ROUTE].astype(np.int64) if ROUTE in scene else np.zeros(len(scene), dtype=np.int64)
+    visit = _passes(scene[SECOND]) if SECOND in scene else np.zeros(len(scene), dtype=np.int64)
+    return (visit << 40) + (route << 20) + scanner
+
+
 def sightings_of_scene(part: NDArray[np.int32], scene: PointCloud, core: NDArray[np.bool_]) -> pd.DataFrame:
     """Return which files, scanners and passes saw each object of a scene.
 

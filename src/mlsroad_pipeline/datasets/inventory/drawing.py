@@ -129,7 +129,7 @@ def _add_layers(doc: Drawing, table: pd.DataFrame) -> None:
 
 
 def _add_lines(doc: Drawing, space: Modelspace, lines: pd.DataFrame) -> None:
-    """Add kerbs and wires as 3D polylines, in a layer per kind."""
+    """Add lines as 3D polylines, in a layer per kind."""
     for kind in sorted(set(lines["kind"])):
         red, green, blue = (int(part) for part in LINE_COLOURS[kind].split(","))
         doc.layers.add(kind).rgb = (red, green, blue)

@@ -17,7 +17,7 @@ from pyproj import CRS
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.inventory.boxes import polygon_area
-from mlsroad_pipeline.algorithms.inventory.lines import LINE_FIELDS, numbered
+from mlsroad_pipeline.algorithms.inventory.lines import ADDED_FIELDS, LINE_FIELDS, LINE_LAYERS, numbered
 from mlsroad_pipeline.algorithms.inventory.sections import part_of_path
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
@@ -40,9 +40,6 @@ from mlsroad_pipeline.datasets.inventory.whole_files import write_whole
 
 LAYERS = {"poles": "pole", "signs": "sign", "trees": "tree", "vehicles": "vehicle"}
 """Layer name to kind of object."""
-
-LINE_LAYERS = {"kerbs": "kerb", "wires": "wire"}
-"""Layer name to kind of line."""
 
 _FIXED_DATE = "2000-01-01T00:00:00.000Z"
 _OPTIONS = {"OGR_CURRENT_DATE": _FIXED_DATE, "OGR_SQLITE_SYNCHRONOUS": "OFF"}
@@ -69,10 +66,10 @@ def write_geopackage(inventory: RoadInventory, path: str | Path) -> None:
     """Write an inventory as layers of a GeoPackage.
 
     Layers: `objects` (base points, all kinds), `poles`, `signs`, `trees` (base points), `vehicles` (oriented boxes),
-    `footprints` (convex hulls), `kerbs` (lines along their feet), `wires`, `trajectory` (a line) and `sections` (parts
+    `footprints` (convex hulls), lines of the layers `LINE_LAYERS`, `trajectory` (a line) and `sections` (parts
     of that line with the numbers of objects), with field aliases and styles for QGIS. The file is written atomically,
-    and equal inventories give equal bytes. Layers without objects are written empty and typed; `kerbs`, `wires`,
-    `trajectory` and `sections` are omitted if the inventory has none.
+    and equal inventories give equal bytes. Layers without objects are written empty and typed; those of
+    lines, `trajectory` and `sections` are omitted if the inventory has none.
 
     Parameters
     ----------
@@ -170,7 +167,7 @@ def read_geopackage(path: str | Path) -> RoadInventory:
     Returns
     -------
     RoadInventory
-        Objects, CRS as WKT, the trajectory without times, the sections and the kerbs.
+        Objects, CRS as WKT, the trajectory without times, the sections and the lines.
 
     Raises
     ------
@@ -209,11 +206,12 @@ def read_geopackage(path: str | Path) -> RoadInventory:
 
 def _lines_of(source: Path, layer: str) -> pd.DataFrame:
     frame = gpd.read_file(source, layer=layer)
+    frame = frame.assign(**{name: value for name, value in ADDED_FIELDS.items() if name not in frame})
     missing = [name for name in LINE_FIELDS if name != "line" and name not in frame]
     if missing:
         raise ReadError(f"{source}: layer {layer!r} has no field {missing[0]!r}")
     text = shapely.to_wkt(frame.geometry.to_numpy(), rounding_precision=3, trim=False)
-    table = pd.DataFrame(frame.drop(columns="geometry")).assign(line=text)
+    table = pd.DataFrame(frame.drop(columns="geometry")).assign(line=text, pattern=frame["pattern"].fillna(""))
     return table[list(LINE_FIELDS)].astype({name: field.dtype for name, field in LINE_FIELDS.items()})
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
 
-from mlsroad_pipeline.algorithms.inventory.lines import LINE_FIELDS
+from mlsroad_pipeline.algorithms.inventory.lines import LINE_FIELDS, LINE_LAYERS
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS
 
 _SCHEMA_EXTENSION = """
@@ -47,7 +47,7 @@ def add_tables(path: Path, styles: Mapping[str, str], *, date: str) -> None:
         for layer in layers:
             # The argument of a pragma cannot be bound; the layer names are constants of this package.
             names = [row[1] for row in base.execute(f'PRAGMA table_info("{layer}")')]
-            fields = LINE_FIELDS if layer in ("kerbs", "wires") else FIELDS
+            fields = LINE_FIELDS if layer in LINE_LAYERS else FIELDS
             rows = [(layer, n, fields[n].alias, fields[n].alias, fields[n].description) for n in names if n in fields]
             base.executemany(
                 "INSERT INTO gpkg_data_columns (table_name, column_name, name, title, description)"

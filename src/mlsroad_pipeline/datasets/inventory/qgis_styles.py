@@ -5,13 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree as XML
 
-from mlsroad_pipeline.algorithms.inventory.lines import LINE_FIELDS
+from mlsroad_pipeline.algorithms.inventory.lines import LINE_FIELDS, LINE_LAYERS
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS
 
 COLOURS = {"pole": "70,70,80", "sign": "214,40,40", "tree": "60,140,60", "vehicle": "40,100,190"}
 """Kind of object to colour (red, green, blue)."""
 
-LINE_COLOURS = {"kerb": "150,90,20", "wire": "110,40,150"}
+LINE_COLOURS = {
+    "kerb": "150,90,20",
+    "wire": "110,40,150",
+    "lane_line": "0,140,170",
+    "stop_line": "200,30,60",
+    "crossing": "230,130,0",
+    "other_marking": "110,125,135",
+}
 """Kind of line to colour."""
 
 _LABEL_SCALE = 1500  # labels are drawn at this scale and larger
@@ -145,6 +152,10 @@ _RULES: dict[str, tuple[str, Sequence[tuple[str, str, _Symbols]]]] = {
     "footprints": ("fill", [("outline of what was seen", _ALL, _FOOTPRINT)]),
     "kerbs": ("line", [("foot of a kerb", _ALL, _line(LINE_COLOURS["kerb"]))]),
     "wires": ("line", [("overhead wire", _ALL, _line(LINE_COLOURS["wire"]))]),
+    "lane_lines": ("line", [("lane or edge line", _ALL, _line(LINE_COLOURS["lane_line"]))]),
+    "stop_lines": ("line", [("stop line", _ALL, _line(LINE_COLOURS["stop_line"]))]),
+    "crossings": ("line", [("crossing, along its middle", _ALL, _line(LINE_COLOURS["crossing"]))]),
+    "other_markings": ("line", [("other marking", _ALL, _line(LINE_COLOURS["other_marking"]))]),
     "trajectory": ("line", [("path of the scanner", _ALL, _TRAJECTORY)]),
     "sections": ("line", [("section of the road", _ALL, _SECTION)]),
 }
@@ -216,7 +227,7 @@ def qml(layer: str, *, scaled: bool = True, drawn: bool = True) -> str:
         _labels(root, layer, scaled=scaled)
     if layer not in ("trajectory", "sections"):
         aliases = XML.SubElement(root, "aliases")
-        fields = {n: f for n, f in LINE_FIELDS.items() if n != "line"} if layer in ("kerbs", "wires") else FIELDS
+        fields = {n: f for n, f in LINE_FIELDS.items() if n != "line"} if layer in LINE_LAYERS else FIELDS
         for name, field in fields.items():
             XML.SubElement(aliases, "alias", field=name, name=field.alias)
     XML.indent(root)

@@ -38,7 +38,7 @@ class RoadInventory:
     sections : DataFrame or None
         Objects per section of the road, of `section_table`.
     lines : DataFrame or None
-        Kerbs and wires: columns of `LINE_FIELDS`, as `join_kerbs` and `join_wires` return them.
+        Kerbs, wires and markings: columns of `LINE_FIELDS`, as `join_kerbs` returns them.
     """
 
     objects: pd.DataFrame

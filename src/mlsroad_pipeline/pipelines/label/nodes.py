@@ -131,8 +131,8 @@ def label_new_scenes(
     bundle = model.load()
     codes = output_codes(bundle, parameters.scheme, classes["schemes"])
     rules = object_rules(bundle, parameters.inventory)
-    limits = parameters.kerb_limits()
-    settings = LabelSettings(codes, rules, ground, ingest.outliers, judge_digest(), limits)
+    limits, contrast = parameters.kerb_limits(), parameters.least_contrast
+    settings = LabelSettings(codes, rules, ground, ingest.outliers, judge_digest(), limits, contrast)
     return label_tasks(plan, pieces, corridors, model, images, ingest, settings)
 
 

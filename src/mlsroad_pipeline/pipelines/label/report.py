@@ -37,7 +37,7 @@ from mlsroad_pipeline.surveys.parameters import LabelParameters
 _NOT_LISTED = (*EXTENT, "scene", "method", "model_version", "footprint")
 """Columns of the inventory that the report omits."""
 
-SECTION_NOTE = "Number of objects, and metres of kerb and wire, by station along the path."
+SECTION_NOTE = "Number of objects, and metres of each kind of line, by station along the path."
 OBJECT_NOTE = "From above and from the south; a red cross marks the base point. Colours are those of the classes."
 CONFIDENCE_NOTE = (
     "Median confidence of the points of each class. There is a warning above if a fifth of all points, or half of the "

@@ -103,7 +103,7 @@ class ObjectMapSection:
             boxes.append('<label><input type="checkbox" checked data-layer="path"><i class="line"></i>path</label>')
         for kind in self._drawn_lines():
             box = f'<input type="checkbox" checked data-layer="{escape(kind)}s">'
-            boxes.append(f'<label>{box}<i class="line {escape(kind)}"></i>{escape(kind)}s</label>')
+            boxes.append(f'<label>{box}<i class="line {escape(kind)}"></i>{escape(kind.replace("_", " "))}s</label>')
         if self.background is not None:
             boxes.append('<label><input type="checkbox" checked data-layer="cloud">cloud by class</label>')
         return f'<fieldset class="legend"><legend>On the map</legend>{"".join(boxes)}</fieldset>\n'

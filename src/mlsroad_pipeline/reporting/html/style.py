@@ -51,13 +51,22 @@ a { color: var(--accent); }
 .legend i.line { height: 3px; background: #22262e; border-radius: 0; width: 1.2em; }
 .legend i.kerb { background: #96571a; }
 .legend i.wire { background: #6e2896; }
+.legend i.lane_line { background: #008caa; }
+.legend i.stop_line { background: #c81e3c; }
+.legend i.crossing { background: #e68200; }
+.legend i.other_marking { background: #6e7d87; }
 .map { position: relative; border: 1px solid var(--line); border-radius: 4px; overflow: hidden; background: #fff; }
 #map { display: block; width: 100%; touch-action: pan-y; cursor: grab; }
 #map:focus-visible, button:focus-visible, input:focus-visible, select:focus-visible { outline: 3px solid #e0a100;
   outline-offset: -3px; }
 #map .path { fill: none; stroke: #22262e; stroke-width: 2px; stroke-dasharray: 6 3; vector-effect: non-scaling-stroke; }
-#map .kerbs, #map .wires { fill: none; stroke: #96571a; stroke-width: 2px; vector-effect: non-scaling-stroke; }
+#map .kerbs, #map .wires, #map .lane_lines, #map .stop_lines, #map .crossings, #map .other_markings {
+  fill: none; stroke: #96571a; stroke-width: 2px; vector-effect: non-scaling-stroke; }
 #map .wires { stroke: #6e2896; stroke-width: 1px; }
+#map .lane_lines { stroke: #008caa; stroke-width: 1.5px; }
+#map .stop_lines { stroke: #c81e3c; }
+#map .crossings { stroke: #e68200; }
+#map .other_markings { stroke: #6e7d87; stroke-width: 1px; }
 #map .o path { stroke-width: 9px; stroke-linecap: round; vector-effect: non-scaling-stroke; }
 #map .o.square path { stroke-linecap: square; stroke-width: 7px; }
 #map .o path.chosen { stroke-width: 18px; stroke: #e0a100; }

@@ -1,0 +1,1 @@
+"""Road markings from intensity: brightness against the road, bright stripes, and lines through them."""

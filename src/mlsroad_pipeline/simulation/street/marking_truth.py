@@ -1,0 +1,181 @@
+"""True road markings of a simulated street."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mlsroad_pipeline.simulation.street.ground import Ground
+from mlsroad_pipeline.simulation.street.junctions import (
+    CURVATURE,
+    HALF_WIDTH,
+    RADIUS,
+    REACH,
+    SIDE,
+    SKEW,
+    STATION,
+    ZEBRA,
+    ZEBRA_HALF,
+    Nearby,
+    edge_distance,
+    nearby,
+)
+from mlsroad_pipeline.simulation.street.markings import BAY, SLANTED_BAY, marked
+from mlsroad_pipeline.simulation.street.street import Street
+
+STEP = 0.1
+"""Spacing of the places, metres."""
+
+LANE, STOP_LINE, CROSSING, OTHER = range(4)
+"""Lines along lanes and edges; stop lines; middles of zebra crossings; lines between parking bays."""
+
+_BESIDE, _APART = 0.16, 0.4  # metres from a line to its sides, and to other paint
+
+
+class TrueMarkings(NamedTuple):
+    """Places on the markings of a street, relative to the survey's origin.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (n, 3)
+        Places every `STEP` along the middle of the painted part of lines, metres; across the bars of a crossing.
+    kind : ndarray of int64, shape (n,)
+        `LANE`, `STOP_LINE`, `CROSSING` or `OTHER`.
+    rest : ndarray of float64, shape (m, 3)
+        Places on other paint: bars of crossings, arrows, teeth of give-way lines, one for each `STEP` square.
+    """
+
+    places: NDArray[np.float64]
+    kind: NDArray[np.int64]
+    rest: NDArray[np.float64]
+
+
+def true_markings(street: Street, *, start: float, end: float) -> TrueMarkings:
+    """Return places along the markings between two stations.
+
+    Parameters
+    ----------
+    street : Street
+        The street.
+    start, end : float
+        Stations, metres.
+
+    Returns
+    -------
+    TrueMarkings
+        The places.
+    """
+    ground = street.ground
+    along = np.arange(start, end, STEP)
+    lines = [*_lanes(ground, along), *_bays(ground, along), *_crossings(ground, start, end), *_side_streets(ground)]
+    kinds = np.concatenate([np.full(len(line), kind) for kind, line in lines])
+    places = np.concatenate([line for _, line in lines])
+    inside = (places[:, 0] >= start) & (places[:, 0] < end)
+    places, kinds = places[inside], kinds[inside]
+    across = np.arange(-REACH, REACH, STEP)
+    rest = np.stack(np.meshgrid(along, across, indexing="ij"), axis=-1).reshape(-1, 2)
+    rest = rest[_painted(rest, ground)]
+    if len(places) and len(rest):
+        rest = rest[cKDTree(places).query(rest)[0] > _APART]
+    return TrueMarkings(_solid(street, places), kinds, _solid(street, rest))
+
+
+def _solid(street: Street, flat: NDArray[np.float64]) -> NDArray[np.float64]:
+    if len(flat) == 0:
+        return np.zeros((0, 3))
+    s, left = flat.T
+    return np.column_stack([street.alignment.place(s, left)[0], street.ground.height(s, left)])
+
+
+def _thin(line: NDArray[np.float64], across: NDArray[np.float64], ground: Ground) -> NDArray[np.float64]:
+    """Return the painted places of a line that are not inside wider paint."""
+    beside = [_painted(line + side * _BESIDE * across, ground) for side in (-1, 1)]
+    return line[_painted(line, ground) & ~(beside[0] & beside[1])]
+
+
+def _lanes(ground: Ground, along: NDArray[np.float64]) -> list[tuple[int, NDArray[np.float64]]]:
+    _, _, _, lane, lanes, median, _, _ = ground.shape
+    lines = []
+    for sign, section in ((1, ground.section[0]), (-1, ground.section[1])):
+        edge = section[0] - section[1]
+        lefts = [median + 0.3] if median > 0 else ([0.0] if sign > 0 else [])
+        lefts += [median + k * lane for k in range(1, round(lanes)) if median + (k + 0.5) * lane < edge]
+        lefts.append(edge if section[1] > 0 else edge - 0.45)
+        for left in lefts:
+            line = np.column_stack([along, np.full(len(along), sign * left)])
+            gaps = np.abs(along[:, None] - ground.crossings[:, 0]) < ground.crossings[:, 1]
+            lines.append((LANE, _thin(line[~gaps.any(axis=1)], np.array([0.0, 1.0]), ground)))
+    return lines
+
+
+def _bays(ground: Ground, along: NDArray[np.float64]) -> list[tuple[int, NDArray[np.float64]]]:
+    lines = []
+    slant = ground.shape[6]
+    pitch = SLANTED_BAY if slant > 0 else BAY
+    for sign, section in ((1, ground.section[0]), (-1, ground.section[1])):
+        depth = np.arange(0.2, section[1], STEP)
+        for first in np.arange(np.floor(along[0] / pitch), np.ceil(along[-1] / pitch) + 1) * pitch + 0.05:
+            line = np.column_stack([first - slant * depth * sign, sign * (section[0] - section[1] + depth)])
+            lines.append((OTHER, _thin(line, np.array([1.0, 0.0]), ground)))
+    return lines
+
+
+def _crossings(ground: Ground, start: float, end: float) -> list[tuple[int, NDArray[np.float64]]]:
+    lines = []
+    median = ground.shape[5]
+    for at, half in ground.crossings:
+        for sign, section in ((1, ground.section[0]), (-1, ground.section[1])):
+            left = sign * np.arange(median + STEP / 2, section[0] - 0.3, STEP)
+            lines.append((CROSSING, np.column_stack([np.full(len(left), at), left])))
+            # Traffic on the left runs back, so its stop line is behind.
+            stop = np.column_stack([np.full(len(left), at + sign * (half + 1.4)), left])
+            stop = stop[_painted(stop, ground) & (np.abs(left) > median + 0.3)]
+            lines.append((STOP_LINE, stop))
+    return [(kind, line) for kind, line in lines if len(line) == 0 or start <= line[0, 0] < end]
+
+
+def _side_streets(ground: Ground) -> list[tuple[int, NDArray[np.float64]]]:
+    lines = []
+    for arm in ground.arms:
+        half, zebra = arm[HALF_WIDTH], arm[ZEBRA]
+        hold = zebra + ZEBRA_HALF + 1.0 if zebra > 0 else 0.75 * arm[RADIUS]
+        t = np.arange(hold, REACH - ground.section.max(), STEP)
+        middle = _of_arm(ground, arm, t, np.zeros(len(t)))
+        lines.append((LANE, middle[_painted(middle, ground)]))
+        q = np.arange(-half + STEP / 2, half, STEP)
+        stop = _of_arm(ground, arm, np.full(len(q), hold + 0.2), q)
+        lines.append((STOP_LINE, stop[_painted(stop, ground) & (np.abs(q) > 0.2)]))
+        if zebra > 0:
+            inside = q[np.abs(q) < half - 0.25]
+            lines.append((CROSSING, _of_arm(ground, arm, np.full(len(inside), zebra), inside)))
+    return lines
+
+
+def _of_arm(
+    ground: Ground, arm: NDArray[np.float64], t: NDArray[np.float64], q: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return station and offset of places of a side street; the inverse of `arm_coordinates`."""
+    side = int(arm[SIDE])
+    left = (1 - 2 * side) * (t + ground.section[side, 0])
+    way = q * np.sqrt(1.0 + arm[SKEW] ** 2) + arm[SKEW] * t
+    return np.column_stack([arm[STATION] + way / (1.0 - arm[CURVATURE] * left), left])
+
+
+def _painted(places: NDArray[np.float64], ground: Ground) -> NDArray[np.bool_]:
+    return _marked(np.ascontiguousarray(places[:, 0]), np.ascontiguousarray(places[:, 1]), ground)
+
+
+@njit(cache=True, nogil=True)
+def _marked(s: NDArray[np.float64], left: NDArray[np.float64], ground: Ground) -> NDArray[np.bool_]:
+    found, rows = np.zeros(len(s), dtype=np.bool_), Nearby(0, 0, 0)
+    section, shape, arms, crossings = ground.section, ground.shape, ground.arms, ground.crossings
+    for i in range(len(s)):
+        rows = nearby(s[i], arms, crossings, ground.manholes, rows)
+        d, arm, t, q = edge_distance(s[i], left[i], section, shape[5], arms, rows.arm)
+        if d <= 0:
+            found[i] = marked(s[i], left[i], arm, t, q, section, shape, arms, crossings, rows)
+    return found

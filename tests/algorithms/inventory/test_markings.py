@@ -1,0 +1,118 @@
+"""Markings: planted paint, what is no paint, scenes that are cut, scanners, kinds."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import shapely
+
+from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import join_markings, marking_stripes, no_stripes
+from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+
+ORIGIN = np.array([391_000.0, 5_820_000.0, 34.0])
+PATH = Trajectory.from_positions(np.array([[0.0, 0.0, 2.0], [30.0, 0.0, 2.0]]) + ORIGIN)
+SOLID = (0.0, 30.0, 3.44, 3.56)  # from and to along and across the road
+STOP = (20.0, 20.4, -3.0, 0.0)
+BARS = [(24.0, 27.0, y, y + 0.5) for y in np.arange(-3.0, 3.0, 1.0)]
+DASHES = [(x, x + 3.0, -1.06, -0.94) for x in (1.0, 9.0)]
+
+
+def road(paint, *, contrast=6.0, turn=0.0, border=0.0, step=0.0, density=400, seed=3):
+    """Return points and intensities of a road of 30 m by 8 m along the x axis, noise 1; `border` and `step` at y = 0."""
+    rng = np.random.default_rng(seed)
+    n = 240 * density
+    x, y = rng.uniform(0, 30, n), rng.uniform(-4, 4, n)
+    on = np.zeros(n, dtype=bool)
+    for low, high, right, left in paint:
+        on |= (x >= low) & (x < high) & (y >= right) & (y < left)
+    # Intensity falls with the range from the vehicle, as it does on recordings.
+    intensity = 100 - 3 * np.abs(y) + contrast * on + border * (y > 0) + rng.normal(0, 1, n)
+    z = 0.02 * y + step * np.clip(y / 0.05, 0, 1) + rng.normal(0, 0.004, n)
+    if step:
+        intensity += 8 * ((y > 0) & (y < 0.1))
+    c, s = np.cos(turn), np.sin(turn)
+    return np.column_stack([x * c - y * s, x * s + y * c, z]), intensity
+
+
+def stripes(xyz, intensity, *, device=None, core=None, **options):
+    n = len(xyz)
+    return marking_stripes(
+        *(xyz, np.zeros(n), np.zeros(n, dtype=int), intensity, np.zeros(n, dtype=int) if device is None else device),
+        is_paved=np.array([True]),
+        core=np.ones(n, dtype=bool) if core is None else core,
+        origin=ORIGIN,
+        **options,
+    )
+
+
+def vertices(table):
+    return [shapely.get_coordinates(shapely.from_wkt(text), include_z=True) - ORIGIN for text in table["line"]]
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7])
+def test_a_solid_line_is_found_in_place(turn):
+    table = join_markings([stripes(*road([SOLID], turn=turn))])
+    assert table["kind"].tolist() == ["lane_line"] and table["pattern"].tolist() == ["solid"]
+    assert table["length"][0] == pytest.approx(30.0, abs=0.6)
+    assert table["width"][0] == pytest.approx(0.12, abs=0.06) and table["score"][0] > 0.9
+    (line,) = vertices(table)
+    across = line[:, 1] * np.cos(turn) - line[:, 0] * np.sin(turn)
+    np.testing.assert_allclose(across, 3.5, atol=0.05)
+
+
+def test_kinds_of_markings_along_the_path():
+    table = join_markings([stripes(*road([SOLID, STOP, *BARS, *DASHES]))], PATH)
+    by_kind = {kind: rows for kind, rows in table.groupby("kind")}
+    assert set(by_kind) == {"lane_line", "stop_line", "crossing"}
+    crossing, stop = by_kind["crossing"].iloc[0], by_kind["stop_line"].iloc[0]
+    assert len(by_kind["crossing"]) == len(by_kind["stop_line"]) == 1
+    assert crossing["length"] == pytest.approx(5.5, abs=0.6) and crossing["width"] == pytest.approx(3.0, abs=0.4)
+    assert stop["length"] == pytest.approx(3.0, abs=0.4) and stop["width"] == pytest.approx(0.4, abs=0.11)
+    dashed = by_kind["lane_line"][by_kind["lane_line"]["pattern"] == "dashed"].sort_values("from_station")
+    np.testing.assert_allclose(dashed["from_station"], [1.0, 9.0], atol=0.3)
+    np.testing.assert_allclose(dashed["to_station"], [4.0, 12.0], atol=0.3)
+    np.testing.assert_allclose(dashed["offset"], 1.0, atol=0.05)
+
+
+@pytest.mark.parametrize(
+    "cloud",
+    [road([]), road([], border=6.0), road([], step=0.1), road([SOLID], contrast=1.0)],
+    ids=["no paint", "border of two surfaces", "bright face of a kerb", "little contrast"],
+)
+def test_what_is_no_marking(cloud):
+    assert len(join_markings([stripes(*cloud)])) == 0
+
+
+def test_scanners_with_other_units_are_compared_with_themselves():
+    xyz, intensity = road([SOLID])
+    device = np.arange(len(xyz)) % 2
+    table = join_markings([stripes(xyz, np.where(device == 1, 40 * intensity + 5000, intensity), device=device)])
+    assert table["length"].sum() == pytest.approx(30.0, abs=0.8)
+    together = np.where(device == 1, 400 * intensity, intensity)
+    assert len(join_markings([stripes(xyz, together)])) == 0
+
+
+def test_lines_go_on_over_the_border_of_scenes():
+    xyz, intensity = road([SOLID])
+    parts = []
+    for low, high in ((0, 14), (14, 31)):
+        core = (xyz[:, 0] >= low) & (xyz[:, 0] < high)
+        inside = (xyz[:, 0] > low - 3) & (xyz[:, 0] < high + 3)
+        parts.append(stripes(xyz[inside], intensity[inside], core=core[inside]))
+    table = join_markings(parts)
+    assert table["length"].tolist() == pytest.approx([30.0], abs=0.6)
+
+
+def test_order_of_points_and_missing_values():
+    xyz, intensity = road([SOLID])
+    expected = join_markings([stripes(xyz, intensity)])
+    order = np.random.default_rng(0).permutation(len(xyz))
+    pd.testing.assert_frame_equal(join_markings([stripes(xyz[order], intensity[order])]), expected, atol=2e-3)
+    unknown = np.full(len(xyz), np.nan)
+    for empty in (
+        stripes(xyz, unknown),
+        stripes(xyz[:0], intensity[:0]),
+        stripes(xyz[:3], intensity[:3]),
+        no_stripes(),
+    ):
+        assert len(empty) == 0 and len(join_markings([empty])) == 0
+    assert len(join_markings([stripes(xyz, np.full(len(xyz), 7.0))])) == 0
