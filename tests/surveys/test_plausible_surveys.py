@@ -1,6 +1,7 @@
 """Plausible faults of surveys: times, units, folders, paths; `inspect` and `label` tell the same."""
 
 import gzip
+import os
 import re
 import shutil
 
@@ -11,7 +12,7 @@ import pytest
 from helpers.formats import make_labels, make_las
 from helpers.las_rules import broken_rules
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart
@@ -20,11 +21,12 @@ from mlsroad_pipeline.execution.path_parameters import check_paths, with_text_of
 from mlsroad_pipeline.formats.options import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.label.checks import check_headers, output_problems
+from mlsroad_pipeline.label.targets import planned_paths
 from mlsroad_pipeline.label.writer import write_labelled
-from mlsroad_pipeline.surveys.files import Survey
+from mlsroad_pipeline.surveys.files import Survey, SurveyFile
 from mlsroad_pipeline.surveys.inspection import InspectParameters, inspect_survey
 from mlsroad_pipeline.surveys.parameters import LabelParameters
-from mlsroad_pipeline.surveys.plan import plan_labelling
+from mlsroad_pipeline.surveys.plan import plan_labelling, plan_survey
 from mlsroad_pipeline.surveys.reading import describe_file, find_corridor, read_and_cut
 
 NEW = LabelParameters("", "").options()
@@ -385,6 +387,10 @@ def test_paths_of_kedro_run_stay_text(text):
         ({"label": {"survey": ["a.laz", "https://b/a.laz"]}}, r"label\.survey is 'https://b/a\.laz', an address"),
         ({"label": {"sections": "s3:/b/s.csv"}}, r"label\.sections is 's3:/b/s\.csv', an address"),
         ({"survey": {"root": "gs://b"}}, r"survey\.root is 'gs://b', an address"),
+        (
+            {"label": {"survey": "na\udcefve.laz"}},
+            r"label\.survey is 'na\\udcefve\.laz', a name that is not UTF-8: rename it",
+        ),
         ({"score": {"clouds": ["https://h/a.laz"]}}, r"score\.clouds is 'https://h/a\.laz', an address"),
         ({"image_labels": {"masks": "s3://b"}}, r"image_labels\.masks is 's3://b', an address"),
         ({"label": {"model": "s3://b/model"}}, r"label\.model is 's3://b/model', an address"),
@@ -394,6 +400,33 @@ def test_paths_of_kedro_run_stay_text(text):
 def test_what_is_no_path_is_one_line(section, message):
     with pytest.raises(ParameterError, match=message):
         check_paths(section, section)
+
+
+def test_names_of_files_that_cannot_be_written_are_told_first_and_long_ones_have_keys(tmp_path, rng):
+    folder = tmp_path / "survey"
+    folder.mkdir()
+    make_las(folder / "street.laz", rng, n=20)
+    (folder / os.fsdecode(b"na\xefve.csv")).write_text("x,y,z\n1,2,3\n")
+    plan = plan_labelling(LabelParameters(survey=str(folder), output="out"), IngestParameters())
+    assert all(name.isprintable() for name in plan.skipped) and len(plan.skipped) == 1
+    make_las(folder / os.fsdecode(b"na\xefve.laz"), rng, n=20)
+
+    def planned(*names):
+        files = [SurveyFile(str(tmp_path / "x.laz"), name, ".", None) for name in names]
+        options = {"options": ReadOptions(), "labels": False, "ingest": IngestParameters(cut="file")}
+        return plan_survey({"survey": files}, {}, **options)
+
+    keys = [file.key for file in planned("\u6d4b" * 50 + "a.laz", "\u6d4b" * 50 + "b.laz", "street.laz").files]
+    assert len(set(keys)) == 3 and max(map(len, keys)) == 127 and keys[2] == "survey.street_laz"
+    with pytest.raises(
+        ReadError, match=r"na\\udcefve\.laz' is a file of the survey with a name that is not UTF-8: rename it"
+    ):
+        plan_labelling(LabelParameters(survey=str(folder), output="out"), IngestParameters())
+    output = LabelParameters(survey="x.laz", output="out")
+    with pytest.raises(
+        ParameterError, match=r"the name of its result has 216 bytes, at most 215 can be written: rename"
+    ):
+        planned_paths(planned("x" * 212 + ".laz"), tmp_path / "out", output)
 
 
 def test_the_loader_checks_paths(tmp_path):

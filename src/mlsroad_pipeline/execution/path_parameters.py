@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.plain_text import printable
 
 PLACES = ("label.survey", "label.output", "inspect.survey", "inspect.output")
 """Parameters that are files or folders."""
@@ -48,8 +49,13 @@ def local_path(value: str | os.PathLike[str], name: str) -> Path:
     Raises
     ------
     ParameterError
-        If it is an address.
+        If it is an address, or its name is not UTF-8, as results write it.
     """
+    try:
+        os.fspath(value).encode()
+    except UnicodeEncodeError:
+        text = printable(os.fspath(value))
+        raise ParameterError(f"{name} is '{text}', a name that is not UTF-8: rename it") from None
     if _ADDRESS.match(os.fspath(value)):
         raise ParameterError(
             f"{name} is {os.fspath(value)!r}, an address: this takes a file or folder; mount the store or copy the "

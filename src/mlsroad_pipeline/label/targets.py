@@ -20,6 +20,10 @@ FOR_ALL = ("inventory.gpkg", "inventory.parquet", "inventory.qml", "report.html"
 """Results on all files together, in the output folder."""
 
 
+_LONGEST_NAME = 215
+"""Longest name of a result, bytes: file systems have 255, and an unfinished file has 39 more."""
+
+
 def labelled_path(file: PlannedFile, folder: Path) -> str:
     """Return the path of the labelled LAZ of a file; subfolders are mirrored."""
     name = PurePosixPath(file.source.name)
@@ -72,8 +76,18 @@ def planned_paths(
                 raise ParameterError(
                     f"{path} would hold {file.source.name} and {found[path]}: rename one, or label them separately"
                 )
+            _check_length(path, file.source.name)
             found[path] = file.source.name
     return found
+
+
+def _check_length(path: str, source: str) -> None:
+    """Raise ParameterError for a name without room for the endings of a file that is being written."""
+    n_bytes = len(os.fsencode(os.path.basename(path)))
+    if n_bytes > _LONGEST_NAME:
+        raise ParameterError(
+            f"{source}: the name of its result has {n_bytes} bytes, at most {_LONGEST_NAME} can be written: rename it"
+        )
 
 
 def existing(paths: Iterable[str]) -> list[str]:

@@ -10,6 +10,7 @@ from itertools import combinations
 from pathlib import Path
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart, check_splits_along, check_splits_sectors
 from mlsroad_pipeline.formats.registry import format_of_name
 from mlsroad_pipeline.surveys.discovery import broken_links, find_point_files, find_split_files
@@ -49,6 +50,16 @@ class SurveyFile:
     name: str
     folder: str
     trajectory: str | None
+
+
+def check_name(path: str | Path) -> None:
+    """Raise ReadError for a file whose name is not UTF-8, as results write it."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise ReadError(
+            f"'{printable(path)}' is a file of the survey with a name that is not UTF-8: rename it"
+        ) from None
 
 
 @dataclass(frozen=True)
@@ -132,10 +143,14 @@ class Survey:
         if len(self.roots) > 1:
             paths = sorted({path.absolute() for path in paths})
             reasons = {path.absolute(): reason for path, reason in reasons.items() if path.absolute() not in paths}
-        skipped = {path.relative_to(self.folder).as_posix(): reason for path, reason in sorted(reasons.items())}
+        skipped = {
+            printable(path.relative_to(self.folder).as_posix()): reason for path, reason in sorted(reasons.items())
+        }
         if not paths:
             listed = "; ".join(f"{name} {reason.removesuffix(': skipped')}" for name, reason in skipped.items())
             raise ReadError(f"{self.root} holds no point cloud: {listed}")
+        for path in paths:
+            check_name(path)
         return SurveyListing(self._described(paths, trajectory), skipped)
 
     def split_files(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,8 +14,11 @@ from mlsroad_pipeline.algorithms.core.scene_key import TRAIN, SceneKey
 from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart, split_config
 from mlsroad_pipeline.formats.options import ReadOptions
-from mlsroad_pipeline.surveys.files import Survey, SurveyFile, files_to_label
+from mlsroad_pipeline.surveys.files import Survey, SurveyFile, check_name, files_to_label
 from mlsroad_pipeline.surveys.parameters import LabelParameters, SurveyParameters
+
+_LONGEST_KEY = 120
+"""Longest key of a file or folder without its split, characters; of longer ones a digest replaces the end."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +93,9 @@ def estimated_drives(plan: SurveyPlan, ingest: IngestParameters) -> set[str]:
 def _store_key(split: str, source: str) -> str:
     """Return the key of a file or folder; characters that stores do not accept are replaced by `_` or their code."""
     parts = (split, source)
-    safe = (re.sub(r"[^A-Za-z0-9-]", lambda m: "_" if m[0] in "_/ ." else f"_{ord(m[0]):x}_", p) for p in parts)
+    safe = [re.sub(r"[^A-Za-z0-9-]", lambda m: "_" if m[0] in "_/ ." else f"_{ord(m[0]):x}_", p) for p in parts]
+    if len(safe[1]) > _LONGEST_KEY:  # file systems limit names to 255 bytes
+        safe[1] = f"{safe[1][: _LONGEST_KEY - 13]}_{hashlib.blake2b(source.encode(), digest_size=6).hexdigest()}"
     return str(SceneKey(*safe))
 
 
@@ -106,6 +112,7 @@ def plan_survey(
     count: dict[str, int] = {}
     for split, files in splits.items():
         for source in files:
+            check_name(source.path)
             key = _store_key(split, source.name)
             drive = key if ingest.cut == "file" else _store_key(split, source.folder)
             number = count.get(drive, 0)
