@@ -19,6 +19,9 @@ KINDS = {"fail": 1, "full": 2, "tear": 3, "kill": 4, "delay": 5}
 """Disturbances: an input/output error; a disk that is full from then on; half of a write and the end of the process;
 the end of the process right after; 0.15 s before."""
 
+UNREACHED = "not reached"
+"""Fault of a trial whose run has fewer operations than the one that was listed."""
+
 PLACE = Path(__file__).parent
 
 
@@ -134,7 +137,7 @@ def tries(trials: Trials, expected: dict[str, str], points: Iterator[tuple[int, 
         output = trials.root / f"{kind}{at}"
         status, _, hits = trials.run(output.name, at=at, kind=kind)
         first = trials.said if status else ""
-        wrong = [] if hits else ["not reached"]
+        wrong = [] if hits else [UNREACHED]
         partial = {k: v for k, v in results(output).items() if not k.startswith(".mlsroad")} if output.exists() else {}
         wrong += [
             f"{name} differs after the fault"
@@ -151,7 +154,7 @@ def tries(trials: Trials, expected: dict[str, str], points: Iterator[tuple[int, 
 
 
 def _hidden(name: str) -> bool:
-    return name.rpartition("/")[2].startswith(".")
+    return any(part.startswith(".") for part in name.split("/"))
 
 
 def _say(row: dict[str, Any]) -> None:
@@ -169,6 +172,8 @@ def main() -> int:
         _say({"operations": len(operations), "distinct": len(places), "files": len(expected)})
         failed = done = 0
         for trial in tries(trials, expected, ((at, kind) for kind in kinds for at in places[::step])):
+            if trial["wrong"] == [UNREACHED]:  # MLflow writes less often in some runs
+                continue
             done += 1
             failed += bool(trial["wrong"])
             if trial["wrong"]:
