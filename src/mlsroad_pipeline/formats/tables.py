@@ -169,7 +169,10 @@ def _extremes(table: PointTable, path: Path, names: tuple[str, ...], options: Re
         for start in range(0, table.n_points, CHUNK):
             part = table.rows(names, start, min(start + CHUNK, table.n_points))
             for name in names:
-                values = part[name][np.isfinite(part[name])]
+                values = part[name]
+                with np.errstate(invalid="ignore", over="ignore"):
+                    if not np.isfinite(values.sum()):  # one pass without a mask, as in `check_finite`
+                        values = values[np.isfinite(values)]
                 if len(values):
                     low, high = min(low, float(values.min())), max(high, float(values.max()))
         _EXTREMES[key] = (low, high) if low <= high else (0.0, 0.0)

@@ -154,7 +154,7 @@ def _open_table(
     elif header is None and not path_layout(path, width):
         at, names = names_in_comments(lines[:n_head], comment, width - blank, found)
     named = bool(names)
-    names = (names or _default_names(path, width - blank)) + ("",) * blank
+    names = (names or _default_names(path, width - blank, f"line {row_line + 1}: {body[0][:80]!r}")) + ("",) * blank
     kept = numeric_columns(body, found, mark, width) if named else None
     if "" in names:  # rows that end with a delimiter
         kept = tuple(i for i in (range(width) if kept is None else kept) if names[i])
@@ -268,10 +268,10 @@ def path_layout(path: Path, width: int) -> tuple[str, ...]:
     return next((layout for e, layout in LAYOUTS.items() if name.endswith(e) and len(layout) == width), ())
 
 
-def _default_names(path: Path, width: int) -> tuple[str, ...]:
+def _default_names(path: Path, width: int, row: str) -> tuple[str, ...]:
     known = path_layout(path, width)
     if known:
         return known
     if width < 3:
-        raise ReadError(f"{path} has {width} values a row; at least x, y and z are needed")
+        raise ReadError(f"{path}, {row} has {width} values; at least x, y and z are needed; set delimiter, or comment")
     return ("x", "y", "z", *(f"column_{i}" for i in range(3, width)))
