@@ -116,7 +116,10 @@ def _cutter(
 
 def strange_properties(bundle: ModelBundle, facts: Mapping[str, float]) -> list[str]:
     """Return one sentence per property of a survey that is outside the range of the training data of a model."""
-    return strange_facts(facts, bundle.metadata.get("training_facts", {}))
+    try:
+        return strange_facts(facts, bundle.metadata.get("training_facts", {}))
+    except DataError as error:
+        raise DataError(f"the model of {bundle.slug} is damaged: {error}") from error
 
 
 def strange_warnings(strange: Sequence[str]) -> list[str]:
