@@ -29,10 +29,11 @@ def models(
 
     console = output_console()
     with one_line_errors(verbose=verbose):
+        places = expanded(files or [])
         store = model_store(find_place())
         with collected_warnings(verbose=verbose) as logged:
             available = available_models(store)
-            facts = facts_of_survey(expanded(files)) if files else None
+            facts = facts_of_survey(places) if places else None
             choice = None if facts is None else choose(facts, method=method, model=model, store=store)
         for item in available:
             print_model(console, item)
