@@ -85,6 +85,17 @@ def survey_crs(plan: SurveyPlan, files: SceneCollection) -> str | None:
     return crs
 
 
+def has_intensity(plan: SurveyPlan, files: SceneCollection) -> bool:
+    """Return whether the points of any file have different intensities."""
+    samples = files.part("sample")
+    for file in plan.files:
+        values = samples[file.key].load().get("intensity")
+        known = np.zeros(0) if values is None else values[np.isfinite(values)]
+        if len(np.unique(known)) > 1:
+            return True
+    return False
+
+
 def inventory_of(
     plan: SurveyPlan,
     files: SceneCollection,
@@ -106,6 +117,8 @@ def inventory_of(
         logger.warning("label.sections is not used: the survey has no path with stations")
     sections = None if trajectory is None else section_table(objects, trajectory.length, sections=given)
     lines = joined.part("lines")[OBJECTS].load()
+    if parameters.markings is not None and not has_intensity(plan, files):
+        logger.warning("No road markings are listed: the survey has no intensity")
     if sections is not None and trajectory is not None:
         for kind in LINE_KINDS:
             of_kind = line_vertices(lines[lines["kind"] == kind])

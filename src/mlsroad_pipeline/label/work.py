@@ -158,10 +158,11 @@ def join_objects(
         scenes = _StoredObjects(objects[drive], fragments[drive], evidence[drive])
         trajectory = corridor if isinstance(corridor, Trajectory) else None
         drives.append((scenes, trajectory))
-        lines.append(join_kerbs([stored.load() for stored in kerbs[drive]], trajectory, least_length=least_length))
+        edges = join_kerbs([stored.load() for stored in kerbs[drive]], trajectory, least_length=least_length)
+        lines.append(edges)
         lines.append(join_wires([stored.load() for stored in wires[drive]], trajectory))
         stripes = [stored.load() for stored in markings[drive]]
-        lines.append(join_markings(stripes, trajectory, least_length=least_marking))
+        lines.append(join_markings(stripes, trajectory, kerbs=edges, least_length=least_marking))
     judges = object_judge() if judge else None
     joined, numbers = join_inventories(drives, rules, judge=judges, least_score=least_score)
     table = with_sightings(joined, numbers, (Sightings(stored.key, stored.load()) for stored in sightings))

@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 import shapely
 
+from mlsroad_pipeline.algorithms.inventory.markings.carriageway import beyond_kerb
 from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import join_markings, marking_stripes, no_stripes
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
@@ -116,3 +117,12 @@ def test_order_of_points_and_missing_values():
     ):
         assert len(empty) == 0 and len(join_markings([empty])) == 0
     assert len(join_markings([stripes(xyz, np.full(len(xyz), 7.0))])) == 0
+
+
+def test_kerbs_between_the_path_and_a_place_are_counted_by_their_direction():
+    kerb = np.array([[0.0, 4.0, 0.0], [30.0, 4.0, 0.0]])
+    places = np.array([[5.0, 3.0, 0.0], [5.0, 5.0, 0.0], [5.0, 8.0, 0.0]])
+    up, down = kerb + ORIGIN, kerb[::-1] + [0.0, 3.0, 0.0] + ORIGIN
+    assert beyond_kerb(places + ORIGIN, [up, down], PATH).tolist() == [False, True, False]
+    assert beyond_kerb(places + ORIGIN, [up], PATH).tolist() == [False, True, True]
+    assert beyond_kerb(places + ORIGIN, [], PATH).tolist() == [False, False, False]

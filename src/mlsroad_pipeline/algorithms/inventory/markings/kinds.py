@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from mlsroad_pipeline.algorithms.inventory.markings.carriageway import beyond_kerb
 from mlsroad_pipeline.algorithms.inventory.markings.tracing import line_length
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
@@ -19,8 +21,8 @@ LANE_LINE, STOP_LINE, CROSSING, OTHER = "lane_line", "stop_line", "crossing", "o
 SOLID, DASHED = "solid", "dashed"
 """Patterns of lane lines."""
 
-LEAST_SCORE = 0.5
-"""Least score of a listed marking."""
+LEAST_SCORE, LEAST_BEYOND = 0.5, 0.9
+"""Least score of a listed marking, and of one beyond a kerb: pavements and yards have bright stripes, too."""
 
 # Logistic regression on the 288 lines traced on eight simulated streets of 40 m (seeds 1301 to 1308).
 _WEIGHTS, _CONSTANT = np.array([1.28, 2.47, 0.39]), -4.6
@@ -76,7 +78,9 @@ class Marking:
         return np.asarray(chord / max(np.hypot(*chord), 1e-9))
 
 
-def markings_of(lines: list[NDArray[np.float64]], trajectory: Trajectory | None) -> list[Marking]:
+def markings_of(
+    lines: list[NDArray[np.float64]], trajectory: Trajectory | None, kerbs: Sequence[NDArray[np.float64]] = ()
+) -> list[Marking]:
     """Return the markings that traced lines are.
 
     Parameters
@@ -85,6 +89,8 @@ def markings_of(lines: list[NDArray[np.float64]], trajectory: Trajectory | None)
         Lines of `trace_markings`.
     trajectory : Trajectory or None
         Trajectory of the vehicle; without one, only other lines show the direction of the road.
+    kerbs : sequence of ndarray of float64, shape (k, 3)
+        Kerbs, their upper side on the left. Lines beyond one of them need a score of at least 0.9.
 
     Returns
     -------
@@ -96,7 +102,11 @@ def markings_of(lines: list[NDArray[np.float64]], trajectory: Trajectory | None)
         Marking(line[:, :3], w, contrast, _score(line)) for line, (w, contrast) in zip(lines, medians, strict=True)
     ]
     crossings, rest = _crossings(traced)
-    rest = [marking for marking in rest if marking.score >= LEAST_SCORE]
+    least = np.full(len(rest), LEAST_SCORE)
+    if trajectory is not None and rest:
+        middles = np.array([marking.vertices[len(marking.vertices) // 2] for marking in rest])
+        least[beyond_kerb(middles, kerbs, trajectory)] = LEAST_BEYOND
+    rest = [marking for marking, score in zip(rest, least, strict=True) if marking.score >= score]
     for marking in rest:
         marking.pattern = DASHED if _is_dash(marking, rest) else SOLID
         marking.kind = _kind(marking, rest, trajectory)

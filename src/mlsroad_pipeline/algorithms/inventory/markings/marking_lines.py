@@ -95,7 +95,11 @@ def marking_stripes(
 
 
 def join_markings(
-    scenes: Sequence[pd.DataFrame], trajectory: Trajectory | None = None, *, least_length: float = LEAST_LENGTH
+    scenes: Sequence[pd.DataFrame],
+    trajectory: Trajectory | None = None,
+    *,
+    kerbs: pd.DataFrame | None = None,
+    least_length: float = LEAST_LENGTH,
 ) -> pd.DataFrame:
     """Return the markings of a drive as lines.
 
@@ -105,6 +109,8 @@ def join_markings(
         Stripes of each scene, of `marking_stripes`.
     trajectory : Trajectory, optional
         Trajectory that gives the stations and the direction of the road.
+    kerbs : DataFrame, optional
+        Kerbs of the drive, of `join_kerbs`. Lines beyond a kerb, seen from the trajectory, need a higher score.
     least_length : float, default 0.8
         Shorter lines are left out, metres.
 
@@ -118,8 +124,13 @@ def join_markings(
         return line_table([])
     values = np.concatenate([table[list(STRIPE_COLUMNS)].to_numpy(dtype=np.float64) for table in filled])
     stripes = Stripes(values[:, :3], values[:, 3:5], values[:, 5], values[:, 6], values[:, 7])
+    edges = [] if kerbs is None else [_vertices(text) for text in kerbs["line"]]
     lines = trace_markings(stripes, least_length=least_length)
-    return line_table([_row(marking, trajectory) for marking in markings_of(lines, trajectory)])
+    return line_table([_row(marking, trajectory) for marking in markings_of(lines, trajectory, edges)])
+
+
+def _vertices(text: str) -> NDArray[np.float64]:
+    return np.asarray(shapely.get_coordinates(shapely.from_wkt(text), include_z=True))
 
 
 def _row(marking: Marking, trajectory: Trajectory | None) -> dict[str, object]:
