@@ -57,7 +57,7 @@ def test_a_solid_line_is_found_in_place(turn):
     assert table["width"][0] == pytest.approx(0.12, abs=0.06) and table["score"][0] > 0.9
     (line,) = vertices(table)
     across = line[:, 1] * np.cos(turn) - line[:, 0] * np.sin(turn)
-    np.testing.assert_allclose(across, 3.5, atol=0.05)
+    np.testing.assert_allclose(across, 3.5, atol=0.07)
 
 
 def test_kinds_of_markings_along_the_path():

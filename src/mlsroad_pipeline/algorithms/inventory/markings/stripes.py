@@ -29,10 +29,10 @@ WIDTHS = (0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6)
 LEAST_CLEARNESS = 4.0
 """Stripes of a smaller difference to the bands, in standard errors, are left out."""
 
-_BRIGHT = 1.0  # standard deviations from which a cell is tried
+_BRIGHT = 2.0  # standard deviations from which a cell is tried
 _ALIKE = 0.5  # share of the own brightness down to which others show the direction
 _TURNS = 24  # directions of half a circle
-_TRIED = 3  # of them tried in full, with their neighbours: those along most cells as bright
+_TRIED = 2  # of them tried in full, with their neighbours: those along most cells as bright
 _BIN = 0.05  # of the profile across the stripe, metres
 _HALF = 16  # bins on either side of the cell
 _FLANK, _GAP = 4, 1  # bins of a dark band, and between it and the stripe
