@@ -69,8 +69,8 @@ def test_kinds_of_markings_along_the_path():
     assert crossing["length"] == pytest.approx(5.5, abs=0.6) and crossing["width"] == pytest.approx(3.0, abs=0.4)
     assert stop["length"] == pytest.approx(3.0, abs=0.4) and stop["width"] == pytest.approx(0.4, abs=0.11)
     dashed = by_kind["lane_line"][by_kind["lane_line"]["pattern"] == "dashed"].sort_values("from_station")
-    np.testing.assert_allclose(dashed["from_station"], [1.0, 9.0], atol=0.3)
-    np.testing.assert_allclose(dashed["to_station"], [4.0, 12.0], atol=0.3)
+    np.testing.assert_allclose(dashed["from_station"], [1.0, 9.0], atol=0.4)
+    np.testing.assert_allclose(dashed["to_station"], [4.0, 12.0], atol=0.4)
     np.testing.assert_allclose(dashed["offset"], 1.0, atol=0.05)
 
 
