@@ -1,0 +1,141 @@
+"""Leave one block of Oakland 3-D out: poles, signs and vehicles found with labels, and scores, of models of the others.
+
+    python benchmarks/oakland_objects.py [FOLDER] [--judges data/07_model_output/object_judges] [--weight 10]
+
+FOLDER holds the blocks and objects.csv; by default it is $MLSROAD_DATA/oakland. Each block is labelled by boosted trees
+of the ten others. Its candidates are scored by the shipped judge, and with `--judges`, the folder of
+`object_judges.py`, also by a judge that learns from the candidates of simulated streets and, with `--weight`, from
+those of the ten other blocks. The trees that classify upright lines are the shipped ones. Objects with a score from 0.4
+count; distances are 0.5 m, and 2 m for vehicles, whose reference is the mean of the seen side.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from judge_candidates import find_candidate_rows
+from judge_streets import SCHEME, Street
+from oakland_cross_validation import CONF, ENVIRONMENT, SUFFIX, configured, read, trees_trial
+from object_judges import fit, stem_version
+
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import (
+    describe_scene,
+    parameters_of,
+    voxel_probabilities,
+)
+from mlsroad_pipeline.algorithms.core.codings import Coding
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.inventory.class_groups import ClassEvidence, group_shares
+from mlsroad_pipeline.algorithms.inventory.object_features import FEATURES
+from mlsroad_pipeline.algorithms.metrics.object_matching import assign_one_to_one
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.object_judge import ObjectJudge
+from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
+from mlsroad_pipeline.datasets.models.object_judges import shipped_judge
+
+REACH = {"pole": 0.5, "sign": 0.5, "vehicle": 2.0}
+LEAST_SCORE = 0.4
+COLUMNS = [f"f: {name}" for name in FEATURES]
+
+
+def street_of(name: str, cloud: PointCloud, bundle: ModelBundle) -> Street:
+    """Return a block with the class probabilities of a model."""
+    ground = find_ground(cloud, GroundParameters(**bundle.metadata["parameters"]["ground"]))
+    voxels = describe_scene(cloud.with_columns(**ground), ground, voxel_size=parameters_of(bundle).voxel_size)
+    known, n = np.isfinite(ground["height"]), len(cloud)
+    owner = np.where(known, voxels.owner.astype(np.int64), -1)
+    evidence = ClassEvidence(
+        voxel_probabilities(voxels, bundle).astype(np.float32), owner, group_shares(SCHEME)
+    )  # fmt: skip
+    none = np.zeros(n, np.int32)
+    height = np.where(known, ground["height"], 0.0).astype(np.float64)
+    return Street(name, cloud.xyz.astype(np.float64), cloud.origin, height, evidence, none, none, pd.DataFrame())
+
+
+def with_truth(candidates: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
+    """Add whether each candidate is an object of its kind, one to one."""
+    true = np.zeros(len(candidates), bool)
+    for kind, reach in REACH.items():
+        rows = np.flatnonzero(candidates["kind"] == kind)
+        where = candidates[["x", "y"]].to_numpy()[rows]
+        true[rows[assign_one_to_one(where, truth.loc[truth["kind"] == kind, ["x", "y"]].to_numpy(), reach)[0]]] = True
+    return candidates.assign(true=true)
+
+
+def shipped_scores(candidates: pd.DataFrame, judge: ObjectJudge) -> np.ndarray:
+    """Return the scores of the shipped judge."""
+    scores = np.zeros(len(candidates))
+    for kind in candidates["kind"].unique():
+        mine = (candidates["kind"] == kind).to_numpy()
+        scores[mine] = judge.probabilities(kind, candidates.loc[mine, COLUMNS].to_numpy(np.float32))[:, 0]
+    return scores
+
+
+def learned_scores(
+    candidates: pd.DataFrame, simulated: pd.DataFrame, judge: ObjectJudge, weight: float
+) -> np.ndarray:  # fmt: skip
+    """Return the scores of judges that learn from simulated streets and from the other blocks."""
+    scores = shipped_scores(candidates, judge)
+    for kind in REACH:
+        a, b = judge.calibration[kind]
+        own = simulated[(simulated["kind"] == kind) & ~simulated["ignored"].astype(bool)]
+        for block in candidates["street"].unique():
+            mine = (candidates["kind"] == kind) & (candidates["street"] == block)
+            others = candidates[(candidates["kind"] == kind) & (candidates["street"] != block)]
+            rows = pd.concat([own[[*COLUMNS, "true"]], others[[*COLUMNS, "true"]]], ignore_index=True)
+            weights = np.r_[np.ones(len(own)), np.full(len(others), weight)]
+            trees = fit(rows[COLUMNS], rows["true"].to_numpy(float), kind, weight=weights)
+            if mine.any():
+                raw = trees.scores(candidates.loc[mine, COLUMNS].to_numpy(np.float32))[:, 0]
+                scores[mine.to_numpy()] = 1.0 / (1.0 + np.exp(-(a * raw + b)))
+    return scores
+
+
+def report(name: str, candidates: pd.DataFrame, scores: np.ndarray, truth: pd.DataFrame) -> None:
+    """Print a row per kind: true, listed and found objects, precision, recall, F."""
+    rated = candidates.assign(score=scores).sort_values("score", ascending=False)
+    best = rated.drop_duplicates(["street", "own_kind", "part"])
+    for kind, reach in REACH.items():
+        listed = best[(best["kind"] == kind) & (best["score"] >= LEAST_SCORE)]
+        true = truth.loc[truth["kind"] == kind, ["x", "y"]].to_numpy()
+        found = len(assign_one_to_one(listed[["x", "y"]].to_numpy(), true, reach)[0])
+        p, r = found / max(len(listed), 1), found / len(true)
+        f = 2 * found / (len(listed) + len(true))
+        print(f"| {name} | {kind} | {len(true)} | {len(listed)} | {found} | {p:.2f} | {r:.2f} | {f:.2f} |", flush=True)
+
+
+def main() -> None:
+    """Label, find candidates, score, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    default = Path(os.environ.get("MLSROAD_DATA", CONF.parents[1] / "shared/data")) / "oakland"
+    parser.add_argument("folder", nargs="?", type=Path, default=default)
+    parser.add_argument("--judges", type=Path)
+    parser.add_argument("--weight", type=float, default=10.0)
+    options = parser.parse_args()
+    coding = Coding("oakland", configured("classes", ENVIRONMENT)["codings"]["oakland"])
+    files = sorted(options.folder.glob(f"*{SUFFIX}"))
+    if len(files) < 2:
+        parser.error(f"{options.folder} has {len(files)} files *{SUFFIX}: two are needed")
+    clouds = {path.name.removesuffix(SUFFIX): read(path, coding) for path in files}
+    truth, judge, trial = pd.read_csv(options.folder / "objects.csv"), shipped_judge(), trees_trial(clouds, SCHEME)
+    found = []
+    for name, cloud in clouds.items():
+        bundle = trial.train([rows for other, rows in trial.samples.items() if other != name], 2026)
+        found.append(find_candidate_rows(street_of(name, cloud, bundle), judge))
+    candidates = with_truth(pd.concat(found, ignore_index=True), truth)
+    print("| judge | kind | true | listed | found | precision | recall | F |\n|---|---|---|---|---|---|---|---|")
+    report("shipped", candidates, shipped_scores(candidates, judge), truth)
+    if options.judges is not None:
+        tables = [pd.read_parquet(path) for path in sorted(options.judges.glob(f"candidates_{stem_version(judge)}_*.parquet"))]
+        simulated = pd.concat([table for table in tables if len(table)], ignore_index=True)
+        for weight in (0.0, options.weight):
+            scores = learned_scores(candidates, simulated, judge, weight)
+            report(f"simulated, other blocks with weight {weight:g}", candidates, scores, truth)
+
+
+if __name__ == "__main__":
+    main()
