@@ -53,3 +53,23 @@ def test_a_small_forest_and_a_small_cloud_give_ratios(benchmark, capsys, rng):
     table = run_all.ratio_table(found)
     assert str(len(cloud))[0] in table
     assert all(f"{row['ratio']:.2f}" in table for row in found)
+
+
+def test_a_disturbed_street_has_probabilities_and_keeps_its_ground(benchmark):
+    streets = benchmark("judge_streets")
+    rng = np.random.default_rng(0)
+    local = rng.uniform(0, 9, (300, 3))
+    height = np.where(np.arange(300) % 3 == 0, 0.0, local[:, 2])
+    probabilities = rng.dirichlet(np.ones(len(streets.SCHEME)), 100).astype(np.float32)
+    owner = np.where(np.arange(300) % 50 == 7, -1, np.arange(300) % 100)
+    evidence = streets.ClassEvidence(probabilities, owner, streets.group_shares(streets.SCHEME))
+    street = streets.Street("s", local, np.zeros(3), height, evidence, owner, owner, None)
+    first, again, other = (streets.disturb(street, seed) for seed in (1, 1, 2))
+    assert first.evidence.probabilities.sum(axis=1) == pytest.approx(np.ones(100), abs=1e-5)
+    assert np.array_equal(first.evidence.probabilities, again.evidence.probabilities)
+    assert not np.allclose(first.evidence.probabilities, other.evidence.probabilities)
+    moved = first.local - local
+    assert (moved[height == 0] == 0).all() and (moved[:, 2] == 0).all()
+    assert moved[height > 1, :2] / height[height > 1, None] == pytest.approx(
+        np.tile(moved[1, :2] / height[1], (sum(height > 1), 1))
+    )
