@@ -29,7 +29,6 @@ WIDTHS = (0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6)
 LEAST_CLEARNESS = 4.0
 """Stripes of a smaller difference to the bands, in standard errors, are left out."""
 
-_BRIGHT = 2.0  # standard deviations from which a cell is tried
 _ALIKE = 0.5  # share of the own brightness down to which others show the direction
 _TURNS = 24  # directions of half a circle
 _TRIED = 2  # of them tried in full, with their neighbours: those along most cells as bright
@@ -79,7 +78,8 @@ def find_stripes(cells: NDArray[np.float64], *, least_contrast: float) -> Stripe
     cells : ndarray of float64, shape (m, 7)
         Cells of `road_cells`, at least one.
     least_contrast : float
-        Least difference in intensity to the road on both sides, in standard deviations of the road.
+        Least brightness of a cell, and least difference of its stripe to the road on both sides, in standard deviations
+        of the road.
 
     Returns
     -------
@@ -89,7 +89,7 @@ def find_stripes(cells: NDArray[np.float64], *, least_contrast: float) -> Stripe
     plan = cells[:, :3].copy()
     plan[:, 2] = 0.0
     (blocks,) = build_cell_grids(plan, cell_size=REACH, margin=2)
-    fits = _fit(cells, blocks.order, blocks.keys, blocks.starts, blocks.shape[0], np.array(WIDTHS))
+    fits = _fit(cells, blocks.order, blocks.keys, blocks.starts, blocks.shape[0], np.array(WIDTHS), least_contrast)
     kept = (fits[:, _T] >= LEAST_CLEARNESS) & (np.abs(fits[:, _OFFSET]) < _OFF) & (fits[:, _CONTRAST] >= least_contrast)
     kept &= (fits[:, _OWN_SHARE] > _OWN_LEAST) & (cells[:, CORE] >= 0.5)
     rows = np.flatnonzero(kept)
@@ -188,7 +188,7 @@ def _own_share(local: NDArray, count: int, row: NDArray) -> float:
 
 @njit(cache=True, nogil=True)
 def _fit(
-    cells: NDArray, order: NDArray, keys: NDArray, starts: NDArray, nx: int, widths: NDArray
+    cells: NDArray, order: NDArray, keys: NDArray, starts: NDArray, nx: int, widths: NDArray, least: float
 ) -> NDArray[np.float64]:
     fits = np.zeros((len(cells), 7))
     found, local = np.empty(_MOST, np.int64), np.empty((_MOST, 4))
@@ -197,7 +197,7 @@ def _fit(
         n_found = _gather(keys[block], nx, keys, starts, order, found)
         for i in range(starts[block], starts[block + 1]):
             own = order[i]
-            if cells[own, BRIGHTNESS] < _BRIGHT:
+            if cells[own, BRIGHTNESS] < least:
                 continue
             count = 0
             for k in range(n_found):
