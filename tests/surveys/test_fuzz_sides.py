@@ -18,6 +18,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
 from mlsroad_pipeline.formats.crs import sidecar_crs
+from mlsroad_pipeline.label.devices import check_device
 from mlsroad_pipeline.label.inventory import read_sections
 from mlsroad_pipeline.surveys.camera_files import read_images, read_poses
 from mlsroad_pipeline.surveys.trajectory_files import read_trajectory
@@ -70,14 +71,38 @@ def kitti_labels(folder):
 
 def model(folder):
     place = "mlsroad_pipeline.algorithms.models.bundle:refuse_points"
-    save_bundle(
-        ModelBundle("toy", {"a": np.arange(5.0)}, {"entry_point": place, "classes": ["a", "b"], "scheme": SCHEME}),
-        folder,
-    )
+    metadata = {"entry_point": place, "classes": ["a", "b"], "scheme": SCHEME, "segmentation": {"source": "network"}}
+    metadata["parameters"] = {"device": "auto", "recogniser": {"training": {"device": "cpu"}}}
+    metadata["members"] = {"image_labels": {"parameters": {"device": "cpu"}}}
+    save_bundle(ModelBundle("toy", {"a": np.arange(5.0)}, metadata), folder)
 
 
 def read_model(path):
-    return load_bundle(path.parent).classes
+    check_device(load_bundle(path.parent))
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        "parameters",
+        "parameters.recogniser",
+        "parameters.recogniser.training",
+        "segmentation",
+        "members",
+        "members.image_labels",
+    ],
+)
+def test_parts_of_a_model_that_are_no_mappings_are_named(tmp_path, place):
+    model(tmp_path)
+    content = json.loads((tmp_path / "model.json").read_text())
+    *outer, last = place.split(".")
+    parent = content["metadata"]
+    for key in outer:
+        parent = parent[key]
+    parent[last] = None
+    (tmp_path / "model.json").write_text(json.dumps(content))
+    with pytest.raises(MlsRoadError, match=rf"model\.json: metadata\.{place} is null, not a mapping: .* damaged"):
+        load_bundle(tmp_path)
 
 
 def read_with_poses(path):

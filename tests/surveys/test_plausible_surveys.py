@@ -274,6 +274,17 @@ def test_withheld_points_are_not_used(tmp_path, rng, ending, labels):
     np.testing.assert_array_equal(rows, [row for row in range(30, 90) if row % 3])
 
 
+def test_inspect_warns_of_a_file_of_withheld_points(tmp_path, rng):
+    path = write(tmp_path / "a.npz", rng.random((90, 3)) * 9, withheld=np.ones(90, np.uint8))
+    write(tmp_path / "b.npz", rng.random((90, 3)) * 9)
+    assert "all points are flagged withheld: none is labelled, and label refuses a survey of such files alone" in (
+        inspected(path)[0][0].warnings
+    )
+    files, _ = inspected(tmp_path)
+    assert len(files) == 2
+    assert not any(text.startswith("label refuses it") for file in files for text in file.warnings)
+
+
 # warnings of bounds and counts
 
 
@@ -394,11 +405,26 @@ def test_paths_of_kedro_run_stay_text(text):
         ({"score": {"clouds": ["https://h/a.laz"]}}, r"score\.clouds is 'https://h/a\.laz', an address"),
         ({"image_labels": {"masks": "s3://b"}}, r"image_labels\.masks is 's3://b', an address"),
         ({"label": {"model": "s3://b/model"}}, r"label\.model is 's3://b/model', an address"),
-        ({"luo2019_study": {"a": {"b": ["gs://b"]}}}, r"luo2019_study\.a\.b is 'gs://b', an address"),
+        ({"recordings_study": {"a": {"b": ["gs://b"]}}}, r"recordings_study\.a\.b is 'gs://b', an address"),
+        ({"label": {"read": {"comment": "\udcef"}}}, r"label\.read\.comment is '\\udcef', a name that is not UTF-8"),
     ],
 )
 def test_what_is_no_path_is_one_line(section, message):
     with pytest.raises(ParameterError, match=message):
+        check_paths(section, section)
+
+
+def test_texts_that_are_no_files_may_be_addresses():
+    label = {"survey": "a.laz", "output": "out"}
+    for section in (
+        {
+            "label": {
+                **label,
+                "read": {"reproject": "https://www.opengis.net/def/crs/EPSG/0/25832", "comment": "http://"},
+            }
+        },
+        {"label": label, "own": {"reference": "doi:/10"}, "survey": {"source": "https://h/"}},
+    ):
         check_paths(section, section)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +27,11 @@ PATHS = (
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")
 """Start of an address such as ``s3://``; a letter and a colon alone are none, and ``./s3:/`` names a folder."""
 
-_MAY_BE_ADDRESSES = ("scheduler", "source", "crs")
-"""Names of parameters that are addresses, or texts with one, in place of files."""
+_WITH_FILES = ("image_labels", "inspect", "label", "recognition", "recordings_study", "score", "shipped", "survey")
+"""Sections with parameters that are files or folders."""
+
+_NO_FILES = ("source", "crs", "read")
+"""Names of parameters of these sections that may have an address in their text, or have free text below them."""
 
 
 def local_path(value: str | os.PathLike[str], name: str) -> Path:
@@ -51,11 +54,7 @@ def local_path(value: str | os.PathLike[str], name: str) -> Path:
     ParameterError
         If it is an address, or its name is not UTF-8, as results write it.
     """
-    try:
-        os.fspath(value).encode()
-    except UnicodeEncodeError:
-        text = printable(os.fspath(value))
-        raise ParameterError(f"{name} is '{text}', a name that is not UTF-8: rename it") from None
+    _check_utf8(os.fspath(value), name)
     if _ADDRESS.match(os.fspath(value)):
         raise ParameterError(
             f"{name} is {os.fspath(value)!r}, an address: this takes a file or folder; mount the store or copy the "
@@ -106,10 +105,11 @@ def check_paths(parameters: Mapping[str, Any], given: Mapping[str, Any]) -> None
     Raises
     ------
     ParameterError
-        If a path is a number, a place is null or empty on the command line, or any parameter is the address of a file
-        elsewhere.
+        If a path is a number, a place is null or empty on the command line, a parameter of a section with files is
+        the address of a file elsewhere, or any parameter is not UTF-8.
     """
-    _check_local(parameters, "")
+    for section, values in parameters.items():
+        _check_texts(values, section, local_path if section in _WITH_FILES else _check_utf8)
     for name in PATHS:
         section, _, key = name.partition(".")
         values, own = parameters.get(section), given.get(section)
@@ -123,14 +123,21 @@ def check_paths(parameters: Mapping[str, Any], given: Mapping[str, Any]) -> None
             raise ParameterError(f"{name} is {what}: name a file or folder, or leave the parameter out")
 
 
-def _check_local(value: Any, name: str) -> None:
-    """Raise ParameterError for an address in a parameter or below it."""
+def _check_texts(value: Any, name: str, check: Callable[[str, str], object]) -> None:
+    """Check each text of a parameter and below it; texts of `_NO_FILES` need only be UTF-8."""
     if isinstance(value, str):
-        local_path(value, name)
+        check(value, name)
     elif isinstance(value, list | tuple):
         for item in value:
-            _check_local(item, name)
+            _check_texts(item, name, check)
     elif isinstance(value, Mapping):
         for key, item in value.items():
-            if key not in _MAY_BE_ADDRESSES:
-                _check_local(item, f"{name}.{key}" if name else str(key))
+            _check_texts(item, f"{name}.{key}", _check_utf8 if key in _NO_FILES else check)
+
+
+def _check_utf8(value: str, name: str) -> None:
+    """Raise ParameterError for a name of a file that is not UTF-8."""
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        raise ParameterError(f"{name} is '{printable(value)}', a name that is not UTF-8: rename it") from None

@@ -34,6 +34,7 @@ NO_LENGTHS = {"geographic": "coordinates in degrees", "geocentric": "geocentric 
 """Kinds of systems that points are not labelled in."""
 
 ALL_WITHHELD = "all points are flagged withheld: there is nothing to label"
+NONE_LABELLED = "all points are flagged withheld: none is labelled, and label refuses a survey of such files alone"
 
 LIMIT = 2**31 - 1
 """Largest coordinate of LAS in steps of its scale."""
@@ -75,7 +76,10 @@ def check_header(path: str, options: ReadOptions, *, copc: bool = False) -> None
 
 
 def output_problems(path: str, options: ReadOptions, quality: QualityReport) -> list[str]:
-    """Return why `label` would refuse a file that can be read, from its header and the extent of its points."""
+    """Return why `label` would refuse a file that can be read, or would label no point of it.
+
+    The file's header, the extent of its points and the number of withheld points decide.
+    """
     ends = (("min", quality.low), ("max", quality.high))
     row = {f"{end}_{axis}": value for end, values in ends for axis, value in zip("xyz", values, strict=True)}
     form = get_format(path)
@@ -84,11 +88,9 @@ def output_problems(path: str, options: ReadOptions, quality: QualityReport) -> 
         if form.info(Path(path), options).crs is None:
             _check_degrees(row, path)
         _check_room(path, options, row, options_in_use(form, path, options).factors)
-        if quality.n_points and quality.n_points == quality.n_withheld:
-            raise DataError(f"{path}: {ALL_WITHHELD}")
     except DataError as error:
         return [f"label refuses it: {str(error).removeprefix(path).lstrip(': ')}"]
-    return []
+    return [NONE_LABELLED] if 0 < quality.n_points == quality.n_withheld else []
 
 
 def check_outputs(plan: SurveyPlan, files: SceneCollection, quality: pd.DataFrame, parameters: LabelParameters) -> None:

@@ -7,13 +7,15 @@ import json
 import struct
 import zipfile
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError, ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.models.array_checks import check_model_arrays
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.execution.mapped_arrays import map_arrays
@@ -94,6 +96,7 @@ def _load_bundle(source: Path) -> ModelBundle:
         raise ReadError(f"{source}: arrays {sorted(arrays)} where {content['arrays']} were written")
     try:
         check_model_arrays(arrays)
+        _check_mappings(content["metadata"], "metadata")
         slug, metadata = _as_of_today(content["slug"], content["metadata"])
         bundle = ModelBundle(slug, arrays, metadata)
         if "scheme" in bundle.metadata:
@@ -103,6 +106,25 @@ def _load_bundle(source: Path) -> ModelBundle:
         raise ReadError(f"{source / _JSON}: {error}") from error
 
 
+def _check_mappings(metadata: Mapping[str, Any], name: str) -> None:
+    """Raise DataError if parameters, segmentation or members of a model, or a part of them, are no mappings."""
+    places = ("parameters", "parameters.recogniser", "parameters.recogniser.training", "segmentation", "members")
+    for place in places:
+        value: Any = metadata
+        for key in place.split("."):
+            value = value.get(key, {})
+        _check_mapping(value, f"{name}.{place}")
+    for slug, stored in metadata.get("members", {}).items():
+        _check_mapping(stored, f"{name}.members.{slug}")
+        _check_mappings(stored, f"{name}.members.{slug}")
+
+
+def _check_mapping(value: Any, name: str) -> None:
+    if not isinstance(value, dict):
+        text = printable(json.dumps(value))[:80]
+        raise DataError(f"{name} is {text}, not a mapping: the model is damaged, copy or train it again")
+
+
 def _as_of_today(slug: str, metadata: dict[str, Any]) -> tuple[str, dict[str, Any]]:
     """Return slug and metadata of a stored model.
 
@@ -110,8 +132,8 @@ def _as_of_today(slug: str, metadata: dict[str, Any]) -> tuple[str, dict[str, An
     trained without cleaned objects where its parameters do not name them.
     """
     parameters = metadata.get("parameters", {})
-    recogniser = parameters.get("recogniser", {}) if isinstance(parameters, dict) else {}
-    inputs = recogniser.get("inputs") if isinstance(recogniser, dict) else None
+    recogniser = parameters.get("recogniser", {})
+    inputs = recogniser.get("inputs")
     if not isinstance(inputs, dict) or "clean" in inputs:
         return slug, metadata
     present = {**recogniser, "inputs": {**inputs, "clean": 0.0}}
