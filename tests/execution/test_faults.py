@@ -11,7 +11,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from helpers.faults.trials import KINDS, Trials, distinct, results, tries
+from helpers.faults.trials import KINDS, UNREACHED, Trials, distinct, main, results, tries
 
 COMMAND = os.environ.get("MLSROAD_FAULTS", "store")
 
@@ -41,3 +41,15 @@ def test_every_disturbed_operation_heals(trials, kind):
     found = list(tries(trials, expected, ((at, kind) for at in places)))
     assert [trial for trial in found if trial["wrong"]] == []
     assert len(found) == len(places) > 5
+
+
+@pytest.mark.parametrize(("wrong", "status"), [([UNREACHED], 1), (["a differs"], 1), ([], 0)])
+def test_trials_that_reach_no_operation_fail(tmp_path, monkeypatch, capsys, wrong, status):
+    (tmp_path / "whole").mkdir()
+    monkeypatch.setattr(Trials, "__init__", lambda self, work, command: setattr(self, "root", work))
+    monkeypatch.setattr(Trials, "operations", lambda self, output: ["write /whole/a"])
+    monkeypatch.setattr(Trials, "close", lambda self: None)
+    monkeypatch.setattr("helpers.faults.trials.tries", lambda *_: iter([{"kind": "fail", "at": 1, "wrong": wrong}]))
+    monkeypatch.setattr("sys.argv", ["trials", str(tmp_path), "store"])
+    assert main() == status
+    assert '"tries"' in capsys.readouterr().out

@@ -90,7 +90,7 @@ def no_standard_error() -> Iterator[None]:
 
 @contextmanager
 def _temporary_files_in(folder: Path) -> Iterator[None]:
-    """Let multiprocessing make the folder of its sockets below another one, which a killed driver does not leave."""
+    """Make multiprocessing create the folder of its sockets below another one, which is removed after a kill."""
     before = tempfile.tempdir
     tempfile.tempdir = str(folder)
     try:

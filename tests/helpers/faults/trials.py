@@ -163,7 +163,10 @@ def _say(row: dict[str, Any]) -> None:
 
 
 def main() -> int:
-    """Disturb every distinct operation, or every n-th: ``python -m helpers.faults.trials FOLDER COMMAND [KINDS] [n]``."""
+    """Disturb every distinct operation, or every n-th: ``python -m helpers.faults.trials FOLDER COMMAND [KINDS] [n]``.
+
+    Return 1 if a trial failed, or if no run reached the operation to disturb.
+    """
     work, command = Path(sys.argv[1]), sys.argv[2]
     kinds, step = (sys.argv[3] if len(sys.argv) > 3 else ",".join(KINDS)).split(","), int((sys.argv[4:] or ["1"])[0])
     with Trials(work, command) as trials:
@@ -181,7 +184,7 @@ def main() -> int:
             if done % 50 == 0:
                 _say({"done": done, "failed": failed, "last": trial})
         _say({"tries": done, "failures": failed})
-    return int(failed > 0)
+    return int(failed > 0 or done == 0)
 
 
 if __name__ == "__main__":

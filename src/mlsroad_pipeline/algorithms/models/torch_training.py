@@ -71,7 +71,7 @@ def warn_of_cpu(library: str, failure: str) -> None:
         Why it cannot use the GPU.
     """
     logger.warning(
-        "Networks run on the CPU, which is slower: %s cannot use the GPU (%s). Mend CUDA, or set the device to cpu",
+        "Networks run on the CPU, which is slower: %s cannot use the GPU (%s). Repair CUDA, or set the device to cpu",
         library,
         failure,
     )

@@ -112,7 +112,7 @@ def _check_whole(path: Path, target: Path) -> None:
                 counts = [f"SELECT count(*) FROM {table}" for table in tables]
                 rows.append(len({database.execute(count).fetchone() for count in counts}) == 1)
     if not (sound and len(parts) == 1 and 0 not in parts and all(rows)):
-        raise OSError(errno.EIO, "the disk has lost a part of the GeoPackage while it was written", str(target))
+        raise OSError(errno.EIO, "a part of the GeoPackage was not written", str(target))
 
 
 def _write_layers(path: Path, inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> None:

@@ -42,9 +42,7 @@ def write_whole(folder: Path, write: Callable[[Path], None]) -> list[Path]:
             write(twin)
         names = sorted(path.name for path in first.iterdir())
         if names != sorted(path.name for path in second.iterdir()) or not _equal(first, second, names):
-            raise OSError(
-                errno.EIO, f"GDAL has lost a part of {', '.join(names)} while it was written below {place}", str(folder)
-            )
+            raise OSError(errno.EIO, f"GDAL did not write all of {', '.join(names)} below {place}", str(folder))
         for name in names:
             with (first / name).open("rb") as source, atomic_file(folder / name) as stream:
                 shutil.copyfileobj(source, stream)
