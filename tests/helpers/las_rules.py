@@ -39,7 +39,7 @@ def broken_rules(path: Path) -> list[str]:
         "the signature is LASF": data[:4] == b"LASF",
         "the version is 1.4": (major, minor) == (1, 4),
         "the header has 375 bytes": header_size >= 375,
-        "reserved bits of the global encoding are zero": not encoding & ~0x1F,
+        "reserved bits of the global encoding are zero": not encoding & ~(0x5F if minor >= 5 else 0x1F),
         "waveform packets are internal or external, not both": waveforms != 3,
         "point formats 6 to 10 have the WKT bit": point_format < 6 or bool(encoding & 0x10),
         "a file with the WKT bit and GeoTIFF keys has WKT": (b"LASF_Projection", 34735) not in keys

@@ -12,6 +12,7 @@ from helpers.las_rules import broken_rules
 from laspy.vlrs.vlr import VLR
 
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
+from mlsroad_pipeline.formats.las import last_chunk
 from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.formats.las.header import read_header
 from mlsroad_pipeline.label.writer import write_labelled
@@ -105,7 +106,18 @@ def test_points_that_take_no_byte_are_told(tmp_path):
     info = LAS.info(path, DEFAULT)
     (note,) = info.notes
     more = int(note.split("up to ")[1].split()[0])
-    assert info.n_points < 3000 <= info.n_points + more and "repeat the last ones" in note
+    assert info.n_points < 3000 <= info.n_points + more and "points equal to the last ones" in note
+
+
+def test_equal_points_take_few_compressions(tmp_path, monkeypatch):
+    path, packed, calls = tmp_path / "a.laz", last_chunk._packed, []
+    las = laspy.create(point_format=1, file_version="1.2")
+    las.x = las.y = las.z = np.full(49_000, 7.0)
+    las.write(path)
+    patch(path, "I", 107, 1)
+    monkeypatch.setattr(last_chunk, "_packed", lambda *given: calls.append(1) or packed(*given))
+    assert 48_000 < LAS.info(path, DEFAULT).n_points <= 49_000
+    assert 0 < len(calls) <= 32
 
 
 @pytest.mark.parametrize("point_format", [3, 7])

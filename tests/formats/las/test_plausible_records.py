@@ -12,6 +12,9 @@ from helpers.las_rules import broken_rules
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.formats.las.format import LasFormat
+from mlsroad_pipeline.formats.las.header import read_header
+from mlsroad_pipeline.formats.las.records import unique_names
+from mlsroad_pipeline.formats.las.upgrade import upgraded_header
 from mlsroad_pipeline.label.writer import write_labelled
 
 LAS, DEFAULT = LasFormat(), ReadOptions()
@@ -98,6 +101,33 @@ def test_records_and_fields_that_break_the_rules(tmp_path, rng, records, changes
     notes = LAS.info(path, DEFAULT).notes
     assert [note in text for text in notes] == [True] * bool(note)
     np.testing.assert_allclose(labelled(path).xyz, las.xyz, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("first", [b"\0", b"no system\0"])
+def test_wkt_that_is_none_does_not_hide_another(tmp_path, rng, first):
+    path = tmp_path / "a.las"
+    plain(path, rng)
+    with_records(path, [(0, PROJECTION, 2112, first), (0, PROJECTION, 2112, wkt(25832))])
+    assert pyproj.CRS(LAS.info(path, DEFAULT).crs).to_epsg() == 25832
+    assert labelled(path).header.parse_crs().to_epsg() == 25832
+
+
+def test_times_of_las_1_5_stay_relative_to_an_offset(tmp_path, rng):
+    path = tmp_path / "a.las"
+    make_las(path, rng, version="1.4", point_format=6, n=50, extras=False)
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<Q", data, 235, struct.unpack_from("<Q", data, 235)[0] + 18)
+    struct.pack_into("<HI", data, 94, 393, struct.unpack_from("<I", data, 96)[0] + 18)
+    data[25:26], data[375:375] = b"\x05", bytes(16) + struct.pack("<H", 1200)
+    struct.pack_into("<H", data, 6, 0xFFF9)
+    path.write_bytes(data)
+    header = upgraded_header(read_header(path))
+    assert (header.minor, header.integer("H", 6), header.integer("H", 391)) == (5, 0b1011001, 1200)
+
+
+def test_names_that_end_like_those_of_duplicates_become_unique():
+    given = ["a", "a_extra", "a_extra_extra", "a_6", "a_6_extra", "a_6_extra_extra", "a"]
+    assert unique_names(6, given) == [*given[:-1], "a_7"]
 
 
 def test_points_of_a_later_format_than_the_version(tmp_path, rng):

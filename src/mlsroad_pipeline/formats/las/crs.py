@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.formats.crs import in_metres, is_same_crs, sidecar_crs
+from mlsroad_pipeline.formats.crs import crs_units, in_metres, is_same_crs, sidecar_crs
 from mlsroad_pipeline.formats.files import log_once
 from mlsroad_pipeline.formats.las.geotiff_keys import DIRECTORY, DOUBLES, TEXTS, GeotiffKeys, pack_directory
 from mlsroad_pipeline.formats.las.header import WKT_BIT, LasHeader
@@ -35,12 +35,22 @@ def read_crs(header: LasHeader, path: Path | None = None) -> str | None:
     str or None
         The WKT record's text where there is one; else the GeoTIFF keys as WKT where they are supported.
     """
-    record = header.find(WKT)
-    if record is not None:
-        text = record.data.split(b"\0")[0].decode("utf-8", "replace").strip()
-        if text:
-            return text
-    return _geotiff_wkt(header, path)
+    record = find_wkt(header)
+    return _geotiff_wkt(header, path) if record is None else _text(record)
+
+
+def find_wkt(header: LasHeader) -> Vlr | None:
+    """Return the WKT record of a file: the first that PROJ can parse, else the first that is not empty."""
+    records = _wkt_records(header)
+    return next((record for record in records if crs_units(_text(record)) is not None), next(iter(records), None))
+
+
+def _wkt_records(header: LasHeader) -> list[Vlr]:
+    return [vlr for vlr in (*header.vlrs, *header.evlrs) if vlr.key == WKT and _text(vlr)]
+
+
+def _text(record: Vlr) -> str:
+    return record.data.split(b"\0")[0].decode("utf-8", "replace").strip()
 
 
 def two_systems_note(header: LasHeader) -> str:
@@ -56,11 +66,11 @@ def two_systems_note(header: LasHeader) -> str:
     str
         The sentence, empty if its WKT records and its GeoTIFF keys agree or one of them is missing.
     """
-    texts = {vlr.data.split(b"\0")[0].strip() for vlr in (*header.vlrs, *header.evlrs) if vlr.key == WKT}
+    texts = {_text(vlr) for vlr in _wkt_records(header)}
     if len(texts) > 1:
-        return f"it has {len(texts)} WKT records that differ: the first is used; crs sets another"
+        return f"it has {len(texts)} WKT records that differ: the first valid one is used; crs sets another"
     stated, keys = read_crs(header), _geotiff_wkt(header, None)
-    if header.find(WKT) is None or stated is None or keys is None or is_same_crs(stated, keys):
+    if not texts or stated is None or keys is None or is_same_crs(stated, keys):
         return ""
     names = [text.partition('"')[2].partition('"')[0] for text in (stated, keys)]
     return f"its WKT record names {names[0]}, its GeoTIFF keys {names[1]}: the WKT is used; crs sets another"
@@ -170,7 +180,7 @@ def with_wkt(header: LasHeader, crs: str | None) -> LasHeader:
     if not crs:
         return header
     record = header.find(WKT)
-    if record is None or record.data.split(b"\0")[0].decode("utf-8", "replace").strip() != crs.strip():
+    if record is None or _text(record) != crs.strip():
         others = tuple(vlr for vlr in header.vlrs if vlr.key != WKT)
         text = crs.encode() + b"\0"
         extended = tuple(vlr for vlr in header.evlrs if vlr.key != WKT)

@@ -7,6 +7,8 @@ last point of a chunk takes its last byte.
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable, Iterator
+from itertools import islice
 
 import lazrs
 import numpy as np
@@ -20,11 +22,14 @@ NOT_COUNTED = (
 )
 """Sentence where the chunk is not that of a known compressor."""
 
-EQUAL = "; up to {} more may follow, which repeat the last ones so evenly that they take no byte"
+EQUAL = "; up to {} more may follow: points equal to the last ones add no byte"
 """What follows the sentence where several numbers of points give the same bytes."""
 
 FIRST_GUESS = 1024
 """Smallest number of points with which the search for the last point begins."""
+
+MOST_TRIES, LARGEST_WORK = 64, 1 << 29
+"""Limits of this search: number of compressions of the chunk, and their bytes of points together."""
 
 
 def stream_points(data: bytes, record: bytes, laz: lazrs.LazVlr, stated: int) -> tuple[int, str]:
@@ -61,10 +66,40 @@ def stream_points(data: bytes, record: bytes, laz: lazrs.LazVlr, stated: int) ->
     if points is None or not points.size:
         return stated, ""
     size = laz.item_size()
-    same = [n for n in range(fewest, most + 1) if _packed(points[: n * size], record) == data]
-    if not same:
+    tries = min(MOST_TRIES, LARGEST_WORK // points.size)
+    low, high = _same_bytes(fewest, most, tries, lambda n: _packed(points[: n * size], record) == data)
+    if not low:
         return stated, NOT_COUNTED.format(max(stated, 0))
-    return same[0], EQUAL.format(same[-1] - same[0]) if len(same) > 1 else ""
+    return low, EQUAL.format(high - low) if high > low else ""
+
+
+def _same_bytes(fewest: int, most: int, tries: int, same: Callable[[int], bool]) -> tuple[int, int]:
+    """Return the first and the last of consecutive numbers of points that give the same bytes; zeros if none is found.
+
+    Numbers are tried from the middle of the range on: those that give the same bytes are most of it, or it is short.
+    """
+    found = next((n for n in islice(_middles(fewest, most), tries) if same(n)), 0)
+    if not found:
+        return 0, 0
+    low, high = fewest - 1, found
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if same(middle) else (middle, high)
+    first, low, high = high, found, most + 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if same(middle) else (low, middle)
+    return first, low
+
+
+def _middles(low: int, high: int) -> Iterator[int]:
+    """Yield the numbers of a range, each time the middle of one of the parts that are left."""
+    parts = [(low, high)]
+    for first, last in parts:
+        if first <= last:
+            middle = (first + last) // 2
+            yield middle
+            parts += [(first, middle - 1), (middle + 1, last)]
 
 
 def _most_points(data: bytes, record: bytes, laz: lazrs.LazVlr, stated: int) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
+from itertools import chain, count
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -71,10 +72,10 @@ def unique_names(point_format: int, names: Sequence[str]) -> list[str]:
     unique: list[str] = []
     for given in names:
         name = own = given.strip() or "unnamed"
-        suffix = EXTRA
+        suffixes = chain((EXTRA, EXTRA + EXTRA), (f"_{number}" for number in count(len(unique))))
         while name in taken:
+            suffix = next(suffixes)
             name = cut_text(own, NAME_BYTES - len(suffix)) + suffix
-            suffix = suffix + EXTRA if len(suffix) < len(EXTRA) * 2 else f"_{len(unique)}"
         taken.add(name)
         unique.append(name)
     return unique

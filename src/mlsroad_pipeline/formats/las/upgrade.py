@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.formats.las.counts import EXTERNAL, INTERNAL
-from mlsroad_pipeline.formats.las.crs import WKT, read_crs, with_wkt
+from mlsroad_pipeline.formats.las.crs import WKT, find_wkt, read_crs, with_wkt
 from mlsroad_pipeline.formats.las.header import HEADER_SIZES, RECORD_SIZES, WKT_BIT, LasHeader
 from mlsroad_pipeline.formats.las.lookup import LOOKUP
 from mlsroad_pipeline.formats.las.records import record_dtype
@@ -21,11 +21,14 @@ SUCCESSORS = {0: 6, 1: 6, 2: 7, 3: 7, 4: 9, 5: 10}
 ANGLE_STEP = 0.006
 """Degrees of one step of the scan angle in formats 6 to 10; formats 0 to 5 have whole degrees."""
 
-LAST_DAY, ENCODING_BITS = 366, 0x1F
-"""Largest day of a date, and bits of the global encoding that are defined."""
+LAST_DAY = 366
+"""Largest day of a date."""
+
+ENCODING_BITS, TIME_OFFSET_BIT = 0x1F, 0x40
+"""Bits of the global encoding that are defined, and another of LAS 1.5: times are relative to an offset."""
 
 SINGLE = (WKT, LOOKUP)
-"""Records that a file has once; the first is used."""
+"""Records that a file has once; the first is used, of WKT the first that is valid."""
 
 COPC = b"copc"
 RECORD_1_0 = b"\xdd\xcc"
@@ -47,11 +50,11 @@ def upgraded_header(header: LasHeader) -> LasHeader:
         keys is added as WKT, which these formats require, where they are supported. Records of a cloud-optimised file
         (COPC) are dropped: their byte offsets hold for the old file only.
     """
-    single = [header.find(key) for key in SINGLE]
+    single = [find_wkt(header), header.find(LOOKUP)]
     header = replace(header, vlrs=_valid(header.vlrs, single), evlrs=_valid(header.evlrs, single))
     if header.integer("H", 90) > LAST_DAY:
         header = header.patched(("H", 90, 0), ("H", 92, 0))
-    encoding = header.integer("H", 6) & ENCODING_BITS
+    encoding = header.integer("H", 6) & (ENCODING_BITS | TIME_OFFSET_BIT * (header.minor >= 5))
     if encoding & (INTERNAL | EXTERNAL) == INTERNAL | EXTERNAL:
         inside = header.minor >= 3 and header.integer("Q", 227) > 0
         encoding &= ~(EXTERNAL if inside else INTERNAL)
@@ -84,7 +87,7 @@ def _ascii(user_id: bytes) -> bytes:
 
 def _with_system(new: LasHeader, old: LasHeader) -> LasHeader:
     """Return a header with the system of another as WKT, and the bit that point formats 6 to 10 require in any case."""
-    done = new if old.find(WKT) is not None else with_wkt(new, read_crs(old))
+    done = new if find_wkt(old) is not None else with_wkt(new, read_crs(old))
     return done.patched(("H", 6, done.integer("H", 6) | WKT_BIT))
 
 
