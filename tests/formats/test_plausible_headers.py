@@ -7,8 +7,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.formats.base import ReadOptions
+from mlsroad_pipeline.formats.options import NEW_SURVEY
 from mlsroad_pipeline.formats.registry import get_format
 
 DEFAULT = ReadOptions()
@@ -106,6 +107,53 @@ def test_names_with_units(tmp_path, head, between):
     path = tmp_path / "a.txt"
     np.savetxt(path, XYZ, fmt="%.3f", delimiter=between, header=head, comments="")
     np.testing.assert_allclose(get_format(path).read(path, DEFAULT).world_xyz(), XYZ, rtol=0, atol=6e-4)
+
+
+def table(path, names, *columns):
+    np.savetxt(path, np.column_stack([XYZ, *columns]), fmt="%.3f", delimiter=",", header=names, comments="")
+
+
+@pytest.mark.parametrize("first", ["x (local),y (local),z (local)", "x [m],y [m],z [m]", "r [mm],i (raw),label (auto)"])
+@pytest.mark.parametrize("second", ["x,y,z", "Easting,Northing,Height (m)"])
+def test_names_in_brackets_do_not_replace_others(tmp_path, first, second):
+    if first.startswith("x [m]") and second != "x,y,z":
+        second = "X,Y,Z"
+    np.savetxt(
+        tmp_path / "a.csv", np.column_stack([XYZ - 9, XYZ]), "%.3f", ",", header=f"{first},{second}", comments=""
+    )
+    cloud = get_format(tmp_path / "a.csv").read(tmp_path / "a.csv", DEFAULT)
+    np.testing.assert_allclose(cloud.world_xyz(), XYZ, rtol=0, atol=6e-4)
+    assert set(cloud.columns) == set(first.split(","))
+
+
+@pytest.mark.parametrize(
+    ("names", "option", "more"),
+    [
+        ("Easting (ft),Northing (ft),Height (ft),t", "units: foot", {"units": "foot"}),
+        ("X [mm],Y [mm],Z [mm],t", "units: millimetre", {"units": "millimetre"}),
+        ("X [m],Y [m],Z [ft],t", "height_units: foot", {"height_units": "foot"}),
+        ("X [m],Y [m],Z [m],GPS Time [ms]", "time_scale: 0.001", {"time_scale": 0.001}),
+    ],
+)
+def test_other_units_in_names_need_an_option(tmp_path, names, option, more):
+    path = tmp_path / "a.csv"
+    table(path, names, np.arange(200))
+    with pytest.raises(DataError, match=rf"a\.csv: column '[^']+' states another unit .*set {option}, or map"):
+        get_format(path).info(path, ReadOptions(**NEW_SURVEY))
+    options = ReadOptions(**more)
+    cloud = get_format(path).read(path, options)
+    np.testing.assert_allclose(cloud.world_xyz(), XYZ * options.factors, rtol=0, atol=6e-4)
+    if "time_scale" in more:
+        np.testing.assert_allclose(cloud["gps_time"], np.arange(200) / 1000)
+
+
+def test_two_columns_with_units_for_one_coordinate(tmp_path):
+    path = tmp_path / "a.csv"
+    table(path, "Easting (m),Northing (m),Height (m),Easting (ft)", XYZ[:, 0] / 0.3048)
+    with pytest.raises(DataError, match=r"'Easting \(m\)' and 'Easting \(ft\)' may be x; set columns"):
+        notes(path)
+    placed = ReadOptions(columns={"x": "Easting (m)"})
+    np.testing.assert_allclose(get_format(path).read(path, placed).world_xyz(), XYZ, rtol=0, atol=6e-4)
 
 
 @pytest.mark.parametrize("unit", ["s", "ms", "us", "ns"])

@@ -40,7 +40,7 @@ def flat_cloud(
     Parameters
     ----------
     raw : mapping of str to ndarray of shape (n,)
-        Columns by standard name (see `resolve_columns`), with coordinates.
+        Columns by standard name (see `column_names.resolve_columns`), with coordinates.
     first : mapping of str to ndarray of shape (1,) or (0,)
         The same columns of the file's first row, which sets the origin.
     options : ReadOptions

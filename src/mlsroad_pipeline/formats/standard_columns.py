@@ -1,15 +1,14 @@
-"""Conversion of a file's columns to the standard ones: names, units, intensity, colour, labels."""
+"""Conversion of a file's columns to the standard ones: units, intensity, colour, labels."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError, MissingColumnError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.formats.column_values import (
@@ -23,110 +22,11 @@ from mlsroad_pipeline.formats.intensity import ORIGINAL, intensity_rule, scaled_
 
 COORDINATES = ("x", "y", "z")
 COLOURS = ("red", "green", "blue")
-ALIASES: dict[str, tuple[str, ...]] = {
-    "x": ("//x", "px", "easting", "east", "x_m", "point x", "x coord", "x coordinate"),
-    "y": ("py", "northing", "north", "y_m", "point y", "y coord", "y coordinate"),
-    "z": ("pz", "elevation", "height", "altitude", "z_m", "point z", "z coord", "z coordinate"),
-    "red": ("r", "diffuse_red"),
-    "green": ("g", "diffuse_green"),
-    "blue": ("b", "diffuse_blue"),
-    "intensity": ("scalar_intensity", "reflectance", "amplitude", "i"),
-    "gps_time": ("scalar_gpstime", "gpstime", "timestamp", "gps time", "gps_seconds"),
-    "label": ("scalar_label", "semantic"),
-}
-"""Standard name to its names in other programs, in lower case."""
-
 COLOUR_DEPTH = "colours are read as {} bits in fields of 16; rgb_bits changes that"
-
-JOINED = ("rgb", "rgb16")
-"""Columns that are made of several; a column of a file with such a name is not one of them."""
 
 INTEGER_COLUMNS = ("label", "instance")
 NEAR = 1000.0
 """Coordinates below this many metres are local: float32 resolves them to 0.1 mm, and the origin stays zero."""
-
-
-def bare_name(name: str) -> str:
-    """Return a name in lower case without its unit in brackets: ``easting`` of ``Easting (m)``.
-
-    Parameters
-    ----------
-    name : str
-        Name of a column.
-
-    Returns
-    -------
-    str
-        The name; unchanged but for its case where it is a unit alone.
-    """
-    return re.sub(r"(?<=\S)\s*[\[(][^\[\]()]*[\])]\s*$", "", name.lower())
-
-
-def resolve_columns(file_names: Sequence[str], options: ReadOptions, source: Path) -> dict[str, str]:
-    """Assign standard names to the columns of a file.
-
-    Parameters
-    ----------
-    file_names : sequence of str
-        Names of the file's columns, in their order.
-    options : ReadOptions
-        Its `columns` and `only`.
-    source : Path
-        File name in messages.
-
-    Returns
-    -------
-    dict of str to str
-        Standard name to name in the file; `red`, `green` and `blue` are the parts of `rgb`.
-
-    Raises
-    ------
-    MissingColumnError
-        If a mapped or selected column, or a coordinate, is not in the file.
-    """
-    chosen = _mapped(file_names, options, source)
-    taken = set(chosen.values())
-    exact = {bare_name(name) for name in file_names}
-    for name in file_names:
-        if name in taken:
-            continue
-        lower = bare_name(name)
-        standard = lower if lower in ALIASES else name
-        meant = next((key for key, other in ALIASES.items() if lower in other), None)
-        if meant is not None and meant not in exact and meant not in chosen:
-            standard = meant
-            log_once(str(source), f"column {name!r} is read as {meant}")
-        chosen[f"file_{name}" if standard in chosen or standard in JOINED else standard] = name
-    for name in COORDINATES:
-        if name not in chosen:
-            raise _missing(name, file_names, source, f"; set columns, such as {{{name}: NAME}}")
-    if options.only is None:
-        return chosen
-    wanted = set(COORDINATES)
-    for name in options.only:
-        parts = COLOURS if name == "rgb" else (name,)
-        if name != "rgb16" and not set(parts) <= chosen.keys():
-            raise _missing(name, list(chosen), source)
-        wanted.update(COLOURS if name == "rgb16" else parts)
-    return {name: file_name for name, file_name in chosen.items() if name in wanted}
-
-
-def _mapped(file_names: Sequence[str], options: ReadOptions, source: Path) -> dict[str, str]:
-    chosen: dict[str, str] = {}
-    for name, wanted in options.columns.items():
-        parts = zip(COLOURS, wanted, strict=True) if name == "rgb" else ((name, wanted),)
-        for part, column in parts:
-            if isinstance(column, int) and 0 <= column < len(file_names):
-                chosen[part] = file_names[column]
-            elif column in file_names:
-                chosen[part] = column
-            else:
-                raise _missing(column, file_names, source)
-    return chosen
-
-
-def _missing(name: object, have: Sequence[str], source: Path, more: str = "") -> MissingColumnError:
-    return MissingColumnError(f"{source} has no column {name!r} (columns: {', '.join(have) or 'none'}){more}")
 
 
 def origin_near(corner: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -193,7 +93,7 @@ def standard_cloud(
     Parameters
     ----------
     raw : mapping of str to ndarray
-        Columns by standard name (see `resolve_columns`), without coordinates.
+        Columns by standard name (see `column_names.resolve_columns`), without coordinates.
     xyz : ndarray of shape (n, 3), float64
         Coordinates in metres relative to `origin`.
     options : ReadOptions

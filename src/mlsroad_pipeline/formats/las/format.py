@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import FileInfo, PointFormat, ReadOptions, WriteOptions
+from mlsroad_pipeline.formats.column_names import resolve_columns
 from mlsroad_pipeline.formats.content import refuse_packed, with_packed
 from mlsroad_pipeline.formats.crs import auto_note, in_metres, with_units
 from mlsroad_pipeline.formats.files import FileKey, atomic_file, check_file, clip_range, file_key, log_once
@@ -30,7 +31,6 @@ from mlsroad_pipeline.formats.standard_columns import (
     COLOURS,
     COORDINATES,
     origin_near,
-    resolve_columns,
     standard_cloud,
 )
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.formats.standard_columns import ALIASES, COORDINATES, bare_name
+from mlsroad_pipeline.formats.column_names import names_coordinates
 from mlsroad_pipeline.formats.text.values import is_number, split_row
 
 SEPARATORS = (r"\t", r"\s*;\s*", r"\s*,\s*", r"\s{2,}", r"\s+")
@@ -88,9 +88,12 @@ def names_in_comments(lines: Sequence[bytes], comment: str, width: int, delimite
         if not text.startswith(comment):
             continue
         names = [name.strip('"') for name in split_names(text.lstrip(comment + "/ "), width, delimiter)]
-        lower = {bare_name(name) for name in names}
-        known = all(lower & {axis, *ALIASES[axis]} for axis in COORDINATES)
-        if len(names) == width and known and len(set(names)) == width and not any(map(is_number, names)):
+        if (
+            len(names) == width
+            and names_coordinates(names)
+            and len(set(names)) == width
+            and not any(map(is_number, names))
+        ):
             return index, tuple(names)
     return -1, ()
 
