@@ -9,7 +9,7 @@ from helpers.formats import make_las
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
-from mlsroad_pipeline.formats.crs import parse_crs
+from mlsroad_pipeline.formats.crs import parse_crs, with_units
 from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.formats.pcd.format import PcdFormat
 from mlsroad_pipeline.formats.text.format import TextFormat
@@ -166,3 +166,17 @@ def test_points_out_of_reach_of_the_old_offset_get_a_new_one(tmp_path, rng):
     LasFormat().write(tmp_path / "b.las", cloud, WriteOptions())
     again = LasFormat().read(tmp_path / "b.las", DEFAULT)
     np.testing.assert_allclose(again.world_xyz()[:, :2], cloud.world_xyz()[:, :2], rtol=0, atol=5.1e-6)
+
+
+def local_system(unit):
+    return f'LOCAL_CS["site",UNIT[{unit}],AXIS["X",EAST],AXIS["Y",NORTH]]'
+
+
+def test_units_of_a_system_that_have_no_length(tmp_path):
+    path = tmp_path / "a.las"
+    with pytest.raises(DataError, match=r"a\.las: its coordinate reference system states units of 0 m.*set units"):
+        with_units(ReadOptions(units="crs"), local_system('"unknown",0'), path)
+    angles = with_units(ReadOptions(units="crs"), local_system('"gon",0.015707963267949'), path)
+    assert angles.factors.tolist() == [1, 1, 1]
+    feet = with_units(ReadOptions(units="crs"), local_system('"foot",0.3048'), path)
+    assert feet.factors.tolist() == [0.3048] * 3

@@ -54,6 +54,31 @@ def test_half_of_the_points_stated_is_no_missing_property(tmp_path):
     assert notes(path) == ("its header states 100 points, 2800 more bytes follow: they are not read",)
 
 
+def test_whole_points_behind_the_stated_ones_are_no_missing_property(tmp_path):
+    path, lines = tmp_path / "a.ply", [f"property double {name}" for name in "xyzq"]
+    records = records_of().astype([(name, "f8") for name in "xyzq"])
+    records["q"] = XYZ[:, 0] / 7
+    records = np.concatenate([records, records[:100]])
+    ply(path, lines[:3], records)
+    with pytest.raises(ReadError, match="it holds 32 for each of 300 points: the header lacks a property"):
+        notes(path)
+    ply(path, lines, records)
+    path.write_bytes(path.read_bytes().replace(b"vertex 300", b"vertex 200"))
+    assert notes(path) == ("its header states 200 points, 3200 more bytes follow: they are not read",)
+    pcd(tmp_path / "a.pcd", records, SIZE="8 8 8 8")
+    data = (tmp_path / "a.pcd").read_bytes()
+    (tmp_path / "a.pcd").write_bytes(data.replace(b"WIDTH 300", b"WIDTH 200").replace(b"POINTS 300", b"POINTS 200"))
+    assert notes(tmp_path / "a.pcd") == ("its header states 200 points, 3200 more bytes follow: they are not read",)
+
+
+@pytest.mark.parametrize("comment", ["#.PCD v.7", "#comment", "# made by us"])
+def test_comments_at_the_head_of_a_pcd(tmp_path, comment):
+    path = tmp_path / "a.pcd"
+    pcd(path, records_of())
+    path.write_bytes(comment.encode() + b"\n" + path.read_bytes())
+    np.testing.assert_array_equal(get_format(path).read(path, DEFAULT).world_xyz(), XYZ)
+
+
 def test_lines_of_a_pcd(tmp_path):
     path = tmp_path / "a.pcd"
     pcd(path, records_of())
@@ -75,8 +100,21 @@ def test_coordinates_that_are_too_coarse(tmp_path, form):
         pcd(path, records, SIZE="4 4 4 4")
     else:
         np.savez(path, xyz=(XYZ - (XYZ[0] if form == "local.npz" else 0)).astype(np.float32))
-    found = [note for note in notes(path) if "floats of 32 bits in steps of up to 0.5" in note]
+    found = [note for note in notes(path) if "floats of 32 bits in steps of 0.5 m" in note]
     assert len(found) == (form != "local.npz")
+
+
+def test_steps_of_floats_are_compared_in_metres_and_at_many_points(tmp_path):
+    path, lines = tmp_path / "a.ply", [f"property float {name}" for name in "xyzq"]
+    records = records_of("f4")
+    for name, values in zip("xyz", (XYZ - XYZ[0] + 300).T * 1000, strict=True):
+        records[name] = values
+    ply(path, lines, records)
+    assert get_format(path).info(path, ReadOptions(units="millimetre")).notes == ()
+    far = records_of("f4")
+    far[0] = 0
+    ply(path, lines, far)
+    assert any("in steps of 0.5 m" in note for note in notes(path))
 
 
 @pytest.mark.parametrize("first", [0, 1, 500_000])
@@ -89,6 +127,23 @@ def test_rows_that_count_themselves(tmp_path, first):
         notes(path)
     placed = ReadOptions(columns={"x": 1, "y": 2, "z": 3})
     np.testing.assert_allclose(get_format(path).read(path, placed).world_xyz(), XYZ, rtol=0, atol=6e-4)
+
+
+@pytest.mark.parametrize(
+    "columns",
+    [
+        (np.arange(1, 4), np.arange(2, 5), np.arange(3, 6)),
+        (np.arange(200), np.zeros(200), XYZ[:, 2]),
+        (np.sort(XYZ[:, 0]), XYZ[:, 1], XYZ[:, 2]),
+        (np.sort(XYZ[:, 0] - XYZ[0, 0]) * 999, XYZ[:, 1] - XYZ[0, 1], XYZ[:, 2]),
+    ],
+    ids=["three points", "a line of a grid", "sorted eastings", "sorted local x"],
+)
+def test_growing_x_is_x(tmp_path, columns):
+    path = tmp_path / "a.txt"
+    np.savetxt(path, np.column_stack([*columns, np.arange(len(columns[0])) % 7]), fmt="%.4f")
+    assert notes(path) == ()
+    np.testing.assert_allclose(get_format(path).read(path, DEFAULT).world_xyz()[:, 0], columns[0], rtol=0, atol=6e-5)
 
 
 def test_times_in_front_are_told(tmp_path):
@@ -113,11 +168,16 @@ def table(path, names, *columns):
     np.savetxt(path, np.column_stack([XYZ, *columns]), fmt="%.3f", delimiter=",", header=names, comments="")
 
 
-@pytest.mark.parametrize("first", ["x (local),y (local),z (local)", "x [m],y [m],z [m]", "r [mm],i (raw),label (auto)"])
-@pytest.mark.parametrize("second", ["x,y,z", "Easting,Northing,Height (m)"])
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("x (local),y (local),z (local)", "x,y,z"),
+        ("x (sensor),y (sensor),z (sensor)", "Easting,Northing,Height (m)"),
+        ("x [m],y [m],z [m]", "X,Y,Z"),
+        ("r [mm],i (raw),label (auto)", "x,y,z [m]"),
+    ],
+)
 def test_names_in_brackets_do_not_replace_others(tmp_path, first, second):
-    if first.startswith("x [m]") and second != "x,y,z":
-        second = "X,Y,Z"
     np.savetxt(
         tmp_path / "a.csv", np.column_stack([XYZ - 9, XYZ]), "%.3f", ",", header=f"{first},{second}", comments=""
     )
@@ -168,6 +228,23 @@ def test_times_as_dates(tmp_path, unit):
     for name in ("a.parquet", "a.npz"):
         found = get_format(tmp_path / name).read(tmp_path / name, DEFAULT)["gps_time"]
         np.testing.assert_allclose(found, 1714557600.0 + np.arange(len(XYZ)), rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "seconds"),
+    [
+        (pa.duration("ms"), [1500, None], [1.5, np.nan]),
+        (pa.date32(), [1, 2], [86400, 172800]),
+        (pa.date64(), [86_400_000, None], [86400, np.nan]),
+        (pa.time32("s"), [10, 11], [10, 11]),
+        (pa.time64("us"), [10, 2_000_000], [1e-5, 2]),
+    ],
+    ids=str,
+)
+def test_durations_dates_and_times_of_day(tmp_path, kind, values, seconds):
+    path = tmp_path / "a.parquet"
+    pq.write_table(pa.table({**{axis: [1.0, 2.0] for axis in "xyz"}, "time": pa.array(values, kind)}), path)
+    np.testing.assert_array_equal(get_format(path).read(path, DEFAULT)["time"], seconds)
 
 
 def test_bytes_behind_few_points_are_told(tmp_path):

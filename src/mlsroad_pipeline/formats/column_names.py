@@ -157,21 +157,22 @@ def resolve_columns(file_names: Sequence[str], options: ReadOptions, source: Pat
 
 def _best(names: Sequence[str], mapped: set[str], source: Path) -> dict[str, str]:
     """Return the column that is read as each standard name: exact names first, names without units before others."""
-    found: dict[str, list[tuple[int, bool, str]]] = {}
+    found: dict[str, list[tuple[_Meaning, str]]] = {}
     for name in names:
         meaning = _meaning(name)
         if meaning is not None and meaning.standard not in mapped:
-            found.setdefault(meaning.standard, []).append((meaning.rank, bool(meaning.unit), name))
+            found.setdefault(meaning.standard, []).append((meaning, name))
     best = {}
     for standard, columns in found.items():
-        least = min(rank for rank, *_ in columns)
-        first = [(with_unit, name) for rank, with_unit, name in columns if rank == least]
-        best[standard] = first[0][1]
-        if len(first) > 1 and least and any(with_unit for with_unit, _ in first):
-            both = " and ".join(repr(name) for _, name in first)
+        least = min(meaning.rank for meaning, _ in columns)
+        first = {name: meaning.unit for meaning, name in columns if meaning.rank == least}
+        best[standard] = next(iter(first))
+        if len(first) > 1 and least and any(first.values()):
+            both = " and ".join(map(repr, first))
             if standard in COORDINATES:
+                metres = next((name for name, unit in first.items() if unit in LENGTHS["metre"]), best[standard])
                 raise DataError(
-                    f"{source}: columns {both} may be {standard}; set columns, such as {{{standard}: {first[0][1]}}}"
+                    f"{source}: columns {both} may be {standard}; set columns, such as {{{standard}: {metres}}}"
                 )
             log_once(str(source), f"columns {both} may be {standard}: the first is used; columns sets another")
     return best

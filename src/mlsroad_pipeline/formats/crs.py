@@ -19,7 +19,7 @@ from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions
 
 SIDECAR = ".prj"
 LARGEST = 1 << 20
-ANGLES = re.compile("degree|radian|gr?ad|arc", re.IGNORECASE)
+ANGLES = re.compile(r"degree|radian|gr?ad|arc|\bgon\b|centesimal", re.IGNORECASE)
 """Names of units of angles."""
 
 SAME_UNIT = 1e-7
@@ -189,6 +189,11 @@ def with_units(options: ReadOptions, crs: str | None, source: Path) -> ReadOptio
     -------
     ReadOptions
         Options whose `units` are set; heights without a unit of their own have that of x and y.
+
+    Raises
+    ------
+    DataError
+        If the system states a unit of no length.
     """
     if options.units != BY_CRS:
         return options
@@ -199,6 +204,10 @@ def with_units(options: ReadOptions, crs: str | None, source: Path) -> ReadOptio
     lengths = units.kind == "projected" or (units.kind == "other" and not ANGLES.search(units.flat[0]))
     flat = units.flat[1] if lengths else 1.0
     height = flat if units.height is None else units.height[1]
+    if not (0 < flat < np.inf and 0 < height < np.inf):
+        raise DataError(
+            f"{source}: its coordinate reference system states units of {flat:g} m, of heights {height:g} m; set units"
+        )
     height_units = height if options.height_units is None else options.height_units
     return replace(options, units=flat, height_units=height_units)
 

@@ -35,6 +35,9 @@ logger = logging.getLogger(__name__)
 PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 """Units of times in a second."""
 
+DAY = 86_400.0
+"""Seconds of a day."""
+
 
 @dataclass(frozen=True)
 class _Column:
@@ -48,9 +51,9 @@ class _Column:
 class ParquetFormat(TableFormat):
     """Reader and writer of Parquet.
 
-    Numbers keep their types; logical values become uint8, times seconds since 1970 in float64, and lists of fixed
-    length numbered columns. A missing integer makes its column float64 with NaN. Columns of text are left out and
-    logged. A CRS is kept as WKT in the schema's metadata under ``crs``.
+    Numbers keep their types; logical values become uint8, dates seconds since 1970 in float64, durations and times of
+    day seconds, and lists of fixed length numbered columns. A missing integer makes its column float64 with NaN.
+    Columns of text are left out and logged. A CRS is kept as WKT in the schema's metadata under ``crs``.
     """
 
     name = "Parquet"
@@ -136,7 +139,7 @@ def _columns(schema: pa.Schema, path: Path) -> dict[str, _Column]:
 def _dtype(kind: pa.DataType) -> np.dtype | None:
     if pa.types.is_boolean(kind):
         return np.dtype("u1")
-    if pa.types.is_timestamp(kind) or pa.types.is_decimal(kind):
+    if pa.types.is_decimal(kind) or (pa.types.is_temporal(kind) and not pa.types.is_interval(kind)):
         return np.dtype("f8")
     if pa.types.is_integer(kind) or pa.types.is_floating(kind):
         return np.dtype(kind.to_pandas_dtype())
@@ -147,6 +150,15 @@ def _known(kind: pa.DataType) -> np.dtype:
     dtype = _dtype(kind)
     assert dtype is not None
     return dtype
+
+
+def _seconds(array: pa.Array) -> NDArray[np.float64]:
+    """Return times as seconds: dates since 1970, others since midnight or as durations."""
+    kind = array.type
+    whole = array.cast(pa.int32() if kind.bit_width == 32 else pa.int64()).to_numpy(zero_copy_only=False)
+    if pa.types.is_date(kind):
+        return np.asarray(whole * DAY if pa.types.is_date32(kind) else whole / PER_SECOND["ms"])
+    return np.asarray(whole / PER_SECOND[kind.unit])
 
 
 def _read(file: pq.ParquetFile, groups: list[int], columns: list[str], path: Path) -> pa.Table:
@@ -162,8 +174,8 @@ def _values(column: pa.ChunkedArray, entry: _Column) -> NDArray:
     array = column.combine_chunks()
     if entry.index is not None:
         array = pa.compute.list_element(array, entry.index)
-    if pa.types.is_timestamp(array.type):
-        return np.asarray(array.cast(pa.int64()).to_numpy(zero_copy_only=False) / PER_SECOND[array.type.unit])
+    if pa.types.is_temporal(array.type):
+        return _seconds(array)
     if pa.types.is_decimal(array.type):
         array = array.cast(pa.float64())
     values = array.to_numpy(zero_copy_only=False)

@@ -16,19 +16,21 @@ from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import FileInfo, PointFormat, ReadOptions
 from mlsroad_pipeline.formats.column_names import resolve_columns
+from mlsroad_pipeline.formats.content import open_content
 from mlsroad_pipeline.formats.crs import auto_note, with_units
 from mlsroad_pipeline.formats.files import FileKey, check_file, clip_range, file_key
 from mlsroad_pipeline.formats.flat_table import flat_cloud
+from mlsroad_pipeline.formats.precision import StoredCoordinates, step_note
 from mlsroad_pipeline.formats.standard_columns import COORDINATES
 
 logger = logging.getLogger(__name__)
 
 CHUNK = 1_000_000
-LARGEST_STEP = 0.01
-"""Largest distance of neighbouring numbers, in units of a file, that is not told."""
-
 LEAST_RECORDS = 100
 """Smallest number of points whose bytes are compared with the length of a file."""
+
+COMPARED = 1 << 16
+"""Least number of bytes whose repetition shows the size of a record."""
 
 _EXTREMES: dict[tuple[FileKey, tuple[str, ...], tuple[object, ...]], tuple[float, float]] = {}
 """Minima and maxima of columns of a file under given options."""
@@ -55,6 +57,9 @@ class PointTable:
         One sentence per repair of the reader.
     guess : mapping of str to Any
         Detected mapping of unnamed columns, as in `ReadOptions.columns`; used where that is not set.
+    stored : tuple of callable and int
+        Coordinates in the type of the file, where `rows` returns others: for each part of the file, a function of a
+        range of its rows, and their number.
     """
 
     names: tuple[str, ...]
@@ -64,6 +69,7 @@ class PointTable:
     details: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     guess: Mapping[str, Any] = field(default_factory=dict)
+    stored: tuple[tuple[StoredCoordinates, int], ...] = ()
 
 
 class TableFormat(PointFormat):
@@ -113,9 +119,9 @@ class TableFormat(PointFormat):
         first = self._cloud(table, path, options, 0, min(1, table.n_points), notes)
         columns = {name: values.dtype for name, values in first.columns.items()}
         notes.append(_precision_note(table, path, options))
-        told = tuple(text for text in notes if text)
+        warnings = tuple(text for text in notes if text)
         return FileInfo(
-            *(path, self.name, table.n_points, columns, first.origin, first.crs, None, table.details), notes=told
+            *(path, self.name, table.n_points, columns, first.origin, first.crs, None, table.details), notes=warnings
         )
 
     def read(self, path: Path, options: ReadOptions, *, start: int = 0, stop: int | None = None) -> PointCloud:
@@ -181,63 +187,52 @@ def _extremes(table: PointTable, path: Path, names: tuple[str, ...], options: Re
 
 
 def _precision_note(table: PointTable, path: Path, options: ReadOptions) -> str:
-    columns = options.columns or table.guess
-    names = resolve_columns(table.names, replace(options, columns=columns, only=()), path)
-    first = table.rows([names[axis] for axis in COORDINATES], 0, min(1, table.n_points))
-    return precision_note([first[names[axis]] for axis in COORDINATES])
+    options = replace(with_units(options, table.crs, path), columns=options.columns or table.guess, only=())
+    names = resolve_columns(table.names, options, path)
+    own = ((lambda start, stop: _stored(table, names, start, stop), table.n_points),)
+    notes = (step_note(rows, n_points, options.factors) for rows, n_points in table.stored or own)
+    return next((note for note in notes if note), "")
 
 
-def precision_note(coordinates: Sequence[NDArray]) -> str:
-    """Return a sentence on coordinates that are too large for the type that they are stored in.
-
-    Parameters
-    ----------
-    coordinates : sequence of ndarray of shape (n,)
-        Coordinates of a few points as stored.
-
-    Returns
-    -------
-    str
-        The sentence; empty where neighbouring numbers are less than `LARGEST_STEP` apart, in units of the file.
-    """
-    floats = [
-        values for values in coordinates if values.dtype.kind == "f" and values.dtype.itemsize < 8 and len(values)
-    ]
-    with np.errstate(invalid="ignore", over="ignore"):
-        step = max((float(np.abs(np.spacing(values)).max()) for values in floats), default=0.0)
-    if not LARGEST_STEP < step < np.inf:
-        return ""
-    bits = 8 * floats[0].dtype.itemsize
-    return (
-        f"coordinates are stored as floats of {bits} bits in steps of up to {step:g}, too coarse for objects: "
-        "export them with 64 bits, or relative to an offset"
-    )
+def _stored(table: PointTable, names: Mapping[str, str], start: int, stop: int) -> list[NDArray]:
+    part = table.rows([names[axis] for axis in COORDINATES], start, stop)
+    return [part[names[axis]] for axis in COORDINATES]
 
 
-def check_record_size(path: Path, n_points: int, size: int, more: int, column: str) -> None:
+def check_record_size(path: Path, begin: int, n_points: int, size: int, column: str) -> None:
     """Raise an error for a header without one of its columns, whose points would be read from wrong places.
 
     Parameters
     ----------
     path : Path
         The file.
+    begin : int
+        Byte offset of the points.
     n_points, size : int
         Number of points and bytes of a point that its header states.
-    more : int
-        Number of bytes behind these points.
     column : str
         Name of a column in the terms of the format.
 
     Raises
     ------
     ReadError
-        If these bytes are the same small number for each point.
+        If the bytes behind these points are the same small number for each point, and are not points of `size` bytes.
     """
-    if n_points >= LEAST_RECORDS and more > 0 and more % n_points == 0 and more // n_points < size:
+    file = open_content(path)
+    more = file.size - begin - n_points * size
+    if n_points < LEAST_RECORDS or more <= 0 or more % n_points or more // n_points >= size:
+        return
+    data = np.frombuffer(file.read(min(max(COMPARED, 8 * size), file.size - begin), begin), np.uint8)
+    if more % size or _repeated(data, size + more // n_points) > _repeated(data, size):
         raise ReadError(
             f"{path}: its header describes points of {size} bytes, it holds {size + more // n_points} for each of "
             f"{n_points} points: the header lacks a {column}, or states a wrong type; correct it"
         )
+
+
+def _repeated(data: NDArray[np.uint8], size: int) -> float:
+    """Return the share of bytes that equal those of the next record, largest for the true size of records."""
+    return float(np.mean(data[:-size] == data[size:]))
 
 
 def with_points_only(table: PointTable, path: Path) -> PointTable:

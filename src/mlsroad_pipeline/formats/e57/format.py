@@ -24,7 +24,7 @@ from mlsroad_pipeline.formats.files import FileKey, atomic_file, file_key, sprea
 from mlsroad_pipeline.formats.flat_table import scalar_columns
 from mlsroad_pipeline.formats.intensity import FULL, ORIGINAL
 from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES
-from mlsroad_pipeline.formats.tables import PointTable, TableFormat, precision_note
+from mlsroad_pipeline.formats.tables import PointTable, TableFormat
 
 CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
@@ -92,7 +92,6 @@ class _Scan:
         self._widened = False
         self._intensities = self._intensity_limits()
         self.types = self._types()
-        self._check_precision()
 
     def _valid(self) -> NDArray[np.int64] | None:
         name = next((name for name in INVALID if name in self._fields), None)
@@ -105,10 +104,15 @@ class _Scan:
         index = np.concatenate(kept) if kept else np.empty(0, np.int64)
         return None if len(index) == self._scan.n_points else index
 
-    def _check_precision(self) -> None:
-        stored = [name for name in CARTESIAN if name in self._fields and self._scan.n_points]
-        note = precision_note([self._raw(name, 0, 1) for name in stored])
-        self.notes += [note] if note else []
+    def stored(self, start: int, stop: int) -> list[NDArray]:
+        """Return the coordinates of a range of the valid points in the type of the file; none where they are angles."""
+        if not set(CARTESIAN) <= self._fields.keys():
+            return []
+        if self._kept is None:
+            return [self._raw(name, start, stop) for name in CARTESIAN]
+        index = self._kept[start:stop]
+        begin, end = (int(index[0]), int(index[-1]) + 1) if len(index) else (0, 0)
+        return [self._raw(name, begin, end)[index - begin] for name in CARTESIAN]
 
     def _raw(self, name: str, start: int, stop: int) -> NDArray:
         return read_field(self._pages, self._scan, name, start, stop)
@@ -235,7 +239,8 @@ def _open(key: FileKey, limits: bool) -> PointTable:
 
     details = {"scans": len(scans), "invalid": n_invalid, "guid": root.findtext(NAMESPACE + "guid")}
     notes = tuple(dict.fromkeys(note for scan in scans for note in scan.notes))
-    return PointTable(tuple(types), int(ends[-1]), rows, _crs(root), details, notes)
+    stored = tuple((scan.stored, scan.n_points) for scan in scans)
+    return PointTable(tuple(types), int(ends[-1]), rows, _crs(root), details, notes, stored=stored)
 
 
 def _joined_types(scans: Sequence[_Scan], path: Path) -> dict[str, np.dtype]:

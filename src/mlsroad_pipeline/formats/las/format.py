@@ -78,9 +78,9 @@ class LasFormat(PointFormat):
             "gps_time": "adjusted standard" if header.integer("H", 6) & 1 else "week",
             "software": header.block[58:90].split(b"\0")[0].decode("utf-8", "replace"),
         }
-        told = tuple(text for text in notes if text)
+        warnings = tuple(text for text in notes if text)
         return FileInfo(
-            *(path, self.name, header.n_points, columns, sample.origin, sample.crs, bounds, details), notes=told
+            *(path, self.name, header.n_points, columns, sample.origin, sample.crs, bounds, details), notes=warnings
         )
 
     def read(self, path: Path, options: ReadOptions, *, start: int = 0, stop: int | None = None) -> PointCloud:

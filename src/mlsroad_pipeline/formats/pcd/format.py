@@ -41,13 +41,13 @@ class PcdFormat(TableFormat):
 
     name = "PCD"
     extensions: tuple[str, ...] = with_packed(".pcd")
-    signatures: tuple[bytes, ...] = (b"# .PCD", b"VERSION .7", b"VERSION 0.7", b"VERSION .6", b"VERSION 0.6")
+    signatures: tuple[bytes, ...] = (b"# .PCD", b"#.PCD", b"VERSION .7", b"VERSION 0.7", b"VERSION .6", b"VERSION 0.6")
 
     def recognises(self, path: Path, head: bytes) -> bool:
         """Return whether a file begins with a line of the header; comments and other lines count by the name alone."""
         if head.startswith(self.signatures):
             return True
-        return path.name.lower().endswith(self.extensions) and head.split()[:1] in ([b"VERSION"], [b"FIELDS"], [b"#"])
+        return path.name.lower().endswith(self.extensions) and head.lstrip().startswith((b"VERSION", b"FIELDS", b"#"))
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
         """Open a file.
@@ -152,7 +152,7 @@ def _left_over(path: Path, header: PcdHeader) -> tuple[str, ...]:
             size = 8 + struct.unpack("<I", file.read(4, header.begin))[0]
         more, what = file.size - header.begin - size, "bytes"
         if header.encoding == "binary":
-            check_record_size(path, stated, header.record_size, more, "field")
+            check_record_size(path, header.begin, stated, header.record_size, "field")
     return (f"its header states {stated} points, {more} more {what} follow: they are not read",) * (more > 0)
 
 

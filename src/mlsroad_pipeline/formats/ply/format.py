@@ -94,7 +94,7 @@ def _left_over(path: Path, header: PlyHeader) -> tuple[str, ...]:
         return (f"its header states {stated} points, {more} more rows follow: they are not read",) * (more > 0)
     size = header.vertex.dtype(header.order).itemsize
     more = file.size - header.begin - stated * size
-    check_record_size(path, stated, size, more, "property")
+    check_record_size(path, header.begin, stated, size, "property")
     return (f"its header states {stated} points, {more} more bytes follow: they are not read",) * (more > 0)
 
 

@@ -14,6 +14,12 @@ from mlsroad_pipeline.formats.text.values import RowForm, parse_rows
 SAMPLE = 20
 """Rows of a sample; there is one at the start, in the middle and at the end of a file."""
 
+LEAST_ROWS = 30
+"""Smallest number of sampled rows of which the first column may be their number."""
+
+FAR, FACTOR = 10_000.0, 10.0
+"""Least values of eastings, northings and times, and least ratio of times to local coordinates."""
+
 GROWS = "its first column is read as x, but grows from row to row as times do; if it is no x, set columns by index"
 
 COUNTS = (
@@ -42,20 +48,36 @@ def interpret(rows: TextRows, form: RowForm) -> tuple[dict[str, Any], tuple[str,
     notes : tuple of str
         Sentences for the user.
     wrong : str
-        Message of an error where the first of more than three columns is the number of the row; else empty.
+        Message of an error where the first of more than three columns is the number of the row, and the others are
+        coordinates; else empty.
     """
     if form.width < 4:
         return {}, (), ""
     index, columns = _sampled(rows, form)
     if not columns:
         return {}, (), ""  # reading reports the row
-    first = columns[0]
-    if len(index) > 2 and np.ptp(first - index) == 0:
-        return {}, (), COUNTS.format(rows.path, rows.first_line, first[0])
-    steps, apart = np.diff(first), np.diff(index)
+    if len(index) >= LEAST_ROWS and _counts_rows(columns, index):
+        return {}, (), COUNTS.format(rows.path, rows.first_line, columns[0][0])
+    steps, apart = np.diff(columns[0]), np.diff(index)
     inside = steps[apart == 1]
     grows = len(inside) and (steps >= 0).all() and 2 * np.count_nonzero(inside > 0) > len(inside)
-    return _colours(columns), (GROWS,) * bool(grows), ""
+    return _colours(columns), (GROWS,) * bool(grows and _are_times(columns)), ""
+
+
+def _counts_rows(columns: list[NDArray[np.float64]], index: NDArray[np.int64]) -> bool:
+    """Return whether the first column numbers the rows: whole numbers before three columns that vary, x, y and z."""
+    whole = columns[0][0] == np.floor(columns[0][0])
+    return bool(whole and np.ptp(columns[0] - index) == 0 and all(np.ptp(values) > 0 for values in columns[1:4]))
+
+
+def _are_times(columns: list[NDArray[np.float64]]) -> bool:
+    """Return whether a growing first column holds times, and not the x of sorted points.
+
+    Two columns of eastings and northings follow it, or its values are those of seconds of a week, or larger, and far
+    above the coordinates that follow.
+    """
+    time, *others = (float(np.median(np.abs(values))) for values in columns[:3])
+    return min(others) >= FAR or (time >= FAR and time >= FACTOR * max(others))
 
 
 def _sampled(rows: TextRows, form: RowForm) -> tuple[NDArray[np.int64], list[NDArray[np.float64]]]:
