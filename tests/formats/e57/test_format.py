@@ -73,6 +73,18 @@ def build(path, scans, *, per_packet=7, metadata=""):
 FLOATS = "".join(f'<cartesian{axis} type="Float" precision="double"/>' for axis in "XYZ")
 
 
+def test_steps_of_single_floats_are_those_of_the_valid_points(tmp_path):
+    path, n = tmp_path / "a.e57", 200
+    xyz = (np.random.default_rng(0).random((n, 3)) + [389_300, 5_819_700, 34]).astype("<f4")
+    state = np.zeros(n, int)
+    xyz[:150], state[:150] = 0, 2
+    fields = FLOATS.replace("double", "single") + '<cartesianInvalidState type="Integer" minimum="0" maximum="2"/>'
+    build(path, [("", fields, [*(xyz[:, i].tobytes() for i in range(3)), packed_bits(state, 0, 2)], n)])
+    (note,) = E57.info(path, DEFAULT).notes
+    assert "floats of 32 bits in steps of 0.5 m" in note
+    assert E57.info(path, ReadOptions(units="millimetre")).notes == ()
+
+
 def test_two_scans_with_poses_flags_and_packed_fields(tmp_path, rng, caplog):
     n = 60
     xyz, turn = rng.normal(size=(n, 3)) * 20, Rotation.from_euler("zyx", [50, 20, -10], degrees=True)
