@@ -30,7 +30,14 @@ export function kindColour(kind: string, kinds: string[]): string {
   return KINDS[kind] ?? OTHERS[Math.max(0, kinds.indexOf(kind)) % OTHERS.length];
 }
 
-export const LINE_COLOURS: Record<string, string> = { kerb: "#e0a030", wire: "#35c6d8" };
+export const LINE_COLOURS: Record<string, string> = {
+  kerb: "#e0a030",
+  wire: "#35c6d8",
+  lane_line: "#008caa",
+  stop_line: "#c81e3c",
+  crossing: "#e68200",
+  other_marking: "#6e7d87",
+};
 
 export function channels(colour: string): [number, number, number] {
   const value = parseInt(colour.slice(1), 16);

@@ -2,7 +2,7 @@
 
 import sys
 import types
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -10,6 +10,8 @@ import pytest
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import join_markings
+from mlsroad_pipeline.algorithms.inventory.sightings import visit_columns
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.label.scene import LabelSettings, label_new_scene, object_rules, output_codes, point_codes
 
@@ -67,6 +69,27 @@ def test_a_model_of_any_method_labels_a_scene_and_fills_the_inventory(monkeypatc
     assert found["counts"]["confidences"][1].argmax() == 40
     (pole,) = found["objects"].to_dict("records")
     assert pole["class"] == "pole" and pole["x"] == pytest.approx(3, abs=0.05) and pole["height"] > 3.5
+
+
+def test_two_scanner_heads_known_by_their_source_reach_the_markings(monkeypatch, rng):
+    bundle = planted(monkeypatch, scheme=asdict(SCHEME))
+    n = 40_000
+    xyz = np.column_stack([rng.random((n, 2)) * 7, rng.random(n) * 0.02]).astype(np.float32)
+    head = rng.integers(1, 3, n)
+    intensity = 100 + 12 * (np.abs(xyz[:, 1] - 3.0) < 0.06) + rng.normal(0, 1, n)
+    columns = {
+        "core": np.ones(n, bool),
+        "file": np.zeros(n, np.int16),
+        "row": np.arange(n, dtype=np.int64),
+        "intensity": np.where(head == 2, 0.7 * intensity, intensity).astype(np.float32),
+        **visit_columns(PointCloud(xyz, {"gps_time": np.full(n, 5.0), "point_source_id": head.astype(np.uint16)})),
+    }
+    settings = LabelSettings(output_codes(bundle, "asprs", {}), object_rules(bundle, {}), least_contrast=2.0)
+    found = label_new_scene(PointCloud(xyz, columns), bundle, settings, name="s")
+    (line,) = join_markings([found["markings"]]).to_dict("records")
+    assert line["kind"] == "lane_line" and line["length"] == pytest.approx(7.0, abs=0.6)
+    none = label_new_scene(PointCloud(xyz, columns), bundle, replace(settings, least_contrast=None), name="s")
+    assert len(none["markings"]) == 0
 
 
 def test_a_model_without_a_scheme_is_named(monkeypatch):

@@ -16,11 +16,24 @@ from mlsroad_pipeline.surveys.parameters import LabelParameters
         ({"trajectory": 3}, "label.trajectory must be the name of a file, got 3"),
         ({"read": 3}, "label.read must have parameters below it, got 3"),
         ({"inventory": None}, "label.inventory must have parameters below it, got None"),
+        ({"markings": 3}, "label.markings must have parameters below it, or be null, got 3"),
+        ({"markings": {"contrast": 1.0}}, r"label.markings has no parameter 'contrast' \(parameters: least_contrast, "),
+        (
+            {"markings": {"least_contrast": "high"}},
+            "label.markings.least_contrast must be a finite number > 0, got 'high'",
+        ),
+        ({"markings": {"least_length": -1.0}}, "label.markings.least_length must be a finite number > 0, got -1.0"),
     ],
 )
-def test_a_value_of_the_wrong_type_is_an_error(values, message):
+def test_a_wrong_value_is_an_error(values, message):
     with pytest.raises(ParameterError, match=message):
         LabelParameters(survey="a.laz", output="out", **values)
+
+
+def test_parameters_of_markings_have_defaults_and_null_lists_none():
+    given = LabelParameters(survey="a.laz", output="out", markings={"least_length": 3})
+    assert (given.least_contrast, given.least_marking) == (2.0, 3.0)
+    assert LabelParameters(survey="a.laz", output="out", markings=None).least_contrast is None
 
 
 @pytest.mark.parametrize("name", ["a{b}", "two\nlines"])

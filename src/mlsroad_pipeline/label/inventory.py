@@ -13,6 +13,7 @@ import pandas as pd
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.inventory.lines import LINE_KINDS
+from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import paved_classes
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.sections import line_lengths, section_table
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
@@ -55,8 +56,10 @@ def objects_task(
         for stored in [results.part(name)]
     }
     parts["sightings"] = Deferred(tuple(results.part("sightings").values()))
-    source = model_source(bundle)
-    labels = {name: label for label, name in enumerate(bundle_scheme(bundle).classes)}
+    source, scheme = model_source(bundle), bundle_scheme(bundle)
+    if parameters.markings is not None and not paved_classes(scheme).any():
+        logger.warning("No road markings are listed: the model has no class of paved ground")
+    labels = {name: label for label, name in enumerate(scheme.classes)}
     version = f"{source['name']} {source['version']}".strip() if "source" in source else ""
     return SceneTask(
         join_objects,

@@ -20,6 +20,7 @@ from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extra
 from mlsroad_pipeline.algorithms.inventory.judging import STEM
 from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import ground_classes, kerb_steps, no_steps
 from mlsroad_pipeline.algorithms.inventory.kerbs.steps import StepLimits
+from mlsroad_pipeline.algorithms.inventory.markings.devices import device_of
 from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import (
     marking_stripes,
     no_stripes,
@@ -28,7 +29,7 @@ from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import (
 from mlsroad_pipeline.algorithms.inventory.merging import MergedObjects, merge_scenes
 from mlsroad_pipeline.algorithms.inventory.object_features import FEATURES
 from mlsroad_pipeline.algorithms.inventory.rules import KINDS, ObjectRule, rules_for_scheme
-from mlsroad_pipeline.algorithms.inventory.sightings import device_of, sightings_of_scene
+from mlsroad_pipeline.algorithms.inventory.sightings import sightings_of_scene
 from mlsroad_pipeline.algorithms.inventory.stem_features import STEM_FEATURES
 from mlsroad_pipeline.algorithms.inventory.table import OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.inventory.wires import wire_points, wire_probability

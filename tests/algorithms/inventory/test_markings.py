@@ -1,12 +1,23 @@
 """Markings: planted paint, what is no paint, scenes that are cut, scanners, kinds."""
 
+import time
+
 import numpy as np
 import pandas as pd
 import pytest
 import shapely
 
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.inventory.lines import line_row, line_table
 from mlsroad_pipeline.algorithms.inventory.markings.carriageway import beyond_kerb
-from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import join_markings, marking_stripes, no_stripes
+from mlsroad_pipeline.algorithms.inventory.markings.devices import device_of
+from mlsroad_pipeline.algorithms.inventory.markings.kinds import markings_of
+from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import (
+    _without_straight,
+    join_markings,
+    marking_stripes,
+    no_stripes,
+)
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 ORIGIN = np.array([391_000.0, 5_820_000.0, 34.0])
@@ -32,6 +43,13 @@ def road(paint, *, contrast=6.0, turn=0.0, border=0.0, step=0.0, density=400, se
         intensity += 8 * ((y > 0) & (y < 0.1))
     c, s = np.cos(turn), np.sin(turn)
     return np.column_stack([x * c - y * s, x * s + y * c, z]), intensity
+
+
+def salt(share, density):
+    """Return points of which few, at random, have an intensity other than 0."""
+    rng = np.random.default_rng(2)
+    xyz, _ = road([], density=density)
+    return xyz, np.where(rng.random(len(xyz)) < share, rng.integers(1, 255, len(xyz)), 0.0)
 
 
 def stripes(xyz, intensity, *, device=None, core=None, **options):
@@ -76,8 +94,14 @@ def test_kinds_of_markings_along_the_path():
 
 @pytest.mark.parametrize(
     "cloud",
-    [road([]), road([], border=6.0), road([], step=0.1), road([SOLID], contrast=1.0)],
-    ids=["no paint", "border of two surfaces", "bright face of a kerb", "little contrast"],
+    [
+        *(road([]), road([], border=6.0), road([], step=0.1), road([SOLID], contrast=1.0)),
+        *(road([], density=2000), road([], density=4000), salt(0.05, 400), salt(0.2, 100)),
+    ],
+    ids=[
+        *("no paint", "border of two surfaces", "bright face of a kerb", "little contrast"),
+        *("peak below the path", "peak of many points", "few bright points", "more bright points"),
+    ],
 )
 def test_what_is_no_marking(cloud):
     assert len(join_markings([stripes(*cloud)])) == 0
@@ -90,6 +114,31 @@ def test_scanners_with_other_units_are_compared_with_themselves():
     assert table["length"].sum() == pytest.approx(30.0, abs=0.8)
     together = np.where(device == 1, 400 * intensity, intensity)
     assert len(join_markings([stripes(xyz, together)])) == 0
+
+
+@pytest.mark.parametrize(
+    ("names", "apart"),
+    [(("source",), True), (("file",), True), (("scanner", "source"), True), (("scanner",), False)],
+    ids=["source", "file", "source and one scanner", "one scanner"],
+)
+def test_sources_of_one_place_are_devices_and_files_side_by_side_are_one(names, apart):
+    xyz, intensity = road([SOLID])
+    head = np.random.default_rng(1).integers(0, 2, len(xyz))
+    columns = {name: head if name != "scanner" else np.zeros_like(head) for name in names}
+    device = device_of(PointCloud(xyz, {**columns, "second": np.full(len(xyz), 9, np.int32)}))
+    assert (len(np.unique(device)) == 2) == apart
+    table = join_markings([stripes(xyz, np.where(head == 1, 0.7, 1.0) * intensity, device=device)])
+    assert table["length"].sum() == pytest.approx(30.0 if apart else 0.0, abs=0.8)
+    tiles = np.where(xyz[:, 0] > 14, 2, 0)
+    assert np.ptp(device_of(PointCloud(xyz, {"file": tiles}))) == 0
+    both = device_of(PointCloud(xyz, {"file": tiles + head}))
+    assert np.array_equal(both == both[head == 1][0], head == 1)
+
+
+def test_bright_paint_on_a_road_of_intensity_0_is_found():
+    xyz, intensity = road([SOLID], contrast=50.0)
+    table = join_markings([stripes(xyz, np.where(intensity > 120, intensity - 100, 0.0))])
+    assert table["length"].tolist() == pytest.approx([30.0], abs=0.8)
 
 
 def test_lines_go_on_over_the_border_of_scenes():
@@ -126,3 +175,52 @@ def test_kerbs_between_the_path_and_a_place_are_counted_by_their_direction():
     assert beyond_kerb(places + ORIGIN, [up, down], PATH).tolist() == [False, True, False]
     assert beyond_kerb(places + ORIGIN, [up], PATH).tolist() == [False, True, True]
     assert beyond_kerb(places + ORIGIN, [], PATH).tolist() == [False, False, False]
+
+
+def traced(x, y, length, *, width=0.12, contrast=5.0):
+    """Return a line along the x axis as `trace_markings` does."""
+    along = np.linspace(0, length, 6)
+    return np.column_stack([x + along, np.full(6, y), np.zeros(6), *np.full((3, 6), [[width], [contrast], [7.0]])])
+
+
+def test_a_crossing_needs_the_score_of_other_lines():
+    def kinds(contrast, kerbs=()):
+        bars = [traced(20.0, y, 3.0, width=0.5, contrast=contrast) for y in (4.5, 5.5, 6.5)]
+        lines = [bar + np.append(ORIGIN, np.zeros(3)) for bar in bars]
+        return [marking.kind for marking in markings_of(lines, PATH, kerbs)]
+
+    kerb = np.array([[0.0, 4.0, 0.0], [30.0, 4.0, 0.0]]) + ORIGIN
+    assert kinds(6.0) == ["crossing"] and kinds(6.0, [kerb]) == [] and kinds(12.0, [kerb]) == ["crossing"]
+    assert kinds(2.5) == []
+
+
+def test_kerbs_are_read_from_their_table():
+    cloud = road([(5.0, 9.0, 2.4, 2.6)], contrast=3.0)
+    kerbs = line_table([line_row("kerb", np.array([[0.0, 1.0, 0.0], [30.0, 1.0, 0.0]]) + ORIGIN, PATH)])
+    table = join_markings([stripes(*cloud)], PATH)
+    assert len(table) == 1 and 0.6 < table["score"][0] < 0.9
+    assert len(join_markings([stripes(*cloud)], PATH, kerbs=kerbs)) == 0
+
+
+def test_without_a_path_lane_lines_are_long_or_dashed():
+    lines = [traced(0.0, 0.0, 8.0), traced(0.0, 5.0, 3.0), traced(0.0, 20.0, 3.0), traced(9.0, 20.0, 3.0)]
+    found = markings_of(lines, None)
+    assert [marking.kind for marking in found] == ["lane_line", "other_marking", "lane_line", "lane_line"]
+    assert [marking.pattern for marking in found] == ["solid", "", "dashed", "dashed"]
+
+
+def test_joining_many_lines_is_quick():
+    lines = [traced(12.0 * k, y, 6.0, width=w) for k in range(300) for y, w in ((0, 0.12), (7, 0.12), (3, 0.4))]
+    start = time.process_time()
+    found = markings_of(lines, None)
+    assert time.process_time() - start < 2.0 and len(found) == 900
+    assert all(marking.pattern == "dashed" for marking in found)
+
+
+def test_heights_of_straight_lines_are_kept():
+    x = np.arange(0.0, 60.0, 0.3)
+    height = -((x - 30) ** 2) / 2000
+    vertices = np.column_stack([x, np.zeros_like(x), height])
+    kept = _without_straight(vertices)
+    assert len(kept) < len(x) / 4
+    np.testing.assert_allclose(np.interp(x, kept[:, 0], kept[:, 2]), height, atol=0.021)

@@ -20,8 +20,9 @@ from mlsroad_pipeline.algorithms.inventory.table import SEEN_BY, empty_table
 PASS_GAP = 30.0
 """Shortest time without points of a place between two passes, seconds."""
 
-SECOND, SCANNER, ROUTE = "second", "scanner", "route"
-"""Columns of a scene: whole seconds of the time, number of the scanner, number of the route."""
+SECOND, SCANNER, ROUTE, SOURCE = "second", "scanner", "route", "source"
+"""Columns of a scene: whole seconds of the time, number of the scanner, number of the route, point source id of points
+with time."""
 
 NO_TIME = np.iinfo(np.int32).min
 """Value of `SECOND` for points whose time is not finite or has no 32 bits."""
@@ -69,23 +70,23 @@ def visit_columns(cloud: PointCloud) -> dict[str, NDArray[np.int32]]:
     Returns
     -------
     dict of str to ndarray of int32
-        `SECOND` of a `gps_time` that is not 0 throughout; without it `ROUTE`, the point source id; `SCANNER`: the
-        column of that name or the scanner channel. Columns without a source are left out.
+        `SECOND` of a `gps_time` that is not 0 throughout and `SOURCE`, the point source id; without a time the id is
+        `ROUTE`; `SCANNER`: the column of that name or the scanner channel. Columns without a source are left out.
     """
     columns = {}
     if "gps_time" in cloud and cloud["gps_time"].any():
         time = np.floor(cloud["gps_time"].astype(np.float64))
         known = np.isfinite(time) & (np.abs(time) < np.iinfo(np.int32).max)
         columns[SECOND] = np.where(known, time, NO_TIME).astype(np.int32)
-    elif "point_source_id" in cloud:
-        columns[ROUTE] = cloud["point_source_id"].astype(np.int32)
+    if "point_source_id" in cloud:
+        columns[SOURCE if SECOND in columns else ROUTE] = cloud["point_source_id"].astype(np.int32)
     scanner = next((name for name in ("scanner", "scanner_channel") if name in cloud), None)
     if scanner is not None:
         columns[SCANNER] = cloud[scanner].astype(np.int32)
     return columns
 
 
-def _passes(second: NDArray[np.int32]) -> NDArray[np.int64]:
+def time_passes(second: NDArray[np.int32]) -> NDArray[np.int64]:
     """Return the pass of each point: numbers from 0 in the order of time; points without time are of the first."""
     known = second[second != NO_TIME]
     if not len(known):
@@ -97,25 +98,6 @@ def _passes(second: NDArray[np.int32]) -> NDArray[np.int64]:
         times = np.unique(known).astype(np.int64)
     starts = times[np.flatnonzero(np.diff(times) > PASS_GAP) + 1]
     return np.searchsorted(starts, second, side="right")
-
-
-def device_of(scene: PointCloud) -> NDArray[np.int64]:
-    """Return a number for the scanner and pass of each point of a scene.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene with any of the columns of `visit_columns`.
-
-    Returns
-    -------
-    ndarray of int64, shape (n,)
-        Equal numbers are of one scanner and one pass, or of one route where there are no times.
-    """
-    scanner = scene[SCANNER].astype(np.int64) if SCANNER in scene else np.zeros(len(scene), dtype=np.int64)
-    route = scene[ROUTE].astype(np.int64) if ROUTE in scene else np.zeros(len(scene), dtype=np.int64)
-    visit = _passes(scene[SECOND]) if SECOND in scene else np.zeros(len(scene), dtype=np.int64)
-    return (visit << 40) + (route << 20) + scanner
 
 
 def sightings_of_scene(part: NDArray[np.int32], scene: PointCloud, core: NDArray[np.bool_]) -> pd.DataFrame:
@@ -141,7 +123,7 @@ def sightings_of_scene(part: NDArray[np.int32], scene: PointCloud, core: NDArray
     file, scanner = scene["file"][core], scene[SCANNER][core] if SCANNER in scene else unknown
     route = scene[ROUTE][core] if ROUTE in scene else unknown
     second = scene[SECOND][core] if SECOND in scene else None
-    visit = np.zeros(len(part), dtype=np.int64) if second is None else _passes(second)
+    visit = np.zeros(len(part), dtype=np.int64) if second is None else time_passes(second)
     kinds, kind = _distinct(file, scanner, route, visit)
     own = np.flatnonzero(part)
     tables = []

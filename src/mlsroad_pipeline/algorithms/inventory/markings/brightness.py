@@ -18,6 +18,7 @@ _LEVELS = 128  # of intensity, equally frequent
 _TREND, _TREND_REACH, _TREND_LEAST = 0.6, 1, 6  # edge of blocks, metres; blocks on either side; cells
 _NOISE, _NOISE_REACH, _NOISE_LEAST = 1.2, 2, 20
 _RANKS = (0.3, 0.6)  # the first is road, also where half of the cells are paint
+_NOISE_FACTOR = 2.0  # of the noise by the differences within cells: few bright points have no normal distribution
 _ODD = 1.5
 _SATURATED = 30.0
 _NORMAL = (0.7777, 0.5244)  # distance of these quantiles, and of the first from the median, in standard deviations
@@ -54,13 +55,16 @@ def road_cells(
     points = np.column_stack([xyz, intensity, core])
     grid = _flat_grid(points, CELL, 1)
     cells = _cell_means(points, grid.order, grid.starts)
-    trend, _ = _around(cells, _TREND, _TREND_REACH, _TREND_LEAST)
+    low, high = np.quantile(cells[:, 3], _RANKS)
+    # Where most cells have one value, as of 0, quantiles do not show the noise.
+    noise = _NOISE_FACTOR * _noise(points, cells, grid.order, grid.starts) if low == high else 0.0
+    trend, _ = _around(cells, noise, _TREND, _TREND_REACH, _TREND_LEAST)
     known = np.isfinite(trend)
     if not known.any():
         return np.zeros((0, 7))
     cells, trend = cells[known], trend[known]
     median, deviation = _around(
-        np.column_stack([cells[:, :3], cells[:, 3] - trend]), _NOISE, _NOISE_REACH, _NOISE_LEAST
+        np.column_stack([cells[:, :3], cells[:, 3] - trend]), noise, _NOISE, _NOISE_REACH, _NOISE_LEAST
     )
     brightness = np.clip((cells[:, 3] - trend - median) / deviation, LOWEST, HIGHEST)
     # An intensity far above paint, as of a stud, counts no more than bright paint.
@@ -77,7 +81,7 @@ def _flat_grid(xyz: NDArray[np.float64], size: float, margin: int) -> CellGrid:
 
 
 def _around(
-    cells: NDArray[np.float64], size: float, reach: int, least: int
+    cells: NDArray[np.float64], noise: float, size: float, reach: int, least: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return median and deviation of the values around each cell, bilinear between the middles of blocks."""
     values = cells[:, 3]
@@ -85,7 +89,7 @@ def _around(
     levels = np.unique(np.quantile(values, np.linspace(0.0, 1.0, _LEVELS + 1), method="lower"))
     rank = (np.searchsorted(levels, values, side="right") - 1).astype(np.int64)
     counts = _counts(rank, blocks.order, blocks.starts, len(levels))
-    table = _statistics(counts, blocks.keys, blocks.shape[0], levels, reach, least, *_RANKS, *_NORMAL)
+    table = _statistics(counts, blocks.keys, blocks.shape[0], levels, reach, least, noise, *_RANKS, *_NORMAL)
     return _between(cells, blocks.keys, *blocks.shape[:2], blocks.minimum, blocks.margin, size, *table)
 
 
@@ -98,6 +102,17 @@ def _cell_means(points: NDArray, order: NDArray, starts: NDArray) -> NDArray[np.
                 means[cell, axis] += points[order[i], axis]
         means[cell] /= starts[cell + 1] - starts[cell]
     return means
+
+
+@njit(cache=True, nogil=True)
+def _noise(points: NDArray, cells: NDArray, order: NDArray, starts: NDArray) -> float:
+    """Return the standard error of the mean intensity of a cell from the differences within cells."""
+    total = 0.0
+    for cell in range(len(cells)):
+        for i in range(starts[cell], starts[cell + 1]):
+            total += (points[order[i], 3] - cells[cell, 3]) ** 2
+    degrees = len(points) - len(cells)
+    return float(np.sqrt(total / degrees * len(cells) / len(points))) if degrees else 0.0
 
 
 @njit(cache=True, nogil=True)
@@ -123,8 +138,8 @@ def _quantile(cumulative: NDArray, levels: NDArray, share: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _statistics(
-    counts: NDArray, keys: NDArray, nx: int, levels: NDArray, reach: int, least: int, first: float, second: float,
-    span: float, rest: float,
+    counts: NDArray, keys: NDArray, nx: int, levels: NDArray, reach: int, least: int, noise: float, first: float,
+    second: float, span: float, rest: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # fmt: skip
     """Return median and deviation of the values in the blocks around each block, NaN where there are too few."""
     median, deviation = np.full(len(keys), np.nan), np.full(len(keys), np.nan)
@@ -143,7 +158,7 @@ def _statistics(
             median[block] = _quantile(cumulative, levels, first)
             deviation[block] = (_quantile(cumulative, levels, second) - median[block]) / span
     # Paint widens the distribution of a place, and patches of one intensity narrow it.
-    usual = max(np.nanmedian(deviation), least_deviation)
+    usual = max(np.nanmedian(deviation), least_deviation, noise)
     deviation = np.clip(deviation, usual / _ODD, usual * _ODD)
     return median + rest * deviation, deviation
 

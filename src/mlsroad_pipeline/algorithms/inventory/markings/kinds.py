@@ -31,6 +31,7 @@ _BAR_GAP, _BAR_SHIFT, _PARALLEL = (0.3, 2.2), 0.4, 0.96  # metres across; share 
 _STOP_WIDTH, _STOP_LENGTH = 0.27, (1.5, 14.0)  # metres
 _ACROSS, _NEAR_PATH, _NEAR_LINE = 0.5, 12.0, 3.0  # cosine; metres
 _DASH, _DASH_GAP, _DASH_OFF, _DASH_WAY = 7.0, (0.6, 13.0), 0.35, 0.98  # metres; cosine
+_DASH_RATIO = 2.5  # of the lengths of a dash and the next one
 _LONG = 6.0  # metres: longer ones are lane lines, whatever their direction
 
 
@@ -101,17 +102,27 @@ def markings_of(
     traced = [
         Marking(line[:, :3], w, contrast, _score(line)) for line, (w, contrast) in zip(lines, medians, strict=True)
     ]
-    crossings, rest = _crossings(traced)
-    least = np.full(len(rest), LEAST_SCORE)
-    if trajectory is not None and rest:
-        middles = np.array([marking.vertices[len(marking.vertices) // 2] for marking in rest])
-        least[beyond_kerb(middles, kerbs, trajectory)] = LEAST_BEYOND
-    rest = [marking for marking, score in zip(rest, least, strict=True) if marking.score >= score]
-    for marking in rest:
-        marking.pattern = DASHED if _is_dash(marking, rest) else SOLID
-        marking.kind = _kind(marking, rest, trajectory)
-        marking.pattern = marking.pattern if marking.kind == LANE_LINE else ""
+    crossings, rest = (_likely(part, trajectory, kerbs) for part in _crossings(traced))
+    dashes = _dashes(rest)
+    at_lane = _Ends(rest)
+    for marking, dash, (turned, far) in zip(rest, dashes, _to_path(rest, trajectory), strict=True):
+        marking.kind = _kind(marking, at_lane, dash=dash, turned=turned, far=far)
+        if marking.kind == LANE_LINE:
+            marking.pattern = DASHED if dash else SOLID
     return [*crossings, *rest]
+
+
+def _likely(
+    markings: list[Marking], trajectory: Trajectory | None, kerbs: Sequence[NDArray[np.float64]]
+) -> list[Marking]:
+    """Return the markings whose score is high enough for their place."""
+    least = np.full(len(markings), LEAST_SCORE)
+    if trajectory is not None and markings:
+        middles = np.array(
+            [m.vertices[[(len(m.vertices) - 1) // 2, len(m.vertices) // 2]].mean(axis=0) for m in markings]
+        )
+        least[beyond_kerb(middles, kerbs, trajectory)] = LEAST_BEYOND
+    return [marking for marking, score in zip(markings, least, strict=True) if marking.score >= score]
 
 
 def _score(line: NDArray[np.float64]) -> float:
@@ -125,7 +136,11 @@ def _crossings(markings: list[Marking]) -> tuple[list[Marking], list[Marking]]:
     """Return crossings of at least three parallel bars side by side, and the markings that are no bars."""
     low, high = _BAR_LENGTH
     bars = [k for k, m in enumerate(markings) if m.width >= _BAR_WIDTH and low <= m.length <= high]
-    pairs = [(a, b) for a in range(len(bars)) for b in range(a) if _beside(markings[bars[a]], markings[bars[b]])]
+    if len(bars) < _BARS:
+        return [], markings
+    near = np.hypot(_BAR_GAP[1], _BAR_SHIFT * high + 0.3)
+    tree = cKDTree(np.array([markings[k].middle for k in bars]))
+    pairs = [(a, b) for b, a in sorted(tree.query_pairs(near)) if _beside(markings[bars[a]], markings[bars[b]])]
     if not pairs:
         return [], markings
     rows, columns = np.array(pairs).T
@@ -163,50 +178,66 @@ def _crossing(bars: list[Marking]) -> Marking:
     return Marking(vertices, width, contrast, max(bar.score for bar in bars), CROSSING)
 
 
-def _is_dash(marking: Marking, others: list[Marking]) -> bool:
-    """Return whether a short line is continued by another short one beyond a gap."""
-    if marking.length > _DASH:
-        return False
-    for other in others:
-        if other is marking or other.length > 2.5 * marking.length or marking.length > 2.5 * other.length:
-            continue
-        apart = other.middle - marking.middle
-        gap = float(np.hypot(*apart)) - (marking.length + other.length) / 2
-        across = abs(apart[0] * marking.along[1] - apart[1] * marking.along[0])
-        same = abs(float(other.along @ marking.along)) > _DASH_WAY
-        if same and _DASH_GAP[0] < gap < _DASH_GAP[1] and across < _DASH_OFF + 0.03 * np.hypot(*apart):
-            return True
-    return False
+def _dashes(markings: list[Marking]) -> NDArray[np.bool_]:
+    """Return which short lines are continued by another short one beyond a gap."""
+    length = np.array([marking.length for marking in markings])
+    found = np.zeros(len(markings), dtype=bool)
+    short = np.flatnonzero(length <= _DASH * _DASH_RATIO)
+    if len(short) < 2:
+        return found
+    length = length[short]
+    middle, along = (np.array([getattr(markings[k], name) for k in short]) for name in ("middle", "along"))
+    tree = cKDTree(middle)
+    for k in np.flatnonzero(length <= _DASH):
+        near = _DASH_GAP[1] + length[k] * (1 + _DASH_RATIO) / 2
+        others = np.array(tree.query_ball_point(middle[k], near), dtype=np.int64)
+        apart = middle[others] - middle[k]
+        distance = np.hypot(*apart.T)
+        gap = distance - (length[k] + length[others]) / 2
+        across = np.abs(apart @ (along[k, 1], -along[k, 0]))
+        alike = np.maximum(length[others], length[k]) <= _DASH_RATIO * np.minimum(length[others], length[k])
+        same = np.abs(along[others] @ along[k]) > _DASH_WAY
+        ahead = (gap > _DASH_GAP[0]) & (gap < _DASH_GAP[1]) & (across < _DASH_OFF + 0.03 * distance)
+        found[short[k]] = (alike & same & ahead).any()
+    return found
 
 
-def _kind(marking: Marking, others: list[Marking], trajectory: Trajectory | None) -> str:
-    wide, (low, high) = marking.width >= _STOP_WIDTH, _STOP_LENGTH
-    turned, far = _to_path(marking, trajectory)
-    near, aligned = far < _NEAR_PATH, turned > np.sqrt(1 - _ACROSS**2)
-    stops = turned < _ACROSS if near else _ends_at_lane(marking, others)
-    if wide and low <= marking.length <= high and stops:
+def _kind(marking: Marking, ends: _Ends, *, dash: bool, turned: float, far: float) -> str:
+    near, (low, high) = far < _NEAR_PATH, _STOP_LENGTH
+    may_stop = marking.width >= _STOP_WIDTH and low <= marking.length <= high
+    if may_stop and (turned < _ACROSS if near else ends.meet(marking)):
         return STOP_LINE
-    is_lane = aligned or marking.pattern == DASHED or marking.length >= _LONG
+    is_lane = turned > np.sqrt(1 - _ACROSS**2) or dash or marking.length >= _LONG
     return LANE_LINE if is_lane else OTHER
 
 
-def _to_path(marking: Marking, trajectory: Trajectory | None) -> tuple[float, float]:
-    """Return the cosine to the path beside a line and the distance from it; without a path those of a lane line."""
-    if trajectory is None:
-        return 1.0, np.inf
-    station, offset = trajectory.locate(np.array([[*marking.middle, 0.0]]))
-    at = np.clip(station[0] + np.array([-2.0, 2.0]), 0.0, trajectory.length)
-    ends = np.array([np.interp(at, trajectory.station, trajectory.xyz[:, k]) for k in range(2)]).T
-    way = ends[1] - ends[0]
-    return abs(float(marking.along @ way)) / max(float(np.hypot(*way)), 1e-9), abs(float(offset[0]))
+def _to_path(markings: list[Marking], trajectory: Trajectory | None) -> list[tuple[float, float]]:
+    """Return the cosine to the path beside each line and the distance from it; without a path 0 and infinity."""
+    if trajectory is None or not markings:
+        return [(0.0, np.inf)] * len(markings)
+    station, offset = trajectory.locate(np.array([[*marking.middle, 0.0] for marking in markings]))
+    at = np.clip(station[:, None] + np.array([-2.0, 2.0]), 0.0, trajectory.length)
+    first, last = (
+        np.column_stack([np.interp(of, trajectory.station, trajectory.xyz[:, k]) for k in range(2)]) for of in at.T
+    )
+    way = last - first
+    along = np.array([marking.along for marking in markings])
+    turned = np.abs((along * way).sum(axis=1)) / np.maximum(np.hypot(*way.T), 1e-9)
+    return list(zip(turned.tolist(), np.abs(offset).tolist(), strict=True))
 
 
-def _ends_at_lane(marking: Marking, others: list[Marking]) -> bool:
-    """Return whether a narrow line of another direction begins at a wide one: a stop line of a side street."""
-    tree = cKDTree(marking.vertices[:, :2])
-    for other in others:
-        if other.width < _STOP_WIDTH and other.length > 2.0 and abs(float(other.along @ marking.along)) < _ACROSS:
-            nearest = tree.query(other.vertices[[0, -1], :2])[0].min()
-            if nearest < _NEAR_LINE:
-                return True
-    return False
+class _Ends:
+    """Ends of narrow lines, at which wide ones are stop lines of side streets."""
+
+    def __init__(self, markings: list[Marking]) -> None:
+        lines = [m for m in markings if m.width < _STOP_WIDTH and m.length > 2.0]
+        self.along = np.array([m.along for m in lines for _ in range(2)])
+        self.tree = cKDTree(np.array([m.vertices[end, :2] for m in lines for end in (0, -1)])) if lines else None
+
+    def meet(self, marking: Marking) -> bool:
+        """Return whether a narrow line of another direction begins at a wide one."""
+        if self.tree is None:
+            return False
+        near = self.tree.query_ball_point(marking.vertices[:, :2], _NEAR_LINE)
+        rows = sorted({row for rows in near for row in rows})
+        return bool((np.abs(self.along[rows] @ marking.along) < _ACROSS).any())

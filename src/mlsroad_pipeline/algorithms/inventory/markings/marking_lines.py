@@ -133,11 +133,18 @@ def _vertices(text: str) -> NDArray[np.float64]:
     return np.asarray(shapely.get_coordinates(shapely.from_wkt(text), include_z=True))
 
 
+def _without_straight(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the vertices without those on a straight line, in plan and in height."""
+    number = np.arange(len(vertices))
+    station = np.append(0.0, np.hypot(*np.diff(vertices[:, :2], axis=0).T).cumsum())
+    lines = [np.column_stack([*pair, number]) for pair in (vertices[:, :2].T, (station, vertices[:, 2]))]
+    kept = shapely.get_coordinates(shapely.simplify([shapely.LineString(v) for v in lines], _STRAIGHT), include_z=True)
+    return vertices[np.unique(kept[:, 2].astype(np.int64))]
+
+
 def _row(marking: Marking, trajectory: Trajectory | None) -> dict[str, object]:
-    line = shapely.simplify(shapely.LineString(marking.vertices), _STRAIGHT)
-    vertices = shapely.get_coordinates(line, include_z=True)
     return line_row(
-        *(marking.kind, vertices, trajectory),
+        *(marking.kind, _without_straight(marking.vertices), trajectory),
         score=marking.score,
         width=marking.width,
         contrast=marking.contrast,

@@ -35,7 +35,7 @@ _TRIED = 2  # of them tried in full, with their neighbours: those along most cel
 _BIN = 0.05  # of the profile across the stripe, metres
 _HALF = 16  # bins on either side of the cell
 _FLANK, _GAP = 4, 1  # bins of a dark band, and between it and the stripe
-_SPLIT = 4  # bins from which a stripe is compared by halves
+_SPLIT = 4  # bins from which a stripe is compared by halves, and can be the peak of a smooth profile
 _LEAST = 3  # cells in the stripe and in either band
 _NEAR = 0.08  # cells this near to the axis count for its direction, metres
 _OWN = 0.2  # metres along the stripe that show whether the cell itself is painted
@@ -146,6 +146,18 @@ def _profile(local: NDArray, count: int, c: float, s: float, sums: NDArray) -> N
 
 
 @njit(cache=True, nogil=True)
+def _slope(sums: NDArray, first: int, last: int, left: float, right: float) -> float:
+    """Return the fall per bin that goes on beyond both bands, given their means: the peak of a smooth profile."""
+    low, high = max(first - _FLANK, 0), min(last + _FLANK, 2 * _HALF)
+    n_left, n_right = sums[first, 1] - sums[low, 1], sums[high, 1] - sums[last, 1]
+    if n_left < _LEAST or n_right < _LEAST:
+        return 0.0
+    fall_left = left - (sums[first, 0] - sums[low, 0]) / n_left
+    fall_right = right - (sums[high, 0] - sums[last, 0]) / n_right
+    return max(min(fall_left, fall_right), 0.0) / _FLANK
+
+
+@njit(cache=True, nogil=True)
 def _clearest(sums: NDArray, widths: NDArray, c: float, s: float, row: NDArray) -> None:
     """Write the clearest stripe of a direction into `row` if it is clearer than the one there."""
     far = _FLANK + _GAP
@@ -162,8 +174,13 @@ def _clearest(sums: NDArray, widths: NDArray, c: float, s: float, row: NDArray) 
             n_first, n_last = sums[a + half, 1] - sums[a, 1], sums[e, 1] - sums[e - half, 1]
             if min(n_first, n_last) < 1:
                 continue
-            left = (sums[a + half, 0] - sums[a, 0]) / n_first - (sums[a - _GAP, 0] - sums[a - far, 0]) / n_left
-            right = (sums[e, 0] - sums[e - half, 0]) / n_last - (sums[e + far, 0] - sums[e + _GAP, 0]) / n_right
+            band_left = (sums[a - _GAP, 0] - sums[a - far, 0]) / n_left
+            band_right = (sums[e + far, 0] - sums[e + _GAP, 0]) / n_right
+            slope = 0.0
+            if w >= _SPLIT:
+                slope = _slope(sums, a - far, e + far, band_left, band_right) * (_GAP + (_FLANK + half) / 2.0)
+            left = (sums[a + half, 0] - sums[a, 0]) / n_first - band_left - slope
+            right = (sums[e, 0] - sums[e - half, 0]) / n_last - band_right - slope
             t = min(left / np.sqrt(1.0 / n + 1.0 / n_left), right / np.sqrt(1.0 / n + 1.0 / n_right))
             if t > row[_T]:
                 low = (sums[a - _GAP, 2] - sums[a - far, 2]) / n_left
