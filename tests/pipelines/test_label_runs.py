@@ -7,8 +7,10 @@ import subprocess
 import sys
 import time
 
+import geopandas as gpd
 import laspy
 import numpy as np
+import pyogrio
 import pytest
 from helpers.wiring import contents, last_line, make_project, run, stage_counts
 
@@ -30,7 +32,7 @@ def project(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def surveys(tmp_path_factory):
-    """Two streets with a pole, with the same file name in different folders."""
+    """Two streets with a pole, with the same file name in different folders; the first has a line in its intensity."""
     folder = tmp_path_factory.mktemp("surveys")
     return {name: street(folder / name / "street.laz", seed) for name, seed in (("east", 1), ("west", 2))}
 
@@ -40,7 +42,10 @@ def street(path, seed):
     road = np.column_stack([rng.uniform(0, 12, 3000), rng.uniform(0, 6, 3000), rng.normal(0, 0.01, 3000)])
     pole = rng.normal(0, 0.03, (300, 3)) + np.column_stack([np.full((300, 2), 5.0), np.linspace(0.1, 4.0, 300)])
     path.parent.mkdir(parents=True, exist_ok=True)
-    cloud = PointCloud(np.concatenate([road, pole]), {}, UTM, source=str(path))
+    xyz = np.concatenate([road, pole])
+    bright = np.where(np.abs(xyz[:, 1] - 3.0) < 0.1, 0.3, 0.1) + rng.normal(0, 0.005, len(xyz))
+    columns = {"intensity": bright.astype(np.float32)} if seed == 1 else {}
+    cloud = PointCloud(xyz, columns, UTM, source=str(path))
     LasFormat().write(path, cloud, WriteOptions(like="none"))
     return path
 
@@ -72,12 +77,21 @@ def out(first, surveys, tmp_path):
     return tmp_path / "out"
 
 
-def test_a_survey_of_the_same_file_name_is_refused_and_overwrite_replaces_all_of_the_first(project, surveys, out):
+def test_markings_of_the_intensity_are_layers_of_the_inventory(first):
+    lines = gpd.read_file(first / "inventory.gpkg", layer="lane_lines")
+    assert lines["length"].sum() == pytest.approx(12.0, abs=1.0)
+    assert {"stop_lines", "crossings", "other_markings"} <= set(pyogrio.list_layers(first / "inventory.gpkg")[:, 0])
+
+
+def test_a_survey_of_the_same_file_name_is_refused_and_overwrite_replaces_all_of_the_first(
+    project, surveys, out, caplog
+):
     said = refusal(project, surveys["west"], out)
     assert f"{out}/inventory.gpkg is a result of another run: label.survey is " in said
     assert str(surveys["east"]) in said and str(surveys["west"]) in said
     assert "; --overwrite (label.overwrite=true) replaces it" in said
     label(project, surveys["west"], out, overwrite=True)
+    assert caplog.messages.count("No road markings are listed: the survey has no intensity") == 1
     assert np.array_equal(laspy.read(out / "street.laz").xyz, laspy.read(surveys["west"]).xyz)
     assert list(contents(out)) == NAMES
     assert "is a result of another run" in refusal(project, surveys["east"], out)  # the first one again
