@@ -54,3 +54,22 @@ def test_a_killed_driver_leaves_no_folder_for_ever(short):
             os.utime(folder, (1, 1))
         assert started(**environment)[1] == ["True", "True"]
         assert sorted(short.iterdir()) == [short / "mlsroad-data", used]
+
+
+STOP = f"""{START}
+from multiprocessing import forkserver, get_context
+import time
+import psutil
+worker = get_context("forkserver").Process(target=time.sleep, args=(60,))
+worker.start()
+server = forkserver._forkserver._forkserver_pid
+fork_server.stop()
+worker.join(20)
+print(worker.exitcode, psutil.pid_exists(server) and psutil.Process(server).status() != psutil.STATUS_ZOMBIE)
+"""
+
+
+def test_stopping_ends_the_server_and_its_workers_without_a_word():
+    done = subprocess.run([sys.executable, "-c", STOP], capture_output=True, text=True, timeout=60, check=False)
+    assert done.stdout.split()[:2] == ["True", "True"] and done.stdout.split()[3:] == ["False"], done
+    assert done.stdout.split()[2] != "0" and done.stderr == "", done

@@ -65,6 +65,25 @@ def start(preload: str) -> bool:
     return True
 
 
+def stop() -> None:
+    """Kill the server and the workers that it forked, as for a command that fails before it needs them.
+
+    Otherwise a worker that is being forked while this process ends would print a traceback.
+    """
+    number = forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]  # there is no public name
+    if number is None:
+        return
+    import psutil  # noqa: PLC0415  # commands that succeed need no psutil here
+
+    with suppress(psutil.Error):
+        server = psutil.Process(number)
+        server.suspend()  # it forks no other worker
+        for worker in server.children(recursive=True):
+            with suppress(psutil.Error):
+                worker.kill()
+        server.kill()
+
+
 def is_started() -> bool:
     """Return whether this process has started the server."""
     return _started

@@ -8,6 +8,7 @@ line shows whether they are needed.
 
 from __future__ import annotations
 
+import atexit
 import gc
 import re
 import sys
@@ -58,6 +59,7 @@ class EarlyWorkersHooks:
 
     def __init__(self, arguments: Sequence[str] | None = None) -> None:
         self._thread: threading.Thread | None = None
+        self._ended = False
         execution = execution_of(sys.argv if arguments is None else arguments)
         if execution is None:
             return
@@ -69,6 +71,7 @@ class EarlyWorkersHooks:
             target=warm_workers, args=(execution, WARM_UP), name="start-workers", daemon=True
         )
         self._thread.start()
+        atexit.register(self._end_unused)
 
     @hook_impl(trylast=True)
     def before_pipeline_run(self) -> None:
@@ -95,3 +98,9 @@ class EarlyWorkersHooks:
 
         self._thread.join()
         get_reusable_executor(reuse=True, kill_workers=True).shutdown(wait=True, kill_workers=True)
+        self._ended = True
+
+    def _end_unused(self) -> None:
+        """Kill the workers of a command that failed before its pipeline began, such as for a misspelt parameter."""
+        if not self._ended:
+            fork_server.stop()
