@@ -338,7 +338,7 @@ def test_copies_links_and_empty_tiles_are_listed_once(tmp_path, rng):
     assert len(Survey.at(str(root / "**" / "*.laz")).listing().files) == 2
 
 
-def test_links_to_nothing_and_packed_copies_are_told(tmp_path, rng):
+def test_links_to_nothing_and_packed_copies_give_a_warning(tmp_path, rng):
     root = tmp_path / "in"
     path = root_file(root, "a.las")
     make_las(path, rng, version="1.2", point_format=1, n=50, extras=False)
@@ -428,7 +428,7 @@ def test_texts_that_are_no_files_may_be_addresses():
         check_paths(section, section)
 
 
-def test_names_of_files_that_cannot_be_written_are_told_first_and_long_ones_have_keys(tmp_path, rng):
+def test_names_of_files_that_cannot_be_written_are_refused_first_and_long_ones_have_keys(tmp_path, rng):
     folder = tmp_path / "survey"
     folder.mkdir()
     make_las(folder / "street.laz", rng, n=20)

@@ -15,19 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.inventory.line_layers import LINE_LAYERS
 from mlsroad_pipeline.execution.run_identity import finished_record
 from mlsroad_pipeline.page.cloud_files import CloudFiles
 
 INVENTORY, REPORT, PHOTOS = "inventory.gpkg", "report.html", "photos"
-LINE_LAYERS = {
-    "kerbs": "kerb",
-    "wires": "wire",
-    "lane_lines": "lane_line",
-    "stop_lines": "stop_line",
-    "crossings": "crossing",
-    "other_markings": "other_marking",
-}
-"""Layers of lines, as `datasets.inventory.geopackage` writes them; that module imports geopandas."""
 _HIDDEN = ("fid", "geom", "geometry", "footprint", "method", "model_version")
 _MOST_VERTICES = 5000
 _ENVELOPES = (0, 32, 48, 48, 64)  # bytes of the envelope in the header of a GeoPackage geometry, by its code

@@ -7,7 +7,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from mlsroad_pipeline.algorithms.inventory.lines import LINE_FIELDS, LINE_LAYERS
+from mlsroad_pipeline.algorithms.inventory.line_layers import LINE_LAYERS
+from mlsroad_pipeline.algorithms.inventory.lines import LINE_FIELDS
 from mlsroad_pipeline.algorithms.inventory.rules import KINDS
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS
 from mlsroad_pipeline.datasets.inventory.qgis_styles import COLOURS, LAYERS, qml

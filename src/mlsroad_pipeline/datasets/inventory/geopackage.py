@@ -17,7 +17,8 @@ from pyproj import CRS
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.inventory.boxes import polygon_area
-from mlsroad_pipeline.algorithms.inventory.lines import ADDED_FIELDS, LINE_FIELDS, LINE_LAYERS, numbered
+from mlsroad_pipeline.algorithms.inventory.line_layers import LINE_LAYERS
+from mlsroad_pipeline.algorithms.inventory.lines import ADDED_FIELDS, LINE_FIELDS, numbered
 from mlsroad_pipeline.algorithms.inventory.sections import part_of_path
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
 
-from mlsroad_pipeline.algorithms.inventory.lines import LINE_FIELDS, LINE_LAYERS
+from mlsroad_pipeline.algorithms.inventory.line_layers import LINE_LAYERS
+from mlsroad_pipeline.algorithms.inventory.lines import LINE_FIELDS
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS
 
 _SCHEMA_EXTENSION = """

@@ -23,7 +23,7 @@ NOT_COUNTED = (
 """Sentence where the chunk is not that of a known compressor."""
 
 EQUAL = "; up to {} more may follow: points equal to the last ones add no byte"
-"""What follows the sentence where several numbers of points give the same bytes."""
+"""Addition to a warning where several numbers of points have the same compressed bytes."""
 
 FIRST_GUESS = 1024
 """Smallest number of points with which the search for the last point begins."""

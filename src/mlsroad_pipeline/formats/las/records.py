@@ -27,7 +27,7 @@ from mlsroad_pipeline.formats.las.header import (
 from mlsroad_pipeline.formats.las.pointwise import PointwisePoints
 
 EXTRA = "_extra"
-"""What makes a name unique that is taken."""
+"""Suffix of a name that occurs twice."""
 
 SELECT_ALL = int(lazrs.SELECTIVE_DECOMPRESS_ALL)
 
