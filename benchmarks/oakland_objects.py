@@ -29,8 +29,8 @@ from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import (
 )
 from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.inventory.candidate_table import FEATURE_COLUMNS
 from mlsroad_pipeline.algorithms.inventory.class_groups import ClassEvidence, group_shares
-from mlsroad_pipeline.algorithms.inventory.object_features import FEATURES
 from mlsroad_pipeline.algorithms.metrics.object_matching import assign_one_to_one
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.object_judge import ObjectJudge
@@ -39,7 +39,7 @@ from mlsroad_pipeline.datasets.models.object_judges import shipped_judge
 
 REACH = {"pole": 0.5, "sign": 0.5, "vehicle": 2.0}
 LEAST_SCORE = 0.4
-COLUMNS = [f"f: {name}" for name in FEATURES]
+COLUMNS = list(FEATURE_COLUMNS)
 
 
 def street_of(name: str, cloud: PointCloud, bundle: ModelBundle) -> Street:

@@ -24,7 +24,7 @@ from typing import Any
 import lightgbm
 import numpy as np
 import pandas as pd
-from judge_candidates import RULES, candidate_table, cells_of
+from judge_candidates import RULES, candidate_table, scene_of
 from judge_streets import (
     CLEAN,
     DISTURBED,
@@ -39,14 +39,16 @@ from judge_streets import (
 )
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
+from mlsroad_pipeline.algorithms.inventory.candidate_table import FEATURE_COLUMNS
 from mlsroad_pipeline.algorithms.inventory.candidates import raised_labels
 from mlsroad_pipeline.algorithms.inventory.judging import NEITHER, POLE, STEM, TRUNK
 from mlsroad_pipeline.algorithms.inventory.object_features import FEATURES
 from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, KINDS
 from mlsroad_pipeline.algorithms.inventory.stem_features import STEM_FEATURES, find_scene_stems
 from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
+from mlsroad_pipeline.algorithms.models.judge_continuation import JudgedCandidates
 from mlsroad_pipeline.algorithms.models.object_judge import ObjectJudge
-from mlsroad_pipeline.datasets.models.object_judges import CARD, FOLDER, JUDGE
+from mlsroad_pipeline.datasets.models.object_judges import CARD, FOLDER, JUDGE, write_judge_replay
 from mlsroad_pipeline.simulation.parameters.variety import expanded_surveys
 
 FOLDS = 5
@@ -55,6 +57,7 @@ TREES = {
     "bagging_freq": 1, "lambda_l2": 10.0, "extra_trees": True, "max_bin": 127, "verbose": -1, "num_threads": 1,
     "seed": 1, "deterministic": True, "force_row_wise": True,
 }  # fmt: skip
+REPLAYED = 1500  # candidates of each kind that `mlsroad learn` trains on beside the answers
 ROUNDS = {STEM: 120, "pole": 200, "sign": 200, "vehicle": 200, "tree": 200}
 POLES = [TAXONOMY[name] for name, kind in KIND_OF_CLASS.items() if kind in ("pole", "sign")]
 GROUPS_OF_VARIANTS = {"as labelled": (CLEAN,), "disturbed": DISTURBED, "labels alone": (LABELS,)}
@@ -66,7 +69,7 @@ def stem_table(street: Street) -> pd.DataFrame:
     labels = raised_labels(street.evidence, RULES)
     used = [label for rule in RULES.values() if rule.kind != "vehicle" for label in rule.labels]
     points = np.flatnonzero(np.isin(labels, used))
-    stems = find_scene_stems(street.local, street.height, points, cells_of(street))
+    stems = find_scene_stems(street.local, street.height, points, scene_of(street).cells)
     table = pd.DataFrame(stems.features, columns=list(STEM_FEATURES))
     inside = stems.owner >= 0
     true, n = street.truth[points[inside]], len(table)
@@ -159,7 +162,7 @@ def kind_judge(
     figures: dict[str, dict[str, dict[str, float]]] = {group: {} for group in GROUPS_OF_VARIANTS}
     for kind in KINDS:
         rows = candidates[(candidates["kind"] == kind) & ~candidates["ignored"]]
-        table = rows[[f"f: {name}" for name in FEATURES]]
+        table = rows[list(FEATURE_COLUMNS)]
         target = rows["true"].to_numpy(float)
         scores = held_out_scores(table, target, rows["street"], kind)[:, 0]
         a, b = calibrated(scores, target)
@@ -191,6 +194,16 @@ def held_out_figures(rows: pd.DataFrame, n_true: int) -> dict[str, float]:
     figures = {"candidates": len(p), "true_objects": n_true, "found": int(y.sum()), "best_threshold": best}
     figures |= dict(zip(names, at(best), strict=True)) | dict(zip([f"{n}_at_0.4" for n in names], at(0.4), strict=True))
     return {k: round(float(v), 3) for k, v in {**figures, "calibration_error": error}.items()}
+
+
+def replay_of(candidates: pd.DataFrame) -> dict[str, JudgedCandidates]:
+    """Draw the candidates of each kind that `mlsroad learn` replays."""
+    found = {}
+    for kind in KINDS:
+        rows = candidates[(candidates["kind"] == kind) & ~candidates["ignored"].astype(bool)]
+        drawn = rows.sample(min(REPLAYED, len(rows)), random_state=2026)
+        found[kind] = JudgedCandidates(drawn[list(FEATURE_COLUMNS)].to_numpy(np.float32), drawn["true"].to_numpy(bool))
+    return found
 
 
 def card(figures: dict[str, dict[str, dict[str, float]]], n_streets: int, n_simulated: int) -> str:
@@ -278,6 +291,7 @@ def main() -> None:
     if options.write:
         FOLDER.mkdir(exist_ok=True)
         (FOLDER / JUDGE).write_bytes((folder / "judge.npz").read_bytes())
+        write_judge_replay(replay_of(candidates))
         used = candidates["street"].nunique()
         (FOLDER / CARD).write_text(card(figures, used, len(names)), encoding="utf-8")
         print(f"written: {FOLDER / JUDGE}, {FOLDER / CARD}")

@@ -247,6 +247,7 @@ def test_a_closed_standard_output_is_no_error(folder):
 def test_learn_continues_the_model_and_keeps_the_corrections(forked, labelled, folder, tmp_path):
     """Accept, reject and paint, learn, label again: the decisions stand in the new inventory."""
     from mlsroad_pipeline.corrections import Correction, open_corrections
+    from mlsroad_pipeline.datasets.models.object_judges import shipped_judge
 
     assert labelled.returncode == 0
     out = tmp_path / "out"
@@ -265,6 +266,10 @@ def test_learn_continues_the_model_and_keeps_the_corrections(forked, labelled, f
     (model,) = (out / "models").iterdir()
     metadata = json.loads((model / "model.json").read_text())["metadata"]
     assert metadata["learned"][0]["parent"]["name"] == "general"
+    with np.load(model / "arrays.npz") as arrays:  # the judge of objects has learned from the accepted object
+        kind = str(table.loc[table["object_id"] == sure[-1], "kind"].item())
+        n_trees = len(arrays[f"object_judge/{kind}/n_leaves"])
+    assert n_trees > len(shipped_judge().trees[kind])
     objects = geopandas.read_file(out / "inventory.gpkg", layer="objects")
     assert set(objects["model_version"]) == {model.name}
     assert (objects["status"] == "accepted").sum() == 1

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,33 +14,38 @@ from mlsroad_pipeline.algorithms.baselines.boosted_trees.continuation import (
     ContinuationParameters,
     continue_training,
 )
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import describe_scene, parameters_of
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.inventory.candidates import candidate_rules
+from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
-from mlsroad_pipeline.algorithms.stages import GroundParameters, ground_of, inliers
+from mlsroad_pipeline.algorithms.models.judge_continuation import continue_judge
 from mlsroad_pipeline.corrections.answers import (
-    FileAnswers,
     NamedClasses,
     answers_of_file,
     object_classes,
     unmatched_strokes,
 )
 from mlsroad_pipeline.corrections.labelled_output import LabelledOutput
+from mlsroad_pipeline.corrections.object_answers import (
+    DecidedObject,
+    RatedCandidates,
+    TileObjects,
+    decided_objects,
+    joined_answers,
+)
 from mlsroad_pipeline.corrections.states import States
 from mlsroad_pipeline.corrections.store import has_corrections, open_corrections
+from mlsroad_pipeline.corrections.tiles import TileGrid
+from mlsroad_pipeline.datasets.models.object_judges import judge_of, read_judge_replay, with_judge
 from mlsroad_pipeline.datasets.models.replay import read_replay
 from mlsroad_pipeline.formats.las.header import read_header
-from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 
 logger = logging.getLogger(__name__)
 
-TILE, MARGIN = 30.0, 15.0
-"""Edge of the tiles whose voxels are learned from, and width of the surroundings that are read with them, metres."""
 _SURVEY = 60_000  # voxels without an answer that are kept, of all files
-_NOISE = 7
 
 
 class Voxels(NamedTuple):
@@ -49,6 +53,34 @@ class Voxels(NamedTuple):
 
     answers: list[Answer]
     survey: NDArray[np.float32]
+
+
+class Learned(NamedTuple):
+    """What corrections tell.
+
+    Attributes
+    ----------
+    answers : list of Answer
+        Voxels of each answer, with the classes that it allows.
+    survey : ndarray of float32, shape (v, f)
+        Voxels of the corrected tiles without an answer.
+    objects : list of RatedCandidates
+        Candidate objects that answers are about.
+    """
+
+    answers: list[Answer]
+    survey: NDArray[np.float32]
+    objects: list[RatedCandidates]
+
+
+class _Decisions(NamedTuple):
+    """Decisions about an output, in the terms of its model."""
+
+    states: States
+    of_objects: Mapping[int, NDArray[np.bool_]]
+    decided: Mapping[int, DecidedObject]
+    named: NamedClasses
+    rules: Mapping[str, ObjectRule]
 
 
 def check_learnable(output: LabelledOutput) -> None:
@@ -60,90 +92,74 @@ def check_learnable(output: LabelledOutput) -> None:
         )
 
 
-def corrected_voxels(
+def corrected_parts(
     output: LabelledOutput, bundle: ModelBundle, *, progress: Callable[[str], None] | None = None
-) -> Voxels:
-    """Return the voxels of the corrected points of an output, and a sample of those around them.
+) -> Learned:
+    """Return the voxels and candidate objects that the corrections of an output are about, and a sample of the others.
 
     Raises DataError if there is no correction, or a class is unknown to the model.
     """
     if not has_corrections(output.path):
         raise DataError(f"{output.path} has no corrections: correct it first (mlsroad open {output.path})")
-    named = NamedClasses(bundle_scheme(bundle), output.schemes)
-    with open_corrections(output.path) as store:
-        states, table = store.states(), store.objects().table
-    if states.unmatched:
-        logger.warning("%d corrections match no object any more and are left out", len(states.unmatched))
-    clouds = output.clouds()
+    decisions = _decisions_about(output, bundle)
+    clouds, states = output.clouds(), decisions.states
     strange = unmatched_strokes(states.painted, {name: read_header(path).n_points for name, path in clouds.items()})
     if strange:
         logger.warning("%d strokes are about files with other points and are left out", len(strange))
-    of_objects = object_classes(states, dict(zip(table["object_id"], table["class"], strict=True)), named)
     answers: list[Answer] = []
-    survey = []
+    survey, objects = [], []
     for name, path in clouds.items():
         if progress is not None:
             progress(name)
-        found = _of_file(name, path, states, of_objects, named, bundle, output.read_options())
+        cloud = get_format(path).read(path, output.read_options())
+        found, rated = _of_file(name, cloud, decisions, bundle)
         answers += found.answers
         survey.append(found.survey)
+        objects += rated
     if not answers:
         raise DataError(
             f"{output.path} has no corrected points to learn from: accept or correct objects, or paint points"
         )
-    return Voxels(answers, np.concatenate(survey))
+    return Learned(answers, np.concatenate(survey), objects)
+
+
+def _decisions_about(output: LabelledOutput, bundle: ModelBundle) -> _Decisions:
+    scheme = bundle_scheme(bundle)
+    named = NamedClasses(scheme, output.schemes)
+    rules = candidate_rules(scheme, output.record["settings"]["label"].get("inventory") or {})
+    with open_corrections(output.path) as store:
+        states, table = store.states(), store.objects().table
+    if states.unmatched:
+        logger.warning("%d corrections match no object any more and are left out", len(states.unmatched))
+    classes, kinds = (dict(zip(table["object_id"], table[name], strict=True)) for name in ("class", "kind"))
+    decided = decided_objects(states.of_objects, kinds, named, rules)
+    return _Decisions(states, object_classes(states, classes, named), decided, named, rules)
 
 
 def _of_file(
-    name: str,
-    path: Path,
-    states: States,
-    of_objects: Mapping[int, NDArray[np.bool_]],
-    named: NamedClasses,
-    bundle: ModelBundle,
-    options: ReadOptions,
-) -> Voxels:
-    cloud = get_format(path).read(path, options)
+    name: str, cloud: PointCloud, decisions: _Decisions, bundle: ModelBundle
+) -> tuple[Voxels, list[RatedCandidates]]:
+    """Return the voxels of a file, and the candidates of its tiles with the answers about them."""
     numbers = cloud.get("object_id")
     object_id = np.zeros(len(cloud), np.int64) if numbers is None else numbers.astype(np.int64)
-    given = answers_of_file(name, object_id, states, of_objects, named)
+    given = answers_of_file(name, object_id, decisions.states, decisions.of_objects, decisions.named)
+    grid = TileGrid(cloud)
+    objects = TileObjects(grid, object_id, decisions.decided, decisions.states.added)
     values: list[list[NDArray[np.float32]]] = [[] for _ in given.classes]
-    survey = [np.zeros((0, len(bundle.metadata["feature_names"])), np.float32)]
-    for tile, core in _tiles(cloud, given):
-        features, owner = _tile_voxels(cloud.select(tile), bundle)
-        answer = np.where(core, given.answer[tile], -1)
-        of_voxel, inside = _majority(owner, answer, core, len(features), len(given.classes))
+    survey, rated = [np.zeros((0, len(bundle.metadata["feature_names"])), np.float32)], []
+    cells = np.concatenate([grid.cell[given.answer >= 0], objects.cells])
+    for tile in grid.described(cells, bundle):
+        features, owner = tile.voxels.values, tile.voxels.owner.astype(np.int64)
+        answer = np.where(tile.core, given.answer[tile.rows], -1)
+        of_voxel, inside = _majority(owner, answer, tile.core, len(features), len(given.classes))
         for k in np.unique(of_voxel[of_voxel >= 0]).tolist():
             values[k].append(features[of_voxel == k])
         survey.append(features[(of_voxel < 0) & inside])
+        rated += objects.rated(tile, bundle, decisions.rules)
     others = np.concatenate(survey)
     drawn = np.random.default_rng(2026).permutation(len(others))[:_SURVEY]
     pairs = zip(values, given.classes, strict=True)
-    return Voxels([Answer(np.concatenate(own), classes) for own, classes in pairs if own], others[drawn])
-
-
-def _tiles(cloud: PointCloud, given: FileAnswers) -> Iterator[tuple[NDArray[np.int64], NDArray[np.bool_]]]:
-    """Yield the points of each tile with an answer, with their surroundings, and which of them lie in the tile."""
-    xy = cloud.xyz[:, :2]
-    usable = np.ones(len(cloud), np.bool_) if "classification" not in cloud else cloud["classification"] != _NOISE
-    cell = np.floor((xy - xy.min(axis=0)) / TILE).astype(np.int64) if len(xy) else np.zeros((0, 2), np.int64)
-    for place in np.unique(cell[given.answer >= 0], axis=0):
-        low = xy.min(axis=0) + place * TILE
-        rows = np.flatnonzero(usable & (xy >= low - MARGIN).all(axis=1) & (xy < low + TILE + MARGIN).all(axis=1))
-        yield rows, (cell[rows] == place).all(axis=1)
-
-
-def _tile_voxels(tile: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Return the features of the voxels of a tile, and the voxel of each point (-1 for outliers)."""
-    plain = tile.without_columns(set(tile.columns) - {"intensity"})
-    owner = np.full(len(plain), -1, np.int64)
-    keep = inliers(plain)
-    if not keep.any():
-        return np.zeros((0, len(bundle.metadata["feature_names"])), np.float32), owner
-    ground = ground_of(plain, GroundParameters(**bundle.metadata["parameters"]["ground"]))
-    found = describe_scene(plain, ground, voxel_size=parameters_of(bundle).voxel_size)
-    owner[keep] = found.owner
-    return found.values, owner
+    return Voxels([Answer(np.concatenate(own), classes) for own, classes in pairs if own], others[drawn]), rated
 
 
 def _majority(
@@ -176,11 +192,13 @@ def learn_from(
     for output in outputs:
         check_learnable(output)
     replay = read_replay(bundle)
-    parts = [corrected_voxels(output, bundle, progress=progress) for output in outputs]
+    parts = [corrected_parts(output, bundle, progress=progress) for output in outputs]
     answers = [answer for part in parts for answer in part.answers]
     survey = np.concatenate([part.survey for part in parts])
     from_outputs = {"parent": dict(parent), "surveys": [output.path.name for output in outputs]}
     model = continue_training(bundle, answers, survey, replay, parameters=parameters, learned_from=from_outputs)
+    rated = joined_answers([found for part in parts for found in part.objects])
+    model = with_judge(model, continue_judge(judge_of(bundle), rated, read_judge_replay()))
     own = {name: value for name, value in model.metadata.items() if name not in ("shipped", "registered", "stored")}
     trained = {**dict(own.get("trained_on", {})), "corrections": sum(entry["answers"] for entry in own["learned"])}
     return ModelBundle(model.slug, model.arrays, {**own, "trained_on": trained}), len(answers)

@@ -16,11 +16,12 @@ from mlsroad_pipeline.algorithms.inventory.lines import LINE_KINDS
 from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import paved_classes
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.sections import line_lengths, section_table
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
+from mlsroad_pipeline.algorithms.models.bundle import bundle_scheme, model_source
 from mlsroad_pipeline.algorithms.scenes.cutting import corridor_from_arrays
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.corrections.inventory_columns import corrected_table
 from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory, line_vertices
+from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
 from mlsroad_pipeline.datasets.models.object_judges import judge_digest
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import Deferred, SceneTask
@@ -45,10 +46,11 @@ def objects_task(
     corridors: SceneCollection,
     results: SceneCollection,
     rules: Mapping[str, ObjectRule],
-    bundle: ModelBundle,
+    model: ModelFile,
     parameters: LabelParameters,
 ) -> SceneTask:
     """Return the task that joins the objects of all scenes of a survey."""
+    bundle = model.load()
     drives = {drive: scenes_of(drive, results) for drive in plan.drives()}
     parts: dict[str, Any] = {
         name: {drive: Deferred(tuple(stored[key] for key in keys)) for drive, keys in drives.items()}
@@ -63,7 +65,7 @@ def objects_task(
     version = f"{source['name']} {source['version']}".strip() if "source" in source else ""
     return SceneTask(
         join_objects,
-        {"corridors": {drive: corridors[drive] for drive in drives}, **parts},
+        {"corridors": {drive: corridors[drive] for drive in drives}, **parts, "model": model},
         {
             "rules": dict(rules),
             "labels": labels,

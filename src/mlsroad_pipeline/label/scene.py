@@ -14,10 +14,9 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.las_codes import CODE_NAMES
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.inventory.candidates import CANDIDATE_LIMITS
+from mlsroad_pipeline.algorithms.inventory.candidates import candidate_rules
 from mlsroad_pipeline.algorithms.inventory.class_groups import ClassEvidence, evidence_of_labels, group_shares
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects
-from mlsroad_pipeline.algorithms.inventory.judging import STEM
 from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import ground_classes, kerb_steps, no_steps
 from mlsroad_pipeline.algorithms.inventory.kerbs.steps import StepLimits
 from mlsroad_pipeline.algorithms.inventory.markings.devices import device_of
@@ -27,10 +26,8 @@ from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import (
     paved_classes,
 )
 from mlsroad_pipeline.algorithms.inventory.merging import MergedObjects, merge_scenes
-from mlsroad_pipeline.algorithms.inventory.object_features import FEATURES
-from mlsroad_pipeline.algorithms.inventory.rules import KINDS, ObjectRule, rules_for_scheme
+from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.sightings import sightings_of_scene
-from mlsroad_pipeline.algorithms.inventory.stem_features import STEM_FEATURES
 from mlsroad_pipeline.algorithms.inventory.table import OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.inventory.wires import wire_points, wire_probability
 from mlsroad_pipeline.algorithms.models.bundle import Labeller, ModelBundle, SoftLabels, bundle_scheme, label_softly
@@ -38,7 +35,7 @@ from mlsroad_pipeline.algorithms.models.object_judge import ObjectJudge
 from mlsroad_pipeline.algorithms.scenes.cutting import OutlierParameters
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground, inliers
-from mlsroad_pipeline.datasets.models.object_judges import shipped_judge
+from mlsroad_pipeline.datasets.models.object_judges import judge_of
 from mlsroad_pipeline.label.confidence import count_confidences
 from mlsroad_pipeline.label.picture_sample import PictureSample, scene_sample
 
@@ -64,7 +61,8 @@ class LabelSettings:
     outliers : OutlierParameters
         Parameters of the statistical outlier filter.
     judge : str, default ""
-        SHA256 of the shipped judge of objects that gives the scores; empty: the score is the mean confidence.
+        SHA256 of the judge of the package, which gives the scores unless the model has one of its own; empty: the score
+        is the mean confidence.
     kerbs : StepLimits, optional
         Limits of a kerb's step; None finds no kerbs.
     least_contrast : float, optional
@@ -152,7 +150,8 @@ def label_new_scene(
     ends = np.append(starts[1:], len(files)) - 1
     core_label, core_confidence = label[core], confidence[core].astype(np.float32)
     evidence = _evidence(soft, bundle_scheme(bundle))
-    extracted = _objects(scene, soft, evidence, settings, height=ground["height"], name=name)
+    judge = judge_of(bundle) if settings.judge else None
+    extracted = _objects(scene, soft, evidence, settings.rules, judge, height=ground["height"], name=name)
     return {
         "labels": {
             "file": files,
@@ -227,7 +226,8 @@ def _objects(
     scene: PointCloud,
     soft: SoftLabels,
     evidence: ClassEvidence,
-    settings: LabelSettings,
+    rules: Mapping[str, ObjectRule],
+    judge: ObjectJudge | None,
     *,
     height: NDArray[np.float32],
     name: str,
@@ -237,28 +237,19 @@ def _objects(
         scene.xyz,
         np.where(known, soft.labels, -1) if known.any() else soft.labels,
         soft.confidence,
-        classes=settings.rules,
+        classes=rules,
         core=scene["core"],
         origin=scene.origin,
         height_above_ground=np.where(known, height, 0.0) if known.any() else None,
         scene=name,
         evidence=evidence,
-        judge=object_judge() if settings.judge else None,
+        judge=judge,
     )
-
-
-def object_judge() -> ObjectJudge:
-    """Return the shipped judge of objects, after checking that it has the features of this version."""
-    judge = shipped_judge()
-    for classifier, names in ((STEM, STEM_FEATURES), *((kind, FEATURES) for kind in KINDS)):
-        judge.check_features(classifier, names)
-    return judge
 
 
 def object_rules(bundle: ModelBundle, changes: Mapping[str, Any]) -> dict[str, ObjectRule]:
     """Return the rules of the candidates for the classes of a model."""
-    kinds = {kind: {**limits, **changes.get(kind, {})} for kind, limits in CANDIDATE_LIMITS.items()}
-    return rules_for_scheme(bundle_scheme(bundle), changes={**changes, **kinds})
+    return candidate_rules(bundle_scheme(bundle), changes)
 
 
 def join_inventories(

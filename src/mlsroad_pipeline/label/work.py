@@ -21,13 +21,14 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.scenes.cutting import CorridorArrays, corridor_from_arrays, join_pieces
 from mlsroad_pipeline.algorithms.scenes.tiling import SceneSpan
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+from mlsroad_pipeline.datasets.models.object_judges import judge_of
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.task import StoredResult
 from mlsroad_pipeline.formats.las.copc import copc_path, write_copc
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.ply.coloured_ply import coloured_path, write_coloured_ply
 from mlsroad_pipeline.label.point_labels import ObjectClasses, SceneLabels
-from mlsroad_pipeline.label.scene import LabelledScene, LabelSettings, join_inventories, label_new_scene, object_judge
+from mlsroad_pipeline.label.scene import LabelledScene, LabelSettings, join_inventories, label_new_scene
 from mlsroad_pipeline.label.writer import write_labelled
 
 
@@ -141,6 +142,7 @@ def join_objects(
     kerbs: Mapping[str, Sequence[StoredResult]],
     wires: Mapping[str, Sequence[StoredResult]],
     markings: Mapping[str, Sequence[StoredResult]],
+    model: ModelBundle,
     *,
     rules: Mapping[str, ObjectRule],
     labels: Mapping[str, int],
@@ -163,7 +165,7 @@ def join_objects(
         lines.append(join_wires([stored.load() for stored in wires[drive]], trajectory))
         stripes = [stored.load() for stored in markings[drive]]
         lines.append(join_markings(stripes, trajectory, kerbs=edges, least_length=least_marking))
-    judges = object_judge() if judge else None
+    judges = judge_of(model) if judge else None
     joined, numbers = join_inventories(drives, rules, judge=judges, least_score=least_score)
     table = with_sightings(joined, numbers, (Sightings(stored.key, stored.load()) for stored in sightings))
     classes: ObjectClasses = {

@@ -9,14 +9,16 @@ posts in crowns part of poles.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.inventory.class_groups import GROUPS, ClassEvidence
 from mlsroad_pipeline.algorithms.inventory.evidence import SceneCells
 from mlsroad_pipeline.algorithms.inventory.judging import POLE, STEM, TRUNK, Judge
-from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
+from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule, rules_for_scheme
 from mlsroad_pipeline.algorithms.inventory.stem_features import find_scene_stems
 
 WEIGHTS = {"pole": 2.0, "sign": 3.0, "vehicle": 1.5, "tree": 1.0}
@@ -31,6 +33,25 @@ CANDIDATE_LIMITS: dict[str, dict[str, float]] = {
 """Rules of candidates that a judge decides about, where they differ from those of objects."""
 
 _LEAST_TRUNK, _LEAST_POLE = 0.7, 0.6  # probabilities from which a stem changes the class of its points
+
+
+def candidate_rules(scheme: ClassScheme, changes: Mapping[str, Mapping[str, Any]]) -> dict[str, ObjectRule]:
+    """Return the rules of the candidates for the classes of a scheme.
+
+    Parameters
+    ----------
+    scheme : ClassScheme
+        The classes.
+    changes : mapping of str to mapping
+        Kind to the fields of `ObjectRule` that a user has changed.
+
+    Returns
+    -------
+    dict of str to ObjectRule
+        Class name to rule.
+    """
+    kinds = {kind: {**limits, **changes.get(kind, {})} for kind, limits in CANDIDATE_LIMITS.items()}
+    return rules_for_scheme(scheme, changes={**changes, **kinds})
 
 
 def raised_labels(evidence: ClassEvidence, rules: Mapping[str, ObjectRule]) -> NDArray[np.int16]:

@@ -42,7 +42,7 @@ def _usable(name: str, values: NDArray) -> NDArray[np.bool_]:
     """Return which numbers a model may hold in an array."""
     if name.endswith(("threshold", "thresholds")):  # an infinite one separates NaN from the rest
         return np.asarray(~np.isnan(values))
-    if name.endswith("normals"):  # points with too few neighbours have none
+    if name.endswith(("normals", "/typical")):  # too few neighbours for a normal; a measure of no false candidate
         return np.asarray(~np.isinf(values))
     return np.isfinite(values)
 

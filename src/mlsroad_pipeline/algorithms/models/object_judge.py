@@ -215,7 +215,7 @@ class ObjectJudge:
         DataError
             If an array is missing, has another shape or type, or holds NaN; those of `typical` may be NaN.
         """
-        check_model_arrays({name: values for name, values in arrays.items() if not name.endswith("/typical")})
+        check_model_arrays(arrays)
         try:
             classifiers = [str(name) for name in arrays["questions"]]
             parts = {

@@ -144,9 +144,8 @@ def join_label_objects(
     parameters: LabelParameters,
 ) -> dict[str, SceneTask]:
     """Create the task that joins the objects of all scenes and numbers them."""
-    bundle = model.load()
-    rules = object_rules(bundle, parameters.inventory)
-    return {OBJECTS: objects_task(plan, corridors, results, rules, bundle, parameters)}
+    rules = object_rules(model.load(), parameters.inventory)
+    return {OBJECTS: objects_task(plan, corridors, results, rules, model, parameters)}
 
 
 def write_labelled_files(

@@ -20,6 +20,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
 from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.threshold_codes import ThresholdCodes
 
 FULL_WEIGHT = 10
 """Number of answers from which they have their whole weight: a few would shift the shares of the classes."""
@@ -167,7 +168,7 @@ def continue_training(
     for what, table in (("an answer", np.stack([answer.classes for answer in used])), ("the replay", replay.allowed)):
         if table.shape[1] != n_classes or not table.any(axis=1).all():
             raise DataError(f"{what} must allow one or more of the {n_classes} classes of the model")
-    codes = _Codes(trees)
+    codes = ThresholdCodes(trees)
     temperature = float(bundle.arrays["temperature"])
     scores = trees.scores(survey, n_threads=n_threads) if len(survey) else np.zeros((0, n_classes))
     probabilities = softmax(scores / temperature + bundle.arrays["offsets"])
@@ -188,30 +189,6 @@ def continue_training(
     metadata = {**bundle.metadata, "learned": [*bundle.metadata.get("learned", ()), entry]}
     kept = {name: array for name, array in bundle.arrays.items() if name not in trees.to_arrays()}
     return ModelBundle(bundle.slug, {**BoostedTrees.joined(parts).to_arrays(), **kept}, metadata)
-
-
-class _Codes:
-    """Features as numbers among the thresholds of a model, so that added trees use no others.
-
-    The kernel of the prediction has room for a limited number of thresholds per feature.
-    """
-
-    def __init__(self, trees: BoostedTrees) -> None:
-        self._thresholds = [np.unique(trees.threshold[trees.feature == f]) for f in range(trees.n_features)]
-
-    def encode(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the number of thresholds below each value; NaN stays."""
-        out = np.empty(values.shape, np.float32)
-        for f, thresholds in enumerate(self._thresholds):
-            column = values[:, f].astype(np.float32)
-            out[:, f] = np.where(np.isnan(column), np.nan, np.searchsorted(thresholds, column))
-        return out
-
-    def decode(self, trees: BoostedTrees) -> BoostedTrees:
-        """Return trees on numbers as trees on values."""
-        limits = [self._thresholds[f] for f in trees.feature]
-        found = [own[min(int(t), len(own) - 1)] for own, t in zip(limits, trees.threshold, strict=True)]
-        return replace(trees, threshold=np.array(found, np.float32))
 
 
 def _weighted(rows: _Rows, total: float) -> _Rows:
@@ -264,7 +241,7 @@ def _confident(
 
 
 def _boost(
-    codes: _Codes,
+    codes: ThresholdCodes,
     values: NDArray[np.float32],
     allowed: NDArray[np.bool_],
     weight: NDArray[np.float64],
