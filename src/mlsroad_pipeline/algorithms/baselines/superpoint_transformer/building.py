@@ -111,9 +111,8 @@ def build_graph(
     labels = supervoxels["labels"][keep]
     n = supervoxels["adjacency"].shape[0]
     voxel = build_voxel_grid(xyz, voxel_size=parameters.voxel_size).voxel_of_point.astype(np.int64)
-    keys, row = np.unique(labels * (int(voxel.max(initial=0)) + 1) + voxel, return_inverse=True)
-    owner = keys // (int(voxel.max(initial=0)) + 1)
-    places = means(row, xyz, len(keys))
+    owner, row = points_of_superpoints(labels, voxel)
+    places = means(row, xyz, len(owner))
     values = _describe_points(scene, keep, row, places, ground, parameters)
     height = values[:, len(parameters.ball_radii) * len(SHAPES)].astype(np.float64)
     levels, parents = build_levels(places, height, owner, n, supervoxels["adjacency"], parameters)
@@ -128,6 +127,30 @@ def build_graph(
             for i, level in enumerate(levels)
         ),
     )
+
+
+def points_of_superpoints(
+    superpoint: NDArray[np.integer], voxel: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the points of level 0, the parts of voxels that lie in one superpoint.
+
+    Parameters
+    ----------
+    superpoint : ndarray of int, shape (n,)
+        Superpoint of each point of the cloud.
+    voxel : ndarray of int64, shape (n,)
+        Its voxel.
+
+    Returns
+    -------
+    owner : ndarray of int64, shape (m,)
+        Superpoint of each point of level 0, ascending.
+    row : ndarray of int64, shape (n,)
+        Point of level 0 of each point of the cloud.
+    """
+    n_voxels = int(voxel.max(initial=0)) + 1
+    keys, row = np.unique(superpoint.astype(np.int64) * n_voxels + voxel, return_inverse=True)
+    return keys // n_voxels, row
 
 
 def count_labels(
