@@ -22,7 +22,7 @@ from oakland_cross_validation import CONF, ENVIRONMENT, SUFFIX, configured, read
 from oakland_objects import COLUMNS, LEAST_SCORE, REACH, shipped_scores, street_of, with_truth
 
 from mlsroad_pipeline.algorithms.core.codings import Coding
-from mlsroad_pipeline.algorithms.metrics.object_matching import assign_one_to_one
+from mlsroad_pipeline.algorithms.geometry.assignment import assign_one_to_one
 from mlsroad_pipeline.algorithms.models.judge_continuation import JudgedCandidates, continue_judge
 from mlsroad_pipeline.datasets.models.object_judges import read_judge_replay, shipped_judge
 from mlsroad_pipeline.datasets.models.shipped_models import load_shipped

@@ -73,6 +73,7 @@ def objects_task(
             "least_score": parameters.least_score,
             "least_length": parameters.least_kerb,
             "least_marking": parameters.least_marking,
+            "join_drives": parameters.join_drives,
             "method": bundle.slug,
             "model_version": version,
         },

@@ -16,6 +16,7 @@ from mlsroad_pipeline.algorithms.core.las_codes import CODE_NAMES
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.inventory.candidates import candidate_rules
 from mlsroad_pipeline.algorithms.inventory.class_groups import ClassEvidence, evidence_of_labels, group_shares
+from mlsroad_pipeline.algorithms.inventory.drives import are_comparable, join_drive_objects
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects
 from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import ground_classes, kerb_steps, no_steps
 from mlsroad_pipeline.algorithms.inventory.kerbs.steps import StepLimits
@@ -28,7 +29,6 @@ from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import (
 from mlsroad_pipeline.algorithms.inventory.merging import MergedObjects, merge_scenes
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.sightings import sightings_of_scene
-from mlsroad_pipeline.algorithms.inventory.table import OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.inventory.wires import wire_points, wire_probability
 from mlsroad_pipeline.algorithms.models.bundle import Labeller, ModelBundle, SoftLabels, bundle_scheme, label_softly
 from mlsroad_pipeline.algorithms.models.object_judge import ObjectJudge
@@ -258,23 +258,19 @@ def join_inventories(
     *,
     judge: ObjectJudge | None = None,
     least_score: float = 0.0,
+    join_drives: bool | None = None,
 ) -> MergedObjects:
-    """Merge the objects of all scenes of several drives into one table; objects of a lower score are left out."""
-    tables: list[pd.DataFrame] = []
-    numbers: dict[str, NDArray[np.uint32]] = {}
-    last = 0
-    for scenes, trajectory in drives:
-        table, of_scenes = merge_scenes(
-            scenes, classes=rules, trajectory=trajectory, judge=judge, least_score=least_score
-        )
-        table["object_id"] += last
-        table.loc[table["pole_id"] > 0, "pole_id"] += last
-        numbers |= {name: np.where(own > 0, own + np.uint32(last), own) for name, own in of_scenes.items()}
-        last += len(table)
-        tables.append(table)
-    filled = [table for table in tables if len(table)]
-    joined = pd.concat(filled, ignore_index=True) if filled else tables[0]
-    return MergedObjects(joined[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS), numbers)
+    """Merge the objects of all scenes of several drives into one table; objects of a lower score are left out.
+
+    `join_drives`: whether objects of two drives can be one; None decides by their coordinates.
+    """
+    found = [
+        merge_scenes(scenes, classes=rules, trajectory=trajectory, judge=judge, least_score=least_score)
+        for scenes, trajectory in drives
+    ]
+    tables = [drive.objects for drive in found]
+    comparable = are_comparable(tables) if join_drives is None else join_drives
+    return join_drive_objects(found, comparable=comparable)
 
 
 def point_codes(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TypedDict, overload
 
@@ -10,6 +10,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
+from mlsroad_pipeline.algorithms.inventory.drives import are_comparable, join_drive_lines
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects
 from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import join_kerbs
 from mlsroad_pipeline.algorithms.inventory.lines import numbered
@@ -121,6 +123,9 @@ class _StoredObjects(Sequence[SceneObjects]):
         return SceneObjects(objects.key, objects.load(), fragments.load(), evidence=evidence.load())
 
 
+_MOST_FILES = 1 << 24  # of a drive
+
+
 class JoinedObjects(TypedDict):
     """Objects of a survey, their numbers in each scene (see `merging.MergedObjects`), and their classes.
 
@@ -131,6 +136,15 @@ class JoinedObjects(TypedDict):
     numbers: dict[str, NDArray[np.uint32]]
     classes: ObjectClasses
     lines: pd.DataFrame
+
+
+def _sightings(stored: Sequence[StoredResult], drives: Sequence[str]) -> Iterator[Sightings]:
+    """Yield the sightings of scenes; files are numbered per drive, and get different numbers in different drives."""
+    first = {drive: i * _MOST_FILES for i, drive in enumerate(drives)}
+    for result in stored:
+        table = result.load()
+        files = table["file"].astype(np.int64) + first[SceneKey.parse(result.key).parent]
+        yield Sightings(result.key, table.assign(file=files))
 
 
 def join_objects(
@@ -152,6 +166,7 @@ def join_objects(
     least_marking: float,
     method: str,
     model_version: str,
+    join_drives: bool | None,
 ) -> JoinedObjects:
     """Join the objects of all scenes of a survey into one table; `labels` are the classes of the model by name."""
     drives, lines = [], []
@@ -161,16 +176,22 @@ def join_objects(
         trajectory = corridor if isinstance(corridor, Trajectory) else None
         drives.append((scenes, trajectory))
         edges = join_kerbs([stored.load() for stored in kerbs[drive]], trajectory, least_length=least_length)
-        lines.append(edges)
-        lines.append(join_wires([stored.load() for stored in wires[drive]], trajectory))
+        cables = join_wires([stored.load() for stored in wires[drive]], trajectory)
         stripes = [stored.load() for stored in markings[drive]]
-        lines.append(join_markings(stripes, trajectory, kerbs=edges, least_length=least_marking))
+        paint = join_markings(stripes, trajectory, kerbs=edges, least_length=least_marking)
+        lines.append(numbered([edges, cables, paint]))
     judges = judge_of(model) if judge else None
-    joined, numbers = join_inventories(drives, rules, judge=judges, least_score=least_score)
-    table = with_sightings(joined, numbers, (Sightings(stored.key, stored.load()) for stored in sightings))
+    joined, numbers = join_inventories(drives, rules, judge=judges, least_score=least_score, join_drives=join_drives)
+    table = with_sightings(joined, numbers, _sightings(sightings, list(corridors)))
     classes: ObjectClasses = {
         "label": np.append(0, table["class"].map(labels)).astype(np.uint8),
         "score": np.append(0.0, table["score"]).astype(np.float32),
     }
     table = table.assign(method=method, model_version=model_version)
-    return {"objects": table, "numbers": numbers, "classes": classes, "lines": numbered(lines)}
+    comparable = are_comparable(lines) if join_drives is None else join_drives
+    return {
+        "objects": table,
+        "numbers": numbers,
+        "classes": classes,
+        "lines": join_drive_lines(lines, comparable=comparable),
+    }

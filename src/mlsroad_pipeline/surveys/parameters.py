@@ -123,6 +123,9 @@ class LabelParameters:
     least_score : float, default 0.4
         Least score of a listed object, 0 to 1. Larger lists fewer objects, of which more are right; 0 lists all
         candidates.
+    join_drives : bool or None, default None
+        Whether an object or a line that several drives (folders of files) recorded is listed once. None does so where
+        all coordinates are farther than 10 km from the origin; those of single scans are of the scanner.
     kerbs : mapping or None
         Changes of the limits of kerbs: `StepLimits`, and `least_length` in metres. None finds no kerbs.
     markings : mapping or None
@@ -166,6 +169,7 @@ class LabelParameters:
     read: Mapping[str, Any] = field(default_factory=dict)
     inventory: Mapping[str, Any] = field(default_factory=dict)
     least_score: float = 0.4
+    join_drives: bool | None = None
     kerbs: Mapping[str, Any] | None = field(default_factory=dict)
     markings: Mapping[str, Any] | None = field(default_factory=dict)
     copc: bool = False
@@ -179,9 +183,11 @@ class LabelParameters:
     keep_state: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("copc", "coloured_ply", "photos", "overwrite", "keep_state"):
-            if not isinstance(getattr(self, name), bool):
-                raise ParameterError(f"label.{name} must be true or false, got {getattr(self, name)!r}")
+        for name in ("copc", "coloured_ply", "photos", "overwrite", "keep_state", "join_drives"):
+            may_be_null = name == "join_drives"
+            if not isinstance(getattr(self, name), bool | None if may_be_null else bool):
+                words = "true, false or null" if may_be_null else "true or false"
+                raise ParameterError(f"label.{name} must be {words}, got {getattr(self, name)!r}")
         for name in ("method", "scheme", "crs"):
             if isinstance(getattr(self, name), list | Mapping):
                 raise ParameterError(f"label.{name} must be a single value, got {getattr(self, name)!r}")

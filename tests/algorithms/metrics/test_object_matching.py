@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from mlsroad_pipeline.algorithms.metrics.object_matching import assign_one_to_one, match_objects
+from mlsroad_pipeline.algorithms.geometry.assignment import assign_one_to_one
+from mlsroad_pipeline.algorithms.metrics.object_matching import match_objects
 from mlsroad_pipeline.algorithms.metrics.object_scores import (
     errors_of_measures,
     precision_recall_curve,

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+
+from mlsroad_pipeline.algorithms.geometry.assignment import assign_one_to_one
 
 REACH = {"pole": 0.5, "sign": 0.5, "tree": 1.0, "vehicle": 1.0}
 """Kind to the largest distance of a pair in plan, metres: base of a pole or tree, centre of a sign or vehicle."""
@@ -37,57 +36,6 @@ class MatchedObjects:
 
     objects: pd.DataFrame
     truth: pd.DataFrame
-
-
-def assign_one_to_one(
-    found: NDArray[np.float64], true: NDArray[np.float64], reach: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the assignment with the most pairs within reach and, among these, the least sum of distances.
-
-    Parameters
-    ----------
-    found, true : ndarray of float64, shape (n, 2) and (m, 2)
-        Positions in plan, metres.
-    reach : float
-        Largest distance of a pair, metres.
-
-    Returns
-    -------
-    found_rows, true_rows : ndarray of int64, shape (k,)
-        Rows of the pairs, in the order of `found`.
-
-    Examples
-    --------
-    An assignment of nearest pairs first would find one pair of these:
-
-    >>> rows = assign_one_to_one(np.array([[0.0, 0], [0.9, 0]]), np.array([[0.4, 0], [-0.5, 0]]), 0.55)
-    >>> [part.tolist() for part in rows]
-    [[0, 1], [1, 0]]
-    """
-    pairs: list[tuple[int, int]] = []
-    if len(found) and len(true):
-        near = cKDTree(found).sparse_distance_matrix(cKDTree(true), reach, output_type="coo_matrix")
-        row, column, distance = near.row.astype(np.int64), near.col.astype(np.int64), near.data
-        size = len(found) + len(true)
-        links = coo_array((np.ones(len(row)), (row, column + len(found))), shape=(size, size))
-        group = connected_components(links, directed=False)[1][row]
-        order = np.argsort(group, kind="stable")
-        for part in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
-            pairs += _assigned(row[part], column[part], distance[part], reach)
-    rows = np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)
-    return rows[:, 0], rows[:, 1]
-
-
-def _assigned(
-    row: NDArray[np.int64], column: NDArray[np.int64], distance: NDArray[np.float64], reach: float
-) -> list[tuple[int, int]]:
-    """Return the best pairs of a connected group of candidates."""
-    a, i = np.unique(row, return_inverse=True)
-    b, j = np.unique(column, return_inverse=True)
-    cost = np.zeros((len(a), len(b)))
-    # The reward of a pair exceeds all distances together, so the number of pairs comes first.
-    cost[i, j] = distance - (reach + 1.0) * (min(cost.shape) + 1)
-    return [(int(a[p]), int(b[q])) for p, q in zip(*linear_sum_assignment(cost), strict=True) if cost[p, q] < 0]
 
 
 def match_objects(
