@@ -56,6 +56,46 @@ def test_a_killed_driver_leaves_no_folder_for_ever(short):
         assert sorted(short.iterdir()) == [short / "mlsroad-data", used]
 
 
+FORKED = """
+import logging, signal, sys, threading
+from multiprocessing import forkserver, get_context
+from mlsroad_pipeline.execution import fork_server
+
+def reply(queue):
+    forked = "colorsys" in sys.modules  # the server imports it, the worker does not
+    state = logging.root.handlers, signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    queue.put((forked, *state))
+
+def main():
+    logging.basicConfig()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    event = threading.Event()
+    if "thread" in sys.argv:
+        threading.Thread(target=event.wait).start()
+    fork_server.start("json", "colorsys")
+    queue = get_context("forkserver").SimpleQueue()
+    worker = get_context("forkserver").Process(target=reply, args=(queue,))
+    worker.start()
+    print(*queue.get(), "colorsys" in sys.modules)
+    worker.join()
+    fork_server.stop()
+    event.set()
+"""
+
+
+@pytest.mark.parametrize("thread", [False, True])
+def test_the_server_is_forked_from_a_driver_without_threads_and_leaves_its_set_up_behind(thread, tmp_path):
+    script = tmp_path / "forked.py"
+    script.write_text(FORKED)
+    arguments = [
+        sys.executable,
+        "-c",
+        f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import forked; forked.main()",
+    ]
+    done = subprocess.run(arguments + ["thread"] * thread, capture_output=True, text=True, timeout=30, check=False)
+    assert done.stdout.split() == [str(not thread), "[]", "True", str(not thread)], done
+
+
 STOP = f"""{START}
 from multiprocessing import forkserver, get_context
 import time

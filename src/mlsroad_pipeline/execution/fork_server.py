@@ -1,22 +1,28 @@
 """Server process that workers of this machine are forked from, so that libraries and kernels are loaded once.
 
-Linux alone has one; elsewhere each worker loads them by itself. This module imports little, so that the server can
-start before other imports of the driver.
+The driver imports the libraries, which it needs too, and forks the server, which loads the kernels. Linux alone has
+one; elsewhere each worker loads them by itself. This module imports little, so that the server can start before other
+imports of the driver.
 """
 
 from __future__ import annotations
 
 import gc
+import logging
 import os
 import signal
+import socket
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from importlib.machinery import ModuleSpec
-from multiprocessing import forkserver, resource_tracker
+from multiprocessing import connection, forkserver, resource_tracker
 from pathlib import Path
 from types import FrameType
+from typing import NoReturn
 
 from mlsroad_pipeline.execution.scratch import scratch_folder
 
@@ -33,14 +39,15 @@ _LIBRARIES = ("OMP", "OPENBLAS", "MKL", "BLIS", "VECLIB_MAXIMUM", "NUMEXPR", "NU
 ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in _LIBRARIES}
 """Environment variables that limit libraries to one thread, as loky sets them for its workers."""
 
-_started = _loaded = False
+_started = _loaded = _is_server = False
 
 
-def start(preload: str) -> bool:
+def start(preload: str, libraries: str | None = None) -> bool:
     """Start the server, which imports a module before the first fork; return False if this system has none.
 
-    Its socket lies in the folder of temporary files. Where the path of that is too long for a socket (108 bytes), or
-    cannot be written, there is no server and each worker loads the libraries by itself.
+    With `libraries`, this process imports that module and forks the server, unless it has threads that a fork would
+    leave behind. The socket lies in the folder of temporary files. Where the path of that is too long for a socket
+    (108 bytes), or cannot be written, there is no server and each worker loads the libraries by itself.
     """
     global _started  # noqa: PLW0603  # multiprocessing has one server per process
     if not sys.platform.startswith("linux"):
@@ -56,13 +63,67 @@ def start(preload: str) -> bool:
         os.environ[_DRIVER] = str(os.getpid())
         try:
             with _interrupts_blocked(), _temporary_files_in(scratch_folder()):
-                forkserver.ensure_running()
+                if libraries is not None and _can_fork():
+                    _import_with_one_thread(libraries)
+                    _fork_server(preload)
+                else:
+                    forkserver.ensure_running()
         except OSError:
             return False
         finally:
             del os.environ[_DRIVER]
         _started = True
     return True
+
+
+def _can_fork() -> bool:
+    """Return whether the process has one thread, and has not imported a Numba that would start several."""
+    return threading.active_count() == 1 and "numba" not in sys.modules
+
+
+def _import_with_one_thread(module: str) -> None:
+    """Import a module with libraries that get the same limits of threads as in the workers."""
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(ONE_THREAD)
+    try:
+        import_module(module)
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _fork_server(preload: str) -> None:
+    """Fork the server of `multiprocessing` from this process; the standard library starts another interpreter."""
+    server = forkserver._forkserver  # type: ignore[attr-defined]  # as in `ForkServer.ensure_running`
+    with socket.socket(socket.AF_UNIX) as listener:
+        address = connection.arbitrary_address("AF_UNIX")  # type: ignore[attr-defined]  # typeshed lacks it
+        listener.bind(address)
+        Path(address).chmod(0o600)
+        listener.listen()
+        alive, ours = os.pipe()
+        number = os.fork()
+        if number == 0:
+            _serve(listener.fileno(), alive, ours, preload)
+        os.close(alive)
+    server._forkserver_address, server._forkserver_alive_fd, server._forkserver_pid = address, ours, number
+
+
+def _serve(listener: int, alive: int, drivers: int, preload: str) -> NoReturn:
+    """Run the server in a forked process, without what the driver has set up for itself."""
+    global _is_server  # noqa: PLW0603  # `load` reads it
+    _is_server = True
+    try:
+        os.close(drivers)  # its end ends the server
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        sys.excepthook = sys.__excepthook__
+        for logger in (logging.root, *map(logging.getLogger, logging.root.manager.loggerDict)):
+            logger.handlers.clear()
+        forkserver.main(listener, alive, [preload])
+    finally:
+        os._exit(0)  # without the driver's functions at exit
 
 
 def stop() -> None:
@@ -135,7 +196,7 @@ def load(function: Callable[[], object]) -> None:
     to the workers, which call the function again.
     """
     global _loaded  # noqa: PLW0603  # the workers inherit it
-    if not any("multiprocessing.forkserver" in argument for argument in sys.orig_argv):
+    if not _is_server and not any("multiprocessing.forkserver" in argument for argument in sys.orig_argv):
         return
     os.environ.update(ONE_THREAD)
     driver = int(os.environ.pop(_DRIVER, os.getppid()))

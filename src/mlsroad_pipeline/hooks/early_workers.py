@@ -21,9 +21,11 @@ from mlsroad_pipeline.execution import fork_server
 from mlsroad_pipeline.execution.settings import Execution
 
 WARM_UP = "mlsroad_pipeline.label.warm_up.run_stages"
-"""Function that the workers call first; the driver does not import it."""
+"""Function that the workers call first, unless their server has called it."""
 PRELOADED = "mlsroad_pipeline.label.preloaded"
 """Module that the fork server of the workers imports first."""
+LIBRARIES = "mlsroad_pipeline.label.warm_up"
+"""Module whose libraries driver and workers share."""
 
 _PIPELINE = re.compile(r"(?:--pipelines?[= ]|-p ?)label(?: |$)")
 _WORKERS = re.compile(r"--workers[= ](\d+)")
@@ -63,8 +65,8 @@ class EarlyWorkersHooks:
         execution = execution_of(sys.argv if arguments is None else arguments)
         if execution is None:
             return
-        fork_server.start(PRELOADED)
         gc.disable()
+        fork_server.start(PRELOADED, LIBRARIES)
         from mlsroad_pipeline.execution.backends import warm_workers  # noqa: PLC0415  # other commands need no joblib yet
 
         self._thread = threading.Thread(
