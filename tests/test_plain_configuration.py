@@ -29,3 +29,30 @@ def test_references_between_sections_are_those_of_kedro(tmp_path, kind):
     found = PlainFilesLoader(str(tmp_path), **settings)[kind]
     assert found == expected
     assert "street.laz" in str(found) or found["one"]["type"] == "pandas.CSVDataset"
+
+
+GLOBALS = """
+execution: {backend: loky, n_workers: null}
+place: /data
+"""
+SETTINGS = """
+store:
+  backend: ${runtime_params:execution.backend,${globals:execution.backend}}
+  n_workers: ${runtime_params:execution.n_workers,${globals:execution.n_workers}}
+  path: ${runtime_params:path,${globals:place}}
+  file: ${globals:place}/a.csv
+"""
+
+
+@pytest.mark.parametrize(
+    "given", [{}, {"execution": {"n_workers": 3}}, {"execution": {"backend": None}}, {"path": "/other"}]
+)
+def test_runtime_parameters_with_globals_as_defaults_are_those_of_kedro(tmp_path, given):
+    for folder in ("base", "local"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "base/globals.yml").write_text(GLOBALS, encoding="utf-8")
+    (tmp_path / "base/catalog.yml").write_text(SETTINGS, encoding="utf-8")
+    settings = {"base_env": "base", "default_run_env": "local", "runtime_params": given}
+    expected = OmegaConfigLoader(str(tmp_path), **settings)["catalog"]
+    assert PlainFilesLoader(str(tmp_path), **settings)["catalog"] == expected
+    assert expected["store"]["file"] == "/data/a.csv"

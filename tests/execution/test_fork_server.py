@@ -72,7 +72,7 @@ def main():
     event = threading.Event()
     if "thread" in sys.argv:
         threading.Thread(target=event.wait).start()
-    fork_server.start("json", "colorsys")
+    fork_server.start("json", lambda: __import__("colorsys"))
     queue = get_context("forkserver").SimpleQueue()
     worker = get_context("forkserver").Process(target=reply, args=(queue,))
     worker.start()

@@ -26,6 +26,7 @@ from mlsroad_pipeline.commands.options import (
     nested,
     survey_of,
 )
+from mlsroad_pipeline.commands.session import no_collection
 
 STAGES = {
     "files": ("Reading headers", 0.04),
@@ -45,6 +46,7 @@ def _methods() -> list[str]:
     return list(METHODS)
 
 
+@no_collection()
 def label(  # typer reads the options from the signature
     files: Surveys,
     output: Output = None,

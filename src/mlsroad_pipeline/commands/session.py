@@ -6,8 +6,10 @@ kedro-mlflow only where a run is tracked, and no other plugin.
 
 from __future__ import annotations
 
+import gc
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -66,6 +68,16 @@ class Run(NamedTuple):
 
     catalog: CatalogProtocol
     nodes: frozenset[str]
+
+
+@contextmanager
+def no_collection() -> Iterator[None]:
+    """Switch garbage collection off until a pipeline begins: imports create many objects and no garbage."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
 
 
 def configure(place: Place) -> None:
@@ -127,6 +139,7 @@ def run_pipeline(name: str, parameters: Mapping[str, Any], *, place: Place) -> R
         ("tags", "from_nodes", "to_nodes", "node_names", "from_inputs", "to_outputs", "load_versions", "namespaces")
     )
     hooks.hook.before_pipeline_run(run_params=run_params, pipeline=pipeline, catalog=catalog)
+    gc.enable()
     try:
         result = SequentialRunner().run(pipeline, catalog, hooks, run_id=run_id)
     except BaseException as error:

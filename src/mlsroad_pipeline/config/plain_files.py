@@ -19,6 +19,7 @@ from omegaconf._utils import get_yaml_loader
 
 _PLAIN_KINDS = ("parameters", "catalog", "globals", "mlflow")
 _GLOBAL = re.compile(r"(?<!\\)\$\{globals:(\w+)\}")
+_RUNTIME_OR_GLOBAL = re.compile(r"\$\{runtime_params:([\w.]+), *\$\{globals:([\w.]+)\}\}")
 _TARGET = re.compile(r"\$\{[^:}]*\}")  # without a resolver
 _SUFFIXES = (".yml", ".yaml", ".json")
 
@@ -63,6 +64,21 @@ def _has_target(value: Any) -> bool:
     if isinstance(value, Mapping):
         return any(map(_has_target, value.values()))
     return isinstance(value, list) and any(map(_has_target, value))
+
+
+def _found(values: Mapping[str, Any], name: str) -> tuple[Any, ...]:
+    """Return the value with a dotted name in a tuple, which is empty if there is none."""
+    found: Any = values
+    for part in name.split("."):
+        if not isinstance(found, Mapping) or part not in found:
+            return ()
+        found = found[part]
+    return (found,)
+
+
+def _is_plain(value: Any) -> bool:
+    """Return whether OmegaConf would resolve a value to itself."""
+    return value is None or isinstance(value, bool | int) or (isinstance(value, str) and "$" not in value)
 
 
 def _refers(value: Any) -> bool:
@@ -136,12 +152,19 @@ class PlainFilesLoader(OmegaConfigLoader):
         return {name: resolved[name] if name in open_ones else value for name, value in read.items()}
 
     def _with_globals(self, value: Any) -> Any:
-        """Return a value of a catalog with references to texts of the globals replaced; OmegaConf parses the others."""
+        """Return a value of a catalog with references to plain globals replaced; OmegaConf parses the others."""
         if isinstance(value, Mapping):
             return {key: self._with_globals(item) for key, item in value.items()}
         if isinstance(value, list):
             return [self._with_globals(item) for item in value]
-        return _GLOBAL.sub(self._global, value) if isinstance(value, str) else value
+        if not isinstance(value, str):
+            return value
+        reference = _RUNTIME_OR_GLOBAL.fullmatch(value)
+        if reference and not _found(self.runtime_params or {}, reference[1]):
+            default = _found(self._globals or {}, reference[2])
+            if default and _is_plain(default[0]):
+                return default[0]
+        return _GLOBAL.sub(self._global, value)
 
     def _global(self, match: re.Match[str]) -> str:
         value = (self._globals or {}).get(match[1])

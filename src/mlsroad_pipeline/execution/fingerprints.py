@@ -51,6 +51,12 @@ def _digests(files: Iterable[Path], folder: Path) -> list[list[str]]:
 
 
 @functools.lru_cache(maxsize=1)
+def _library_digests() -> list[list[str]]:
+    """Return the digests of the whole library, once per process: later edits do not change the code it has loaded."""
+    return _digests(all_sources(), project_folder())
+
+
+@functools.lru_cache(maxsize=1)
 def package_versions() -> dict[str, str]:
     """Return the versions of the installed `NUMERICAL_PACKAGES` without importing them."""
     versions = {}
@@ -71,8 +77,8 @@ def describe_sources(module_names: Iterable[str]) -> list[Any]:
     """
     names, project = sorted(set(module_names)), project_folder()
     outside = [name for name in names if not in_science(name)]
-    reached = all_sources() if outside else reachable_sources(names)
-    sources: list[Any] = [["library", _digests(reached, project)]]
+    library = _library_digests() if outside else _digests(reachable_sources(names), project)
+    sources: list[Any] = [["library", library]]
     for name in outside:
         file = getattr(sys.modules.get(name), "__file__", None)
         if file is None or not Path(file).is_file():
@@ -88,8 +94,8 @@ def describe_sources(module_names: Iterable[str]) -> list[Any]:
 @functools.lru_cache(maxsize=1)
 def code_digest() -> str:
     """Return a digest of the library's sources, its shipped models and the numerical packages."""
-    files = [*all_sources(), *project_folder().glob("datasets/**/registry.json")]
-    return digest_json([_digests(files, project_folder()), package_versions()])
+    cards = _digests(project_folder().glob("datasets/**/registry.json"), project_folder())
+    return digest_json([_library_digests(), cards, package_versions()])
 
 
 @functools.lru_cache(maxsize=1)

@@ -17,12 +17,11 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from importlib import import_module
 from importlib.machinery import ModuleSpec
 from multiprocessing import connection, forkserver, resource_tracker
 from pathlib import Path
 from types import FrameType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from mlsroad_pipeline.execution.scratch import scratch_folder
 
@@ -42,11 +41,11 @@ ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in _LIBRARIES}
 _started = _loaded = _is_server = False
 
 
-def start(preload: str, libraries: str | None = None) -> bool:
+def start(preload: str, load_libraries: Callable[[], object] | None = None) -> bool:
     """Start the server, which imports a module before the first fork; return False if this system has none.
 
-    With `libraries`, this process imports that module and forks the server, unless it has threads that a fork would
-    leave behind. The socket lies in the folder of temporary files. Where the path of that is too long for a socket
+    With `load_libraries`, this process calls it and forks the server, unless it has threads that a fork would leave
+    behind. The socket lies in the folder of temporary files. Where the path of that is too long for a socket
     (108 bytes), or cannot be written, there is no server and each worker loads the libraries by itself.
     """
     global _started  # noqa: PLW0603  # multiprocessing has one server per process
@@ -63,8 +62,8 @@ def start(preload: str, libraries: str | None = None) -> bool:
         os.environ[_DRIVER] = str(os.getpid())
         try:
             with _interrupts_blocked(), _temporary_files_in(scratch_folder()):
-                if libraries is not None and _can_fork():
-                    _import_with_one_thread(libraries)
+                if load_libraries is not None and _can_fork():
+                    _with_one_thread(load_libraries)
                     _fork_server(preload)
                 else:
                     forkserver.ensure_running()
@@ -81,12 +80,12 @@ def _can_fork() -> bool:
     return threading.active_count() == 1 and "numba" not in sys.modules
 
 
-def _import_with_one_thread(module: str) -> None:
-    """Import a module with libraries that get the same limits of threads as in the workers."""
+def _with_one_thread(function: Callable[[], object]) -> None:
+    """Call a function that imports libraries, which get the same limits of threads as in the workers."""
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(ONE_THREAD)
     try:
-        import_module(module)
+        function()
     finally:
         for name, value in before.items():
             if value is None:
@@ -97,7 +96,7 @@ def _import_with_one_thread(module: str) -> None:
 
 def _fork_server(preload: str) -> None:
     """Fork the server of `multiprocessing` from this process; the standard library starts another interpreter."""
-    server = forkserver._forkserver  # type: ignore[attr-defined]  # as in `ForkServer.ensure_running`
+    server: Any = forkserver._forkserver  # as in `ForkServer.ensure_running`
     with socket.socket(socket.AF_UNIX) as listener:
         address = connection.arbitrary_address("AF_UNIX")  # type: ignore[attr-defined]  # typeshed lacks it
         listener.bind(address)

@@ -24,8 +24,6 @@ WARM_UP = "mlsroad_pipeline.label.warm_up.run_stages"
 """Function that the workers call first, unless their server has called it."""
 PRELOADED = "mlsroad_pipeline.label.preloaded"
 """Module that the fork server of the workers imports first."""
-LIBRARIES = "mlsroad_pipeline.label.warm_up"
-"""Module whose libraries driver and workers share."""
 
 _PIPELINE = re.compile(r"(?:--pipelines?[= ]|-p ?)label(?: |$)")
 _WORKERS = re.compile(r"--workers[= ](\d+)")
@@ -47,6 +45,13 @@ def execution_of(arguments: Sequence[str]) -> Execution | None:
     return Execution(n_workers=int(n_workers) if re.fullmatch("[1-9][0-9]*", n_workers) else None)
 
 
+def _load_libraries() -> None:
+    """Load the libraries that driver and workers share."""
+    from mlsroad_pipeline.label.warm_up import load_first_kernel  # noqa: PLC0415  # other commands need none of them
+
+    load_first_kernel()
+
+
 class EarlyWorkersHooks:
     """Start the workers of `label` on construction, and end them with the run.
 
@@ -66,7 +71,7 @@ class EarlyWorkersHooks:
         if execution is None:
             return
         gc.disable()
-        fork_server.start(PRELOADED, LIBRARIES)
+        fork_server.start(PRELOADED, _load_libraries)
         from mlsroad_pipeline.execution.backends import warm_workers  # noqa: PLC0415  # other commands need no joblib yet
 
         self._thread = threading.Thread(

@@ -63,11 +63,20 @@ def small_street() -> PointCloud:
     return PointCloud(xyz, columns, source="small street")
 
 
+def _short_drive() -> Trajectory:
+    return Trajectory.from_positions(np.array([[0.0, 5.0, 2.0], [10.0, 5.0, 2.0]]), np.array([0.0, 1.0]))
+
+
+def load_first_kernel() -> None:
+    """Load one kernel: the first one of a process initialises Numba, which takes 0.2 s."""
+    _short_drive().locate(np.zeros((1, 3)))
+
+
 def run_stages() -> None:
     """Run the steps of `label` that need no model on a small street."""
     street = small_street()
     inspect_chunk(street, n_total=len(street))
-    drive = Trajectory.from_positions(np.array([[0.0, 5.0, 2.0], [10.0, 5.0, 2.0]]), np.array([0.0, 1.0]))
+    drive = _short_drive()
     cut_range(street, drive, bin_length=1.0, first_row=0, file=0)
     scene = PointCloud(
         street.xyz.astype(np.float32),

@@ -21,3 +21,16 @@ def test_a_catalog_entry_writes_the_format_of_its_extension(tmp_path, name, writ
 def test_another_extension_is_refused(name):
     with pytest.raises(DatasetError, match=rf"{name}: an inventory needs the extension \.gpkg or \.parquet, got"):
         RoadInventoryDataset(filepath=name)
+
+
+def test_an_unchanged_file_is_read_once_and_a_changed_or_removed_one_again(tmp_path):
+    path = tmp_path / "i.parquet"
+    dataset = RoadInventoryDataset(filepath=str(path))
+    dataset.save(RoadInventory(empty_table(OBJECT_FIELDS), "EPSG:25832"))
+    first = dataset.load()
+    assert dataset.load() is first
+    dataset.save(RoadInventory(empty_table(OBJECT_FIELDS), "EPSG:25833"))
+    assert "25833" in dataset.load().crs
+    path.unlink()
+    with pytest.raises(DatasetError, match="i.parquet"):
+        dataset.load()

@@ -80,10 +80,17 @@ class RoadInventoryDataset(AbstractDataset[RoadInventory, RoadInventory]):
             known = " or ".join(_FORMATS)
             raise DatasetError(f"{filepath}: an inventory needs the extension {known}, got {suffix!r}")
         self._format = _FORMATS[suffix]
+        self._read: tuple[tuple[int, int, int], RoadInventory] | None = None
 
     def load(self) -> RoadInventory:
-        """Read the inventory."""
-        return self._format.read(self._filepath)
+        """Read the inventory; the nodes that load an unchanged file share it, and must not change it."""
+        if not self._filepath.is_file():
+            return self._format.read(self._filepath)  # its error names the file
+        status = self._filepath.stat()
+        state = (status.st_size, status.st_mtime_ns, status.st_ino)
+        if self._read is None or self._read[0] != state:
+            self._read = state, self._format.read(self._filepath)
+        return self._read[1]
 
     def save(self, data: RoadInventory) -> None:
         """Write the inventory, creating its folder."""
