@@ -114,7 +114,7 @@ def label(  # typer reads the options from the signature
 
 def print_summary(console: Console, summary: Mapping[str, Any], logged: list[str], *, seconds: float | None) -> None:
     """Print counts per class and kind of object, warnings and paths; without seconds, the run was finished before."""
-    from mlsroad_pipeline.commands.console import count_table, print_warnings, shown_path
+    from mlsroad_pipeline.commands.console import count_table, print_warnings
 
     confidence, n_points = summary["confidence"], summary["n_points"]
     files = "1 file" if summary["n_files"] == 1 else f"{summary['n_files']} files"
@@ -135,6 +135,13 @@ def print_summary(console: Console, summary: Mapping[str, Any], logged: list[str
     else:
         console.print("No poles, signs, vehicles or trees were found.")
     print_warnings(console, [*summary["warnings"], *logged])
+    _print_results(console, summary)
+
+
+def _print_results(console: Console, summary: Mapping[str, Any]) -> None:
+    """Print the paths of the results, and the command that opens them."""
+    from mlsroad_pipeline.commands.console import shown_path
+
     outputs = summary["outputs"]
     clouds = [shown_path(path) for path in outputs["clouds"]]
     console.print("\nResults")

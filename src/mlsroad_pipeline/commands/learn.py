@@ -31,12 +31,10 @@ def learn(
     The model that labelled the surveys continues its training. The new model is registered in MLflow,
     or written into the first folder where no store is configured.
     """
-    from mlsroad_pipeline.commands.console import collected_warnings, error_console, output_console
+    from mlsroad_pipeline.commands.console import error_console, output_console
     from mlsroad_pipeline.commands.errors import one_line_errors
-    from mlsroad_pipeline.commands.session import STORE, configure, find_place
+    from mlsroad_pipeline.commands.session import configure, find_place
     from mlsroad_pipeline.corrections.labelled_output import LabelledOutput
-    from mlsroad_pipeline.corrections.learned_models import register_learned, write_learned
-    from mlsroad_pipeline.corrections.learning import learn_from
     from mlsroad_pipeline.execution.output_lock import lock_output, release_output
 
     with one_line_errors(verbose=verbose):
@@ -48,29 +46,42 @@ def learn(
         for output in found:
             lock_output(output.path)
             output.check_unedited()
-        bundle, parent = _one_model(found, place)
-        console, told = output_console(), error_console()
-        with collected_warnings(verbose=verbose) as logged:
-            model, n_answers = learn_from(
-                bundle, found, parent=parent, progress=lambda name: told.print(f"Reading {name}", markup=False)
-            )
-            store = os.environ.get("MLFLOW_TRACKING_URI") or f"sqlite:///{place.folder / STORE}"
-            if place.tracked:
-                name, chosen = register_learned(model, parent, store)
-            else:
-                name, chosen = write_learned(model, found[0].path)
+        chosen = _learn_and_store(found, place, verbose=verbose)
         for output in found:
             release_output(output.path)
-        console.print(f"Learned from {n_answers} answers. New model: {name}", markup=False)
-        for line in logged:
-            console.print(f"Warning: {line}", markup=False)
         if label:
-            told.print("The new trees can change the label of every point: the whole of each survey is labelled again.")
+            error_console().print(
+                "The new trees can change the label of every point: the whole of each survey is labelled again."
+            )
             for output in found:
                 _label_again(output, chosen, workers, place, verbose=verbose)
         else:
             options = " ".join(f"--{key} {quote(str(value))}" for key, value in chosen.items())
-            console.print(f"Use it: mlsroad label FILE {options}", markup=False)
+            output_console().print(f"Use it: mlsroad label FILE {options}", markup=False)
+
+
+def _learn_and_store(outputs: list[LabelledOutput], place: Place, *, verbose: bool) -> dict[str, Any]:
+    """Learn from outputs, store the new model, print its name and the warnings; return the options that use it."""
+    from mlsroad_pipeline.commands.console import collected_warnings, error_console, output_console
+    from mlsroad_pipeline.commands.session import STORE
+    from mlsroad_pipeline.corrections.learned_models import register_learned, write_learned
+    from mlsroad_pipeline.corrections.learning import learn_from
+
+    bundle, parent = _one_model(outputs, place)
+    console, errors = output_console(), error_console()
+    with collected_warnings(verbose=verbose) as logged:
+        model, n_answers = learn_from(
+            bundle, outputs, parent=parent, progress=lambda name: errors.print(f"Reading {name}", markup=False)
+        )
+        if place.tracked:
+            store = os.environ.get("MLFLOW_TRACKING_URI") or f"sqlite:///{place.folder / STORE}"
+            name, chosen = register_learned(model, parent, store)
+        else:
+            name, chosen = write_learned(model, outputs[0].path)
+    console.print(f"Learned from {n_answers} answers. New model: {name}", markup=False)
+    for line in logged:
+        console.print(f"Warning: {line}", markup=False)
+    return chosen
 
 
 def _one_model(outputs: list[LabelledOutput], place: Place) -> tuple[ModelBundle, dict[str, Any]]:

@@ -43,7 +43,6 @@ def score(  # typer reads the options from the signature
 
     Writes tables, a JSON file and a page with pictures of the worst objects.
     """
-    from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
     from mlsroad_pipeline.commands.console import collected_warnings, output_console
     from mlsroad_pipeline.commands.errors import one_line_errors
     from mlsroad_pipeline.commands.session import configure, find_place, run_pipeline
@@ -53,12 +52,7 @@ def score(  # typer reads the options from the signature
     with one_line_errors(verbose=verbose):
         places = expanded([inventory, truth, *(cloud or [])])
         check_exist(places)
-        beside = Path(places[0]) if Path(places[0]).is_dir() else Path(places[0]).parent
-        folder = beside / "scores" if output is None else Path(expanded([output])[0])
-        if (folder / SCORES).exists() and not overwrite:
-            raise ParameterError(
-                f"{folder} holds scores: name another folder with --output, or replace them with --overwrite"
-            )
+        folder = _folder_of_scores(Path(places[0]), output, overwrite=overwrite)
         values: dict[str, Any] = {
             "inventory": literal(places[0]),
             "truth": literal(places[1]),
@@ -71,6 +65,19 @@ def score(  # typer reads the options from the signature
         with collected_warnings(verbose=verbose):
             run = run_pipeline("score", merged({"score": values}, changed), place=place)
         print_scores(output_console(), run.catalog.load("object_scores_record"), folder)
+
+
+def _folder_of_scores(inventory: Path, output: str | None, *, overwrite: bool) -> Path:
+    """Return the folder to write scores to; an error if it holds scores that may not be replaced."""
+    from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+
+    beside = inventory if inventory.is_dir() else inventory.parent
+    folder = beside / "scores" if output is None else Path(expanded([output])[0])
+    if (folder / SCORES).exists() and not overwrite:
+        raise ParameterError(
+            f"{folder} holds scores: name another folder with --output, or replace them with --overwrite"
+        )
+    return folder
 
 
 def print_scores(console: Any, record: dict[str, Any], folder: Path) -> None:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 
 if TYPE_CHECKING:
+    from kedro.framework.context import KedroContext
     from kedro.io import CatalogProtocol
 
 PACKAGE = "mlsroad_pipeline"
@@ -90,8 +91,6 @@ def configure(place: Place) -> None:
 
 def run_pipeline(name: str, parameters: Mapping[str, Any], *, place: Place) -> Run:
     """Run a pipeline with changed parameters, nested by section; `configure` comes first."""
-    from kedro import __version__
-    from kedro.framework.context import KedroContext
     from kedro.framework.project import pipelines, settings
     from kedro.io.core import generate_timestamp
     from kedro.runner import SequentialRunner
@@ -101,6 +100,25 @@ def run_pipeline(name: str, parameters: Mapping[str, Any], *, place: Place) -> R
     own = [hook for hook in settings.HOOKS if place.is_project or not getattr(hook, "writes_to_project", False)]
     hooks = _hook_manager([*own, *_tracking_hooks(place)])
     pipelines.set_requested([name])
+    context = _context(name, parameters, place, hooks)
+    hooks.hook.after_context_created(context=context)
+    catalog, pipeline, run_id = context.catalog, pipelines[name], generate_timestamp()
+    run_params = _run_params(name, parameters, place, run_id)
+    hooks.hook.before_pipeline_run(run_params=run_params, pipeline=pipeline, catalog=catalog)
+    gc.enable()
+    try:
+        result = SequentialRunner().run(pipeline, catalog, hooks, run_id=run_id)
+    except BaseException as error:
+        hooks.hook.on_pipeline_error(error=error, run_params=run_params, pipeline=pipeline, catalog=catalog)
+        raise
+    hooks.hook.after_pipeline_run(run_params=run_params, run_result=result, pipeline=pipeline, catalog=catalog)
+    return Run(catalog, frozenset(node.name for node in pipeline.nodes))
+
+
+def _context(name: str, parameters: Mapping[str, Any], place: Place, hooks: Any) -> KedroContext:
+    """Return the context of a run, with the configuration of its place and the changed parameters."""
+    from kedro.framework.context import KedroContext
+    from kedro.framework.project import pipelines, settings
 
     class RunContext(KedroContext):
         """Context with the parameters that the pipeline takes and whole sections; Kedro's has every single value."""
@@ -110,7 +128,7 @@ def run_pipeline(name: str, parameters: Mapping[str, Any], *, place: Place) -> R
             every = super()._get_parameters().items()
             return {key: value for key, value in every if "." not in key or key in taken}
 
-    context = RunContext(
+    return RunContext(
         package_name=PACKAGE,
         project_path=place.folder,
         config_loader=settings.CONFIG_LOADER_CLASS(
@@ -123,30 +141,24 @@ def run_pipeline(name: str, parameters: Mapping[str, Any], *, place: Place) -> R
         runtime_params=dict(parameters),  # type: ignore[arg-type]  # attrs derives the type from a generic converter
         hook_manager=hooks,
     )
-    hooks.hook.after_context_created(context=context)
-    catalog, pipeline, run_id = context.catalog, pipelines[name], generate_timestamp()
-    run_params: dict[str, Any] = {
+
+
+def _run_params(name: str, parameters: Mapping[str, Any], place: Place, run_id: str) -> dict[str, Any]:
+    """Return the facts of a run that Kedro gives to hooks; those that the commands do not set are None."""
+    from kedro import __version__
+
+    given: dict[str, Any] = {
         "run_id": run_id,
         "project_path": place.folder.as_posix(),
         "env": None,
         "kedro_version": __version__,
         "pipeline_names": [name],
         "runtime_params": dict(parameters),
-        "runner": SequentialRunner.__name__,
+        "runner": "SequentialRunner",
         "only_missing_outputs": False,
     }
-    run_params |= dict.fromkeys(
-        ("tags", "from_nodes", "to_nodes", "node_names", "from_inputs", "to_outputs", "load_versions", "namespaces")
-    )
-    hooks.hook.before_pipeline_run(run_params=run_params, pipeline=pipeline, catalog=catalog)
-    gc.enable()
-    try:
-        result = SequentialRunner().run(pipeline, catalog, hooks, run_id=run_id)
-    except BaseException as error:
-        hooks.hook.on_pipeline_error(error=error, run_params=run_params, pipeline=pipeline, catalog=catalog)
-        raise
-    hooks.hook.after_pipeline_run(run_params=run_params, run_result=result, pipeline=pipeline, catalog=catalog)
-    return Run(catalog, frozenset(node.name for node in pipeline.nodes))
+    unset = ("tags", "from_nodes", "to_nodes", "node_names", "from_inputs", "to_outputs", "load_versions", "namespaces")
+    return given | dict.fromkeys(unset)
 
 
 def _tracking_hooks(place: Place) -> list[Any]:

@@ -21,6 +21,7 @@ from mlsroad_pipeline.pipelines.label.nodes import (
 
 
 def _ingest() -> Pipeline:
+    """Return the pipeline that plans the results, cuts the survey and checks that the results can be written."""
     plan = Node(
         plan_label_files,
         inputs=["params:label", "params:ingest", "label_run"],
@@ -48,7 +49,8 @@ def _ingest() -> Pipeline:
     return Pipeline([plan, cut, check])
 
 
-def _labelling() -> list[Node]:
+def _model() -> list[Node]:
+    """Return the nodes that choose the model and find the images that it needs."""
     return [
         Node(
             find_named_model,
@@ -88,6 +90,12 @@ def _labelling() -> list[Node]:
             outputs="label_images",
             name="find_label_images",
         ),
+    ]
+
+
+def _labelling() -> list[Node]:
+    """Return the nodes that label the scenes, join their objects and write the labelled files."""
+    return [
         Node(
             label_new_scenes,
             inputs=[
@@ -129,6 +137,7 @@ def _labelling() -> list[Node]:
 
 
 def _reporting() -> list[Node]:
+    """Return the nodes that write the inventory, its copies and the report."""
     return [
         Node(
             make_inventory,
@@ -170,4 +179,4 @@ def _reporting() -> list[Node]:
 
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline from a survey to a labelled survey, an inventory and a report."""
-    return Pipeline([_ingest(), *_labelling(), *_reporting()])
+    return Pipeline([_ingest(), *_model(), *_labelling(), *_reporting()])
