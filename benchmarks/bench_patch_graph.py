@@ -83,7 +83,7 @@ def gap(patches: Patches, graph: TrainedGraph) -> float:
     return float(found / best)
 
 
-def told(stage: str, start: float, patches: int, threads: int, **more: float) -> None:
+def report(stage: str, start: float, patches: int, threads: int, **more: float) -> None:
     seconds = time.perf_counter() - start
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     print(f"{stage:<10} {patches:9d} patches, {threads} threads  {seconds:8.2f} s  peak {memory:.2f} GiB", more or "")
@@ -135,18 +135,18 @@ def main() -> int:
 
     start = time.perf_counter()
     graph = train_graph(patches, n_threads=options.threads)
-    told("training", start, len(patches), options.threads, iterations=len(graph.objective) - 1)
+    report("training", start, len(patches), options.threads, iterations=len(graph.objective) - 1)
     start = whole = time.perf_counter()
     found = match_patches(new, graph)
-    told("transfer", start, len(new), 1, iterations=len(found.objective) - 1)
+    report("transfer", start, len(new), 1, iterations=len(found.objective) - 1)
     start = time.perf_counter()
     refined, shares = refine(class_probabilities(graph.labels[found.matches], N_CLASSES), new.rgb, edges)
-    told("refinement", start, len(new), 1, right=round(float((refined == new.label).mean()), 4))
+    report("refinement", start, len(new), 1, right=round(float((refined == new.label).mean()), 4))
     start = time.perf_counter()
     vote_on_points(points, new.centroid, shares, radius=0.3)
-    told("votes", start, len(new), 1, points=len(points))
-    told("labelling", whole, len(new), 1)
-    told("gap", time.perf_counter(), len(patches), 1, gap=round(gap(patches, graph), 4))
+    report("votes", start, len(new), 1, points=len(points))
+    report("labelling", whole, len(new), 1)
+    report("gap", time.perf_counter(), len(patches), 1, gap=round(gap(patches, graph), 4))
     return 0
 
 

@@ -69,7 +69,7 @@ Rates = tuple[float | None, float | None]
 
 
 def views(kind: str, seed: int, every: int, rates: Rates, *, settle: bool = True) -> Iterator[View]:
-    """Scan a street and cast rays to the points of every so many images; all are settled unless they are to be told."""
+    """Scan a street and cast rays to the points of every so many images; all are settled unless `settle` is off."""
     parameters = replace(
         PRESETS["small"], seed=seed, street=street_parameters(kind), pulse_rate=rates[0], profile_rate=rates[1],
         image_interval=16.0,

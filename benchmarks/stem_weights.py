@@ -82,11 +82,11 @@ def _label(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64], labe
     return int(np.bincount(labels[along], counts[along], minlength=1).argmax())
 
 
-def first_of(table: pd.DataFrame, likeness: NDArray[np.float64]) -> NDArray[np.float64]:
+def first_of(table: pd.DataFrame, scores: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return which stems are the least pole-like ones nearby, cluster by cluster."""
     first = np.zeros(len(table))
     for rows in table.groupby(["street", "cluster"]).indices.values():
-        first[rows] = find_least_pole_like([table["stem"].iloc[row] for row in rows], likeness[rows])
+        first[rows] = find_least_pole_like([table["stem"].iloc[row] for row in rows], scores[rows])
     return first
 
 
@@ -110,8 +110,8 @@ def held_out(table: pd.DataFrame, n_folds: int) -> NDArray[np.float64]:
     chance = np.zeros(len(table))
     for rest, fold in GroupKFold(n_folds).split(table, groups=table["street"]):
         weights, first, offset = fit(table.iloc[rest])
-        likeness = table[MEASURES].to_numpy()[fold] @ weights
-        chance[fold] = expit(offset + likeness + first * first_of(table.iloc[fold], likeness))
+        scores = table[MEASURES].to_numpy()[fold] @ weights
+        chance[fold] = expit(offset + scores + first * first_of(table.iloc[fold], scores))
     return chance
 
 

@@ -34,9 +34,9 @@ from mlsroad_pipeline.formats.registry import get_format
 SHUFFLES = 200
 
 
-def average_precision(likeness: NDArray[np.float64], same: NDArray[np.bool_]) -> float:
+def average_precision(alike: NDArray[np.float64], same: NDArray[np.bool_]) -> float:
     """Return the mean of the precisions at the places of the objects of the same kind."""
-    right = same[np.argsort(-likeness, kind="stable")]
+    right = same[np.argsort(-alike, kind="stable")]
     return float((np.cumsum(right)[right] / (np.flatnonzero(right) + 1)).mean())
 
 
@@ -63,16 +63,16 @@ def main() -> None:
         vocabulary, nearest_words = build_vocabulary(groups, described["objects"], parameters=words)
         counts = count_words(nearest_words, described["objects"], n_objects=len(files), stopped=vocabulary.stopped)
         bags = weigh_words(counts, inverse_document_frequency(counts))
-        likeness = similarity(bags, bags)
-        np.fill_diagonal(likeness, -1.0)
-        nearest = kinds[likeness.argmax(axis=1)]
+        alike = similarity(bags, bags)
+        np.fill_diagonal(alike, -1.0)
+        nearest = kinds[alike.argmax(axis=1)]
         figures: dict[str, object] = {"groups": len(groups), "words": len(vocabulary), "objects": len(kinds)}
         figures["nearest_right"] = round(float((nearest == kinds).mean()), 3)
         for kind in np.unique(kinds):
             mine = np.flatnonzero(kinds == kind)
             if len(mine) < 2:
                 continue
-            found = [average_precision(likeness[k, apart[k]], (kinds == kind)[apart[k]]) for k in mine]
+            found = [average_precision(alike[k, apart[k]], (kinds == kind)[apart[k]]) for k in mine]
             chance = [
                 average_precision(rng.random(len(kinds) - 1), (kinds == kind)[apart[mine[0]]]) for _ in range(SHUFFLES)
             ]

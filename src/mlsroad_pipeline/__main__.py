@@ -15,7 +15,7 @@ def main() -> None:
     configuration = Path(str(files(PACKAGE) / "conf"))
     if not Path("conf").is_dir():
         os.environ.setdefault("KEDRO_LOGGING_CONFIG", str(configuration / "logging.yml"))
-        os.environ.setdefault("DO_NOT_TRACK", "1")  # as the file `.telemetry` of the project says
+        os.environ.setdefault("DO_NOT_TRACK", "1")  # as in the file `.telemetry` of the project
         if not any(argument.split("=")[0] == CONF_SOURCE for argument in arguments):
             arguments = [f"{CONF_SOURCE}={configuration}", *arguments]
     from kedro.framework.cli.utils import find_run_command  # noqa: PLC0415  # Kedro configures the logging on import

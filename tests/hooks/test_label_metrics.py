@@ -12,7 +12,7 @@ SUMMARY = {
     "confidence": {"median": 0.9, "low_share": 0.1, "class_medians": {"road": 0.95, "car": float("nan")}},
     "objects": {"pole": 3, "tree": 4},
     "warnings": ["no CRS"],
-    "strange": ["points lie 0.9 m apart", "the intensity has 3 distinct values"],
+    "unusual": ["points lie 0.9 m apart", "the intensity has 3 distinct values"],
 }
 
 
@@ -22,7 +22,7 @@ def test_counts_shares_confidences_and_speed_become_metrics():
         "confidence/median": 0.9, "confidence/low_share": 0.1, "confidence/median/road": 0.95,
         "points/road": 600, "points/pole_sign": 200, "points/unlabelled": 200,
         "share/road": 0.6, "share/pole_sign": 0.2, "share/unlabelled": 0.2,
-        "objects/pole": 3, "objects/tree": 4, "strange_properties": 2,
+        "objects/pole": 3, "objects/tree": 4, "unusual_properties": 2,
     }  # fmt: skip
 
 
@@ -30,7 +30,7 @@ def test_a_survey_without_labelled_points_has_no_shares_and_no_confidences():
     confidence = {"median": None, "low_share": None, "class_medians": {}}
     summary = {**SUMMARY, "classes": {}, "objects": {}, "confidence": confidence}
     assert set(label_metrics(summary, 1.0)) == {
-        "points", "files", "seconds", "points_per_second", "warnings", "objects", "strange_properties",
+        "points", "files", "seconds", "points_per_second", "warnings", "objects", "unusual_properties",
     }  # fmt: skip
 
 

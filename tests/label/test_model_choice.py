@@ -11,7 +11,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.datasets.models.registered_models import RegisteredVersion
 from mlsroad_pipeline.datasets.models.shipped_models import shipped_models
 from mlsroad_pipeline.label import model_choice
-from mlsroad_pipeline.label.available_models import AvailableModel, available_models, strange_of
+from mlsroad_pipeline.label.available_models import AvailableModel, available_models, unusual_properties_of
 from mlsroad_pipeline.label.model_choice import (
     SurveyFacts,
     choose,
@@ -211,7 +211,7 @@ def test_only_shipped_model_is_taken_whatever_the_survey(monkeypatch):
         (scenes(spacing=0.12), "scans", "scans 0 .*, streets 0 "),
     ],
 )
-def test_of_two_models_the_one_with_the_least_strange_training_data(monkeypatch, survey, name, counts):
+def test_of_two_models_the_one_with_the_nearest_training_data(monkeypatch, survey, name, counts):
     planted(monkeypatch, scans={"spacing": FAR, "above_5": LOW}, streets={"spacing": NEAR, "above_5": HIGH})
     choice = choose(survey)
     assert choice.model.name == name
@@ -231,6 +231,8 @@ def test_few_points_are_compared_by_their_density(monkeypatch):
 def test_properties_outside_the_training_data_of_a_listed_model(monkeypatch):
     entry = planted(monkeypatch, general={"spacing": NEAR})["general"]
     listed = AvailableModel("general", entry.method, entry.version, (), True, "streets", entry)
-    assert strange_of(listed, scenes(spacing=0.9)) == ["points lie 0.9 m apart (median; training scenes 0.01 to 0.1 m)"]
-    assert strange_of(listed, scenes(spacing=0.03)) == []
-    assert strange_of(replace(listed, entry=None), scenes(spacing=0.9)) == []
+    assert unusual_properties_of(listed, scenes(spacing=0.9)) == [
+        "points lie 0.9 m apart (median; training scenes 0.01 to 0.1 m)"
+    ]
+    assert unusual_properties_of(listed, scenes(spacing=0.03)) == []
+    assert unusual_properties_of(replace(listed, entry=None), scenes(spacing=0.9)) == []

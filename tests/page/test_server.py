@@ -270,7 +270,7 @@ def _serve(folder, port, address):
     """Serve in a process that is forked from this one, which has the libraries already."""
     from mlsroad_pipeline.page.server import serve
 
-    serve(ServedSurvey(OutputFolder.find(folder), user="ann"), port=port, browser=False, say=address.send)
+    serve(ServedSurvey(OutputFolder.find(folder), user="ann"), port=port, browser=False, show=address.send)
 
 
 def test_no_answered_decision_is_lost_by_a_kill(tmp_path):

@@ -184,7 +184,7 @@ def test_survey_without_colour_gets_the_forest_without_it_and_one_warning(label_
     assert "has no rgb" in (out / "report.html").read_text(encoding="utf-8")
 
 
-def test_survey_unlike_the_training_streets_is_warned_of_with_its_strange_properties(
+def test_survey_unlike_the_training_streets_is_warned_of_with_its_unusual_properties(
     label_project, labelled, cloud, tmp_path, caplog
 ):
     path = tmp_path / "wide.laz"

@@ -23,7 +23,7 @@ def spin_image(points, query, normal, radius, n_radial, n_axial):
     return image.ravel() / image.sum() if image.sum() else image.ravel()
 
 
-def likeness_of_turn(image, reference, turn):
+def similarity_of_turn(image, reference, turn):
     """Normalised correlation of two Gaussian images after rotating the reference by whole cells."""
     turned = np.roll(reference, turn, axis=1)
     return (image * turned).sum() / np.sqrt((image**2).sum() * (reference**2).sum())

@@ -31,8 +31,8 @@ def distance(group, word, inverse, floor):
         scaled = similarity(scale_relation(scales), scale_relation(sizes[order]))
         off = [descriptors[x] - others[order[x]] for x in range(m)]
         found.append((0.5 * (turned + scaled), sum(d @ inverse @ d for d in off)))
-    best = max(likeness for likeness, _ in found)
-    total = min(value for likeness, value in found if likeness >= best - 1e-10)
+    best = max(similarity for similarity, _ in found)
+    total = min(value for similarity, value in found if similarity >= best - 1e-10)
     factor = 1.0 if m == 1 else max(1 - best, floor)
     return factor * total, total
 

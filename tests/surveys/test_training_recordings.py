@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
-from mlsroad_pipeline.surveys.training_recordings import described_recordings, digest, training_recordings
+from mlsroad_pipeline.surveys.training_recordings import TrainingRecording, described_recordings, digest
 
 FIELDS = {"title": "A drive", "files": "drive/*.npz", "coding": "own", "licence": "MIT", "ignored": [7]}
 
@@ -19,7 +19,7 @@ def root(tmp_path):
 
 def recording(root, **changes):
     sha256 = digest(list((root / "drive").iterdir()))
-    return training_recordings({"drive": {**FIELDS, "sha256": sha256, **changes}})["drive"]
+    return TrainingRecording.configured({"drive": {**FIELDS, "sha256": sha256, **changes}})["drive"]
 
 
 def test_files_are_found_in_order_and_their_digest_depends_on_names_and_contents(root):

@@ -43,15 +43,15 @@ def list_corrections(out: Out, verbose: Verbose = False) -> None:
         with open_corrections(folder) as store:
             decisions, states = store.current(), store.states()
         lost = {decision.identifier for decision in states.unmatched}
-        strange = {
+        misplaced = {
             decision.identifier
             for decision in unmatched_strokes(states.painted, files_of(states.painted, Path(folder)))
         }
-        rows = [_row(decision, decision.identifier in lost | strange) for decision in decisions]
+        rows = [_row(decision, decision.identifier in lost | misplaced) for decision in decisions]
         console.print(count_table(rows, ("decision", "made", "who", "action", "object", "what", "matches")))
         console.print(f"\n{len(decisions)} decisions, {len(lost)} match no object of the inventory.")
-        if strange:
-            console.print(f"{len(strange)} strokes are about files that are missing or have other points.")
+        if misplaced:
+            console.print(f"{len(misplaced)} strokes are about files that are missing or have other points.")
 
 
 def _row(decision: Decision, lost: bool) -> tuple[str, ...]:

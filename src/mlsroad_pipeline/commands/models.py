@@ -24,7 +24,7 @@ def models(
     from mlsroad_pipeline.commands.console import collected_warnings, output_console, print_warnings
     from mlsroad_pipeline.commands.errors import one_line_errors
     from mlsroad_pipeline.commands.session import find_place, model_store
-    from mlsroad_pipeline.label.available_models import available_models, strange_of
+    from mlsroad_pipeline.label.available_models import available_models, unusual_properties_of
     from mlsroad_pipeline.label.model_choice import choose, facts_of_survey
 
     console = output_console()
@@ -37,7 +37,7 @@ def models(
             choice = None if facts is None else choose(facts, method=method, model=model, store=store)
         for item in available:
             print_model(console, item)
-            for sentence in () if facts is None else strange_of(item, facts):
+            for sentence in () if facts is None else unusual_properties_of(item, facts):
                 console.print(f"  differs     {sentence}")
         print_warnings(console, logged)
         if choice is not None:

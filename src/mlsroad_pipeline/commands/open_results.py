@@ -65,7 +65,7 @@ def _show_page(folders: tuple[Path, Path], *, port: int, browser: bool, export: 
     from mlsroad_pipeline.page.server import serve
 
     survey = ServedSurvey(output, user=user or getpass.getuser())
-    serve(survey, port=port, browser=browser, say=typer.echo)
+    serve(survey, port=port, browser=browser, show=typer.echo)
     return True
 
 

@@ -172,7 +172,7 @@ def _place(shape: Any) -> tuple[float, float, float | None] | None:
 
 
 def _changes(path: Path, row: dict[str, Any], number: int, listed: pd.Series, state: ObjectState) -> list[Correction]:
-    """Return the corrections of one row: what is said of the object, and its base."""
+    """Return the corrections of one row: the decision about the object, and its base."""
     changes = []
     status, given = row["status"].lower(), row["checked_class"]
     before, known = state.get("status", ""), state.get("checked_class", "")

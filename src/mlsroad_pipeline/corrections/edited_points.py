@@ -62,10 +62,10 @@ def corrections_of_points(
         row = np.arange(len(codes))
     else:
         distance, row = cKDTree(before[0]).query(after[0], distance_upper_bound=NEAR)
-        strange = int((~np.isfinite(distance)).sum())
-        if strange:
+        unmatched = int((~np.isfinite(distance)).sum())
+        if unmatched:
             raise DataError(
-                f"{path}: {strange} of {len(row)} points are none of {labelled}: it was shifted or thinned anew; "
+                f"{path}: {unmatched} of {len(row)} points are none of {labelled}: it was shifted or thinned anew; "
                 "edit a copy of the labelled file"
             )
     changed = np.flatnonzero((after[1] != before[1][row]) & (after[1] != codes[row]))
@@ -83,7 +83,7 @@ def corrections_of_points(
 
 
 def names_of_codes(path: Path, output: LabelledOutput) -> dict[int, str]:
-    """Return the classes of the codes of a labelled file, by the names that `NamedClasses` knows.
+    """Return the classes of the codes of a labelled file, by the names of `NamedClasses`.
 
     A LAS code stands for the classes of the model that are written as this code; these names are joined by a slash.
     """

@@ -87,16 +87,16 @@ class ListedObjects:
         object of the kind then; an object is found for one group of each inventory alone.
         """
         found: dict[int, int | None] = {}
-        strangers: dict[str, list[int]] = {}
+        of_others: dict[str, list[int]] = {}
         for key, group in anchors.items():
             number, anchor, _ = group[-1]
             if anchor.inventory == self.digest:
                 found[key] = number
             else:
                 found[key] = None
-                strangers.setdefault(anchor.inventory, []).append(key)
+                of_others.setdefault(anchor.inventory, []).append(key)
         if len(self.table):
-            for keys in strangers.values():  # objects of one inventory are different objects
+            for keys in of_others.values():  # objects of one inventory are different objects
                 found |= self._nearest(keys, anchors)
         return found
 

@@ -77,7 +77,7 @@ class States:
 
 
 def fold_states(decisions: Sequence[Decision], objects: ListedObjects) -> States:
-    """Return what decisions in force say about the objects of an inventory."""
+    """Return the state of each object of an inventory after the decisions in force."""
     states = States()
     present = _present_numbers(decisions, objects)
     kinds = dict(zip(objects.table["object_id"].tolist(), objects.table["kind"].astype(str).tolist(), strict=True))

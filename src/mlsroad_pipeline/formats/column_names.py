@@ -52,7 +52,7 @@ RATIOS = ("db", "%", "-")
 """Units of intensities, which need no conversion."""
 
 SAME_FOOT = 1e-5
-"""Relative tolerance within which two units of length are equal: names rarely say which foot is meant."""
+"""Relative tolerance within which two units of length are equal: names rarely state which foot is meant."""
 
 UNIT = re.compile(r"(?<=\S)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$")
 

@@ -174,7 +174,7 @@ def crs_units(crs: str) -> CrsUnits | None:
 
 
 def with_units(options: ReadOptions, crs: str | None, source: Path) -> ReadOptions:
-    """Return options whose units are numbers: those of the coordinate reference system where the options say so.
+    """Return options whose units are numbers: those of the coordinate reference system where the options refer to it.
 
     Parameters
     ----------

@@ -137,7 +137,7 @@ class ReadOptions(_Configured):
     time_scale : float, default 1.0
         Seconds in one unit of the file's times: 1e-6 where they are microseconds.
     time_offset : float, default 0.0
-        Seconds added to the scaled times: the start of the GPS week, say, where they count from it.
+        Seconds added to the scaled times: the start of the GPS week, for example, where they count from it.
     crs : str, optional
         Coordinate reference system as WKT or as an authority's code ("EPSG:28992"), in place of the file's.
     reproject : str, optional

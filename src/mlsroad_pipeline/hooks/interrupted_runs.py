@@ -19,7 +19,7 @@ _CLOCK_STEP = 60.0
 """Seconds by which the start of a process may seem to move: Linux derives it from the clock."""
 
 _MOST = 1000
-"""Most runs that are looked at; those of a store that never ended are few."""
+"""Most runs that are checked; those of a store that never ended are few."""
 
 
 def this_process() -> str:
@@ -47,7 +47,7 @@ def _has_ended(process: str) -> bool:
         return abs(psutil.Process(int(number)).create_time() - float(start)) > _CLOCK_STEP
     except psutil.NoSuchProcess:
         return True
-    except (ValueError, psutil.Error):  # no tag of this program, or a process that may not be looked at
+    except (ValueError, psutil.Error):  # no tag of this program, or a process that may not be inspected
         return False
 
 

@@ -36,7 +36,7 @@ def label_metrics(summary: Mapping[str, Any], seconds: float) -> dict[str, float
         "seconds": seconds,
         "points_per_second": points / seconds,
         "warnings": len(summary["warnings"]),
-        "strange_properties": len(summary.get("strange", ())),
+        "unusual_properties": len(summary.get("unusual", ())),
         "objects": sum(summary["objects"].values()),
         "confidence/median": confidence["median"],
         "confidence/low_share": confidence["low_share"],

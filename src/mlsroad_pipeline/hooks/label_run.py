@@ -56,7 +56,7 @@ class LabelRunHooks:
 
     @hook_impl
     def before_pipeline_run(self) -> None:
-        """Forget the files of an earlier run."""
+        """Clear the list of files of an earlier run."""
         self._sources = set()
 
     @hook_impl

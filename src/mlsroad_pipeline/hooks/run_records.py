@@ -154,8 +154,8 @@ class RunRecords:
         log_metrics(self._run_id, plain_metrics(label_metrics(summary, time.perf_counter() - self._began)))
         labelled_with = model_name(model)
         tags = {"mlsroad.method": summary["method"], "mlsroad.model": labelled_with}
-        if summary.get("strange"):
-            tags["mlsroad.strange"] = "; ".join(summary["strange"])
+        if summary.get("unusual"):
+            tags["mlsroad.unusual"] = "; ".join(summary["unusual"])
         for tag, value in tags.items():
             client.set_tag(self._run_id, tag, str(value))
         client.update_run(self._run_id, name=f"{self._name} with {labelled_with}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mlsroad_pipeline.algorithms.quality.training_facts import strange_facts
+from mlsroad_pipeline.algorithms.quality.training_facts import unusual_facts
 from mlsroad_pipeline.datasets.models.registered_models import MlflowStore, ModelStore
 from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel, shipped_models
 from mlsroad_pipeline.label.model_choice import SurveyFacts
@@ -59,6 +59,6 @@ def available_models(store: ModelStore | None = None) -> list[AvailableModel]:
     ]
 
 
-def strange_of(model: AvailableModel, facts: SurveyFacts) -> list[str]:
+def unusual_properties_of(model: AvailableModel, facts: SurveyFacts) -> list[str]:
     """Return one sentence per property of a survey outside the training data of a shipped model; none without facts."""
-    return [] if model.entry is None else strange_facts(facts.of_scenes, model.entry.training_facts)
+    return [] if model.entry is None else unusual_facts(facts.of_scenes, model.entry.training_facts)

@@ -78,7 +78,7 @@ def check_header(path: str, options: ReadOptions, *, copc: bool = False) -> None
 def output_problems(path: str, options: ReadOptions, quality: QualityReport) -> list[str]:
     """Return why `label` would refuse a file that can be read, or would label no point of it.
 
-    The file's header, the extent of its points and the number of withheld points decide.
+    The reasons depend on its header, the extent of its points and the number of withheld points.
     """
     ends = (("min", quality.low), ("max", quality.high))
     row = {f"{end}_{axis}": value for end, values in ends for axis, value in zip("xyz", values, strict=True)}

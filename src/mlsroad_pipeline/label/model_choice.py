@@ -19,7 +19,7 @@ from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
-from mlsroad_pipeline.algorithms.quality.training_facts import strange_facts, strangeness
+from mlsroad_pipeline.algorithms.quality.training_facts import distance_from_training, unusual_facts
 from mlsroad_pipeline.datasets.models.own_segmentation import own_model, with_device, with_own_segmentation
 from mlsroad_pipeline.datasets.models.registered_models import (
     ModelStore,
@@ -160,7 +160,7 @@ def named_choice(
 
 
 def shipped_choice(facts: SurveyFacts, *, method: str | None = None) -> ModelChoice:
-    """Return the shipped model whose training data are the least strange to a survey.
+    """Return the shipped model whose training data are nearest to a survey.
 
     Models without facts of their training data are not compared: `GENERAL` is taken, else the one for the density.
     """
@@ -172,19 +172,19 @@ def shipped_choice(facts: SurveyFacts, *, method: str | None = None) -> ModelCho
         return ModelChoice(next(iter(shipped.values())), f"it is the only shipped model{of}")
     described = [item for item in shipped.values() if item.training_facts]
     if len(described) > 1 and facts.of_scenes:
-        return _least_strange(described, facts.of_scenes)
+        return _nearest_in_training(described, facts.of_scenes)
     if GENERAL in shipped:
         return ModelChoice(shipped[GENERAL], "it is the default model of the package")
     model = shipped.get(SPARSE if facts.sparse else DENSE, next(iter(shipped.values())))
     return ModelChoice(model, _reason(facts))
 
 
-def _least_strange(models: Sequence[ShippedModel], facts: Mapping[str, float]) -> ModelChoice:
-    """Return the model with the fewest strange facts; of equal ones that with the smallest mean distance."""
+def _nearest_in_training(models: Sequence[ShippedModel], facts: Mapping[str, float]) -> ModelChoice:
+    """Return the model with the fewest unusual facts; of equal ones that with the smallest mean distance."""
 
     def order(model: ShippedModel) -> tuple[int, float]:
-        distance = strangeness(facts, model.training_facts)
-        return len(strange_facts(facts, model.training_facts)), float("inf") if np.isnan(distance) else distance
+        distance = distance_from_training(facts, model.training_facts)
+        return len(unusual_facts(facts, model.training_facts)), float("inf") if np.isnan(distance) else distance
 
     ranked = sorted(models, key=order)
     counts = ", ".join(f"{item.name} {order(item)[0]} (mean distance {order(item)[1]:.2g})" for item in ranked)

@@ -39,7 +39,7 @@ def plan_inputs(plan: SurveyPlan) -> list[dict[str, Any]]:
 
 
 def open_run(plan: SurveyPlan, parameters: LabelParameters, run: RunFolder) -> None:
-    """Lock the output, decide for every target whether it may be written, and begin the record.
+    """Lock the output, check for every target that it may be written, and begin the record.
 
     Raises OutputInUseError if another process writes to the output, and OutputExistsError for a file that this run did
     not write, that has been edited, or that was written from input that has changed, unless `label.overwrite` is set.

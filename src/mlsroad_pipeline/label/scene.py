@@ -145,22 +145,19 @@ def label_new_scene(
     n_classes = len(settings.codes)
     stored = np.where(label < 0, n_classes, label).astype(np.uint8)
     stored[~inliers(scene)] = n_classes + 1
-    files, rows = scene["file"][core], scene["row"][core]
-    starts = np.flatnonzero(np.diff(files, prepend=-1))  # scenes are ordered by file, and within one by row
-    ends = np.append(starts[1:], len(files)) - 1
     core_label, core_confidence = label[core], confidence[core].astype(np.float32)
     evidence = _evidence(soft, bundle_scheme(bundle))
     judge = judge_of(bundle) if settings.judge else None
     extracted = _objects(scene, soft, evidence, settings.rules, judge, height=ground["height"], name=name)
     return {
         "labels": {
-            "file": files,
-            "row": rows,
+            "file": scene["file"][core],
+            "row": scene["row"][core],
             "label": stored[core],
             "confidence": core_confidence,
             "part": extracted.part,
         },
-        "spans": {"spans": np.column_stack([files[starts], rows[starts], rows[ends]]).astype(np.int64)},
+        "spans": _spans(scene["file"][core], scene["row"][core]),
         "counts": {
             "counts": np.bincount(np.where(core_label < 0, n_classes, core_label), minlength=n_classes + 1),
             "confidences": count_confidences(core_label, core_confidence, n_classes),
@@ -178,6 +175,13 @@ def label_new_scene(
         ),
         "markings": _markings(scene, label, ground["height"], bundle_scheme(bundle), settings.least_contrast),
     }
+
+
+def _spans(files: NDArray[np.integer], rows: NDArray[np.int64]) -> FileSpans:
+    """Return the first and last row of each file; points are ordered by file, and within one by row."""
+    starts = np.flatnonzero(np.diff(files, prepend=-1))
+    ends = np.append(starts[1:], len(files)) - 1
+    return {"spans": np.column_stack([files[starts], rows[starts], rows[ends]]).astype(np.int64)}
 
 
 def _kerbs(

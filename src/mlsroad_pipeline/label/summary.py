@@ -56,7 +56,7 @@ class LabelSummary(TypedDict):
     confidence: ConfidenceSummary
     objects: dict[str, int]
     lines: dict[str, float]
-    strange: list[str]
+    unusual: list[str]
     warnings: list[str]
     outputs: OutputPaths
 
@@ -98,10 +98,10 @@ def summarise_labels(
     inventory: RoadInventory,
     warnings: Sequence[str],
     *,
-    strange: Sequence[str] = (),
+    unusual: Sequence[str] = (),
     exports: Sequence[str] = (),
 ) -> LabelSummary:
-    """Return the summary of a labelled survey; strange are its properties outside the range of the training data.
+    """Return the summary of a labelled survey; `unusual` are its properties outside the range of the training data.
 
     `exports` are the files of `label.export`; `lines` has the metres of line of each kind.
     """
@@ -120,7 +120,7 @@ def summarise_labels(
         "confidence": _confidence(confidence_table(total["confidences"], bundle_scheme(bundle).classes)),
         "objects": {str(kind): int(count) for kind, count in objects["kind"].value_counts(sort=False).items()},
         "lines": line_totals(inventory.lines),
-        "strange": list(strange),
+        "unusual": list(unusual),
         "warnings": list(warnings),
         "outputs": {
             "clouds": written_clouds(written),

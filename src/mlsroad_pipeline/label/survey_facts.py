@@ -12,7 +12,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.quality.scene_facts import scene_facts
 from mlsroad_pipeline.algorithms.quality.tables import quality_table
-from mlsroad_pipeline.algorithms.quality.training_facts import median_facts, strange_facts
+from mlsroad_pipeline.algorithms.quality.training_facts import median_facts, unusual_facts
 from mlsroad_pipeline.algorithms.scenes.cutting import BinCounts, IngestParameters, OutlierParameters, join_pieces
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.formats.options import NEW_SURVEY, ReadOptions
@@ -114,14 +114,14 @@ def _cutter(
     return cut
 
 
-def strange_properties(bundle: ModelBundle, facts: Mapping[str, float]) -> list[str]:
+def unusual_properties(bundle: ModelBundle, facts: Mapping[str, float]) -> list[str]:
     """Return one sentence per property of a survey that is outside the range of the training data of a model."""
     try:
-        return strange_facts(facts, bundle.metadata.get("training_facts", {}))
+        return unusual_facts(facts, bundle.metadata.get("training_facts", {}))
     except DataError as error:
         raise DataError(f"the model of {bundle.slug} is damaged: {error}") from error
 
 
-def strange_warnings(strange: Sequence[str]) -> list[str]:
-    """Return a warning for each strange property."""
-    return [f"The survey differs from the training data: {sentence}." for sentence in strange]
+def unusual_warnings(properties: Sequence[str]) -> list[str]:
+    """Return a warning for each unusual property."""
+    return [f"The survey differs from the training data: {sentence}." for sentence in properties]

@@ -24,7 +24,7 @@ from mlsroad_pipeline.page.selection import NONE, Painted, TooManyPointsError, c
 from mlsroad_pipeline.page.tile_format import TileIndex, depth, spacing
 
 SAMPLED = 250_000
-"""Largest number of points of the sample, which bounds memory; of larger surveys cubes at equal steps are looked at."""
+"""Largest number of points of the sample, which bounds memory; of larger surveys cubes at equal steps are used."""
 _SPACING = 0.4  # of the sample, metres
 _FEWEST = 6  # cells of a group
 _NOISE = (7, 18)  # LAS codes of noise

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 # The corrections need pandas and SciPy, a second of imports that the first picture does not wait for.
 
 
-_PATIENCE = 4.0  # for a browser that asks for the first picture, seconds
+_FIRST_WAIT = 4.0  # longest wait for a browser that requests the first picture, seconds
 
 
 class ServedSurvey:
@@ -79,7 +79,7 @@ class ServedSurvey:
     def _prepare(self) -> None:
         try:
             _ = self.first
-            self.given.wait(_PATIENCE)  # the picture comes first, also where processors are busy
+            self.given.wait(_FIRST_WAIT)  # the picture comes first, also where processors are busy
             self.tiles.keep_picture(self.first)
             self.tiles.start()
             _ = self.store
@@ -289,7 +289,7 @@ def _described(correction: Correction) -> str:
 
 
 def one_line(error: Exception) -> str:
-    """Return what an error says, in one line; of the system's errors the file and the reason."""
+    """Return the message of an error in one line; of the system's errors the file and the reason."""
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     return " ".join(str(error).split()) or type(error).__name__

@@ -163,7 +163,7 @@ def _change(act: Callable[[dict[str, Any]], dict[str, Any]]) -> Callable[[Reques
     return endpoint
 
 
-def serve(survey: ServedSurvey, *, port: int, browser: bool, say: Callable[[str], None]) -> None:
+def serve(survey: ServedSurvey, *, port: int, browser: bool, show: Callable[[str], None]) -> None:
     """Serve the page of an output folder until the process is interrupted."""
     with page_lock(survey.output.path) as enter, _listening(port) as listener:
         survey.prepare()
@@ -173,28 +173,28 @@ def serve(survey: ServedSurvey, *, port: int, browser: bool, say: Callable[[str]
         address = f"http://{LOOPBACK}:{port}/?token={token}"
         guarded = Guard(application(survey), port=port, token=token)
         config = uvicorn.Config(guarded, log_level="warning", access_log=False, server_header=False, lifespan="on")
-        server = _Server(config, lambda: _announce(address, browser, say))
+        server = _Server(config, lambda: _announce(address, browser, show))
         try:
             with suppress(KeyboardInterrupt):  # the usual end
                 server.run(sockets=[listener])
         finally:
             survey.close()  # also where the server was ended before it had started
-        say("The page is closed.")
+        show("The page is closed.")
 
 
-def _announce(address: str, browser: bool, say: Callable[[str], None]) -> None:
-    say(f"The page is at {address}\nThe address is valid once. Ctrl-C ends the page; decisions are saved at once.")
+def _announce(address: str, browser: bool, show: Callable[[str], None]) -> None:
+    show(f"The page is at {address}\nThe address is valid once. Ctrl-C ends the page; decisions are saved at once.")
     if browser:  # in a thread: a browser of the terminal returns when it ends
-        threading.Thread(target=_start_browser, args=(address, say), daemon=True).start()
+        threading.Thread(target=_start_browser, args=(address, show), daemon=True).start()
 
 
-def _start_browser(address: str, say: Callable[[str], None]) -> None:
+def _start_browser(address: str, show: Callable[[str], None]) -> None:
     try:
         found = webbrowser.open(address)
     except webbrowser.Error:
         found = False
     if not found:
-        say("No browser was found: open this address in one.")
+        show("No browser was found: open this address in one.")
 
 
 class _Server(uvicorn.Server):

@@ -113,7 +113,7 @@ class TileCache:
             return {"state": "stale", "share": 1.0}
         if self.index() is not None:
             return {"state": "ready", "share": 1.0}
-        with self._guard:  # two tabs ask at a time
+        with self._guard:  # two tabs may request it at the same time
             self._receive()
         alive = not self._error if self._process is None else self._process.is_alive()
         if not alive and self.index() is None:

@@ -23,8 +23,8 @@ def constant_warnings(plan: SurveyPlan, info: Mapping[str, FileFacts]) -> list[t
     if not plan.labels:
         return []
     rows = [(f.source.name, name) for f in plan.files for name in info[f.key]["constant"].tolist()]
-    told = [(file, f"column {name} has a single value and is not used") for file, name in rows]
-    return gather(told, len(plan.files))
+    constant = [(file, f"column {name} has a single value and is not used") for file, name in rows]
+    return gather(constant, len(plan.files))
 
 
 def plan_warnings(
@@ -64,8 +64,8 @@ def plan_warnings(
             lacking[name] = [
                 f"has no {' and no '.join(absent)}, which the model was trained with: accuracy may be lower"
             ]
-        told = {*absent, *described["constant"].tolist()}
-        report = replace(reports[name], missing=tuple(c for c in reports[name].missing if c not in told))
+        reported = {*absent, *described["constant"].tolist()}
+        report = replace(reports[name], missing=tuple(c for c in reports[name].missing if c not in reported))
         state = "beside" if beside[file.drive] else "none" if trajectory else "off"
         note = notes.get(file.drive, "") if file.number == 0 and beside[file.drive] else ""
         facts.append(_survey_facts(report, described, state, note, in_metres=bool((plan.options.factors == 1.0).all())))

@@ -50,7 +50,7 @@ UNUSED_COLUMNS = ("gps_time", "scanner")
 """Columns that only the quality report and the training need; `label` keeps the columns of `visit_columns` instead."""
 
 VISIT_COLUMNS = ("scanner_channel", "point_source_id")
-"""Dimensions of LAS that tell scanners and routes apart."""
+"""Dimensions of LAS that distinguish scanners and routes."""
 
 LABEL_COLUMNS = ("label", "instance")
 """Columns of a file that `label` keeps and does not use."""

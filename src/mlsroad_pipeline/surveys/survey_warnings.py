@@ -19,7 +19,7 @@ BYTE = 255.5 / 65535
 """Bound of the intensities of a LAS file that uses 8 of its 16 bits, after scaling to [0, 1]."""
 
 BOUNDS_TOLERANCE = 0.01
-"""Largest difference in metres between stated bounds and the points that is not told."""
+"""Largest difference in metres between stated bounds and the points that is not reported."""
 
 LONG = 1e5
 """Extent in metres above which coordinates are probably wrong."""
@@ -77,11 +77,11 @@ def file_warnings(facts: SurveyFacts) -> list[str]:
     """Return one sentence per problem of a file."""
     prefix = f"{facts.name}: "
     skipped = "label codes outside the taxonomy"  # of files with labels; training checks the codes itself
-    told = [text.removeprefix(prefix) for text in facts.quality.warnings() if skipped not in text]
+    of_quality = [text.removeprefix(prefix) for text in facts.quality.warnings() if skipped not in text]
     return [
         *_crs_warnings(facts),
         *_trajectory_warnings(facts),
-        *told,
+        *of_quality,
         *_value_warnings(facts),
         *facts.notes,
         *_bounds(facts),

@@ -4,50 +4,31 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mlsroad_pipeline.algorithms.core.codings import Coding, configured_coding
-from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.labelled_recording import LabelledRecording
 from mlsroad_pipeline.surveys.recording_scenes import files_by_name
 
 
-@dataclass(frozen=True)
-class TrainingRecording:
-    """One recording.
+@dataclass(frozen=True, kw_only=True)
+class TrainingRecording(LabelledRecording):
+    """One recording; codes that are ignored are not trained on.
 
     Parameters
     ----------
-    name : str
-        Name in keys.
-    title : str
-        Name in cards and messages.
-    files : str
-        Pattern of its point files below the root; one file is one scene.
-    coding : str
-        Name of the coding of its labels in ``classes.codings``.
-    licence : str
-        Licence of the data.
     sha256 : str
         Digest of the files, see `digest`.
-    ignored : sequence of int
-        Codes of the coding that are not trained on.
-    read : mapping
-        Further options of reading, see `ReadOptions`.
     """
 
-    name: str
-    title: str
-    files: str
-    coding: str
-    licence: str
+    section = "shipped.recordings"
+
     sha256: str
-    ignored: Sequence[int] = ()
-    read: Mapping[str, Any] = field(default_factory=dict)
 
     def paths(self, root: Path) -> dict[str, Path]:
-        """Return the point files by their names without extension.
+        """Return the point files by their names up to the first dot.
 
         Parameters
         ----------
@@ -77,53 +58,6 @@ class TrainingRecording:
             )
         return found
 
-    def read_coding(self, codings: Mapping[str, Mapping[int, str]]) -> Coding:
-        """Return the coding of the labels, with the ignored codes as unlabelled.
-
-        Parameters
-        ----------
-        codings : mapping of str to mapping
-            The configured codings.
-
-        Returns
-        -------
-        Coding
-            The coding.
-
-        Raises
-        ------
-        ParameterError
-            If there is no such coding.
-        """
-        return configured_coding(codings, self.coding, ignored=self.ignored, where=f"shipped.recordings.{self.name}")
-
-
-def training_recordings(config: Mapping[str, Mapping[str, Any]]) -> dict[str, TrainingRecording]:
-    """Return the recordings of a configuration.
-
-    Parameters
-    ----------
-    config : mapping of str to mapping
-        Name to the fields of `TrainingRecording`.
-
-    Returns
-    -------
-    dict of str to TrainingRecording
-        The recordings.
-
-    Raises
-    ------
-    ParameterError
-        If one lacks a field or has an unknown one.
-    """
-    recordings = {}
-    for name, fields in config.items():
-        try:
-            recordings[name] = TrainingRecording(name=name, **fields)
-        except TypeError as error:
-            raise ParameterError(f"shipped.recordings.{name}: {error}") from error
-    return recordings
-
 
 def described_recordings(config: Mapping[str, Mapping[str, Any]], keys: Iterable[str]) -> dict[str, dict[str, Any]]:
     """Return title, licence, digest and number of scenes of each recording, for the registry entry of a model.
@@ -143,7 +77,7 @@ def described_recordings(config: Mapping[str, Mapping[str, Any]], keys: Iterable
     of_scene = [key.partition(".")[0] for key in keys]
     return {
         name: {"title": r.title, "licence": r.licence, "scenes": of_scene.count(name), "sha256": r.sha256}
-        for name, r in training_recordings(config).items()
+        for name, r in TrainingRecording.configured(config).items()
     }
 
 

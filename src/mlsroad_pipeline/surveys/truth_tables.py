@@ -55,7 +55,7 @@ class Truth(NamedTuple):
 
 
 def read_truth(path: str | Path) -> Truth:
-    """Read a table of true objects; the content decides how.
+    """Read a table of true objects in the format that its content has.
 
     A folder is that of a simulated street. Raises ReadError or DataError, whose message names the file.
     """

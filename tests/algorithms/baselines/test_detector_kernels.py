@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.baselines.hough_forest.detector import (
 )
 from mlsroad_pipeline.algorithms.baselines.object_matching.detector import (
     affine_combinations,
-    likeness,
+    object_similarity,
 )
 from mlsroad_pipeline.algorithms.detection.parts import relative_centres
 from mlsroad_pipeline.algorithms.detection.sampling import select_objects
@@ -108,11 +108,11 @@ def test_an_object_is_most_like_itself(rng):
     scene, objects = street(rng, 3)
     parts = described("object_matching", scene, objects)
     geometry = np.array([0.5, 1.0, 0.4, 6, 6, 2, 0.2])
-    found = likeness(parts, parts, geometry, intensity=True)
+    found = object_similarity(parts, parts, geometry, intensity=True)
     np.testing.assert_allclose(np.diag(found), 1.0, atol=1e-6)
     assert found.min() >= 0 and found.max() <= 1 + 1e-9
     assert (found.argmax(axis=0) == np.arange(9)).all()
-    assert found.tobytes() == likeness(parts, parts, geometry, intensity=True, n_threads=2).tobytes()
+    assert found.tobytes() == object_similarity(parts, parts, geometry, intensity=True, n_threads=2).tobytes()
     pairs = found[np.ix_([0, 3, 6], [0, 3, 6])], found[np.ix_([0, 3, 6], [1, 4, 7])]
     assert pairs[0].min() > pairs[1].max()  # a pole is more like a pole than like a car
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from references.detectors import likeness_of_turn
+from references.detectors import similarity_of_turn
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.features.gaussian_image import align_gaussian_images, compute_gaussian_images
@@ -37,12 +37,12 @@ def test_cells_have_equal_areas(rng):
 
 def test_the_best_turn_is_that_of_trying_all(rng):
     images, references = rng.random((3, 5, 36)), rng.random((2, 5, 36))
-    turns, likeness = align_gaussian_images(images, references)
+    turns, similarity = align_gaussian_images(images, references)
     for m in range(3):
         for r in range(2):
-            every = [likeness_of_turn(images[m], references[r], turn) for turn in range(18)]
+            every = [similarity_of_turn(images[m], references[r], turn) for turn in range(18)]
             assert turns[m, r] == np.argmax(every)
-            assert likeness[m, r] == pytest.approx(max(every), abs=1e-6)
+            assert similarity[m, r] == pytest.approx(max(every), abs=1e-6)
 
 
 def test_a_turned_object_is_turned_back(rng):
@@ -51,8 +51,8 @@ def test_a_turned_object_is_turned_back(rng):
     one = compute_gaussian_images(normals, [0, 60])
     for cells in (0, 5, 13):
         other = compute_gaussian_images(turned(normals, np.radians(10 * cells)), [0, 60])
-        turns, likeness = align_gaussian_images(other, one)
-        assert turns[0, 0] == cells and likeness[0, 0] == pytest.approx(1.0, abs=1e-5)
+        turns, similarity = align_gaussian_images(other, one)
+        assert turns[0, 0] == cells and similarity[0, 0] == pytest.approx(1.0, abs=1e-5)
 
 
 def test_empty_images_and_bad_input():

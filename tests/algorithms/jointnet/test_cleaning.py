@@ -1,4 +1,4 @@
-"""Outliers of objects, and the machine on the measures."""
+"""Outliers of objects, and the regression on the measures."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.jointnet import cleaning
 from mlsroad_pipeline.algorithms.jointnet.cleaning import isolated_points
-from mlsroad_pipeline.algorithms.jointnet.measure_machine import train_machine
+from mlsroad_pipeline.algorithms.jointnet.measure_regression import train_regression
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters, TrainingParameters
 from mlsroad_pipeline.algorithms.jointnet.recogniser import JointNetRecogniser, _points
 
@@ -38,17 +38,17 @@ def test_an_object_keeps_half_of_its_points(rng):
     assert alone.sum() <= 50
 
 
-def test_the_machine_votes_beside_the_networks_and_survives_as_arrays(rng):
+def test_the_regression_counts_beside_the_networks_and_is_stored(rng):
     objects = [dense(rng, 60) * ([1, 1, 1] if k % 2 else [40, 40, 0.1]) for k in range(20)]
     classes = np.array(["plate", "pole"])[np.arange(20) % 2]
-    parameters = JointNetParameters(training=TrainingParameters(epochs=1, n_members=1, n_turns=1, machine_copies=1))
+    parameters = JointNetParameters(training=TrainingParameters(epochs=1, n_members=1, n_turns=1, regression_copies=1))
     fitted = JointNetRecogniser(parameters).fit(objects, classes)
-    assert (fitted.predict(objects) == classes).all()  # after one epoch this is the machine's doing
+    assert (fitted.predict(objects) == classes).all()  # after one epoch the regression decides this
     arrays = fitted.to_arrays()
     again = JointNetRecogniser.from_arrays(arrays, parameters)
     assert np.array_equal(again.predict_proba(objects), fitted.predict_proba(objects))
     bare = {name: value for name, value in arrays.items() if not name.startswith("machine/")}
     older = JointNetRecogniser.from_arrays(bare, parameters)  # a model of an earlier version
-    assert older.machine_ is None and older.predict_proba(objects).sum(axis=1) == pytest.approx(np.ones(20))
-    none = JointNetParameters(training=TrainingParameters(machine_share=0.0))
-    assert train_machine(_points(objects, None), np.arange(20) % 2, none) is None
+    assert older.regression_ is None and older.predict_proba(objects).sum(axis=1) == pytest.approx(np.ones(20))
+    none = JointNetParameters(training=TrainingParameters(regression_share=0.0))
+    assert train_regression(_points(objects, None), np.arange(20) % 2, none) is None

@@ -20,7 +20,7 @@ PRINTED = {  # Luo et al. 2019: sections 3.2.1 to 3.2.4, 4.2
     "training": {
         "epochs": 150, "copies": 1, "batch_size": 32, "learning_rate": 0.001, "momentum": 0.9, "weight_decay": 0.0005,
         "clip": 0.0, "schedule": "halving", "label_smoothing": 0.0, "loss": "mean", "n_members": 1, "n_turns": 1,
-        "validation": 0.0, "machine_share": 0.0,
+        "validation": 0.0, "regression_share": 0.0,
     },
     "augmentation": {
         "rotate": False, "drop": 0.0, "occlude": 0.0, "noise": 0.0, "scale": 0.0, "outliers": 0.0, "hide_intensity": 0.0,
@@ -48,17 +48,19 @@ def test_both_configurations_have_the_stated_values(slug, wanted):
     JointNetParameters(**given)
 
 
-def test_a_stored_model_of_the_old_name_is_reported_as_tuned(tmp_path):
+def test_a_stored_model_of_old_names_gets_those_of_today(tmp_path):
     def stored(inputs):
-        metadata = {"classes": ["a"], "parameters": {"recogniser": {"inputs": inputs}}}
+        training = {"machine_share": 0.25, "epochs": 3}
+        metadata = {"classes": ["a"], "parameters": {"recogniser": {"inputs": inputs, "training": training}}}
         content = {"format": 1, "slug": "jointnet_printed", "arrays": ["x"], "metadata": metadata}
         (tmp_path / "model.json").write_text(json.dumps(content))
         np.savez(tmp_path / "arrays.npz", x=np.zeros(1))
         bundle = load_bundle(tmp_path)
-        return bundle.slug, bundle.metadata["parameters"]["recogniser"]["inputs"]["clean"]
+        read = JointNetParameters(**bundle.metadata["parameters"]["recogniser"])
+        return bundle.slug, read.inputs.clean, read.training.regression_share
 
-    assert stored({"window": [2.0, 4.0], "bilinear": True}) == ("jointnet_tuned", 0.0)
-    assert stored({"window": None, "printed_rows": True, "clean": 0.0}) == ("jointnet_printed", 0.0)
+    assert stored({"window": [2.0, 4.0], "bilinear": True}) == ("jointnet_tuned", 0.0, 0.25)
+    assert stored({"window": None, "printed_rows": True, "clean": 0.0}) == ("jointnet_printed", 0.0, 0.25)
 
 
 def test_the_sum_over_a_batch_is_the_mean_at_a_larger_rate(rng):

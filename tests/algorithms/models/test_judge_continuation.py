@@ -56,7 +56,7 @@ def test_learning_again_brings_no_new_thresholds(replay):
 
 def test_what_the_judge_does_not_know_is_refused(replay):
     values = uncertain(replay)
-    with pytest.raises(DataError, match="does not know the kind 'bench'"):
+    with pytest.raises(DataError, match="has no trees of the kind 'bench'"):
         continue_judge(shipped_judge(), {"bench": JudgedCandidates(values, np.ones(20, bool))}, replay)
     with pytest.raises(DataError, match=r"the answers have 5 features, the judge \d+"):
         continue_judge(shipped_judge(), {"pole": JudgedCandidates(values[:, :5], np.ones(20, bool))}, replay)

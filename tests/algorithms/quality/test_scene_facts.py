@@ -7,10 +7,10 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.quality.scene_facts import scene_facts
 from mlsroad_pipeline.algorithms.quality.training_facts import (
+    distance_from_training,
     median_facts,
-    strange_facts,
-    strangeness,
     training_facts,
+    unusual_facts,
 )
 
 SPACING = [0.02, 0.03, 0.1, 0.4, 0.5]
@@ -85,24 +85,24 @@ def test_ranges_are_quantiles_of_the_scenes_that_have_the_fact():
         ("density", 4.0, [30, 40, 100, 300, 1200], "the median density is 4 points per m² (training scenes 30 to 1,200 points per m²)"),
     ],
 )  # fmt: skip
-def test_strange_facts_in_words(name, value, span, sentence):
-    assert strange_facts({name: value}, {name: span}) == ([] if sentence is None else [sentence])
+def test_unusual_facts_in_words(name, value, span, sentence):
+    assert unusual_facts({name: value}, {name: span}) == ([] if sentence is None else [sentence])
 
 
 def test_facts_that_one_side_lacks_are_not_compared():
-    assert strange_facts({"ground": 0.1}, {"spacing": SPACING}) == []
-    assert np.isnan(strangeness({"ground": 0.1}, {"spacing": SPACING}))
-    assert strange_facts({"unknown": 0.1}, {"unknown": SPACING}) == []
+    assert unusual_facts({"ground": 0.1}, {"spacing": SPACING}) == []
+    assert np.isnan(distance_from_training({"ground": 0.1}, {"spacing": SPACING}))
+    assert unusual_facts({"unknown": 0.1}, {"unknown": SPACING}) == []
 
 
-def test_strangeness_grows_from_the_median_to_the_quantiles_and_beyond():
+def test_distance_grows_from_the_median_to_the_quantiles_and_beyond():
     training = {"spacing": SPACING, "above_5": [0.2, 0.25, 0.4, 0.5, 0.6]}
-    assert strangeness({"spacing": 0.1, "above_5": 0.4}, training) == 0
-    assert strangeness({"spacing": 0.03, "above_5": 0.5}, training) == pytest.approx(1)
-    assert strangeness({"spacing": 0.1, "above_5": 0.7}, training) == pytest.approx(1.5)
-    assert strangeness({"spacing": 1e9}, training) == 10
+    assert distance_from_training({"spacing": 0.1, "above_5": 0.4}, training) == 0
+    assert distance_from_training({"spacing": 0.03, "above_5": 0.5}, training) == pytest.approx(1)
+    assert distance_from_training({"spacing": 0.1, "above_5": 0.7}, training) == pytest.approx(1.5)
+    assert distance_from_training({"spacing": 1e9}, training) == 10
 
 
 def test_damaged_range_names_the_fact():
     with pytest.raises(DataError, match=r"training_facts of 'spacing' must have 5 quantiles, got \[1\]"):
-        strange_facts({"spacing": 1.0}, {"spacing": [1]})
+        unusual_facts({"spacing": 1.0}, {"spacing": [1]})

@@ -17,7 +17,7 @@ from mlsroad_pipeline.algorithms.visual_words.bags import (
 from mlsroad_pipeline.algorithms.visual_words.detector import VisualWordsDetector
 from mlsroad_pipeline.algorithms.visual_words.labeller import bag_objects
 from mlsroad_pipeline.algorithms.visual_words.queries import DetectorParameters
-from mlsroad_pipeline.algorithms.visual_words.sizes import measure_sizes, size_likeness, within_sizes
+from mlsroad_pipeline.algorithms.visual_words.sizes import measure_sizes, size_similarity, within_sizes
 
 
 def test_bags_are_equations_21_and_22():
@@ -31,7 +31,7 @@ def test_bags_are_equations_21_and_22():
     np.testing.assert_allclose(bags[2], 0)
 
 
-def test_likeness_is_equation_23(rng):
+def test_similarity_is_equation_23(rng):
     queries, bags = (csr_array(rng.random((n, 30)) * (rng.random((n, 30)) < 0.3)) for n in (4, 9))
     least = np.minimum(queries.toarray()[:, None], bags.toarray()[None]).sum(axis=2)
     most = np.maximum(queries.toarray()[:, None], bags.toarray()[None]).sum(axis=2)
@@ -52,7 +52,7 @@ def test_planted_classes_are_found_in_all_their_kinds(rng):
     np.testing.assert_array_equal(found, truth)
     assert found.dtype == np.int16 and scores.dtype == np.float32
     assert (scores[truth >= 0] > 0).all() and (scores[truth < 0] == 0).all()
-    assert all(2 <= len(q.looks) <= 12 for q in detector.queries_.values())  # a query for each kind of the class
+    assert all(2 <= len(q.appearance) <= 12 for q in detector.queries_.values())  # a query for each kind of the class
 
 
 def test_one_query_finds_less_than_several(rng):
@@ -62,15 +62,15 @@ def test_one_query_finds_less_than_several(rng):
     for n in (1, 12):
         parameters = replace(NEAREST, max_queries=n)
         detector = VisualWordsDetector(["pole", "car"], parameters=parameters).fit(counts, labels)
-        assert all(len(q.looks) <= n for q in detector.queries_.values())
+        assert all(len(q.appearance) <= n for q in detector.queries_.values())
         right.append((detector.detect(unseen)[0] == truth).mean())
     assert right[0] < 0.9 < right[1]
 
 
-def test_a_class_with_one_example_is_detected_by_any_likeness(rng):
+def test_a_class_with_one_example_is_detected_of_any_similarity(rng):
     counts = csr_array(np.array([[3.0, 0, 1], [0, 5, 0], [0, 4, 1]]))
     detector = VisualWordsDetector(["pole"], parameters=NEAREST).fit(counts, [0, -1, -1])
-    assert len(detector.queries_["pole"].looks) == 1
+    assert len(detector.queries_["pole"].appearance) == 1
     assert detector.queries_["pole"].threshold > 0
     assert detector.detect(counts)[0][0] == 0
 
@@ -117,16 +117,16 @@ def test_sizes_separate_objects_of_the_same_words(rng, decision):
 
 def test_others_most_like_an_example_vote(rng):
     counts, labels = planted(rng, 400)
-    looks = np.full((400, 4), 0.25)
+    appearance = np.full((400, 4), 0.25)
     near = np.flatnonzero(labels < 0)[:6]
     counts = counts.tolil()
     counts[near] = counts[np.flatnonzero(labels == 0)[:6]]
     parameters = DetectorParameters(max_others=12, size_share=0.0, profile_share=0.0, size_margin=0.0)
     detector = VisualWordsDetector(["pole", "car"], parameters=parameters)
-    detector.fit(csr_array(counts), labels, profiles=looks, scenes=np.arange(400) % 5)
+    detector.fit(csr_array(counts), labels, profiles=appearance, scenes=np.arange(400) % 5)
     against = detector.queries_["pole"]
     twins = weigh_words(csr_array(counts[near]), detector.inverse_frequency_).toarray()
-    known = against.looks.bags.toarray()[against.weights < 0]
+    known = against.appearance.bags.toarray()[against.weights < 0]
     assert all((np.abs(known - twin).max(axis=1) < 1e-12).any() for twin in twins)
 
 
@@ -180,14 +180,14 @@ def test_sizes_are_heights_above_the_ground_and_extents(rng):
     assert measure_sizes(road, np.full(20000, -1)).shape == (0, 4)
 
 
-def test_likeness_of_sizes_by_hand():
+def test_similarity_of_sizes_by_hand():
     one, other = np.array([[0.0, 7.5, 0.7, 0.2]]), np.array([[0.5, 3.5, 0.7, 0.2], [0.0, 7.5, 0.7, 0.2]])
-    np.testing.assert_allclose(size_likeness(one, other), [[np.sqrt(0.5 * 0.5), 1.0]])
+    np.testing.assert_allclose(size_similarity(one, other), [[np.sqrt(0.5 * 0.5), 1.0]])
     np.testing.assert_array_equal(within_sizes(other, one, 1.5), [False, True])
     np.testing.assert_array_equal(within_sizes(other, one, 2.01), [True, True])
     assert not within_sizes(other, one[:0], 2.0).any()
     with pytest.raises(DataError, match="sizes need 4 columns"):
-        size_likeness(one[:, :2], other)
+        size_similarity(one[:, :2], other)
 
 
 def test_a_class_without_training_objects_gives_a_warning_and_is_never_detected(rng, caplog):

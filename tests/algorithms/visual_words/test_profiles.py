@@ -12,7 +12,7 @@ from mlsroad_pipeline.algorithms.visual_words.profiles import (
     RINGS,
     TONES,
     measure_profiles,
-    profile_likeness,
+    profile_similarity,
     without_intensities,
 )
 from mlsroad_pipeline.algorithms.visual_words.surfaces import KINDS, surface_kinds
@@ -46,17 +46,17 @@ def test_profiles_are_invariant_to_position_rotation_order_and_density(rng):
     many = np.repeat(lamp(rng), 5, axis=0)
     for points in (lamp(rng, 30.0, -8.0)[order], lamp(rng, turn=1.0), many):
         other = measure_profiles(points, np.zeros(len(points), int))
-        assert profile_likeness(one, other)[0, 0] > 0.8
+        assert profile_similarity(one, other)[0, 0] > 0.8
     block = rng.uniform([-2, -1, 0], [2, 1, 1.5], (4000, 3))
-    assert profile_likeness(one, measure_profiles(block, np.zeros(4000, int)))[0, 0] < 0.2
+    assert profile_similarity(one, measure_profiles(block, np.zeros(4000, int)))[0, 0] < 0.2
 
 
-def test_likeness_is_the_sum_of_minima_over_the_sum_of_maxima():
+def test_similarity_is_the_sum_of_minima_over_the_sum_of_maxima():
     one, other = np.array([[0.5, 0.5, 0.0], [0.0, 0.0, 0.0]]), np.array([[0.25, 0.25, 0.5], [0.5, 0.5, 0.0]])
-    np.testing.assert_allclose(profile_likeness(one, other), [[0.5 / 1.5, 1.0], [0.0, 0.0]])
-    assert profile_likeness(one[1:], one[1:])[0, 0] == 0.0  # nothing is like nothing
+    np.testing.assert_allclose(profile_similarity(one, other), [[0.5 / 1.5, 1.0], [0.0, 0.0]])
+    assert profile_similarity(one[1:], one[1:])[0, 0] == 0.0  # nothing is like nothing
     with pytest.raises(DataError, match="2 and 3 shares"):
-        profile_likeness(one[:, :2], other)
+        profile_similarity(one[:, :2], other)
 
 
 def test_no_objects_have_no_profiles():
@@ -82,8 +82,8 @@ def test_intensities_separate_objects_of_one_shape_and_can_be_excluded(rng):
     points, owner = lamp(rng), np.zeros(800, int)
     dull = measure_profiles(points, owner, intensity=np.full(800, 0.3))
     bright = measure_profiles(points, owner, intensity=np.where(points[:, 2] > 5, 0.95, 0.3))
-    assert profile_likeness(dull, dull)[0, 0] == 1.0
-    assert profile_likeness(dull, bright)[0, 0] < 0.9
+    assert profile_similarity(dull, dull)[0, 0] == 1.0
+    assert profile_similarity(dull, bright)[0, 0] < 0.9
     np.testing.assert_array_equal(without_intensities(bright), measure_profiles(points, owner))
     assert bright[:, N_PLACES:].any()
 

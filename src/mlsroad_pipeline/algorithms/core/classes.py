@@ -89,7 +89,7 @@ TAXONOMY_NAMES: dict[int, str] = {code: name for name, code in TAXONOMY.items()}
 
 
 def unknown_codes(codes: NDArray, known: NDArray, what: str, source: str) -> UnknownClassError:
-    """Return the error that names codes which a coding or scheme does not know.
+    """Return the error that names codes that a coding or scheme lacks.
 
     Parameters
     ----------

@@ -51,7 +51,7 @@ class TrainedDetector(Protocol):
         ...
 
     def score(self, parts: Description) -> NDArray[np.float32]:
-        """Return the score of each object for each class, (n, c); 0 is no likeness at all."""
+        """Return the score of each object for each class, (n, c); 0 is no similarity at all."""
         ...
 
     def to_arrays(self) -> dict[str, NDArray]:

@@ -38,7 +38,7 @@ def best_threshold(
     Parameters
     ----------
     scores : ndarray of float, shape (n,)
-        Score of each training object by a model that was not fitted to it. 0 is no likeness at all and never detected.
+        Score of each training object by a model that was not fitted to it. 0 is no similarity and never detected.
     truth : ndarray of bool, shape (n,)
         Whether each is of the class.
     weights : ndarray of float, shape (n,), optional
@@ -70,14 +70,14 @@ def best_threshold(
 
 
 def choose_queries(
-    likeness: NDArray[np.float64], candidates: NDArray[np.int64], truth: NDArray[np.bool_], *, max_queries: int
+    similarity: NDArray[np.float64], candidates: NDArray[np.int64], truth: NDArray[np.bool_], *, max_queries: int
 ) -> tuple[list[int], float, float]:
     """Select the queries of a class greedily: each is the candidate that raises the F-score most.
 
     Parameters
     ----------
-    likeness : ndarray of float64, shape (k, n)
-        Likeness of each object to each candidate.
+    similarity : ndarray of float64, shape (k, n)
+        Similarity of each object to each candidate.
     candidates : ndarray of int64, shape (k,)
         Index of each candidate among the objects; no object is compared with itself.
     truth : ndarray of bool, shape (n,)
@@ -90,26 +90,26 @@ def choose_queries(
     chosen : list of int
         Indices among the candidates.
     threshold : float
-        The best threshold on the likeness to the nearest of them.
+        The best threshold on the similarity to the nearest of them.
     f_score : float
         The F-score at this threshold.
     """
-    likeness = likeness.copy()
-    likeness[np.arange(len(candidates)), candidates] = 0.0
-    best = np.zeros(likeness.shape[1])
+    similarity = similarity.copy()
+    similarity[np.arange(len(candidates)), candidates] = 0.0
+    best = np.zeros(similarity.shape[1])
     chosen: list[int] = []
     reached, threshold = -1.0, float("inf")
     while len(chosen) < min(max_queries, len(candidates)):
         trials = [
             (-1.0, float("inf")) if k in chosen else best_threshold(np.maximum(best, row), truth)
-            for k, row in enumerate(likeness)
+            for k, row in enumerate(similarity)
         ]
         k = int(np.argmax([value for value, _ in trials]))
         if trials[k][0] <= reached:
             break
         reached, threshold = trials[k]
         chosen.append(k)
-        best = np.maximum(best, likeness[k])
+        best = np.maximum(best, similarity[k])
     return chosen, threshold, reached
 
 

@@ -39,7 +39,7 @@ class Detections(ObjectLabels):
     Attributes
     ----------
     scores : ndarray of float32, shape (objects, c)
-        Score of each object for each wanted class; 0 is no likeness at all.
+        Score of each object for each wanted class; 0 is no similarity at all.
     """
 
     scores: NDArray[np.float32]

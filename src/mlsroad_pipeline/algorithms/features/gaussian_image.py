@@ -75,7 +75,7 @@ def align_gaussian_images(images: ArrayLike, references: ArrayLike) -> tuple[NDA
     turns : ndarray of int32, shape (m, r)
         Counterclockwise rotation of the reference in azimuth cells, from 0 to n_azimuths / 2 - 1, since images are
         invariant to half a turn.
-    likeness : ndarray of float32, shape (m, r)
+    similarity : ndarray of float32, shape (m, r)
         Normalised correlation at that rotation, 0 to 1; 0 for empty images.
 
     Raises
@@ -92,8 +92,8 @@ def align_gaussian_images(images: ArrayLike, references: ArrayLike) -> tuple[NDA
     turns = correlation.argmax(axis=2).astype(np.int32)
     length = np.sqrt((ours**2).sum(axis=(1, 2)))[:, None] * np.sqrt((theirs**2).sum(axis=(1, 2)))[None]
     best = correlation.max(axis=2)
-    likeness = np.divide(best, length, out=np.zeros_like(best), where=length > 0)
-    return turns, np.clip(likeness, 0.0, 1.0).astype(np.float32)
+    similarity = np.divide(best, length, out=np.zeros_like(best), where=length > 0)
+    return turns, np.clip(similarity, 0.0, 1.0).astype(np.float32)
 
 
 @njit(cache=True, nogil=True)

@@ -184,9 +184,9 @@ def find_spheres(
     """
     check_spheres(radius, n_scales, ratio, points_per_radius)
     points = check_xyz(xyz, minimum=1)
-    strange = set(attributes) - set(ATTRIBUTES)
-    if strange:
-        raise DataError(f"unknown attributes {sorted(strange)}: known are {', '.join(ATTRIBUTES)}")
+    unknown = set(attributes) - set(ATTRIBUTES)
+    if unknown:
+        raise DataError(f"unknown attributes {sorted(unknown)}: known are {', '.join(ATTRIBUTES)}")
     present = [name for name in ATTRIBUTES if name in attributes]
     columns = [np.asarray(check_column(attributes[name], len(points), name), np.float64) for name in present]
     for name, column in zip(present, columns, strict=True):

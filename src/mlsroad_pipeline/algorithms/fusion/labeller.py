@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.labels import ImagePredictions, PointLabels
+from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.fusion.log_linear_pool import PoolParameters
@@ -42,8 +43,7 @@ class FusionParameters:
     pool: PoolParameters = field(default_factory=PoolParameters)
 
     def __post_init__(self) -> None:
-        if isinstance(self.pool, Mapping):
-            object.__setattr__(self, "pool", PoolParameters(**self.pool))
+        parse_groups(self, pool=PoolParameters)
         if not 0 < self.share < 1:
             raise ParameterError(f"share must be in (0, 1), got {self.share!r}")
 

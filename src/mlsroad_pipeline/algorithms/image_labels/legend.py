@@ -183,9 +183,9 @@ class Legend:
             If the legend lacks a number; the message has the number and its count.
         """
         place = np.searchsorted(self.numbers, numbers).clip(max=len(self.numbers) - 1)
-        strange = np.asarray(self.numbers)[place] != numbers
-        if strange.any():
-            first = int(np.asarray(numbers)[strange].min())
+        wrong = np.asarray(self.numbers)[place] != numbers
+        if wrong.any():
+            first = int(np.asarray(numbers)[wrong].min())
             raise DataError(
                 f"{source}: class number {first} ({int((numbers == first).sum())} pixels) is not in {self.source}"
             )

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from numbers import Real
 
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
 from mlsroad_pipeline.algorithms.core.validation import check_positive
 
 
@@ -194,8 +195,7 @@ class ImageLabelsParameters:
     network: TrainingParameters = field(default_factory=TrainingParameters)
 
     def __post_init__(self) -> None:
-        if isinstance(self.network, Mapping):
-            object.__setattr__(self, "network", TrainingParameters(**self.network))
+        parse_groups(self, network=TrainingParameters)
         check_positive(self.reach, "reach")
         given = (TRAINED_AT if self.weights is None else 1.0) if self.magnification is None else self.magnification
         object.__setattr__(self, "magnification", check_magnifications(given))

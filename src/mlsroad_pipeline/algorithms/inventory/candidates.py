@@ -1,7 +1,7 @@
 """Classes of the points that form candidate objects, from class probabilities and upright lines.
 
 A detector that takes the most probable class of each point loses thin objects in front of others. Here the
-probabilities of poles, signs and vehicles are raised, so that more candidates arise than objects; a judge decides about
+probabilities of poles, signs and vehicles are raised, so that more candidates arise than objects; a judge scores
 each. Upright lines among points of poles, signs and trees are classified as a whole: trunks become part of trees, and
 posts in crowns part of poles.
 """
@@ -30,7 +30,7 @@ CANDIDATE_LIMITS: dict[str, dict[str, float]] = {
     "vehicle": {"min_height": 0.5, "min_width": 0.8, "max_clearance": 1.5},
     "tree": {"max_clearance": 8.0},
 }
-"""Rules of candidates that a judge decides about, where they differ from those of objects."""
+"""Rules of candidates for a judge, where they differ from those of objects."""
 
 _LEAST_TRUNK, _LEAST_POLE = 0.7, 0.6  # probabilities from which a stem changes the class of its points
 

@@ -91,10 +91,9 @@ def _through(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float
 
 
 @njit(cache=True)
-def _circle(xy: NDArray[np.float64], few: NDArray[np.float64], reach: float, band: float) -> NDArray[np.float64]:
-    """Return centre, radius, points on the circle, sectors with points, share of near points on it, radius error."""
-    result = np.zeros(7)
-    n = len(xy)
+def _best_circle(few: NDArray[np.float64], reach: float, band: float) -> NDArray[np.float64]:
+    """Return centre and radius of the best circle through three of the points; a radius of 0 without any."""
+    best_circle = np.zeros(3)
     state = np.uint64(88172645463325252)
     best = -1.0
     for _ in range(_CIRCLE_TRIALS):
@@ -110,16 +109,20 @@ def _circle(xy: NDArray[np.float64], few: NDArray[np.float64], reach: float, ban
         on, near = _score(few, x, y, radius, band)
         if on - 0.5 * (near - on) > best:
             best = on - 0.5 * (near - on)
-            result[:3] = x, y, radius
-    if best < 0:
-        return result
+            best_circle[:] = x, y, radius
+    return best_circle if best >= 0 else np.zeros(3)
+
+
+@njit(cache=True)
+def _refine_circle(xy: NDArray[np.float64], circle: NDArray[np.float64], band: float) -> float:
+    """Refine a circle in place by Gauss-Newton on distances; return the error of its radius, -1 if that fails."""
     error = 1.0
-    for _ in range(6):  # Gauss-Newton on the distances to the circle
+    for _ in range(6):
         nxx, nxy, nyy, nx, ny, rx, ry, r, square, count = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0
-        for i in range(n):
-            dx, dy = xy[i, 0] - result[0], xy[i, 1] - result[1]
+        for i in range(len(xy)):
+            dx, dy = xy[i, 0] - circle[0], xy[i, 1] - circle[1]
             far = np.sqrt(dx * dx + dy * dy)
-            residual = far - result[2]
+            residual = far - circle[2]
             if abs(residual) > band or far == 0:
                 continue
             dx, dy = dx / far, dy / far
@@ -128,17 +131,30 @@ def _circle(xy: NDArray[np.float64], few: NDArray[np.float64], reach: float, ban
             square, count = square + residual * residual, count + 1
         normal = np.array([[nxx, nxy, nx], [nxy, nyy, ny], [nx, ny, count]])
         if abs(np.linalg.det(normal)) < 1e-9:
-            return np.zeros(7)
+            return -1.0
         inverse = np.linalg.inv(normal)
-        result[:3] += inverse @ np.array([rx, ry, r])
+        circle[:] += inverse @ np.array([rx, ry, r])
         error = np.sqrt(max(square, 1e-6 * count) / max(count - 3.0, 1.0) * inverse[2, 2])
-    on, near = _score(xy, result[0], result[1], result[2], band)
+    return error
+
+
+@njit(cache=True)
+def _circle(xy: NDArray[np.float64], few: NDArray[np.float64], reach: float, band: float) -> NDArray[np.float64]:
+    """Return centre, radius, points on the circle, sectors with points, share of near points on it, radius error."""
+    result = np.zeros(7)
+    circle = _best_circle(few, reach, band)
+    if circle[2] == 0:
+        return result
+    error = _refine_circle(xy, circle, band)
+    x, y, radius = circle[0], circle[1], circle[2]
+    if error < 0 or not _RADIUS[0] <= radius <= _RADIUS[1] or np.hypot(x, y) > reach:
+        return result
+    on, near = _score(xy, x, y, radius, band)
     sectors = np.zeros(_SECTORS, np.bool_)
-    for i in range(n):
-        dx, dy = xy[i, 0] - result[0], xy[i, 1] - result[1]
-        if abs(np.hypot(dx, dy) - result[2]) <= band:
+    for i in range(len(xy)):
+        dx, dy = xy[i, 0] - x, xy[i, 1] - y
+        if abs(np.hypot(dx, dy) - radius) <= band:
             sectors[int((np.arctan2(dy, dx) + np.pi) / (2 * np.pi) * _SECTORS) % _SECTORS] = True
-    if not _RADIUS[0] <= result[2] <= _RADIUS[1] or np.hypot(result[0], result[1]) > reach:
-        return np.zeros(7)
+    result[:3] = circle
     result[3], result[4], result[5], result[6] = on, sectors.sum(), on / max(near, 1), error
     return result

@@ -19,7 +19,7 @@ from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.trunks import split_trees
 
 EITHER = ("pole", "sign")
-"""Kinds that are judged for the points of either: a post looks like a pole, and the back of a sign like one."""
+"""Kinds that are both judged for the points of either: the post of a sign resembles a pole, and so does its back."""
 
 
 class Candidate(NamedTuple):

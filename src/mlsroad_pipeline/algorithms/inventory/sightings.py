@@ -60,7 +60,7 @@ class Sightings(NamedTuple):
 
 
 def visit_columns(cloud: PointCloud) -> dict[str, NDArray[np.int32]]:
-    """Return the columns of a cloud that tell its passes and scanners apart.
+    """Return the columns of a cloud that distinguish its passes and scanners.
 
     Parameters
     ----------

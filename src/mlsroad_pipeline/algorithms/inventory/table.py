@@ -58,9 +58,9 @@ FIELDS: dict[str, Field] = {
     "panel_centre": Field("float64", "Panel middle [m]", "Middle of a sign's panel above the base."),
     "panel_height": Field("float64", "Panel height [m]", "Vertical size of a sign's panel."),
     "panel_width": Field("float64", "Panel width [m]", "Horizontal size of a sign's panel."),
-    "facing": Field("float64", "Facing [deg]", "Where a sign's front looks, clockwise from grid north, 0 to 360."),
+    "facing": Field("float64", "Facing [deg]", "Direction of a sign's front, clockwise from grid north, 0 to 360."),
     "facing_from": Field(
-        "str", "Front known from", "What told a sign's front: post, pole or unknown (facing below 180)."
+        "str", "Front known from", "Evidence for a sign's front: post, pole or unknown (facing below 180)."
     ),
     "clearance": Field("float64", "Clearance [m]", "Its lowest part above the ground."),
     "visible_share": Field("float64", "Visible share", "How much of its height or outline has points, 0 to 1."),

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
 
 VIEWS = ("hssi", "vqai", "vaai")
@@ -211,11 +212,11 @@ class TrainingParameters:
         larger as a batch has objects.
     augmentation : AugmentationParameters or mapping
         Augmentation of the training objects.
-    machine_share : float, default 0.5
+    regression_share : float, default 0.5
         Share of a kernel logistic regression on the measures in the class probabilities, beside the networks; 0 for
         none, and without measures (luo2019: 0).
-    machine_copies : int, default 6
-        Augmented copies of each object that the machine is trained on, beside the object itself.
+    regression_copies : int, default 6
+        Augmented copies of each object that the regression is trained on, beside the object itself.
     n_members : int, default 2
         Networks of the ensemble, from different initial weights; their probabilities are averaged (luo2019: 1).
     n_turns : int, default 4
@@ -248,8 +249,8 @@ class TrainingParameters:
     label_smoothing: float = 0.1
     loss: Literal["mean", "sum"] = "mean"
     augmentation: AugmentationParameters = field(default_factory=AugmentationParameters)
-    machine_share: float = 0.5
-    machine_copies: int = 6
+    regression_share: float = 0.5
+    regression_copies: int = 6
     n_members: int = 2
     n_turns: int = 4
     validation: float = 0.0
@@ -259,16 +260,15 @@ class TrainingParameters:
     seed: int = 2019
 
     def __post_init__(self) -> None:
-        if isinstance(self.augmentation, Mapping):
-            object.__setattr__(self, "augmentation", AugmentationParameters(**self.augmentation))
+        parse_groups(self, augmentation=AugmentationParameters)
         for name in ("epochs", "copies", "n_members", "n_turns", "patience"):
             _whole(getattr(self, name), f"training.{name}")
         _whole(self.batch_size, "training.batch_size", 2)
         _whole(self.seed, "training.seed", 0)
         check_positive(self.learning_rate, "training.learning_rate")
         check_at_least(self.clip, 0.0, "training.clip")
-        _whole(self.machine_copies, "training.machine_copies", 0)
-        for name in ("momentum", "weight_decay", "label_smoothing", "validation", "machine_share"):
+        _whole(self.regression_copies, "training.regression_copies", 0)
+        for name in ("momentum", "weight_decay", "label_smoothing", "validation", "regression_share"):
             _share(getattr(self, name), f"training.{name}")
         choices = {"schedule": ("one_cycle", "halving"), "device": ("auto", "cpu", "cuda"), "loss": ("mean", "sum")}
         for name, known in choices.items():
@@ -295,14 +295,7 @@ class JointNetParameters:
     training: TrainingParameters = field(default_factory=TrainingParameters)
 
     def __post_init__(self) -> None:
-        kinds: dict[str, Any] = {
-            "inputs": InputParameters,
-            "network": NetworkParameters,
-            "training": TrainingParameters,
-        }
-        for name, kind in kinds.items():
-            if isinstance(getattr(self, name), Mapping):
-                object.__setattr__(self, name, kind(**getattr(self, name)))
+        parse_groups(self, inputs=InputParameters, network=NetworkParameters, training=TrainingParameters)
 
     def with_views(self, *views: str) -> Self:
         """Return the parameters with other views.

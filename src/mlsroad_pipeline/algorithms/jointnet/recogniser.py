@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.features.accumulation_images import join_objects, join_values
 from mlsroad_pipeline.algorithms.jointnet.inputs import Points, encode
-from mlsroad_pipeline.algorithms.jointnet.measure_machine import MeasureMachine, train_machine
+from mlsroad_pipeline.algorithms.jointnet.measure_regression import MeasureRegression, train_regression
 from mlsroad_pipeline.algorithms.jointnet.network import JointNet
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
 from mlsroad_pipeline.algorithms.jointnet.training import Checkpoints, to_tensors, train_network
@@ -26,10 +26,10 @@ _BATCH = 256
 """Objects per batch in prediction."""
 
 _ALIKE = 0.5
-"""Largest difference of the flag of known intensity from its mean over the training objects for the machine to vote."""
+"""Largest difference of the flag of known intensity from its mean in training for which the regression counts."""
 
-_MACHINE = "machine/"
-"""Start of the names of the arrays of the machine on the measures."""
+_REGRESSION = "machine/"
+"""Start of the names of the arrays of the regression, as stored models have it."""
 
 logger = logging.getLogger(__name__)
 
@@ -50,7 +50,7 @@ class JointNetRecogniser:
     ----------
     classes_ : ndarray
         The classes, sorted; columns of `predict_proba`.
-    machine_ : MeasureMachine or None
+    regression_ : MeasureRegression or None
         Kernel logistic regression on the measures; None without it.
     histories_ : list of list of dict
         Losses of each network and epoch.
@@ -107,7 +107,7 @@ class JointNetRecogniser:
             )
             self.networks_.append(trained.network)
             self.histories_.append(trained.history)
-        self.machine_ = train_machine(points, target, self.parameters)
+        self.regression_ = train_regression(points, target, self.parameters)
         return self
 
     def predict_proba(
@@ -125,9 +125,9 @@ class JointNetRecogniser:
         Returns
         -------
         ndarray of float64, shape (objects, classes)
-            Probabilities: the softmax of the summed scores, averaged over networks and headings, and averaged with the
-            machine on the measures. Objects without intensity are left to the networks
-            where the training objects have it.
+            Probabilities: the softmax of the summed scores, averaged over networks and headings, and averaged with
+            those of the regression on the measures. For objects without intensity, only the networks count where the
+            training objects have it.
 
         Raises
         ------
@@ -146,11 +146,11 @@ class JointNetRecogniser:
                 rows = slice(start, start + _BATCH)
                 total[rows] += self._score({view: v[rows] for view, v in images.items()}, measures[rows])
         total /= n_turns * len(self.networks_)
-        if self.machine_ is None or measures is None:
+        if self.regression_ is None or measures is None:
             return total
-        alike = np.abs(measures[:, -1:] - self.machine_.shift[-1]) < _ALIKE
-        share = self.parameters.training.machine_share * alike
-        return (1 - share) * total + share * self.machine_.predict_proba(measures)
+        alike = np.abs(measures[:, -1:] - self.regression_.shift[-1]) < _ALIKE
+        share = self.parameters.training.regression_share * alike
+        return (1 - share) * total + share * self.regression_.predict_proba(measures)
 
     def _score(self, images: dict[str, NDArray[np.float32]], measures: NDArray[np.float32]) -> NDArray[np.float64]:
         device = next(self.networks_[0].parameters()).device
@@ -183,8 +183,8 @@ class JointNetRecogniser:
         for member, network in enumerate(self.networks_):
             for name, value in network.state_dict().items():
                 arrays[f"{member}/{name}"] = value.cpu().numpy()
-        machine = {} if self.machine_ is None else self.machine_.to_arrays()
-        return arrays | {f"{_MACHINE}{name}": value for name, value in machine.items()}
+        regression = {} if self.regression_ is None else self.regression_.to_arrays()
+        return arrays | {f"{_REGRESSION}{name}": value for name, value in regression.items()}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray], parameters: JointNetParameters) -> Self:
@@ -217,8 +217,8 @@ class JointNetRecogniser:
             network = JointNet(parameters, len(self.classes_))
             load_weights(network, arrays, f"{member}/", f"jointnet with {len(self.classes_)} classes")
             self.networks_.append(network.to(device).eval())
-        machine = arrays_under(arrays, _MACHINE)
-        self.machine_ = MeasureMachine.from_arrays(machine) if machine else None
+        regression = arrays_under(arrays, _REGRESSION)
+        self.regression_ = MeasureRegression.from_arrays(regression) if regression else None
         return self
 
     def describe(self) -> dict[str, object]:

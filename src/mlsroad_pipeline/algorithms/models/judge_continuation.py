@@ -106,13 +106,13 @@ def continue_judge(
     Raises
     ------
     DataError
-        If the judge does not know a kind, or the number of features is another one.
+        If the judge has no trees of a kind, or the number of features is another one.
     """
     own = parameters or JudgeContinuation()
     trees = dict(judge.trees)
     for kind, found in answers.items():
         if kind not in trees or kind not in replay:
-            raise DataError(f"the judge of objects does not know the kind {kind!r}")
+            raise DataError(f"the judge of objects has no trees of the kind {kind!r}")
         for what, rows in (("answers", found), ("replay", replay[kind])):
             if rows.values.shape[1:] != (trees[kind].n_features,):
                 raise DataError(f"the {what} have {rows.values.shape[1]} features, the judge {trees[kind].n_features}")

@@ -178,7 +178,7 @@ def _conditional(
         agreeing = np.bincount(u * np.int64(n_classes) + labels[v], weights=weights, minlength=n * n_classes)
         energy -= agreeing.reshape(n, n_classes)
     energy -= energy.min(axis=1, keepdims=True)
-    # The refined label wins ties and rounding differences.
+    # The refined label takes precedence in ties and rounding differences.
     energy[np.arange(n), labels] = -1e-9
     shares: NDArray[np.float64] = np.exp(-energy)
     return shares / shares.sum(axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Comparison of a survey with the training data of a model: ranges of facts, strange facts, in words."""
+"""Comparison of a survey with the training data of a model: ranges of facts, and sentences on unusual facts."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def median_facts(scenes: Sequence[Mapping[str, float]]) -> dict[str, float]:
     return {name: float(np.median([scene[name] for scene in scenes if name in scene])) for name in names}
 
 
-def strange_facts(facts: Mapping[str, float], training: TrainingFacts) -> list[str]:
+def unusual_facts(facts: Mapping[str, float], training: TrainingFacts) -> list[str]:
     """Return one sentence per fact that is outside the range of the training scenes.
 
     The range is that between the least and the largest value, widened by 0.03 (shares), 0.05 (concentration) or a
@@ -110,7 +110,7 @@ def strange_facts(facts: Mapping[str, float], training: TrainingFacts) -> list[s
 
     Examples
     --------
-    >>> strange_facts({"spacing": 0.9}, {"spacing": [0.02, 0.03, 0.1, 0.4, 0.5]})
+    >>> unusual_facts({"spacing": 0.9}, {"spacing": [0.02, 0.03, 0.1, 0.4, 0.5]})
     ['points lie 0.9 m apart (median; training scenes 0.02 to 0.5 m)']
     """
     sentences = []
@@ -122,7 +122,7 @@ def strange_facts(facts: Mapping[str, float], training: TrainingFacts) -> list[s
     return sentences
 
 
-def strangeness(facts: Mapping[str, float], training: TrainingFacts) -> float:
+def distance_from_training(facts: Mapping[str, float], training: TrainingFacts) -> float:
     """Return the mean distance of the facts of a survey from the medians of the training scenes.
 
     Parameters

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
 from mlsroad_pipeline.algorithms.geometry.outliers import keep_inliers
@@ -95,8 +96,7 @@ class IngestParameters:
     outliers: OutlierParameters = field(default_factory=OutlierParameters)
 
     def __post_init__(self) -> None:
-        if isinstance(self.outliers, Mapping):
-            object.__setattr__(self, "outliers", OutlierParameters(**self.outliers))
+        parse_groups(self, outliers=OutlierParameters)
         if self.cut not in ("along", "file"):
             raise ParameterError(f"ingest.cut must be 'along' or 'file', got {self.cut!r}")
         for name in ("scene_length", "bin_length", "max_points", "range_points", "time_gap"):

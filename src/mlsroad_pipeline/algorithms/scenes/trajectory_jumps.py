@@ -78,15 +78,11 @@ def without_jumps(
     lengths = np.diff(starts)
     most = max(1, int(MOST_DROPPED * len(xyz)))
 
-    def is_stray(i: int) -> bool:
-        """Return whether the path goes on without a part; the far ends of a path without times are strays."""
-        if i in (0, len(lengths) - 1):
-            beside = steps[starts[1] - 1] if i == 0 else steps[starts[i] - 1]
-            return bool(beside > FAR_END * longest(0.0))
-        return bool(np.hypot(*(xy[starts[i + 1]] - xy[starts[i] - 1])) <= longest(0.0))
-
+    step = float(longest(0.0))
     dropped = [
-        i for i in range(len(lengths)) if not reached[i] and (time is not None or (lengths[i] <= most and is_stray(i)))
+        i
+        for i in np.flatnonzero(~reached).tolist()
+        if time is not None or (lengths[i] <= most and _is_stray(xy, steps, starts, i, step))
     ]
     count = int(lengths[dropped].sum())
     if not dropped:
@@ -99,6 +95,16 @@ def without_jumps(
         keep[starts[i] : starts[i + 1]] = False
     what = "1 position that no vehicle can reach was" if count == 1 else f"{count} positions out of reach were"
     return keep, f"{what} left out of the trajectory: {where}"
+
+
+def _is_stray(
+    xy: NDArray[np.float64], steps: NDArray[np.float64], starts: NDArray[np.int64], part: int, longest: float
+) -> bool:
+    """Return whether the path goes on without a part; the far ends of a path without times are strays."""
+    if part in (0, len(starts) - 2):
+        beside = steps[starts[1] - 1] if part == 0 else steps[starts[part] - 1]
+        return bool(beside > FAR_END * longest)
+    return bool(np.hypot(*(xy[starts[part + 1]] - xy[starts[part] - 1])) <= longest)
 
 
 def _reached(

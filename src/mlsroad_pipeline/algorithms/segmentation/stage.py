@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.scene_key import group_by_split
 from mlsroad_pipeline.algorithms.core.validation import check_positive
@@ -121,13 +122,14 @@ class SegmentationParameters:
     min_points: int = 10
 
     def __post_init__(self) -> None:
-        kinds = {
-            "normalized_cut": NormalizedCutParameters, "plain_cut": NormalizedCutParameters,
-            "printed_cut": NormalizedCutParameters, "yang_dong": YangDongParameters, "two_step": TwoStepParameters,
-        }  # fmt: skip
-        for name, kind in kinds.items():
-            if isinstance(getattr(self, name), Mapping):
-                object.__setattr__(self, name, kind(**getattr(self, name)))
+        parse_groups(
+            self,
+            normalized_cut=NormalizedCutParameters,
+            plain_cut=NormalizedCutParameters,
+            printed_cut=NormalizedCutParameters,
+            yang_dong=YangDongParameters,
+            two_step=TwoStepParameters,
+        )
         if self.method not in METHODS:
             raise ParameterError(f"segmentation.method must be one of {', '.join(METHODS)}, got {self.method!r}")
         check_positive(self.min_points, "segmentation.min_points")

@@ -47,11 +47,11 @@ def classify_stems(
         return [], []
     p = refinement
     beam, crowned, measures = measure_crowned(xyz, counts, stems, p)
-    likeness = p.pole_intercept + measures @ p.pole_weights
-    least = find_least_pole_like([stems[k] for k in crowned], likeness, p)
+    scores = p.pole_intercept + measures @ p.pole_weights
+    least = find_least_pole_like([stems[k] for k in crowned], scores, p)
     central = measures[:, _OFFSET_COLUMN] < p.crown_centre_offset
     is_pole = beam < 0
-    is_pole[crowned] = (likeness + p.trunk_weight * least > 0) & ~(least & central)
+    is_pole[crowned] = (scores + p.trunk_weight * least > 0) & ~(least & central)
     poles = [stem for stem, pole in zip(stems, is_pole, strict=True) if pole]
     groups = [
         [stem for stem, b in zip(stems, beam, strict=True) if b == number] for number in np.unique(beam[beam >= 0])
@@ -202,7 +202,7 @@ def measure_stem(
 
 
 def find_least_pole_like(
-    stems: list[Stem], likeness: NDArray[np.float64], refinement: PoleRefinementParameters = POLE_REFINEMENT
+    stems: list[Stem], scores: NDArray[np.float64], refinement: PoleRefinementParameters = POLE_REFINEMENT
 ) -> NDArray[np.bool_]:
     """Find the stems that are less pole-like than all near them: every crown has a trunk.
 
@@ -210,7 +210,7 @@ def find_least_pole_like(
     ----------
     stems : list of Stem
         Stems in crowns.
-    likeness : ndarray of float64, shape (n,)
+    scores : ndarray of float64, shape (n,)
         Weighted sum of the measures of each; larger is more pole-like.
     refinement : PoleRefinementParameters
         `trunk_distance` is the distance within which stems are compared.
@@ -222,7 +222,7 @@ def find_least_pole_like(
     """
     foot = np.array([stem.at(stem.low) for stem in stems]).reshape(-1, 2)
     near = np.hypot(*(foot[:, None] - foot[None]).transpose(2, 0, 1)) <= refinement.trunk_distance
-    return np.array([likeness[k] <= likeness[near[k]].min() for k in range(len(stems))], np.bool_)
+    return np.array([scores[k] <= scores[near[k]].min() for k in range(len(stems))], np.bool_)
 
 
 def _sections(

@@ -14,7 +14,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.visual_words._context import Context, context_factor, feature_distance, likeness
+from mlsroad_pipeline.algorithms.visual_words._context import (
+    Context,
+    context_factor,
+    feature_distance,
+    ratio_similarity,
+)
 
 CELL = 64
 """Largest number of words in a cell."""
@@ -92,10 +97,10 @@ def build_cells(places: NDArray[np.float64], words: Context) -> Cells:
 
 @njit(cache=True, nogil=True)
 def _closest(value: float, low: float, high: float) -> float:
-    """Return the largest likeness of a value with any value in a range."""
+    """Return the largest similarity of a value with any value in a range."""
     if low <= value <= high:
         return 1.0
-    return likeness(value, low if value < low else high)
+    return ratio_similarity(value, low if value < low else high)
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")

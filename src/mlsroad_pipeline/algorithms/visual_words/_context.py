@@ -59,7 +59,7 @@ def sorted_features(context: Context) -> NDArray[np.float64]:
 
 
 @njit(cache=True, nogil=True)
-def likeness(a: float, b: float) -> float:
+def ratio_similarity(a: float, b: float) -> float:
     """Return the ratio of minimum and maximum of two non-negative numbers (equations 14 and 15); 1 where both are 0."""
     low, high = min(a, b), max(a, b)
     return low / high if high > 0.0 else 1.0
@@ -72,8 +72,8 @@ def context_factor(angle: float, ratio: float, other_angle: float, other: NDArra
         return 1.0
     best = 0.0
     for p in range(len(other)):
-        best = max(best, likeness(ratio, other[p]))
-    return max(1.0 - 0.5 * (likeness(angle, other_angle) + best), floor)
+        best = max(best, ratio_similarity(ratio, other[p]))
+    return max(1.0 - 0.5 * (ratio_similarity(angle, other_angle) + best), floor)
 
 
 @njit(cache=True, nogil=True)
@@ -84,10 +84,10 @@ def feature_distance(
     """Return the sum of equation 16 for the best matching order; the least sum of equally good orders."""
     best = 0.0
     for p in range(len(ratios)):
-        best = max(best, likeness(ratio, ratios[p]))
+        best = max(best, ratio_similarity(ratio, ratios[p]))
     least = np.inf
     for p in range(len(ratios)):
-        if likeness(ratio, ratios[p]) < best * (1.0 - 1e-12):
+        if ratio_similarity(ratio, ratios[p]) < best * (1.0 - 1e-12):
             continue
         total = 0.0
         for x in range(len(features)):

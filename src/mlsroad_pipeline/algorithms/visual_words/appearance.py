@@ -1,4 +1,4 @@
-"""Appearance of objects: bags of words, sizes and profiles, and their likeness."""
+"""Appearance of objects: bags of words, sizes and profiles, and their similarity."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from scipy.sparse import csr_array
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.visual_words.bags import similarity
-from mlsroad_pipeline.algorithms.visual_words.profiles import profile_likeness
-from mlsroad_pipeline.algorithms.visual_words.sizes import SIZES, size_likeness
+from mlsroad_pipeline.algorithms.visual_words.profiles import profile_similarity
+from mlsroad_pipeline.algorithms.visual_words.sizes import SIZES, size_similarity
 
 
 @dataclass(frozen=True)
@@ -84,17 +84,17 @@ def appearance_of(bags: csr_array, sizes: ArrayLike | None, profiles: ArrayLike 
     return Appearance(bags, large, spread)
 
 
-def likeness(
+def appearance_similarity(
     queries: Appearance, objects: Appearance, *, size_share: float, profile_share: float
 ) -> NDArray[np.float64]:
-    """Return the likeness of objects to queries.
+    """Return the similarity of objects to queries.
 
     Parameters
     ----------
     queries, objects : Appearance
         q queries and n objects.
     size_share, profile_share : float
-        Weights of the likeness of sizes and of profiles; the remaining weight is that of bags, equation 23.
+        Weights of the similarity of sizes and of profiles; the remaining weight is that of bags, equation 23.
 
     Returns
     -------
@@ -111,7 +111,7 @@ def likeness(
     if share < 1:
         alike = share * alike
         if size_share > 0:
-            alike += size_share * size_likeness(queries.sizes, objects.sizes)
+            alike += size_share * size_similarity(queries.sizes, objects.sizes)
         if profile_share > 0:
-            alike += profile_share * profile_likeness(queries.profiles, objects.profiles)
+            alike += profile_share * profile_similarity(queries.profiles, objects.profiles)
     return alike

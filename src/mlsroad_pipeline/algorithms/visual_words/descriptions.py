@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.detection.regions import INTENSITY, RegionParameters, describe_regions
 from mlsroad_pipeline.algorithms.detection.types import Segments
@@ -32,8 +33,7 @@ class GroupParameters:
     k: int = 2
 
     def __post_init__(self) -> None:
-        if isinstance(self.regions, Mapping):
-            object.__setattr__(self, "regions", RegionParameters(**self.regions))
+        parse_groups(self, regions=RegionParameters)
 
 
 def describe_objects(scene: PointCloud, objects: Segments, *, parameters: GroupParameters) -> dict[str, NDArray]:

@@ -1,4 +1,4 @@
-"""Detection of objects by their likeness to queries (Yu et al. 2016, section IV-C)."""
+"""Detection of objects by their similarity to queries (Yu et al. 2016, section IV-C)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_column
 from mlsroad_pipeline.algorithms.detection.thresholds import best_threshold, choose_queries, detect_by_thresholds
-from mlsroad_pipeline.algorithms.visual_words.appearance import Appearance, appearance_of, likeness
+from mlsroad_pipeline.algorithms.visual_words.appearance import Appearance, appearance_of, appearance_similarity
 from mlsroad_pipeline.algorithms.visual_words.bags import inverse_document_frequency, weigh_words
 from mlsroad_pipeline.algorithms.visual_words.queries import ClassQueries, DetectorParameters, HeldOut
 from mlsroad_pipeline.algorithms.visual_words.sizes import size_range, within_any_sizes
@@ -109,43 +109,48 @@ class VisualWordsDetector:
             raise DataError(f"{truth.shape} labels for {n} objects")
         of_scene = np.arange(n) if scenes is None else check_column(scenes, n, "scenes")
         self.inverse_frequency_ = inverse_document_frequency(counts)
-        looks = appearance_of(weigh_words(counts, self.inverse_frequency_), sizes, profiles)
+        appearance = appearance_of(weigh_words(counts, self.inverse_frequency_), sizes, profiles)
         filled = np.asarray(counts.sum(axis=1)).ravel()
         self.queries_: dict[str, ClassQueries] = {}
         self.f_scores_: dict[str, float] = {}
-        self.examples_ = [size_range(looks.sizes[(truth == k) & (filled > 0)]) for k in range(len(self.classes))]
+        self.examples_ = [size_range(appearance.sizes[(truth == k) & (filled > 0)]) for k in range(len(self.classes))]
         fit = self._fit_weighted if self.parameters.decision == "weighted" else self._fit_nearest
-        fit(looks, truth, filled, of_scene, np.ones(n) if weights is None else check_column(weights, n, "weights"))
+        fit(appearance, truth, filled, of_scene, np.ones(n) if weights is None else check_column(weights, n, "weights"))
         return self
 
-    def _none(self, name: str, looks: Appearance) -> None:
+    def _none(self, name: str, appearance: Appearance) -> None:
         """Log a warning for a class without examples, and store no queries."""
         logger.warning("No training object is a %s: the model never detects one", name)
-        nothing = looks.select(np.zeros(0, np.int64))
+        nothing = appearance.select(np.zeros(0, np.int64))
         self.queries_[name] = ClassQueries(nothing, np.zeros(0), 0.0, float("inf"))
 
     def _fit_nearest(
-        self, looks: Appearance, truth: NDArray, filled: NDArray[np.float64], _: NDArray, weights: NDArray[np.float64]
+        self,
+        appearance: Appearance,
+        truth: NDArray,
+        filled: NDArray[np.float64],
+        _: NDArray,
+        weights: NDArray[np.float64],
     ) -> None:
         """Select few queries of each class greedily."""
-        possible = self.possible(looks.sizes)
+        possible = self.possible(appearance.sizes)
         for number, name in enumerate(self.classes):
             mine = np.flatnonzero((truth == number) & (filled > 0))
             if len(mine) == 0:
-                self._none(name, looks)
+                self._none(name, appearance)
                 continue
             order = mine[np.argsort(-filled[mine], kind="stable")][: self.parameters.candidates]
-            alike = self._likeness(looks.select(order), looks) * possible
+            alike = self._similarity(appearance.select(order), appearance) * possible
             most = self.parameters.max_queries
             chosen = choose_queries(alike, order, truth == number, max_queries=most)[0]
             alike[np.arange(len(order)), order] = 0.0  # no object is compared with itself
             nearest = alike[chosen].max(axis=0, initial=0.0)
             self.f_scores_[name], level = best_threshold(nearest, truth == number, weights)
-            self.queries_[name] = ClassQueries(looks.select(order[chosen]), np.zeros(0), 0.0, level)
+            self.queries_[name] = ClassQueries(appearance.select(order[chosen]), np.zeros(0), 0.0, level)
 
     def _fit_weighted(
         self,
-        looks: Appearance,
+        appearance: Appearance,
         truth: NDArray,
         filled: NDArray[np.float64],
         scenes: NDArray,
@@ -153,20 +158,22 @@ class VisualWordsDetector:
     ) -> None:
         """Train the weighted vote of each class, and choose thresholds on held-out scores."""
         p = self.parameters
-        wanted, others = self._candidates(looks.sizes, truth, filled > 0)
+        wanted, others = self._candidates(appearance.sizes, truth, filled > 0)
         every = np.sort(np.concatenate([wanted, others]))
-        rows = np.sort(np.concatenate([wanted, self._counterexamples(looks, wanted, others)]))
-        known, kinds = looks.select(rows), truth[rows]
-        alike = self._likeness(known, known)
+        rows = np.sort(np.concatenate([wanted, self._counterexamples(appearance, wanted, others)]))
+        known, kinds = appearance.select(rows), truth[rows]
+        alike = self._similarity(known, known)
         folds = np.stack([assign_folds(scenes[every], p.folds, p.seed + r) for r in range(p.rounds)])
         own = folds[:, np.searchsorted(every, rows)]
         committees = [train_committee(alike, kinds == k, own, penalty=p.penalty) for k in range(len(self.classes))]
-        scores = held_out_scores(committees, lambda here: self._likeness(known, looks.select(every[here])), folds)
+        scores = held_out_scores(
+            committees, lambda here: self._similarity(known, appearance.select(every[here])), folds
+        )
         self.held_out_ = HeldOut(scores, truth[every], scenes[every])
         for number, name in enumerate(self.classes):
             mine = kinds == number
             if not mine.any():
-                self._none(name, looks)
+                self._none(name, appearance)
                 continue
             if mine.all():
                 raise DataError(f"all training objects are a {name}: the weighted decision needs others too")
@@ -186,22 +193,22 @@ class VisualWordsDetector:
         return np.flatnonzero(filled & (truth >= 0)), others[near] if near.any() else others
 
     def _counterexamples(
-        self, looks: Appearance, wanted: NDArray[np.int64], others: NDArray[np.int64]
+        self, appearance: Appearance, wanted: NDArray[np.int64], others: NDArray[np.int64]
     ) -> NDArray[np.int64]:
         """Return the counterexamples: half are the most similar to an example, half are drawn from the rest."""
         most = self.parameters.max_others
         if len(others) <= most:
             return others
-        alike = self._likeness(looks.select(wanted), looks.select(others)).max(axis=0, initial=0.0)
+        alike = self._similarity(appearance.select(wanted), appearance.select(others)).max(axis=0, initial=0.0)
         order = np.argsort(-alike, kind="stable")
         near, rest = order[: (most + 1) // 2], order[(most + 1) // 2 :]
         drawn = np.random.default_rng(self.parameters.seed).permutation(rest)[: most // 2]
         return others[np.concatenate([near, drawn])]
 
-    def _likeness(self, queries: Appearance, objects: Appearance) -> NDArray[np.float64]:
-        """Return the likeness of every object to every query."""
+    def _similarity(self, queries: Appearance, objects: Appearance) -> NDArray[np.float64]:
+        """Return the similarity of every object to every query."""
         p = self.parameters
-        return likeness(queries, objects, size_share=p.size_share, profile_share=p.profile_share)
+        return appearance_similarity(queries, objects, size_share=p.size_share, profile_share=p.profile_share)
 
     def possible(self, sizes: ArrayLike) -> NDArray[np.bool_]:
         """Return which objects have a size that a class may have; others are never detected.
@@ -221,7 +228,7 @@ class VisualWordsDetector:
     def score(
         self, counts: csr_array, sizes: ArrayLike | None = None, profiles: ArrayLike | None = None
     ) -> NDArray[np.float64]:
-        """Score objects by their likeness to the queries.
+        """Score objects by their similarity to the queries.
 
         Parameters
         ----------
@@ -235,7 +242,7 @@ class VisualWordsDetector:
         Returns
         -------
         ndarray of float64, shape (n, classes)
-            Score of each class, in [0, 1]: likeness to the most similar query, or the weighted vote of all queries. 0
+            Score of each class, in [0, 1]: similarity to the most similar query, or the weighted vote of all queries. 0
             for objects without words or of a size that no class has.
 
         Raises
@@ -243,12 +250,12 @@ class VisualWordsDetector:
         DataError
             If the objects have another vocabulary.
         """
-        looks = appearance_of(weigh_words(counts, self.inverse_frequency_), sizes, profiles)
+        appearance = appearance_of(weigh_words(counts, self.inverse_frequency_), sizes, profiles)
         scores = np.zeros((counts.shape[0], len(self.classes)))
-        rows = np.flatnonzero(self.possible(looks.sizes) & (np.asarray(counts.sum(axis=1)).ravel() > 0))
-        possible = looks.select(rows)
+        rows = np.flatnonzero(self.possible(appearance.sizes) & (np.asarray(counts.sum(axis=1)).ravel() > 0))
+        possible = appearance.select(rows)
         for number, queries in enumerate(self.queries_.values()):
-            alike = self._likeness(queries.looks, possible)
+            alike = self._similarity(queries.appearance, possible)
             if len(queries.weights):
                 scores[rows, number] = weigh(alike, queries.weights, queries.offset)
             else:
@@ -305,13 +312,13 @@ class VisualWordsDetector:
             "size_margin": np.array(p.size_margin),
         }
         for number, (queries, examples) in enumerate(zip(self.queries_.values(), self.examples_, strict=True)):
-            bags = queries.looks.bags
+            bags = queries.appearance.bags
             parts = {
                 "data": bags.data,
                 "indices": bags.indices,
                 "indptr": bags.indptr,
-                "sizes": queries.looks.sizes,
-                "profiles": queries.looks.profiles,
+                "sizes": queries.appearance.sizes,
+                "profiles": queries.appearance.profiles,
                 "weights": queries.weights,
                 "offset": np.array(queries.offset),
                 "threshold": np.array(queries.threshold),
@@ -343,7 +350,9 @@ class VisualWordsDetector:
             own = {part: arrays[f"queries.{number}.{part}"] for part in _PARTS}
             shape = (len(own["indptr"]) - 1, len(detector.inverse_frequency_))
             bags = csr_array((own["data"], own["indices"], own["indptr"]), shape=shape)
-            looks = Appearance(bags, own["sizes"], own["profiles"])
-            detector.queries_[name] = ClassQueries(looks, own["weights"], float(own["offset"]), float(own["threshold"]))
+            appearance = Appearance(bags, own["sizes"], own["profiles"])
+            detector.queries_[name] = ClassQueries(
+                appearance, own["weights"], float(own["offset"]), float(own["threshold"])
+            )
             detector.examples_.append(own["examples"])
         return detector

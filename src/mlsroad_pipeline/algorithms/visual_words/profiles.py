@@ -139,8 +139,8 @@ def _count(
         shares[k] /= stop - first
 
 
-def profile_likeness(queries: NDArray[np.floating], objects: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the likeness of profiles: sum of minima over sum of maxima, as equation 23 for bags.
+def profile_similarity(queries: NDArray[np.floating], objects: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return the similarity of profiles: sum of minima over sum of maxima, as equation 23 for bags.
 
     Parameters
     ----------

@@ -14,19 +14,19 @@ from mlsroad_pipeline.algorithms.visual_words.appearance import Appearance
 
 @dataclass(frozen=True)
 class DetectorParameters:
-    """Parameters of likeness, queries and thresholds.
+    """Parameters of similarity, queries and thresholds.
 
     Parameters
     ----------
     decision : {"weighted", "nearest"}, default "weighted"
-        With "nearest" an object's score is its likeness to the most similar of a few queries of the class, as in the
+        With "nearest" an object's score is its similarity to the most similar of a few queries of the class, as in the
         paper. With "weighted" all training objects, including those of no wanted class, may be queries, and the score
-        is their weighted vote: a support vector machine whose kernel is the likeness.
+        is their weighted vote: a support vector machine whose kernel is the similarity.
     size_share : float, default 0.25
-        Weight of the size in the likeness of two objects, 0 to 1 (yu2016: 0). Bags contain shares of words, which do
+        Weight of the size in the similarity of two objects, 0 to 1 (yu2016: 0). Bags contain shares of words, which do
         not depend on the size of an object.
     profile_share : float, default 0.5
-        Weight of the profile in the likeness, 0 to 1 (yu2016: 0). Bags do not contain the position of words on an
+        Weight of the profile in the similarity, 0 to 1 (yu2016: 0). Bags do not contain the position of words on an
         object. The remaining weight is that of bags, equation 23.
     size_margin : float, default 1.5
         Objects whose height above the ground or extents lie outside the range of the examples of every class by more
@@ -112,17 +112,17 @@ class ClassQueries:
 
     Attributes
     ----------
-    looks : Appearance
+    appearance : Appearance
         The queries.
     weights : ndarray of float64, shape (q,)
-        Their weights; empty where the score is the likeness to the most similar query.
+        Their weights; empty where the score is the similarity to the most similar query.
     offset : float
         Offset of the weighted sum.
     threshold : float
         Lowest score at which an object is detected.
     """
 
-    looks: Appearance
+    appearance: Appearance
     weights: NDArray[np.float64]
     offset: float
     threshold: float

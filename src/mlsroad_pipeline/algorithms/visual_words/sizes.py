@@ -1,4 +1,4 @@
-"""Sizes of objects, and their likeness."""
+"""Sizes of objects, and their similarity."""
 
 from __future__ import annotations
 
@@ -75,8 +75,8 @@ def _ground_around(
     return np.minimum(ground, lowest)
 
 
-def size_likeness(queries: NDArray[np.floating], objects: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the likeness of sizes: minimum over maximum, as equations 14 and 15 for orientations and scales.
+def size_similarity(queries: NDArray[np.floating], objects: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return the similarity of sizes: minimum over maximum, as equations 14 and 15 for orientations and scales.
 
     Parameters
     ----------

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
 from mlsroad_pipeline.algorithms.detection.detector import GEOMETRY, WITH_INTENSITY, DetectionStages
 from mlsroad_pipeline.algorithms.detection.regions import RegionParameters
 from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters, ObjectClasses
@@ -59,10 +60,7 @@ class VisualWordsParameters:
     without_intensity: bool = True
 
     def __post_init__(self) -> None:
-        kinds = {"regions": RegionParameters, "vocabulary": VocabularyParameters, "detector": DetectorParameters}
-        for name, kind in kinds.items():
-            if isinstance(getattr(self, name), Mapping):
-                object.__setattr__(self, name, kind(**getattr(self, name)))
+        parse_groups(self, regions=RegionParameters, vocabulary=VocabularyParameters, detector=DetectorParameters)
 
     @property
     def groups(self) -> GroupParameters:
@@ -226,7 +224,7 @@ def _fitted(vocabulary: Vocabulary, detector: VisualWordsDetector) -> FittedVari
     }
     facts = {
         "words": len(vocabulary),
-        "queries": {name: len(of_class.looks) for name, of_class in queries.items()},
+        "queries": {name: len(of_class.appearance) for name, of_class in queries.items()},
         "f_scores": detector.f_scores_,
         "thresholds": {
             name: of_class.threshold for name, of_class in queries.items() if np.isfinite(of_class.threshold)

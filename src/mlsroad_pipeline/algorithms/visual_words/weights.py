@@ -1,4 +1,4 @@
-"""Weights of queries for and against a class: support vector machines whose kernel is the likeness."""
+"""Weights of queries for and against a class: support vector machines whose kernel is the similarity."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _CHUNK = 4096  # objects compared with the training objects at once
 
 
 class Weights(NamedTuple):
-    """Weights of the likenesses to training objects.
+    """Weights of the similarities to training objects.
 
     Parameters
     ----------
@@ -32,12 +32,12 @@ class Weights(NamedTuple):
 
 
 def weigh(alike: NDArray[np.float64], weights: NDArray[np.float64], offset: float) -> NDArray[np.float64]:
-    """Return the score of objects: the logistic function of the weighted sum of their likenesses to queries.
+    """Return the score of objects: the logistic function of the weighted sum of their similarities to queries.
 
     Parameters
     ----------
     alike : ndarray of float64, shape (q, n)
-        Likeness of each object to each query.
+        Similarity of each object to each query.
     weights : ndarray of float64, shape (q,)
         Weights of the queries.
     offset : float
@@ -57,7 +57,7 @@ def learn_weights(alike: NDArray[np.float64], truth: NDArray[np.bool_], penalty:
     Parameters
     ----------
     alike : ndarray of float64, shape (n, n)
-        Likeness of the training objects to each other.
+        Similarity of the training objects to each other.
     truth : ndarray of bool, shape (n,)
         Whether each is of the class; both values occur.
     penalty : float
@@ -112,7 +112,7 @@ def train_committee(
     Parameters
     ----------
     alike : ndarray of float64, shape (n, n)
-        Likeness of the training objects to each other.
+        Similarity of the training objects to each other.
     truth : ndarray of bool, shape (n,)
         Whether each is of the class.
     folds : ndarray of int, shape (rounds, n)
@@ -150,7 +150,7 @@ def held_out_scores(
     committees : sequence of Committee
         The machines of each class.
     across : callable
-        Returns the likeness of all training objects to some objects, shape (training objects, objects).
+        Returns the similarity of all training objects to some objects, shape (training objects, objects).
     folds : ndarray of int, shape (rounds, m)
         Fold of each object in each round.
 

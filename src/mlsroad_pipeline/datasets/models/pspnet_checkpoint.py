@@ -54,9 +54,9 @@ def load_published(path: str | Path, *, n_classes: int | None = None, backbone: 
     ):
         raise ReadError(f"{source}: holds no state dict")
     state = {printable(name): value for name, value in state.items()}
-    strange = next((name for name, value in state.items() if not _is_finite(value)), None)
-    if strange is not None:
-        raise DataError(f"{source}: weights {strange} hold NaN, infinity or no real numbers")
+    wrong = next((name for name, value in state.items() if not _is_finite(value)), None)
+    if wrong is not None:
+        raise DataError(f"{source}: weights {wrong} hold NaN, infinity or no real numbers")
     if backbone is None:
         backbone, state = recognise_weights(state, source=str(source))
     if n_classes is None:

@@ -31,7 +31,7 @@ from mlsroad_pipeline.pipelines.training_facts import with_training_facts
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.recording_scenes import read_training_scene
 from mlsroad_pipeline.surveys.simulated import selected_surveys
-from mlsroad_pipeline.surveys.training_recordings import described_recordings, training_recordings
+from mlsroad_pipeline.surveys.training_recordings import TrainingRecording, described_recordings
 
 
 def read_training_recordings(shipped: ShippedParameters, classes: Mapping[str, Any]) -> dict[str, SceneTask]:
@@ -42,7 +42,7 @@ def read_training_recordings(shipped: ShippedParameters, classes: Mapping[str, A
             {"path": SourceFile(str(path))},
             {"coding": recording.read_coding(classes["codings"]), "read": dict(recording.read)},
         )
-        for name, recording in training_recordings(shipped.recordings).items()
+        for name, recording in TrainingRecording.configured(shipped.recordings).items()
         for stem, path in recording.paths(Path(shipped.root)).items()
     }
 

@@ -33,7 +33,7 @@ from mlsroad_pipeline.label.result_warnings import label_warnings
 from mlsroad_pipeline.label.runs import open_run
 from mlsroad_pipeline.label.scene import LabelSettings, code_names, object_rules, output_codes
 from mlsroad_pipeline.label.summary import LabelSummary, summarise_labels
-from mlsroad_pipeline.label.survey_facts import facts_of_pieces, strange_properties, strange_warnings
+from mlsroad_pipeline.label.survey_facts import facts_of_pieces, unusual_properties, unusual_warnings
 from mlsroad_pipeline.label.tasks import label_tasks
 from mlsroad_pipeline.label.work import write_file
 from mlsroad_pipeline.pipelines.label.report import label_report_sections
@@ -103,7 +103,7 @@ def warn_of_survey(
         trajectory=parameters.trajectory is not None,
         missing_of=partial(missing_attributes, model.load()),
     )
-    warnings += strange_warnings(strange_properties(model.load(), facts))
+    warnings += unusual_warnings(unusual_properties(model.load(), facts))
     for warning in warnings:
         logger.warning(warning)
     return warnings
@@ -212,7 +212,6 @@ def write_report(
     warnings += survey_warnings
     pictures = report_pictures(results, inventory, class_palette(bundle_scheme(bundle)))
     sections = label_report_sections(bundle, parameters, quality, counts, files, inventory, pictures, warnings)
-    strange = strange_properties(bundle, facts)
-    more = {"strange": strange, "exports": exports}
+    more = {"unusual": unusual_properties(bundle, facts), "exports": exports}
     summary = summarise_labels(bundle, parameters, quality, files, inventory, warnings, **more)
     return build_report(sections, title="Labelled survey", subtitle=summary["survey"]), summary

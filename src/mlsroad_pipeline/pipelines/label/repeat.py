@@ -53,7 +53,7 @@ def is_finished(
 
 
 def _is_segmented(images: ImageLabelsParameters, used: Mapping[str, str]) -> bool:
-    """Return whether the images were segmented by the masks or the weights that are named; the model decides else."""
+    """Return whether the images were segmented by the masks or the weights that are named, else by the model."""
     return not images.own_segmentation or used.get("name") == segmentation_name(images)
 
 

@@ -1,4 +1,4 @@
-"""Overgrown property lines, forest edges, and cars on driveways, in streets whose parameters ask for them."""
+"""Overgrown property lines, forest edges, and cars on driveways, in streets whose parameters have them."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class StudyScale:
     variants : mapping
         Changes of JointNet's parameters for Figures 7, 13 and 14, which take many trainings.
     images_alone : mapping
-        Changes of the parameters of JointNet and its sub-networks for Figures 9 and 10, where images alone decide.
+        Changes of the parameters of JointNet and its sub-networks for Figures 9 and 10, where images alone are used.
     grid : sequence of int
         Image sizes of which all combinations for the three kinds of images are tried; empty for none. The paper tries
         6 x 6 x 6 = 216 (section 4.2).

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
 from mlsroad_pipeline.algorithms.core.validation import check_positive
 from mlsroad_pipeline.algorithms.recognition.cutting import RecognitionParameters
 from mlsroad_pipeline.algorithms.segmentation.stage import METHODS
@@ -126,8 +127,7 @@ class SimulatedObjectsParameters:
     seed: int
 
     def __post_init__(self) -> None:
-        if isinstance(self.cut, Mapping):
-            object.__setattr__(self, "cut", CutParameters(**self.cut))
+        parse_groups(self, cut=CutParameters)
         self.chosen_sets()
 
     def chosen_sets(self) -> dict[str, ObjectSetParameters]:

@@ -23,7 +23,7 @@ REACH = 50.0
 def source_pages(plan: StudyPlan, scenes: SceneCollection, runs: SceneCollection) -> dict[str, str]:
     """Return one HTML page per recording with the pictures of its middle scene for the chosen runs.
 
-    A recording without a chosen run among those that are asked for keeps its page.
+    A recording without a chosen run among those that are requested keeps its page.
     """
     asked = {run.key for run in plan.runs()}
     pages = {}

@@ -74,7 +74,7 @@ class StudyPlan:
         return Path(self.study.root)
 
     def runs(self) -> list[Run]:
-        """Return the runs that are asked for."""
+        """Return the runs that are requested."""
         chosen = self.study
         methods = {slug: PROTOCOLS[1:] for slug in methods_of("labelling")}
         every: dict[str, tuple[str, ...]] = {**{name: (SHIPPED,) for name in chosen.models}, **methods}

@@ -7,41 +7,27 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mlsroad_pipeline.algorithms.core.codings import Coding, configured_coding
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
+from mlsroad_pipeline.algorithms.core.labelled_recording import LabelledRecording
 from mlsroad_pipeline.algorithms.scenes.parts import HalfPlane, Pose
 
 
-@dataclass(frozen=True)
-class Source:
+@dataclass(frozen=True, kw_only=True)
+class Source(LabelledRecording):
     """One recording.
 
     Parameters
     ----------
-    name : str
-        Name in keys and tables.
-    title : str
-        Name in reports.
-    files : str
-        Pattern of its point files below the root; one file is one scene.
-    coding : str
-        Name of the coding of its labels in ``classes.codings``.
     classes : sequence of str
         Common classes that the recording has; only these are scored.
     scanner : str
         The scanner.
-    licence : str
-        Licence of the data.
     test : mapping
         Test part: ``azimuth`` and ``offset`` of a `HalfPlane`, or ``files``, patterns of the names of whole blocks.
     group : str, optional
         Recordings of one group are one source when a source is left out; the name by default.
     labels : str, optional
         Folder of SemanticKITTI labels relative to that of the point files; None where labels are found beside them.
-    read : mapping
-        Further options of reading, see `ReadOptions`.
-    ignored : sequence of int
-        Codes of the coding that are ignored.
     mixed : mapping of str to sequence of str
         A class of the recording to the common classes that it holds beside its own: predictions of these are right.
         Such points train no model of other recordings.
@@ -55,26 +41,20 @@ class Source:
         If the test part has other keys or patterns.
     """
 
-    name: str
-    title: str
-    files: str
-    coding: str
+    section = "recordings_study.sources"
+
     classes: Sequence[str]
     scanner: str
-    licence: str
     test: Mapping[str, Any]
     group: str = ""
     labels: str | None = None
-    read: Mapping[str, Any] = field(default_factory=dict)
-    ignored: Sequence[int] = ()
     mixed: Mapping[str, Sequence[str]] = field(default_factory=dict)
     poses: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if set(self.test) not in ({"azimuth", "offset"}, {"files"}):
             raise ParameterError(
-                f"recordings_study.sources.{self.name}.test must have azimuth and offset, or files, got "
-                f"{sorted(self.test)}"
+                f"{self.section}.{self.name}.test must have azimuth and offset, or files, got {sorted(self.test)}"
             )
 
     @property
@@ -88,7 +68,7 @@ class Source:
         return HalfPlane(**self.test) if "azimuth" in self.test else None
 
     def paths(self, root: Path) -> dict[str, Path]:
-        """Return the point files by their names without extension.
+        """Return the point files by their names up to the first dot.
 
         Parameters
         ----------
@@ -149,30 +129,8 @@ class Source:
         if not self.poses:
             return None
         if stem not in self.poses:
-            raise ParameterError(f"recordings_study.sources.{self.name}.poses has no pose of {stem!r}")
+            raise ParameterError(f"{self.section}.{self.name}.poses has no pose of {stem!r}")
         return Pose(*self.poses[stem])
-
-    def read_coding(self, codings: Mapping[str, Mapping[int, str]]) -> Coding:
-        """Return the coding of the labels, with the ignored codes as unlabelled.
-
-        Parameters
-        ----------
-        codings : mapping of str to mapping
-            The configured codings.
-
-        Returns
-        -------
-        Coding
-            The coding.
-
-        Raises
-        ------
-        ParameterError
-            If there is no such coding.
-        """
-        return configured_coding(
-            codings, self.coding, ignored=self.ignored, where=f"recordings_study.sources.{self.name}"
-        )
 
 
 def sources_of(config: Mapping[str, Mapping[str, Any]]) -> dict[str, Source]:
@@ -195,10 +153,4 @@ def sources_of(config: Mapping[str, Mapping[str, Any]]) -> dict[str, Source]:
     """
     if not config:
         raise ParameterError("recordings_study.sources is empty: run the benchmark with --env=recordings")
-    sources = {}
-    for name, fields in config.items():
-        try:
-            sources[name] = Source(name=name, **fields)
-        except TypeError as error:
-            raise ParameterError(f"recordings_study.sources.{name}: {error}") from error
-    return sources
+    return Source.configured(config)

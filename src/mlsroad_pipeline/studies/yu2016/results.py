@@ -89,18 +89,6 @@ def study_tables(
         for method in plan.scale.detectors
     }
     words = [method for method in counted if method.startswith(WORDS)]
-    scores = [
-        detection_table(
-            {
-                f"{survey}.{street}": cast(Mapping[str, NDArray], one)
-                for survey, each in counted[method].items()
-                for street, one in each.items()
-            },
-            method=method,
-            classes=classes,
-        )
-        for method in counted
-    ]
     differences = [
         yu2016.paired_differences(counted, chosen, reference=WORDS).assign(classes=name)
         for name, chosen in (("car", cars), ("all", list(every)))
@@ -116,7 +104,7 @@ def study_tables(
     return StudyTables(
         setup=_setup(plan, streets),
         training=_training(classes, models),
-        scores=pd.concat(scores, ignore_index=True),
+        scores=_scores(counted, classes),
         segmentation=_segmentation(plan, segmented),
         table_2=pd.concat([yu2016.table_two(counted[method], classes).assign(method=method) for method in words]),
         table_3=three.merge(paper, on=["survey", "method", "metric"], how="left"),
@@ -126,6 +114,23 @@ def study_tables(
         figure_12=figure_12,
         curves=curves,
     )
+
+
+def _scores(counted: Mapping[str, Mapping[str, Mapping[str, Any]]], classes: Sequence[str]) -> pd.DataFrame:
+    """Return the scores of each detector over all streets of all surveys."""
+    tables = [
+        detection_table(
+            {
+                f"{survey}.{street}": cast(Mapping[str, NDArray], one)
+                for survey, each in surveys.items()
+                for street, one in each.items()
+            },
+            method=method,
+            classes=classes,
+        )
+        for method, surveys in counted.items()
+    ]
+    return pd.concat(tables, ignore_index=True)
 
 
 def _setup(plan: StudyPlan, streets: Streets) -> pd.DataFrame:

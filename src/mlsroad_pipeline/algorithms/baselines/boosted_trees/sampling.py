@@ -240,10 +240,10 @@ def _shares(scheme: ClassScheme, prior: Mapping[str, float]) -> NDArray[np.float
     """Return the share of each class of the scheme; None without a prior."""
     if not prior:
         return None
-    strange = [name for name in prior if name not in scheme.classes] + [n for n in scheme.classes if n not in prior]
-    if strange:
+    wrong = [name for name in prior if name not in scheme.classes] + [n for n in scheme.classes if n not in prior]
+    if wrong:
         raise ParameterError(
-            f"{SLUG}.prior must name the classes of the scheme, {', '.join(scheme.classes)}: check {strange[0]!r}"
+            f"{SLUG}.prior must name the classes of the scheme, {', '.join(scheme.classes)}: check {wrong[0]!r}"
         )
     return np.array([prior[name] for name in scheme.classes])
 

@@ -1,4 +1,4 @@
-"""Segments of a survey that a user is asked about: connected voxels of one predicted class, cut into cells.
+"""Segments of a survey that a user labels in active learning: connected voxels of one predicted class, cut into cells.
 
 The order of the questions joins uncertainty (the margin of the two best classes), size, and diversity: the distance in
 features to segments that were asked before, as in the core set (Sener and Savarese 2018).
@@ -85,7 +85,7 @@ def find_segments(xyz: ArrayLike, values: NDArray[np.float32], probabilities: ND
 def order_of_questions(
     segments: Segments, number: int, *, asked: ArrayLike = (), seed: int | None = None, least: int = LEAST
 ) -> NDArray[np.int64]:
-    """Return the segments to ask about, the first one first.
+    """Return the segments to label next, in order.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def order_of_questions(
     seed : int, optional
         Seed of a factor of about 10 % on the worth of each segment, which breaks ties; none without a seed.
     least : int, default `LEAST`
-        Fewest voxels of a segment. Smaller asks about small segments too.
+        Fewest voxels of a segment. Smaller includes small segments too.
 
     Returns
     -------

@@ -19,6 +19,7 @@ from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.oriented_points im
     describe_surfaces,
 )
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least, check_positive
 from mlsroad_pipeline.algorithms.detection.detector import detect_by_description, label_described_objects
@@ -91,8 +92,7 @@ class BottomUpTopDownParameters:
     seed: int = 2016
 
     def __post_init__(self) -> None:
-        if isinstance(self.surfaces, Mapping):
-            object.__setattr__(self, "surfaces", OrientedPointParameters(**self.surfaces))
+        parse_groups(self, surfaces=OrientedPointParameters)
         for name in ("max_images", "n_bands", "max_models", "candidates", "max_per_class"):
             check_at_least(getattr(self, name), 1, f"{SLUG}.{name}")
         for name in ("n_steps", "max_others"):

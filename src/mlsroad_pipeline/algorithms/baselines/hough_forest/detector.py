@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.baselines.hough_forest._trees import vote
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least, check_positive, check_tested
 from mlsroad_pipeline.algorithms.detection.detector import detect_by_description, label_described_objects
@@ -89,8 +90,7 @@ class HoughForestParameters:
     seed: int = 2016
 
     def __post_init__(self) -> None:
-        if isinstance(self.regions, Mapping):
-            object.__setattr__(self, "regions", RegionParameters(**self.regions))
+        parse_groups(self, regions=RegionParameters)
         for name in ("n_trees", "max_depth", "min_parts", "n_tests", "n_votes", "max_per_class", "max_parts"):
             check_at_least(getattr(self, name), 1, f"{SLUG}.{name}")
         if self.max_others < 0:

@@ -116,7 +116,7 @@ def match_objects(
     start: int,
     stop: int,
 ) -> None:
-    """Write the likeness of objects `start` to `stop` to each prototype; 0 where their sizes differ too much."""
+    """Write the similarity of objects `start` to `stop` to each prototype; 0 where their sizes differ too much."""
     for o in range(start, stop):
         mine = slice(bounds[o], bounds[o + 1])
         m = bounds[o + 1] - bounds[o]

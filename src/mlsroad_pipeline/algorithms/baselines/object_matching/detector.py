@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.baselines.object_matching._correspondence import match_objects
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least, check_positive
 from mlsroad_pipeline.algorithms.detection.detector import detect_by_description, label_described_objects
@@ -56,7 +57,7 @@ class ObjectMatchingParameters:
     n_sweeps : int, default 2
         Iterations of the correspondences after the first.
     least : float, default 0.2
-        Least ratio of the numbers of parts of candidate and prototype; below it the likeness is 0.
+        Least ratio of the numbers of parts of candidate and prototype; below it the similarity is 0.
     max_prototypes : int, default 12
         Largest number of prototypes of a class.
     candidates : int, default 24
@@ -89,8 +90,7 @@ class ObjectMatchingParameters:
     seed: int = 2016
 
     def __post_init__(self) -> None:
-        if isinstance(self.regions, Mapping):
-            object.__setattr__(self, "regions", RegionParameters(**self.regions))
+        parse_groups(self, regions=RegionParameters)
         for name in ("n_neighbors", "n_turns", "max_prototypes", "candidates", "max_per_class"):
             check_at_least(getattr(self, name), 1, f"{SLUG}.{name}")
         for name in ("n_sweeps", "max_others"):
@@ -114,7 +114,7 @@ class ObjectMatcher:
     kinds : ndarray of int16, shape (p,)
         Class of each.
     thresholds : ndarray of float64, shape (c,)
-        Least likeness at which an object is detected.
+        Least similarity at which an object is detected.
     geometry : ndarray of float64, shape (7,)
         Feature share, reach, limit, neighbours, turns, sweeps and least ratio.
     intensity : bool
@@ -128,7 +128,7 @@ class ObjectMatcher:
     intensity: bool
 
     def score(self, parts: Description) -> NDArray[np.float32]:
-        """Return the likeness of objects to the prototypes.
+        """Return the similarity of objects to the prototypes.
 
         Parameters
         ----------
@@ -138,9 +138,9 @@ class ObjectMatcher:
         Returns
         -------
         ndarray of float32, shape (n, c)
-            Likeness to the most similar prototype of each class, 0 to 1.
+            Similarity to the most similar prototype of each class, 0 to 1.
         """
-        alike = likeness(parts, self.prototypes, self.geometry, intensity=self.intensity)
+        alike = object_similarity(parts, self.prototypes, self.geometry, intensity=self.intensity)
         out = np.zeros((len(alike), len(self.thresholds)), np.float32)
         for k in range(len(self.thresholds)):
             out[:, k] = alike[:, self.kinds == k].max(axis=1, initial=0.0)
@@ -220,10 +220,10 @@ def affine_combinations(
     return around, weights
 
 
-def likeness(
+def object_similarity(
     parts: Description, prototypes: Description, geometry: NDArray[np.float64], *, intensity: bool, n_threads: int = 1
 ) -> NDArray[np.float64]:
-    """Return the likeness of every object to every prototype.
+    """Return the similarity of every object to every prototype.
 
     Parameters
     ----------

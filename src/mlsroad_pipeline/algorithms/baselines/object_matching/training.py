@@ -12,7 +12,7 @@ from mlsroad_pipeline.algorithms.baselines.object_matching.detector import (
     SLUG,
     ObjectMatcher,
     ObjectMatchingParameters,
-    likeness,
+    object_similarity,
 )
 from mlsroad_pipeline.algorithms.detection.sampling import TrainingObjects, select_objects
 from mlsroad_pipeline.algorithms.detection.thresholds import best_threshold, choose_queries
@@ -47,12 +47,14 @@ def fit_object_matching(
     thresholds, reached = [], []
     for k in range(n_classes):
         mine = examples.candidates(k, p.candidates, rng)
-        alike = likeness(sample, select_objects(sample, mine), geometry, intensity=intensity, n_threads=n_threads)
+        alike = object_similarity(
+            sample, select_objects(sample, mine), geometry, intensity=intensity, n_threads=n_threads
+        )
         queries = choose_queries(alike.T, mine, truth == k, max_queries=p.max_prototypes)[0]
         chosen.append(mine[queries])
         # The threshold is chosen on all objects, see `TrainingObjects.sample`.
         models = select_objects(sample, np.sort(chosen[k]))
-        alike = likeness(parts, models, geometry, intensity=intensity, n_threads=n_threads)
+        alike = object_similarity(parts, models, geometry, intensity=intensity, n_threads=n_threads)
         alike[drawn[np.sort(chosen[k])], np.arange(len(queries))] = 0.0
         f_score, threshold = best_threshold(alike.max(axis=1, initial=0.0), labels == k, weights)
         thresholds.append(threshold)

@@ -1,4 +1,4 @@
-"""Changes of training scenes: views of strange scanners, and changes of the graphs of superpoints in each step."""
+"""Changes of training scenes: views of virtual scanners, and changes of the graphs of superpoints in each step."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SCANNER_HEIGHTS = (1.6, 2.6)
 def cut_view(
     scene: PointCloud, height: NDArray[np.floating], parameters: AugmentationParameters, rng: np.random.Generator
 ) -> PointCloud:
-    """Return the points of a scene that a virtual scanner with a limited view upwards sees.
+    """Return the points of a scene that a virtual scanner with a limited view upwards records.
 
     The scanner stands on the ground of the scene, or drives along it: the distance is then measured across the main
     direction of the scene. A random share of the points is dropped besides.

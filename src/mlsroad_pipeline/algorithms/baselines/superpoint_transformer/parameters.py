@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
 
 SLUG = "superpoint_transformer"
@@ -257,15 +258,13 @@ class SuperpointTransformerParameters:
     training: TrainingParameters = field(default_factory=TrainingParameters)
 
     def __post_init__(self) -> None:
-        kinds: dict[str, Any] = {
-            "hierarchy": HierarchyParameters,
-            "network": NetworkParameters,
-            "augmentation": AugmentationParameters,
-            "training": TrainingParameters,
-        }
-        for name, kind in kinds.items():
-            if isinstance(getattr(self, name), Mapping):
-                object.__setattr__(self, name, kind(**getattr(self, name)))
+        parse_groups(
+            self,
+            hierarchy=HierarchyParameters,
+            network=NetworkParameters,
+            augmentation=AugmentationParameters,
+            training=TrainingParameters,
+        )
 
     def of_graphs(self) -> Self:
         """Return the parameters with defaults for those of network and training, which change no graph."""

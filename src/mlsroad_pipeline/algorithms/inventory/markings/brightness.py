@@ -31,7 +31,7 @@ X, Y, Z, LEVEL, BRIGHTNESS, DEVIATION, CORE = range(7)
 def road_cells(
     xyz: NDArray[np.floating], intensity: NDArray[np.floating], core: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """Return the cells of the road as one scanner sees them, and their brightness.
+    """Return the cells of the road with points of one scanner, and their brightness.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Places beyond a kerb, as the path sees them."""
+"""Places beyond a kerb, seen from the path."""
 
 from __future__ import annotations
 

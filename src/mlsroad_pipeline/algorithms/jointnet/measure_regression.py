@@ -1,4 +1,4 @@
-"""Kernel logistic regression on the measures of objects, a vote beside the networks."""
+"""Kernel logistic regression on the measures of objects; its probabilities are averaged with those of the networks."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LANDMARKS, MOST_SAMPLES = 400, 20_000
 
 
 @dataclass(frozen=True)
-class MeasureMachine:
+class MeasureRegression:
     """Trained kernel logistic regression, as flat arrays.
 
     Parameters
@@ -78,7 +78,7 @@ class MeasureMachine:
         return probabilities
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return the machine as named arrays.
+        """Return the regression as named arrays.
 
         Returns
         -------
@@ -89,7 +89,7 @@ class MeasureMachine:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
-        """Rebuild a machine from the arrays of `to_arrays`.
+        """Rebuild a regression from the arrays of `to_arrays`.
 
         Parameters
         ----------
@@ -98,8 +98,8 @@ class MeasureMachine:
 
         Returns
         -------
-        MeasureMachine
-            The machine.
+        MeasureRegression
+            The regression.
 
         Raises
         ------
@@ -107,12 +107,14 @@ class MeasureMachine:
             If an array is missing.
         """
         names = [field.name for field in fields(cls)]
-        check_arrays(arrays, names, "a machine on measures")
+        check_arrays(arrays, names, "a kernel logistic regression")
         return cls(**{name: np.asarray(arrays[name]) for name in names})
 
 
-def train_machine(points: Points, target: NDArray[np.int64], parameters: JointNetParameters) -> MeasureMachine | None:
-    """Train the machine on objects and on augmented copies.
+def train_regression(
+    points: Points, target: NDArray[np.int64], parameters: JointNetParameters
+) -> MeasureRegression | None:
+    """Train the regression on objects and on augmented copies.
 
     Parameters
     ----------
@@ -125,14 +127,14 @@ def train_machine(points: Points, target: NDArray[np.int64], parameters: JointNe
 
     Returns
     -------
-    MeasureMachine or None
-        The machine; None without measures or share.
+    MeasureRegression or None
+        The regression; None without measures or share.
     """
     p = parameters.training
-    if not parameters.inputs.measures or not p.machine_share:
+    if not parameters.inputs.measures or not p.regression_share:
         return None
     rng, n = np.random.default_rng(p.seed), len(target)
-    copies = min(p.machine_copies, max(MOST_SAMPLES // n - 1, 0))
+    copies = min(p.regression_copies, max(MOST_SAMPLES // n - 1, 0))
     changes = replace(p.augmentation, hide_intensity=0.0, outliers=max(p.augmentation.outliers, OUTLIERS))
     sets = [points, *(augment(points, changes, rng) for _ in range(copies))]
     features = np.concatenate([encode(one, parameters.inputs)[1] for one in sets])
@@ -146,4 +148,4 @@ def train_machine(points: Points, target: NDArray[np.int64], parameters: JointNe
     if len(coefficients) == 1:  # scikit-learn's form for two classes
         coefficients, intercepts = np.concatenate([0 * coefficients, coefficients]), np.append(0.0, intercepts)
     learned = (shift, scale, kernel.components_, kernel.normalization_, coefficients, intercepts)
-    return MeasureMachine(*(np.asarray(part, dtype=np.float32) for part in learned))
+    return MeasureRegression(*(np.asarray(part, dtype=np.float32) for part in learned))

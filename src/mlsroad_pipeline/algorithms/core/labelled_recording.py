@@ -1,0 +1,91 @@
+"""Description of a recording with labels: name, files, coding and licence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Self
+
+from mlsroad_pipeline.algorithms.core.codings import Coding, configured_coding
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+
+
+@dataclass(frozen=True, kw_only=True)
+class LabelledRecording:
+    """Description of one recording, from a configuration.
+
+    Parameters
+    ----------
+    name : str
+        Name in keys and tables.
+    title : str
+        Name in reports, cards and messages.
+    files : str
+        Pattern of its point files below the root; one file is one scene.
+    coding : str
+        Name of the coding of its labels in ``classes.codings``.
+    licence : str
+        Licence of the data.
+    read : mapping
+        Further options of reading, see `ReadOptions`.
+    ignored : sequence of int
+        Codes of the coding that are ignored.
+    """
+
+    section: ClassVar[str]
+    """Section of the configuration that the recordings are in, for messages."""
+
+    name: str
+    title: str
+    files: str
+    coding: str
+    licence: str
+    read: Mapping[str, Any] = field(default_factory=dict)
+    ignored: Sequence[int] = ()
+
+    @classmethod
+    def configured(cls, config: Mapping[str, Mapping[str, Any]]) -> dict[str, Self]:
+        """Return the recordings of a configuration.
+
+        Parameters
+        ----------
+        config : mapping of str to mapping
+            Name to the other fields.
+
+        Returns
+        -------
+        dict of str to LabelledRecording
+            The recordings.
+
+        Raises
+        ------
+        ParameterError
+            If one lacks a field or has an unknown one.
+        """
+        recordings = {}
+        for name, fields in config.items():
+            try:
+                recordings[name] = cls(name=name, **fields)
+            except TypeError as error:
+                raise ParameterError(f"{cls.section}.{name}: {error}") from error
+        return recordings
+
+    def read_coding(self, codings: Mapping[str, Mapping[int, str]]) -> Coding:
+        """Return the coding of the labels, with the ignored codes as unlabelled.
+
+        Parameters
+        ----------
+        codings : mapping of str to mapping
+            The configured codings.
+
+        Returns
+        -------
+        Coding
+            The coding.
+
+        Raises
+        ------
+        ParameterError
+            If there is no such coding.
+        """
+        return configured_coding(codings, self.coding, ignored=self.ignored, where=f"{self.section}.{self.name}")
