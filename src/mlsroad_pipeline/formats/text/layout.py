@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.base import ReadOptions
@@ -125,48 +125,78 @@ def _open_table(
     path = Path(key[0])
     text = open_content(path)
     lines = _lines(text.read(HEAD), path)
-    n_head = next((i for i, line in enumerate(lines) if line.strip() and not _is_comment(line, comment)), len(lines))
-    n_counted, stated = _skip_count(lines, n_head)
-    if n_counted == len(lines):
+    start = _find_start(lines, path, delimiter, decimal, header, comment)
+    body = [decoded(line)[0] for line in lines[start.row_line : start.row_line + SAMPLE] if line.strip()]
+    width = len(split_row(body[0], start.delimiter))
+    blank = _trailing(body, width, start)
+    at, names = start.names_line, tuple[str, ...]()
+    if start.names is not None:
+        values = split_names(start.names.lstrip("/"), width - blank, start.delimiter)
+        names = checked_names(values, width - blank, path, start.names_line + 1, start.names)
+    elif header is None and not path_layout(path, width):
+        at, names = names_in_comments(lines[: start.n_comments], comment, width - blank, start.delimiter)
+    named = bool(names)
+    place = f"line {start.row_line + 1}: {body[0][:80]!r}"
+    names = (names or _default_names(path, width - blank, place)) + ("",) * blank
+    kept = numeric_columns(body, start.delimiter, start.decimal, width) if named else None
+    if "" in names:  # rows that end with a delimiter
+        kept = tuple(i for i in (range(width) if kept is None else kept) if names[i])
+    form = RowForm(width, start.delimiter, start.decimal, kept, any('"' in row for row in body))
+    rows = index_rows(path, text, start.byte, start.row_line + 1)
+    guess, notes, wrong = ({}, (), "") if named or path_layout(path, width) else interpret(rows, form)
+    if start.stated not in (-1, rows.n_rows):
+        notes = (*notes, f"it states {start.stated} points and holds {rows.n_rows}: all are read")
+    head = TextHead(tuple(lines[: start.row_line]), at if named else -1)
+    table = TextTable(rows, names, form, head, named, guess, notes, wrong)
+    _log(table, path)
+    return table
+
+
+class _Start(NamedTuple):
+    """Place of the first row of points, what precedes it, and how values are separated."""
+
+    n_comments: int
+    names_line: int  # that of the row of names; without one, that of the first row of points
+    row_line: int
+    byte: int  # of the first row of points
+    names: str | None  # the row of names
+    stated: int  # number of points that the file states, -1 without one
+    delimiter: str
+    decimal: str
+
+
+def _find_start(
+    lines: Sequence[bytes], path: Path, delimiter: str | None, decimal: str | None, header: bool | None, comment: str
+) -> _Start:
+    n_comments = next(
+        (i for i, line in enumerate(lines) if line.strip() and not _is_comment(line, comment)), len(lines)
+    )
+    names_line, stated = _skip_count(lines, n_comments)
+    if names_line == len(lines):
         raise ReadError(f"{path} has no rows of points")
-    sample = [decoded(line)[0] for line in lines[n_counted : n_counted + SAMPLE] if line.strip()]
+    sample = [decoded(line)[0] for line in lines[names_line : names_line + SAMPLE] if line.strip()]
     sample = [row for i, row in enumerate(sample) if i != 1 or len(sample) == 2 or not row.strip().isdigit()]
     found, mark = sniffed(sample, delimiter, decimal)
-    has_names = header if header is not None else _is_names(sample[0], found, mark, path, n_counted + 1)
-    row_line = n_counted + int(has_names)
+    has_names = header if header is not None else _is_names(sample[0], found, mark, path, names_line + 1)
+    row_line = names_line + int(has_names)
     if has_names:
         row_line, stated = max((row_line, stated), _skip_count(lines, row_line))
         if row_line == len(lines):
             raise ReadError(f"{path} has no rows of points")
-    begin = sum(len(line) for line in lines[:row_line])
+    byte = sum(len(line) for line in lines[:row_line])
     if row_line == 0 and lines[0].startswith(BOM):
-        begin = len(BOM)
-    body = [decoded(line)[0] for line in lines[row_line : row_line + SAMPLE] if line.strip()]
-    width = len(split_row(body[0], found))
-    blank = int(width > 3 and found in ",;" and all(row.rstrip().endswith(found) for row in body))
-    if blank and has_names:  # an empty last column that has a name is no trailing delimiter
-        every = split_names(sample[0].lstrip("/"), width, found)
-        blank = int(not (len(every) == width and every[-1].strip()))
-    at, names = n_counted, tuple[str, ...]()
-    if has_names:
-        values = split_names(sample[0].lstrip("/"), width - blank, found)
-        names = checked_names(values, width - blank, path, n_counted + 1, sample[0])
-    elif header is None and not path_layout(path, width):
-        at, names = names_in_comments(lines[:n_head], comment, width - blank, found)
-    named = bool(names)
-    names = (names or _default_names(path, width - blank, f"line {row_line + 1}: {body[0][:80]!r}")) + ("",) * blank
-    kept = numeric_columns(body, found, mark, width) if named else None
-    if "" in names:  # rows that end with a delimiter
-        kept = tuple(i for i in (range(width) if kept is None else kept) if names[i])
-    form = RowForm(width, found, mark, kept, any('"' in row for row in body))
-    rows = index_rows(path, text, begin, row_line + 1)
-    guess, notes, wrong = ({}, (), "") if named or path_layout(path, width) else interpret(rows, form)
-    if stated not in (-1, rows.n_rows):
-        notes = (*notes, f"it states {stated} points and holds {rows.n_rows}: all are read")
-    head = TextHead(tuple(lines[:row_line]), at if named else -1)
-    table = TextTable(rows, names, form, head, named, guess, notes, wrong)
-    _log(table, path)
-    return table
+        byte = len(BOM)
+    return _Start(n_comments, names_line, row_line, byte, sample[0] if has_names else None, stated, found, mark)
+
+
+def _trailing(body: Sequence[str], width: int, start: _Start) -> int:
+    """Return 1 if rows end with a delimiter, else 0; an empty last column that has a name is no trailing delimiter."""
+    if not (width > 3 and start.delimiter in ",;" and all(row.rstrip().endswith(start.delimiter) for row in body)):
+        return 0
+    if start.names is None:
+        return 1
+    every = split_names(start.names.lstrip("/"), width, start.delimiter)
+    return int(not (len(every) == width and every[-1].strip()))
 
 
 def _lines(data: bytes, path: Path) -> list[bytes]:

@@ -73,16 +73,20 @@ def _van(rng: np.random.Generator, *, glazed: bool) -> Mesh:
         rows = np.arange(cowl - 2.1, rear + 0.9, -0.85)
         parts += seats("van", rng, rows.tolist(), [-0.45, 0.0, 0.45], clear + 0.4, 0.9)
         parts += pillars(body, [a for a, _ in panes[1:]], 0.03, dark)
-    else:  # a wall behind the seats
-        parts.append(box([0.03, 1.6 * half, height - clear - 0.4], [cowl - 1.55, 0, (height + clear) / 2], dark))
-        if rng.random() < 0.5:
-            wide = 0.55 * half
-            for side in (-1, 1):
-                pane = [0.02, wide, 0.4]
-                parts.append(box(pane, [rear - 0.006, side * 0.4 * half, belt + 0.35], glass))
+    else:
+        wall = box([0.03, 1.6 * half, height - clear - 0.4], [cowl - 1.55, 0, (height + clear) / 2], dark)
+        parts += [wall, *_rear_windows(rng, rear, half, belt, glass)]
     if rng.random() < 0.12:
         parts += _ladder(rng, body, (rear + 0.3, screen_top - 0.3), height)
     return join(parts)
+
+
+def _rear_windows(rng: np.random.Generator, rear: float, half: float, belt: float, glass: Surface) -> list[Mesh]:
+    """Return the panes of the rear doors of every second van."""
+    if rng.random() >= 0.5:
+        return []
+    pane = [0.02, 0.55 * half, 0.4]
+    return [box(pane, [rear - 0.006, side * 0.4 * half, belt + 0.35], glass) for side in (-1, 1)]
 
 
 def _ladder(rng: np.random.Generator, body: Body, span: tuple[float, float], height: float) -> list[Mesh]:
