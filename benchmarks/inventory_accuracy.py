@@ -35,7 +35,8 @@ from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, ObjectRul
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle
-from mlsroad_pipeline.label.scene import LabelSettings, label_new_scene, object_rules, output_codes
+from mlsroad_pipeline.label.output_codes import output_codes
+from mlsroad_pipeline.label.scene import LabelSettings, label_new_scene, object_rules
 from mlsroad_pipeline.simulation import PRESETS, simulate_survey
 from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS
 

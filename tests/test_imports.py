@@ -49,7 +49,8 @@ def loaded_by(statement):
     [
         "execution.worker",
         "surveys.reading",
-        "label.work",
+        "label.joined_objects",
+        "label.written_file",
         "algorithms.stages",
         "algorithms.detrended_forest.labeller",
         "pipelines.label",

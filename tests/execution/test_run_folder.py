@@ -12,7 +12,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.execution.output_lock import OutputInUseError, lock_output, release_output
 from mlsroad_pipeline.execution.run_folder import OutputExistsError, RunFolder, check_closed, entries_of
 from mlsroad_pipeline.execution.run_identity import STATE, run_folder, run_settings
-from mlsroad_pipeline.label.work import write_file
+from mlsroad_pipeline.label.written_file import write_file
 from mlsroad_pipeline.surveys.files import RESULTS
 
 

@@ -13,7 +13,7 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.members import member, with_members
 from mlsroad_pipeline.algorithms.scenes.corridor import MainAxis
 from mlsroad_pipeline.algorithms.scenes.tiling import PiecedCloud, SceneSpan
-from mlsroad_pipeline.label import image_work as label_image_work
+from mlsroad_pipeline.label import scene_with_images
 from mlsroad_pipeline.label.images import images_to_label, views_of_scene
 from mlsroad_pipeline.surveys.files import SurveyFile
 from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan
@@ -165,8 +165,8 @@ def test_points_around_are_those_before_and_behind_the_buffers(monkeypatch):
     cloud = PointCloud(xyz, {}, np.array([7.0, 0, 0]))
     piece = PiecedCloud(cloud, np.arange(40, dtype=np.int32), np.arange(41, dtype=np.int64)).to_arrays()
     span = SceneSpan("s", 15, 20, 13, 22, 5, 9)
-    found = label_image_work.points_around([piece], span, 6, np.array([5.0, 0, 0]))
+    found = scene_with_images.points_around([piece], span, 6, np.array([5.0, 0, 0]))
     assert found.dtype == np.float32 and (found[:, 0] - 2).tolist() == [9, 10, 11, 12, 22, 23, 24, 25]
-    monkeypatch.setattr(label_image_work, "MAX_OCCLUDERS", 4)
-    assert (label_image_work.points_around([piece], span, 6, cloud.origin)[:, 0]).tolist() == [9, 11, 22, 24]
-    assert label_image_work.points_around([piece], span, 0, cloud.origin).shape == (0, 3)
+    monkeypatch.setattr(scene_with_images, "MAX_OCCLUDERS", 4)
+    assert (scene_with_images.points_around([piece], span, 6, cloud.origin)[:, 0]).tolist() == [9, 11, 22, 24]
+    assert scene_with_images.points_around([piece], span, 0, cloud.origin).shape == (0, 3)

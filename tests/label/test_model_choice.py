@@ -12,14 +12,8 @@ from mlsroad_pipeline.datasets.models.registered_models import RegisteredVersion
 from mlsroad_pipeline.datasets.models.shipped_models import shipped_models
 from mlsroad_pipeline.label import model_choice
 from mlsroad_pipeline.label.available_models import AvailableModel, available_models, unusual_properties_of
-from mlsroad_pipeline.label.model_choice import (
-    SurveyFacts,
-    choose,
-    explain_choice,
-    facts_of_quality,
-    named_choice,
-    shipped_choice,
-)
+from mlsroad_pipeline.label.model_choice import choose, explain_choice, named_choice, shipped_choice
+from mlsroad_pipeline.label.survey_facts import SurveyFacts, facts_of_quality
 
 DENSE, SPARSE = SurveyFacts(300.0, 0.9), SurveyFacts(8.0, 0.9)
 

@@ -25,7 +25,8 @@ def models(
     from mlsroad_pipeline.commands.errors import one_line_errors
     from mlsroad_pipeline.commands.session import find_place, model_store
     from mlsroad_pipeline.label.available_models import available_models, unusual_properties_of
-    from mlsroad_pipeline.label.model_choice import choose, facts_of_survey
+    from mlsroad_pipeline.label.model_choice import choose
+    from mlsroad_pipeline.label.survey_facts import facts_of_survey
 
     console = output_console()
     with one_line_errors(verbose=verbose):

@@ -26,7 +26,7 @@ from mlsroad_pipeline.datasets.models.object_judges import judge_digest
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import Deferred, SceneTask
 from mlsroad_pipeline.formats.files import WRONG
-from mlsroad_pipeline.label.work import join_objects
+from mlsroad_pipeline.label.joined_objects import join_objects
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import SurveyPlan
 

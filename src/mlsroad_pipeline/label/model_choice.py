@@ -1,72 +1,35 @@
 """Choice of the model that labels a survey: a shipped one, unless a registered one is named or is the champion.
 
-`explain_choice` serves the command line and needs no Kedro session.
+No function needs a Kedro session.
 """
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
-from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.quality.training_facts import distance_from_training, unusual_facts
-from mlsroad_pipeline.datasets.models.own_segmentation import own_model, with_device, with_own_segmentation
-from mlsroad_pipeline.datasets.models.registered_models import (
-    ModelStore,
-    RegisteredVersion,
-    configured_store,
-)
+from mlsroad_pipeline.datasets.models.registered_models import ModelStore, RegisteredVersion
 from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel, shipped_models
-from mlsroad_pipeline.label.chosen_model import ModelChoice, StoredModel, load_choice
-from mlsroad_pipeline.label.survey_facts import read_survey
+from mlsroad_pipeline.label.chosen_model import ModelChoice, StoredModel
+from mlsroad_pipeline.label.survey_facts import (
+    SCAN_BELOW,
+    SCAN_CONCENTRATION,
+    SPARSE_BELOW,
+    SurveyFacts,
+    facts_of_survey,
+)
 from mlsroad_pipeline.surveys.inspection import InspectParameters
-
-logger = logging.getLogger(__name__)
 
 CHAMPION = "champion"
 """Alias of the registered model that `label` prefers to the shipped ones."""
 
 GENERAL, SPARSE, DENSE = "general", "sparse", "dense"
 """Names of shipped models: the default, and those that a method without the default has."""
-_FIGURES = ("median_density", "concentration")
-SPARSE_BELOW, SCAN_BELOW, SCAN_CONCENTRATION = 9.0, 15.0, 0.5
-"""Median density below which a survey is sparse, points per square metre, and the density and the concentration below
-which it is a single scan of a rotating scanner; docs/models.md has the figures."""
-
-
-@dataclass(frozen=True)
-class SurveyFacts:
-    """Facts of a survey that the choice among the shipped models depends on.
-
-    Parameters
-    ----------
-    median_density : float
-        Median of the points per square metre in occupied cells of 1 m; of several files the median over their points.
-    concentration : float
-        How closely the points of a file lie about one place, see `DensityFigures`; of several files likewise.
-    of_scenes : mapping of str to float
-        Medians of `scene_facts` over a sample of scenes; empty if there are too few points.
-    """
-
-    median_density: float
-    concentration: float
-    of_scenes: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def sparse(self) -> bool:
-        """Return whether the survey is sparse or a single scan of a rotating scanner."""
-        is_scan = self.median_density < SCAN_BELOW and self.concentration < SCAN_CONCENTRATION
-        return self.median_density < SPARSE_BELOW or is_scan
 
 
 def explain_choice(
@@ -79,29 +42,6 @@ def explain_choice(
 ) -> ModelChoice:
     """Return the model that `label` would take for a file, folder or glob, and the reason."""
     return choose(facts_of_survey(survey, parameters=parameters), method=method, model=model, store=store)
-
-
-def facts_of_survey(survey: str | Sequence[str], *, parameters: InspectParameters | None = None) -> SurveyFacts:
-    """Return the facts of a file, folder or glob; reads all points once and those of a sample twice."""
-    quality, of_scenes = read_survey(replace(parameters or InspectParameters(), survey=survey))
-    return facts_of_quality(quality, of_scenes)
-
-
-def facts_of_quality(quality: pd.DataFrame, of_scenes: Mapping[str, float] | None = None) -> SurveyFacts:
-    """Return the facts of a table with the quality of all files, and of a sample of scenes."""
-    density, concentration = (
-        _median_over_points(quality[name].astype(float), quality["n_points"]) for name in _FIGURES
-    )
-    return SurveyFacts(density, concentration, of_scenes or {})
-
-
-def _median_over_points(figures: pd.Series, n_points: pd.Series) -> float:
-    """Return the figure of the file that holds the middle point; NaN without figures."""
-    known = figures[figures.notna() & (n_points > 0)].sort_values(kind="stable")
-    if not len(known):
-        return float("nan")
-    below = n_points[known.index].cumsum().to_numpy()
-    return float(known.iloc[int((below >= below[-1] / 2).argmax())])
 
 
 def choose(
@@ -203,65 +143,6 @@ def _reason(facts: SurveyFacts) -> str:
     scan = "" if facts.sparse else "not "
     concentration = f"concentration {facts.concentration:.2g}, {side} {SCAN_CONCENTRATION:g}"
     return f"{text} and is {scan}a scan from one place ({concentration})"
-
-
-@dataclass(frozen=True)
-class ModelRequest:
-    """Model that a run of `label` requests.
-
-    Parameters
-    ----------
-    method : str, optional
-        Method of the model.
-    named : ModelChoice, optional
-        The model, if it does not depend on the survey.
-    images : ImageLabelsParameters, optional
-        Segmentation of images in place of the network of the model.
-    own : ModelBundle, optional
-        A model that the configuration makes, in place of a registered one.
-    device : str, default "auto"
-        Where images are segmented.
-    """
-
-    method: str | None = None
-    named: ModelChoice | None = None
-    images: ImageLabelsParameters | None = None
-    own: ModelBundle | None = None
-    device: str = "auto"
-
-    def bundle(self, quality: pd.DataFrame, of_scenes: Mapping[str, float]) -> tuple[ModelBundle, str]:
-        """Return the model for a survey of a given quality and given facts of scenes, and a line for the log."""
-        if self.own is not None:
-            source = self.own.metadata["segmentation"]["name"]
-            return self.own, f"Labelling with image_labels ({source}): image_labels.masks or .weights names it"
-        choice = self.named or shipped_choice(facts_of_quality(quality, of_scenes), method=self.method)
-        bundle = with_device(load_choice(choice, configured_store()), self.device)
-        if self.images is not None:
-            bundle = with_own_segmentation(bundle, self.images)
-        return bundle, f"Labelling with {choice.name} ({bundle.slug}, {choice.trained_on}): {choice.reason}"
-
-
-def image_request(request: ModelRequest, images: ImageLabelsParameters, schemes: Mapping[str, Any]) -> ModelRequest:
-    """Return a request with the masks or the weights that the configuration names for `image_labels` or `fusion`."""
-    if not images.own_segmentation:
-        return replace(request, device=images.device)
-    given = "masks" if images.masks is not None else "weights"
-    chosen = request.named.method if request.named else request.method
-    if chosen == "fusion":
-        logger.warning(
-            "The fusion was learned with another segmentation than %s unless it was trained with the same",
-            images.masks or images.weights,
-        )
-        return replace(request, images=images)
-    if chosen == "image_labels" and request.named is not None:
-        named = f"{request.named.name} ({request.named.reason})"
-        raise ParameterError(
-            f"image_labels.{given} takes the place of {named}: set label.model to null and label.method to "
-            f"image_labels (image_labels.scheme has the classes), or image_labels.{given} to null"
-        )
-    if request.method == "image_labels":
-        return replace(request, own=own_model(images, find_scheme(schemes, images.scheme)))
-    raise ParameterError(f"image_labels.{given} is set: use label.method=image_labels or fusion, or set it to null")
 
 
 def _labels_points(item: RegisteredVersion) -> bool:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.execution.task import StoredResult
 from mlsroad_pipeline.formats.labelled_names import PointLabels
 from mlsroad_pipeline.label.confidence import N_BINS, count_confidences
-from mlsroad_pipeline.label.scene import LabelCounts, point_codes
+from mlsroad_pipeline.label.output_codes import point_codes
+from mlsroad_pipeline.label.scene import LabelCounts
 
 SCENES_IN_MEMORY = 8
 """Largest number of scenes whose labels a writer holds in memory; a file in recording order needs two or three."""

@@ -11,7 +11,7 @@ from mlsroad_pipeline.label.confidence import confidence_table, confidence_warni
 from mlsroad_pipeline.label.images import effect_without_images
 from mlsroad_pipeline.label.scene import LabelCounts
 from mlsroad_pipeline.label.summary import summed_counts
-from mlsroad_pipeline.label.work import WrittenFile
+from mlsroad_pipeline.label.written_file import WrittenFile
 
 
 def label_warnings(

@@ -11,39 +11,25 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
-from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.core.las_codes import CODE_NAMES
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.inventory.candidates import candidate_rules
 from mlsroad_pipeline.algorithms.inventory.class_groups import ClassEvidence, evidence_of_labels, group_shares
-from mlsroad_pipeline.algorithms.inventory.drives import are_comparable, join_drive_objects
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects
 from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import ground_classes, kerb_steps, no_steps
 from mlsroad_pipeline.algorithms.inventory.kerbs.steps import StepLimits
 from mlsroad_pipeline.algorithms.inventory.markings.devices import device_of
-from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import (
-    marking_stripes,
-    no_stripes,
-    paved_classes,
-)
-from mlsroad_pipeline.algorithms.inventory.merging import MergedObjects, merge_scenes
+from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import marking_stripes, no_stripes, paved_classes
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.sightings import sightings_of_scene
 from mlsroad_pipeline.algorithms.inventory.wires import wire_points, wire_probability
 from mlsroad_pipeline.algorithms.models.bundle import Labeller, ModelBundle, SoftLabels, bundle_scheme, label_softly
 from mlsroad_pipeline.algorithms.models.object_judge import ObjectJudge
-from mlsroad_pipeline.algorithms.scenes.cutting import OutlierParameters
-from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+from mlsroad_pipeline.algorithms.scenes.cutting import OutlierParameters, join_pieces
+from mlsroad_pipeline.algorithms.scenes.tiling import SceneSpan
 from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground, inliers
 from mlsroad_pipeline.datasets.models.object_judges import judge_of
 from mlsroad_pipeline.label.confidence import count_confidences
 from mlsroad_pipeline.label.picture_sample import PictureSample, scene_sample
-
-UNCLASSIFIED, NOISE = 1, 7
-"""LAS codes of points without a class and of outliers."""
-
-PRIVATE = 64
-"""First LAS code that producers of data may define."""
 
 
 @dataclass(frozen=True)
@@ -256,52 +242,15 @@ def object_rules(bundle: ModelBundle, changes: Mapping[str, Any]) -> dict[str, O
     return candidate_rules(bundle_scheme(bundle), changes)
 
 
-def join_inventories(
-    drives: Sequence[tuple[Sequence[SceneObjects], Trajectory | None]],
-    rules: Mapping[str, ObjectRule],
+def label_pieces(
+    pieces: Sequence[Mapping[str, NDArray]],
+    model: ModelBundle,
     *,
-    judge: ObjectJudge | None = None,
-    least_score: float = 0.0,
-    join_drives: bool | None = None,
-) -> MergedObjects:
-    """Merge the objects of all scenes of several drives into one table; objects of a lower score are left out.
-
-    `join_drives`: whether objects of two drives can be one; None decides by their coordinates.
-    """
-    found = [
-        merge_scenes(scenes, classes=rules, trajectory=trajectory, judge=judge, least_score=least_score)
-        for scenes, trajectory in drives
-    ]
-    tables = [drive.objects for drive in found]
-    comparable = are_comparable(tables) if join_drives is None else join_drives
-    return join_drive_objects(found, comparable=comparable)
-
-
-def point_codes(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the LAS code of each value of `CoreLabels.label`: those of the classes, unclassified, noise."""
-    return np.append(codes, np.array([UNCLASSIFIED, NOISE], dtype=np.uint8))
-
-
-def output_codes(bundle: ModelBundle, scheme: str, schemes: Mapping[str, Any]) -> NDArray[np.uint8]:
-    """Return the LAS code of each class of a model."""
-    trained = bundle_scheme(bundle)
-    if scheme == "asprs":
-        return trained.codes()
-    if scheme not in schemes:
-        raise ParameterError(f"label.scheme {scheme!r} is not configured (schemes: {', '.join(schemes)})")
-    return trained.codes(ClassScheme.from_config(scheme, schemes[scheme]))
-
-
-def code_names(bundle: ModelBundle, scheme: str, schemes: Mapping[str, Any]) -> dict[int, str]:
-    """Return the names of the LAS codes that are written: standard ones, and those of the classes from 64."""
-    codes = output_codes(bundle, scheme, schemes)
-    private: dict[int, list[str]] = {}
-    if scheme == "asprs":
-        for name, code in zip(bundle_scheme(bundle).classes, codes.tolist(), strict=True):
-            private.setdefault(code, []).append(name)
-    else:
-        private = {
-            k + PRIVATE: [name] for k, name in enumerate(ClassScheme.from_config(scheme, schemes[scheme]).classes)
-        }
-    written = sorted({*codes.tolist(), UNCLASSIFIED, NOISE})
-    return {code: CODE_NAMES[code] if code in CODE_NAMES else "/".join(private[code]) for code in written}
+    span: SceneSpan,
+    settings: LabelSettings,
+    name: str,
+    source: str,
+) -> LabelledScene:
+    """Join the pieces of a scene and label it."""
+    scene = join_pieces(pieces, span, settings.outliers, source)
+    return label_new_scene(scene, model, settings, name=name)

@@ -16,7 +16,7 @@ from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
 from mlsroad_pipeline.execution.run_identity import absolute
 from mlsroad_pipeline.label.confidence import LOW, confidence_table
 from mlsroad_pipeline.label.scene import LabelCounts
-from mlsroad_pipeline.label.work import WrittenFile
+from mlsroad_pipeline.label.written_file import WrittenFile
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 
 UNLABELLED = "unlabelled"

@@ -1,9 +1,9 @@
-"""Facts of a survey that are compared with the training data of a model, from a sample of its scenes."""
+"""Facts of a survey that the choice of the model depends on, and their comparison with the training data of models."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import pandas as pd
 from numpy.typing import NDArray
@@ -24,6 +24,60 @@ from mlsroad_pipeline.surveys.scene_plan import RangeOfRows, cut_ranges, plan_dr
 
 N_SCENES = 3
 """Number of scenes of the sample."""
+
+_FIGURES = ("median_density", "concentration")
+
+SPARSE_BELOW, SCAN_BELOW, SCAN_CONCENTRATION = 9.0, 15.0, 0.5
+"""Median density below which a survey is sparse, points per square metre, and the density and the concentration below
+which it is a single scan of a rotating scanner; docs/models.md has the figures."""
+
+
+@dataclass(frozen=True)
+class SurveyFacts:
+    """Facts of a survey that the choice among the shipped models depends on.
+
+    Parameters
+    ----------
+    median_density : float
+        Median of the points per square metre in occupied cells of 1 m; of several files the median over their points.
+    concentration : float
+        How closely the points of a file lie about one place, see `DensityFigures`; of several files likewise.
+    of_scenes : mapping of str to float
+        Medians of `scene_facts` over a sample of scenes; empty if there are too few points.
+    """
+
+    median_density: float
+    concentration: float
+    of_scenes: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def sparse(self) -> bool:
+        """Return whether the survey is sparse or a single scan of a rotating scanner."""
+        is_scan = self.median_density < SCAN_BELOW and self.concentration < SCAN_CONCENTRATION
+        return self.median_density < SPARSE_BELOW or is_scan
+
+
+def facts_of_survey(survey: str | Sequence[str], *, parameters: InspectParameters | None = None) -> SurveyFacts:
+    """Return the facts of a file, folder or glob; reads all points once and those of a sample twice."""
+    quality, of_scenes = read_survey(replace(parameters or InspectParameters(), survey=survey))
+    return facts_of_quality(quality, of_scenes)
+
+
+def facts_of_quality(quality: pd.DataFrame, of_scenes: Mapping[str, float] | None = None) -> SurveyFacts:
+    """Return the facts of a table with the quality of all files, and of a sample of scenes."""
+    density, concentration = (
+        _median_over_points(quality[name].astype(float), quality["n_points"]) for name in _FIGURES
+    )
+    return SurveyFacts(density, concentration, of_scenes or {})
+
+
+def _median_over_points(figures: pd.Series, n_points: pd.Series) -> float:
+    """Return the figure of the file that holds the middle point; NaN without figures."""
+    known = figures[figures.notna() & (n_points > 0)].sort_values(kind="stable")
+    if not len(known):
+        return float("nan")
+    below = n_points[known.index].cumsum().to_numpy()
+    return float(known.iloc[int((below >= below[-1] / 2).argmax())])
 
 
 def facts_of_pieces(plan: SurveyPlan, pieces: SceneCollection, ingest: IngestParameters) -> dict[str, float]:

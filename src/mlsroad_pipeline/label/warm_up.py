@@ -27,10 +27,11 @@ from mlsroad_pipeline.algorithms.stages import (
     describe_supervoxels,
     find_ground,
 )
-from mlsroad_pipeline.label import work as label_work
-from mlsroad_pipeline.surveys import reading as ingest_work
+from mlsroad_pipeline.label.scene import label_pieces
+from mlsroad_pipeline.label.written_file import write_file
+from mlsroad_pipeline.surveys.reading import read_and_cut
 
-STAGES = (ingest_work.read_and_cut, label_work.label_pieces, label_work.write_file)
+STAGES = (read_and_cut, label_pieces, write_file)
 """Tasks of `label`; importing them imports their libraries."""
 
 _ONE_TREE = BoostedTrees(

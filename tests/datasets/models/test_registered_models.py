@@ -13,7 +13,8 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.datasets.models.model_registry_dataset import register_bundle
 from mlsroad_pipeline.datasets.models.registered_models import MlflowStore, configured_store
 from mlsroad_pipeline.label.chosen_model import load_choice
-from mlsroad_pipeline.label.model_choice import SurveyFacts, choose
+from mlsroad_pipeline.label.model_choice import choose
+from mlsroad_pipeline.label.survey_facts import SurveyFacts
 
 CLASSES = {"classes": ["ground", "object"], "trained_on": "a planted street"}
 

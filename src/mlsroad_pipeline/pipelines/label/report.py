@@ -19,7 +19,7 @@ from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory, li
 from mlsroad_pipeline.label.confidence import confidence_table
 from mlsroad_pipeline.label.scene import LabelCounts
 from mlsroad_pipeline.label.summary import class_counts, segmentation_source, summed_counts, written_clouds
-from mlsroad_pipeline.label.work import WrittenFile
+from mlsroad_pipeline.label.written_file import WrittenFile
 from mlsroad_pipeline.pipelines.label.report_pictures import ReportPictures
 from mlsroad_pipeline.reporting.html.gallery import GallerySection
 from mlsroad_pipeline.reporting.html.object_map import ObjectMapSection, shown_objects

@@ -14,10 +14,9 @@ from mlsroad_pipeline.algorithms.scenes.cutting import BinCounts, IngestParamete
 from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
-from mlsroad_pipeline.label.image_work import CameraView, SceneViews, label_pieces_with_images
 from mlsroad_pipeline.label.images import LabelImages, views_of_scene
-from mlsroad_pipeline.label.scene import LabelSettings
-from mlsroad_pipeline.label.work import label_pieces
+from mlsroad_pipeline.label.scene import LabelSettings, label_pieces
+from mlsroad_pipeline.label.scene_with_images import CameraView, SceneViews, label_pieces_with_images
 from mlsroad_pipeline.surveys.images import PosedImage, SurveyImages
 from mlsroad_pipeline.surveys.plan import SurveyPlan
 from mlsroad_pipeline.surveys.scene_plan import PlannedScene, pieces_between, plan_drive

@@ -1,9 +1,8 @@
-"""Tasks of `label`: label a scene, write a labelled file, join the objects of a survey."""
+"""Objects and lines of all scenes of a survey, joined into one table each."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import TypedDict, overload
 
 import numpy as np
@@ -11,92 +10,22 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
-from mlsroad_pipeline.algorithms.inventory.drives import are_comparable, join_drive_lines
+from mlsroad_pipeline.algorithms.inventory.drives import are_comparable, join_drive_lines, join_drive_objects
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects
 from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import join_kerbs
 from mlsroad_pipeline.algorithms.inventory.lines import numbered
 from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import join_markings
+from mlsroad_pipeline.algorithms.inventory.merging import MergedObjects, merge_scenes
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.sightings import Sightings, with_sightings
 from mlsroad_pipeline.algorithms.inventory.wires import join_wires
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.scenes.cutting import CorridorArrays, corridor_from_arrays, join_pieces
-from mlsroad_pipeline.algorithms.scenes.tiling import SceneSpan
+from mlsroad_pipeline.algorithms.models.object_judge import ObjectJudge
+from mlsroad_pipeline.algorithms.scenes.cutting import CorridorArrays, corridor_from_arrays
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.datasets.models.object_judges import judge_of
-from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.task import StoredResult
-from mlsroad_pipeline.formats.las.copc import copc_path, write_copc
-from mlsroad_pipeline.formats.options import ReadOptions
-from mlsroad_pipeline.formats.ply.coloured_ply import coloured_path, write_coloured_ply
-from mlsroad_pipeline.label.point_labels import ObjectClasses, SceneLabels
-from mlsroad_pipeline.label.scene import LabelledScene, LabelSettings, join_inventories, label_new_scene
-from mlsroad_pipeline.label.writer import write_labelled
-
-
-def label_pieces(
-    pieces: Sequence[Mapping[str, NDArray]],
-    model: ModelBundle,
-    *,
-    span: SceneSpan,
-    settings: LabelSettings,
-    name: str,
-    source: str,
-) -> LabelledScene:
-    """Join the pieces of a scene and label it."""
-    scene = join_pieces(pieces, span, settings.outliers, source)
-    return label_new_scene(scene, model, settings, name=name)
-
-
-class WrittenFile(TypedDict):
-    """Paths of the files written for one file of the survey, and the counts of its points as `LabelCounts`."""
-
-    files: NDArray[np.str_]
-    counts: NDArray[np.int64]
-    confidences: NDArray[np.int64]
-
-
-def write_file(
-    path: str,
-    *,
-    scenes: Sequence[StoredResult],
-    numbers: Mapping[str, NDArray[np.uint32]],
-    classes: ObjectClasses,
-    codes: NDArray[np.uint8],
-    rows: NDArray[np.int64],
-    file: int,
-    target: str,
-    run: RunFolder,
-    options: ReadOptions,
-    n_threads: int,
-    had_classes: bool | None,
-    copc: bool = False,
-    coloured_ply: bool = False,
-    class_names: Mapping[int, str] | None = None,
-) -> WrittenFile:
-    """Write a file of a survey with the labels of its points, and move the results to their places."""
-    run.check_input(path)
-    staged = str(run.staged(target))
-    labels = SceneLabels(scenes, rows, file, path, codes=codes, numbers=numbers, classes=classes)
-    written = write_labelled(
-        *(path, staged, labels),
-        options=options,
-        n_threads=n_threads,
-        had_classes=had_classes,
-        class_names=class_names,
-    )
-    if copc:
-        write_copc(staged, copc_path(staged), n_threads=n_threads)
-        written.append(Path(copc_path(staged)))
-    if coloured_ply:
-        write_coloured_ply(staged, coloured_path(staged))
-        written.append(Path(coloured_path(staged)))
-    run.check_input(path)  # again: it may have been replaced while it was read
-    return {
-        "files": np.array([str(run.publish(item)) for item in written]),
-        "counts": labels.counts["counts"],
-        "confidences": labels.counts["confidences"],
-    }
+from mlsroad_pipeline.label.point_labels import ObjectClasses
 
 
 class _StoredObjects(Sequence[SceneObjects]):
@@ -195,3 +124,24 @@ def join_objects(
         "classes": classes,
         "lines": join_drive_lines(lines, comparable=comparable),
     }
+
+
+def join_inventories(
+    drives: Sequence[tuple[Sequence[SceneObjects], Trajectory | None]],
+    rules: Mapping[str, ObjectRule],
+    *,
+    judge: ObjectJudge | None = None,
+    least_score: float = 0.0,
+    join_drives: bool | None = None,
+) -> MergedObjects:
+    """Merge the objects of all scenes of several drives into one table; objects of a lower score are left out.
+
+    `join_drives`: whether objects of two drives can be one; None decides by their coordinates.
+    """
+    found = [
+        merge_scenes(scenes, classes=rules, trajectory=trajectory, judge=judge, least_score=least_score)
+        for scenes, trajectory in drives
+    ]
+    tables = [drive.objects for drive in found]
+    comparable = are_comparable(tables) if join_drives is None else join_drives
+    return join_drive_objects(found, comparable=comparable)

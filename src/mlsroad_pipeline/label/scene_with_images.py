@@ -1,4 +1,4 @@
-"""Task of `label` that labels a scene with the help of images."""
+"""Labels and objects of one scene of a new survey, with the help of images."""
 
 from __future__ import annotations
 

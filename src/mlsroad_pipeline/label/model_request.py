@@ -1,0 +1,81 @@
+"""Model that a run of `label` requests, and the images that are segmented in place of its own network."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import pandas as pd
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
+from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.datasets.models.own_segmentation import own_model, with_device, with_own_segmentation
+from mlsroad_pipeline.datasets.models.registered_models import configured_store
+from mlsroad_pipeline.label.chosen_model import ModelChoice, load_choice
+from mlsroad_pipeline.label.model_choice import shipped_choice
+from mlsroad_pipeline.label.survey_facts import facts_of_quality
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class ModelRequest:
+    """Model that a run of `label` requests.
+
+    Parameters
+    ----------
+    method : str, optional
+        Method of the model.
+    named : ModelChoice, optional
+        The model, if it does not depend on the survey.
+    images : ImageLabelsParameters, optional
+        Segmentation of images in place of the network of the model.
+    own : ModelBundle, optional
+        A model that the configuration makes, in place of a registered one.
+    device : str, default "auto"
+        Where images are segmented.
+    """
+
+    method: str | None = None
+    named: ModelChoice | None = None
+    images: ImageLabelsParameters | None = None
+    own: ModelBundle | None = None
+    device: str = "auto"
+
+    def bundle(self, quality: pd.DataFrame, of_scenes: Mapping[str, float]) -> tuple[ModelBundle, str]:
+        """Return the model for a survey of a given quality and given facts of scenes, and a line for the log."""
+        if self.own is not None:
+            source = self.own.metadata["segmentation"]["name"]
+            return self.own, f"Labelling with image_labels ({source}): image_labels.masks or .weights names it"
+        choice = self.named or shipped_choice(facts_of_quality(quality, of_scenes), method=self.method)
+        bundle = with_device(load_choice(choice, configured_store()), self.device)
+        if self.images is not None:
+            bundle = with_own_segmentation(bundle, self.images)
+        return bundle, f"Labelling with {choice.name} ({bundle.slug}, {choice.trained_on}): {choice.reason}"
+
+
+def image_request(request: ModelRequest, images: ImageLabelsParameters, schemes: Mapping[str, Any]) -> ModelRequest:
+    """Return a request with the masks or the weights that the configuration names for `image_labels` or `fusion`."""
+    if not images.own_segmentation:
+        return replace(request, device=images.device)
+    given = "masks" if images.masks is not None else "weights"
+    chosen = request.named.method if request.named else request.method
+    if chosen == "fusion":
+        logger.warning(
+            "The fusion was learned with another segmentation than %s unless it was trained with the same",
+            images.masks or images.weights,
+        )
+        return replace(request, images=images)
+    if chosen == "image_labels" and request.named is not None:
+        named = f"{request.named.name} ({request.named.reason})"
+        raise ParameterError(
+            f"image_labels.{given} takes the place of {named}: set label.model to null and label.method to "
+            f"image_labels (image_labels.scheme has the classes), or image_labels.{given} to null"
+        )
+    if request.method == "image_labels":
+        return replace(request, own=own_model(images, find_scheme(schemes, images.scheme)))
+    raise ParameterError(f"image_labels.{given} is set: use label.method=image_labels or fusion, or set it to null")
