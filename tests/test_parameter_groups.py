@@ -19,7 +19,7 @@ from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters, Outlier
 from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
 from mlsroad_pipeline.algorithms.stages import FeatureParameters, GroundParameters, SupervoxelParameters
-from mlsroad_pipeline.datasets.models.shipped_models import ShippedParameters
+from mlsroad_pipeline.datasets.models.shipped_entry import ShippedParameters
 from mlsroad_pipeline.label.object_scoring import ScoreParameters
 from mlsroad_pipeline.studies.luo2016.parameters import StudyParameters
 from mlsroad_pipeline.studies.luo2019.parameters import StudyParameters as Luo2019StudyParameters

@@ -1,4 +1,4 @@
-"""What describes replaced results goes with them; clouds, edited files and files of others stay."""
+"""Descriptions of replaced results are removed with them; clouds, edited files and files of others stay."""
 
 import pytest
 

@@ -11,7 +11,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.page.export import ExportError, _photos, export_page
 from mlsroad_pipeline.page.lock import page_lock
 from mlsroad_pipeline.page.output_folder import OutputFolder
-from mlsroad_pipeline.page.served import ServedSurvey
+from mlsroad_pipeline.page.served_survey import ServedSurvey
 
 
 def test_damaged_inventories_are_named(tmp_path):

@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.inventory.line_layers import LINE_LAYERS
 from mlsroad_pipeline.corrections import open_corrections
 from mlsroad_pipeline.page.output_folder import OutputFolder
-from mlsroad_pipeline.page.served import ServedSurvey
+from mlsroad_pipeline.page.served_survey import ServedSurvey
 
 PRIVATE = (
     "/api/survey",

@@ -89,7 +89,7 @@ def import_corrections(
     from mlsroad_pipeline.commands.errors import one_line_errors
     from mlsroad_pipeline.corrections import open_corrections
     from mlsroad_pipeline.corrections.edited_inventory import corrections_of_inventory
-    from mlsroad_pipeline.corrections.known_names import known_names, system_of
+    from mlsroad_pipeline.corrections.expected_values import known_names, system_of
 
     with one_line_errors(verbose=verbose):
         path, folder = (Path(place) for place in expanded([edited, out]))

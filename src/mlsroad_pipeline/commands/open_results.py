@@ -61,7 +61,7 @@ def _show_page(folders: tuple[Path, Path], *, port: int, browser: bool, export: 
 
         typer.echo(str(export_page(output, Path(expanded([export])[0]))))
         return True
-    from mlsroad_pipeline.page.served import ServedSurvey
+    from mlsroad_pipeline.page.served_survey import ServedSurvey
     from mlsroad_pipeline.page.server import serve
 
     survey = ServedSurvey(output, user=user or getpass.getuser())

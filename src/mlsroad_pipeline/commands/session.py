@@ -26,7 +26,7 @@ STORE = "mlflow.db"
 
 
 class Place(NamedTuple):
-    """Where a command runs: folder and configuration, whether it is a project, and whether MLflow tracks the run."""
+    """Place that a command runs in: folder, configuration, whether it is a project, whether MLflow tracks the run."""
 
     folder: Path
     configuration: str

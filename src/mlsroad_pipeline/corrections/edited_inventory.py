@@ -19,7 +19,7 @@ from pyproj import CRS
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.inventory.rules import KINDS
 from mlsroad_pipeline.corrections.decisions import Correction
-from mlsroad_pipeline.corrections.known_names import is_other_system
+from mlsroad_pipeline.corrections.expected_values import is_other_system
 from mlsroad_pipeline.corrections.listed_objects import ListedObjects
 from mlsroad_pipeline.corrections.states import STATUS, ObjectState
 from mlsroad_pipeline.datasets.inventory.geopackage import LAYERS

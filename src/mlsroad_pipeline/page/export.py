@@ -22,7 +22,7 @@ from mlsroad_pipeline.page.cloud_files import CloudFiles
 from mlsroad_pipeline.page.contained import resolved
 from mlsroad_pipeline.page.first_picture import FirstPicture, picture_of
 from mlsroad_pipeline.page.output_folder import INVENTORY, PHOTOS, OutputFolder
-from mlsroad_pipeline.page.served import ServedSurvey
+from mlsroad_pipeline.page.served_survey import ServedSurvey
 from mlsroad_pipeline.page.server import STATIC
 
 MOST_POINTS = 1_000_000

@@ -26,7 +26,7 @@ from mlsroad_pipeline.page.access import Guard
 from mlsroad_pipeline.page.contained import resolved
 from mlsroad_pipeline.page.lock import page_lock
 from mlsroad_pipeline.page.output_folder import REPORT
-from mlsroad_pipeline.page.served import ServedSurvey, one_line
+from mlsroad_pipeline.page.served_survey import ServedSurvey, one_line
 from mlsroad_pipeline.page.tile_format import INDEX, LEVELS, level_file
 
 LOOPBACK = "127.0.0.1"

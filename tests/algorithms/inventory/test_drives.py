@@ -1,4 +1,4 @@
-"""What two drives recorded is listed once."""
+"""Objects and lines that two drives recorded are listed once."""
 
 import numpy as np
 import pandas as pd

@@ -13,6 +13,7 @@ from mlsroad_pipeline.algorithms.baselines.patch_forest.classifier import PatchF
 from mlsroad_pipeline.algorithms.baselines.patch_svm import training as patch_svm_training
 from mlsroad_pipeline.algorithms.baselines.patch_svm.classifier import PatchSvmParameters
 from mlsroad_pipeline.algorithms.baselines.shape_based import labeller as shape_based
+from mlsroad_pipeline.algorithms.baselines.shape_based import training as shape_training
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import label_cloud
@@ -38,10 +39,10 @@ def train(method, clouds, graph=GRAPH):
     patches = {str(k): prepare(cloud) for k, cloud in enumerate(clouds)}
     if method == "shape_based":
         rows = [
-            shape_based.training_objects(c, find_ground(c, STAGES.ground), p, scheme=SCHEME, parameters=SHAPES)
+            shape_training.training_objects(c, find_ground(c, STAGES.ground), p, scheme=SCHEME, parameters=SHAPES)
             for c, p in zip(clouds, patches.values(), strict=True)
         ]
-        return shape_based.fit(rows, parameters=SHAPES, stages=STAGES, scheme=SCHEME, trained_on={})
+        return shape_training.fit(rows, parameters=SHAPES, stages=STAGES, scheme=SCHEME, trained_on={})
     labels = {key: label_patches(clouds[int(key)], found, SCHEME) for key, found in patches.items()}
     training = PatchTraining(*join_training_scenes(patches, labels), STAGES, SCHEME, {})
     if method == "patch_svm":

@@ -15,10 +15,10 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import label_cloud, model_source
 from mlsroad_pipeline.datasets.models import shipped_models as module
 from mlsroad_pipeline.datasets.models.model_cards import model_card
+from mlsroad_pipeline.datasets.models.shipped_entry import ShippedParameters
 from mlsroad_pipeline.datasets.models.shipped_models import (
     CARD,
     FOLDER,
-    ShippedParameters,
     load_shipped,
     save_entry,
     save_shipped,

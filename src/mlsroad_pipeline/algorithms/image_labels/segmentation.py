@@ -44,7 +44,7 @@ class Segmenter(Protocol):
 
     @property
     def device(self) -> torch.device:
-        """Where it computes."""
+        """Device that it computes on."""
 
     def __call__(self, x: Tensor, /) -> tuple[Tensor, Tensor | None]:
         """Return the log odds of the classes of each pixel first."""

@@ -1,4 +1,4 @@
-"""Table of all candidates of a scene with their features: what a judge learns from."""
+"""Table of all candidates of a scene with their features, to train a judge."""
 
 from __future__ import annotations
 

@@ -17,8 +17,9 @@ from mlsroad_pipeline.algorithms.jointnet.inputs import Points, encode
 from mlsroad_pipeline.algorithms.jointnet.measure_regression import MeasureRegression, train_regression
 from mlsroad_pipeline.algorithms.jointnet.network import JointNet
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
-from mlsroad_pipeline.algorithms.jointnet.training import Checkpoints, to_tensors, train_network
+from mlsroad_pipeline.algorithms.jointnet.training import to_tensors, train_network
 from mlsroad_pipeline.algorithms.models.bundle import arrays_under
+from mlsroad_pipeline.algorithms.models.checkpoints import Checkpoints
 from mlsroad_pipeline.algorithms.models.torch_training import find_device, load_weights, reproducible
 from mlsroad_pipeline.algorithms.recognition.object_set import check_training
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import asdict, dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,6 +16,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.jointnet.inputs import Points, augment, encode
 from mlsroad_pipeline.algorithms.jointnet.network import JointNet
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters, TrainingParameters
+from mlsroad_pipeline.algorithms.models.checkpoints import Checkpoints
 from mlsroad_pipeline.algorithms.models.torch_training import find_device, learning_rate, reproducible
 
 HALVE_EVERY = 20
@@ -27,27 +28,6 @@ SETTLE = 4
 _SETTLE_BATCH = 128
 
 logger = logging.getLogger(__name__)
-
-
-class Checkpoints(Protocol):
-    """Storage of training states, one per network."""
-
-    def load(self, name: str) -> dict[str, Any] | None:
-        """Return the state of a network, None if none was saved; raise ReadError if it is damaged."""
-
-    def save(self, name: str, state: dict[str, Any]) -> None:
-        """Replace the state of a network atomically.
-
-        Parameters
-        ----------
-        name : str
-            Name of the network.
-        state : dict
-            Tensors and plain values.
-        """
-
-    def locate(self, name: str) -> str:
-        """Return the place of a state for messages."""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ a block of rows is processed by vector instructions. Features are compared as th
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -20,10 +19,9 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_arrays
 from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
 from mlsroad_pipeline.algorithms.models.boosted_kernels import add_trees, leaf_slots
+from mlsroad_pipeline.algorithms.models.lightgbm_text import Fields, read_tree
 
 MAX_LEAVES, MAX_THRESHOLDS = 64, 254
-_NAN_MISSING = 2
-"""LightGBM's code of missing values that are NaN, in bits 2 and 3 of a decision type."""
 
 
 class _Prepared(NamedTuple):
@@ -154,9 +152,9 @@ class BoostedTrees:
         DataError
             If the text is no such model, or a tree is too large.
         """
-        header = _Fields(text.split("\nTree=", 1)[0])
+        header = Fields(text.split("\nTree=", 1)[0])
         n_classes = header.integer("num_tree_per_iteration")
-        trees = [_read_tree(_Fields(part)) for part in text.split("\nTree=")[1:]]
+        trees = [read_tree(Fields(part)) for part in text.split("\nTree=")[1:]]
         names = ("feature", "threshold", "missing_left", "left", "right", "leaf")
         kinds = (np.int16, np.float32, np.bool_, np.int8, np.int8, np.float32)
         arrays: dict[str, Any] = {
@@ -259,47 +257,6 @@ class BoostedTrees:
 
         run_in_chunks(run, len(table), n_threads=n_threads)
         return out
-
-
-class _Fields:
-    """Lines ``name=value`` of a part of a LightGBM model."""
-
-    def __init__(self, text: str) -> None:
-        self._values = dict(re.findall(r"^(\w+)=(.*)$", text, re.MULTILINE))
-
-    def integer(self, name: str) -> int:
-        return int(self.text(name))
-
-    def numbers(self, name: str, kind: type) -> NDArray:
-        return np.array(self.text(name).split(), dtype=np.float64).astype(kind)
-
-    def text(self, name: str) -> str:
-        if name not in self._values:
-            raise DataError(f"the LightGBM model has no {name!r}: it is damaged or of another version")
-        return self._values[name]
-
-
-def _read_tree(lines: _Fields) -> dict[str, NDArray]:
-    """Return the arrays of one tree; thresholds are the largest float32 values not above LightGBM's."""
-    if lines.integer("num_leaves") < 2:
-        none = np.zeros(0, np.int64)
-        leaf = lines.numbers("leaf_value", np.float64)[:1]
-        return {"feature": none, "threshold": none, "missing_left": none, "left": none, "right": none, "leaf": leaf}
-    decision = lines.numbers("decision_type", np.int64)
-    if (decision & 1).any():
-        raise DataError("the LightGBM model has categorical features: numerical ones alone are supported")
-    exact = lines.numbers("threshold", np.float64)
-    rounded = exact.astype(np.float32)
-    is_nan_missing = decision >> 2 & 3 == _NAN_MISSING
-    return {
-        "feature": lines.numbers("split_feature", np.int64),
-        "threshold": np.where(rounded > exact, np.nextafter(rounded, np.float32(-np.inf)), rounded),
-        # LightGBM compares NaN as 0 where the training had none in this feature.
-        "missing_left": np.where(is_nan_missing, (decision & 2) > 0, exact >= 0),
-        "left": lines.numbers("left_child", np.int64),
-        "right": lines.numbers("right_child", np.int64),
-        "leaf": lines.numbers("leaf_value", np.float64),
-    }
 
 
 def _prepare(trees: BoostedTrees) -> _Prepared:

@@ -170,7 +170,7 @@ _TABLE = (
     ),
     Method(
         "shape_based", "labelling", "baselines.shape_based", ".labeller:ShapeParameters", ".labeller:label_objects",
-        ".labeller:fit", ".labeller:label_cloud",
+        ".training:fit", ".labeller:label_cloud",
     ),
     Method(
         "max_margin_markov", "labelling", "baselines.max_margin_markov", ".training:MarginParameters",

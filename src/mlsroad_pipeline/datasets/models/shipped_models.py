@@ -9,9 +9,6 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
-from mlsroad_pipeline import __version__
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
@@ -21,59 +18,8 @@ FOLDER = Path(__file__).with_name("shipped")
 """Folder of the models in the package."""
 
 REGISTRY, CARD = "registry.json", "card.md"
-LICENCE = "MIT"
 _LISTED = 12
 """Most training streets whose seeds are listed in one line."""
-
-
-@dataclass(frozen=True)
-class ShippedParameters:
-    """A model to train for the package.
-
-    Parameters
-    ----------
-    name : str, default ""
-        Name of the model, and of the environment that trains it.
-    summary : str, default ""
-        Surveys that the model is for, in one line.
-    root : str, default ""
-        Folder of the recordings.
-    recordings : mapping of str to mapping
-        Recordings to train on beside the simulated streets: name to the fields of `TrainingRecording`.
-    recorded_scheme : str, default "common"
-        Class scheme that the labels of the recordings separate; it may be coarser than that of the model.
-    weight : float, default 3.0
-        Weight of all simulated streets together; that of a recording is 1.
-    recorded_per_class : int, default 3000
-        Maximum training samples per class and scene of a recording.
-    """
-
-    name: str = ""
-    summary: str = ""
-    root: str = ""
-    recordings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    recorded_scheme: str = "common"
-    weight: float = 3.0
-    recorded_per_class: int = 3000
-
-    def command(self) -> str:
-        """Return the command that trains the model.
-
-        Returns
-        -------
-        str
-            The command.
-
-        Raises
-        ------
-        ParameterError
-            If the model has no name.
-        """
-        if not self.name:
-            raise ParameterError(
-                "shipped.name is not set: kedro run --env=general, --env=dense or --env=sparse trains a model"
-            )
-        return f"kedro run --env={self.name}"
 
 
 @dataclass(frozen=True)
@@ -276,88 +222,6 @@ def save_entry(model: ShippedModel, folder: Path = FOLDER) -> None:
     text = json.dumps({"models": entries}, indent=2, ensure_ascii=False)
     (folder / REGISTRY).write_text(text + "\n", encoding="utf-8")
     (folder / model.name / CARD).write_text(model_card(asdict(model)), encoding="utf-8")
-
-
-def describe_model(
-    bundle: ModelBundle,
-    parameters: ShippedParameters,
-    *,
-    training: Mapping[str, Mapping[str, Any]],
-    scores: tuple[ModelScores, ...],
-    recordings: Mapping[str, Mapping[str, Any]] | None = None,
-) -> ShippedModel:
-    """Return the registry entry of a trained model, without its files.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The model.
-    parameters : ShippedParameters
-        Name and summary.
-    training : mapping of str to mapping
-        See `ShippedModel`.
-    scores : tuple of ModelScores
-        See `ShippedModel`.
-    recordings : mapping of str to mapping, optional
-        See `ShippedModel`.
-
-    Returns
-    -------
-    ShippedModel
-        The entry.
-    """
-    metadata = bundle.metadata
-    features, counts = metadata["feature_names"], metadata["trained_on"]
-    return ShippedModel(
-        name=parameters.name,
-        method=bundle.slug,
-        summary=parameters.summary,
-        version=__version__,
-        licence=LICENCE,
-        command=parameters.command(),
-        files={},
-        classes=bundle.classes,
-        attributes=tuple(metadata["attributes"]),
-        variants=tuple(features) if isinstance(features, Mapping) else (),
-        training=training,
-        samples=int(counts["supervoxels"] if "supervoxels" in counts else counts["voxels"]),
-        scores=scores,
-        recordings=recordings or {},
-        training_facts=metadata.get("training_facts", {}),
-    )
-
-
-def split_scores(table: pd.DataFrame, command: str) -> tuple[ModelScores, ...]:
-    """Return the scores of each split from a table of scores.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Columns split, class, metric, value and support, see `ScoresDataset`.
-    command : str
-        Command that prints them.
-
-    Returns
-    -------
-    tuple of ModelScores
-        One per split.
-    """
-    found = []
-    for split, rows in table.groupby("split", sort=False):
-        overall = rows[rows["class"] == "all"].set_index("metric")["value"].to_dict()
-        points = rows.loc[rows["metric"] == "overall_accuracy", "support"].iloc[0]
-        f1 = rows[(rows["class"] != "all") & (rows["metric"] == "f1")].set_index("class")["value"].to_dict()
-        found.append(
-            ModelScores(
-                f"simulated street {split}",
-                int(points),
-                round(float(overall["overall_accuracy"]), 4),
-                round(float(overall["mean_f1"]), 4),
-                {str(name): None if pd.isna(value) else round(float(value), 4) for name, value in f1.items()},
-                command,
-            )
-        )
-    return tuple(found)
 
 
 def _sha256(path: Path) -> str:

@@ -17,12 +17,8 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
-from mlsroad_pipeline.datasets.models.shipped_models import (
-    ShippedModel,
-    ShippedParameters,
-    describe_model,
-    split_scores,
-)
+from mlsroad_pipeline.datasets.models.shipped_entry import ShippedParameters, describe_model, split_scores
+from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
 from mlsroad_pipeline.pipelines.boosted_trees.nodes import load_lightgbm

@@ -10,12 +10,8 @@ import pandas as pd
 from mlsroad_pipeline.algorithms.detrended_forest.compaction import compact_bundle
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
-from mlsroad_pipeline.datasets.models.shipped_models import (
-    ShippedModel,
-    ShippedParameters,
-    describe_model,
-    split_scores,
-)
+from mlsroad_pipeline.datasets.models.shipped_entry import ShippedParameters, describe_model, split_scores
+from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel
 from mlsroad_pipeline.surveys.simulated import selected_surveys
 
 

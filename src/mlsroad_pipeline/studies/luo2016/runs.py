@@ -13,6 +13,7 @@ from mlsroad_pipeline.algorithms.baselines.max_margin_markov.training import fit
 from mlsroad_pipeline.algorithms.baselines.patch_forest.classifier import PatchForest
 from mlsroad_pipeline.algorithms.baselines.patch_svm.training import fit_patch_svm
 from mlsroad_pipeline.algorithms.baselines.shape_based import labeller as shape_based
+from mlsroad_pipeline.algorithms.baselines.shape_based import training as shape_training
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
@@ -197,12 +198,12 @@ def _run_objects(
 ) -> None:
     def learn() -> Any:
         rows = [
-            shape_based.training_objects(
+            shape_training.training_objects(
                 s["points"], _ground(s["points"]), s["patches"], scheme=tally.scheme, parameters=parameters
             )
             for s in train.values()
         ]
-        return shape_based.fit(rows, parameters=parameters, stages=stages, scheme=tally.scheme, trained_on={})
+        return shape_training.fit(rows, parameters=parameters, stages=stages, scheme=tally.scheme, trained_on={})
 
     bundle, seconds = timed(learn)
     tally.add(shape_based.SLUG, train_seconds=seconds, classes_given=", ".join(bundle.metadata["classes_given"]))

@@ -16,6 +16,7 @@ from mlsroad_pipeline.algorithms.baselines.multiscale_forest.parameters import S
 from mlsroad_pipeline.algorithms.baselines.multiscale_forest.parameters import MultiscaleForestParameters
 from mlsroad_pipeline.algorithms.baselines.multiscale_forest.training import training_spheres
 from mlsroad_pipeline.algorithms.baselines.shape_based import labeller as shape_based
+from mlsroad_pipeline.algorithms.baselines.shape_based import training as shape_training
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer import labeller as superpoint_transformer
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import SLUG as SUPERPOINTS
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import SuperpointTransformerParameters
@@ -60,7 +61,7 @@ class Prepared(NamedTuple):
 
 @dataclass(frozen=True)
 class Preparation:
-    """How the scenes of a method are prepared, and how it is trained on them."""
+    """Preparation of the scenes of a method, and its training on them."""
 
     kind: str  # methods of one kind share the prepared scenes
     stages: Callable[[Mapping[str, Any]], Any]  # takes the parameters of all groups
@@ -185,8 +186,8 @@ def _fit_shapes(
             ground: Any = scene.parts[f"{name}.ground"]
             built = shape_based.build_objects(ground, patches, parameters[slug])
             truth = scene.parts[f"{name}.{scene.use}"]["label"]
-            objects.append(shape_based.labelled_objects(built, truth, len(scheme)))
-    return shape_based.fit(
+            objects.append(shape_training.labelled_objects(built, truth, len(scheme)))
+    return shape_training.fit(
         objects, parameters=parameters[slug], stages=_patch_stages(parameters), scheme=scheme, trained_on=facts
     )
 

@@ -14,12 +14,11 @@ from mlsroad_pipeline.algorithms.baselines.shape_based.cutting import (
 from mlsroad_pipeline.algorithms.baselines.shape_based.labeller import (
     ShapeParameters,
     build_objects,
-    fit,
     label_cloud,
     label_objects,
-    training_objects,
 )
 from mlsroad_pipeline.algorithms.baselines.shape_based.shape import SPIN_HEIGHTS, describe_objects
+from mlsroad_pipeline.algorithms.baselines.shape_based.training import fit, training_objects
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud

@@ -6,7 +6,7 @@ import hashlib
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -18,6 +18,7 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.features.voxel_scales import intensity_columns, voxel_feature_names
 from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.checkpoints import Checkpoints
 from mlsroad_pipeline.algorithms.stages import GroundParameters
 
 _LEAST_SHARE = 1e-15
@@ -27,27 +28,6 @@ _LEAST_HESSIAN = 1e-6
 logger = logging.getLogger(__name__)
 
 Objective = Callable[[NDArray[np.float64], Any], tuple[NDArray[np.float32], NDArray[np.float32]]]
-
-
-class Checkpoints(Protocol):
-    """Storage of training states."""
-
-    def load(self, name: str) -> dict[str, Any] | None:
-        """Return a state, None if none was saved; raise ReadError if it is damaged."""
-
-    def save(self, name: str, state: dict[str, Any]) -> None:
-        """Replace a state atomically.
-
-        Parameters
-        ----------
-        name : str
-            Name of the training.
-        state : dict
-            Texts and lists of texts.
-        """
-
-    def remove(self, name: str) -> None:
-        """Remove a state if there is one."""
 
 
 def fit(

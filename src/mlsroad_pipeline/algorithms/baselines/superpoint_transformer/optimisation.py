@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
@@ -31,6 +31,7 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters imp
     TrainingParameters,
 )
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
+from mlsroad_pipeline.algorithms.models.checkpoints import Checkpoints
 from mlsroad_pipeline.algorithms.models.torch_training import (
     find_device,
     learning_rate,
@@ -39,30 +40,6 @@ from mlsroad_pipeline.algorithms.models.torch_training import (
 )
 
 logger = logging.getLogger(__name__)
-
-
-class Checkpoints(Protocol):
-    """Storage of training states."""
-
-    def load(self, name: str) -> dict[str, Any] | None:
-        """Return a state, None if none was saved; raise ReadError if it is damaged."""
-
-    def save(self, name: str, state: dict[str, Any]) -> None:
-        """Replace a state atomically.
-
-        Parameters
-        ----------
-        name : str
-            Name of the training.
-        state : dict
-            Tensors and plain values.
-        """
-
-    def remove(self, name: str) -> None:
-        """Remove a state if there is one."""
-
-    def locate(self, name: str) -> str:
-        """Return the place of a state for messages."""
 
 
 @dataclass(frozen=True)

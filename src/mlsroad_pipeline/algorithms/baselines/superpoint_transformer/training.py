@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.building import point_feature_names
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.graph import SuperpointGraph
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.labeller import StageParameters
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.optimisation import Checkpoints, train_network
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.optimisation import train_network
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import (
     SLUG,
     SuperpointTransformerParameters,
@@ -19,6 +19,7 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters imp
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.checkpoints import Checkpoints
 
 
 def fit(

@@ -83,20 +83,5 @@ def _lowest(xyz: NDArray, order: NDArray, starts: NDArray) -> NDArray[np.float64
     return means
 
 
-@njit(cache=True, nogil=True)
-def gather(
-    key: int, nx: int, keys: NDArray[np.int64], starts: NDArray[np.int64], order: NDArray[np.int32], found: NDArray
-) -> int:
-    """Write the cells in the 5 by 5 blocks around a block into `found`, and return their number."""
-    count = 0
-    for dy in range(-2, 3):
-        first = np.searchsorted(keys, key + dy * nx - 2)
-        last = np.searchsorted(keys, key + dy * nx + 3)
-        for i in range(starts[first], min(starts[last], starts[first] + len(found) - count)):
-            found[count] = order[i]
-            count += 1
-    return count
-
-
 MOST_CELLS = (5 * round(BLOCK / CELL) + 2) ** 2  # the edges of blocks are not those of cells
 """Largest number of cells in 5 by 5 blocks."""

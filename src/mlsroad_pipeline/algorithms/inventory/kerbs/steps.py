@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_positive
-from mlsroad_pipeline.algorithms.inventory.kerbs.ground_cells import MOST_CELLS, GroundCells, gather
+from mlsroad_pipeline.algorithms.inventory.block_search import gather_cells
+from mlsroad_pipeline.algorithms.inventory.kerbs.ground_cells import MOST_CELLS, GroundCells
 
 REACH = 0.7
 """Radius of the fit, metres."""
@@ -276,7 +277,7 @@ def _fit(
     found, near = np.empty(MOST_CELLS, np.int64), np.empty(MOST_CELLS, np.int64)
     local = np.empty((MOST_CELLS, 3))
     for block in range(len(keys)):
-        n_found = gather(keys[block], nx, keys, starts, order, found)
+        n_found = gather_cells(keys[block], nx, 2, keys, starts, order, found)
         for i in range(starts[block], starts[block + 1]):
             own = order[i]
             count, low, high = 0, np.inf, -np.inf

@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.geometry.cell_grid import build_cell_grids
+from mlsroad_pipeline.algorithms.inventory.block_search import gather_cells
 from mlsroad_pipeline.algorithms.inventory.markings.brightness import (
     BRIGHTNESS,
     CELL,
@@ -97,19 +98,6 @@ def find_stripes(cells: NDArray[np.float64], *, least_contrast: float) -> Stripe
     xyz = cells[rows, :3].copy()
     xyz[:, :2] += fits[rows, _OFFSET : _OFFSET + 1] * np.column_stack([-along[:, 1], along[:, 0]])
     return Stripes(xyz, along, fits[rows, _WIDTH], fits[rows, _T], fits[rows, _CONTRAST])
-
-
-@njit(cache=True, nogil=True)
-def _gather(key: int, nx: int, keys: NDArray, starts: NDArray, order: NDArray, found: NDArray) -> int:
-    """Write the cells in the 3 by 3 blocks around a block into `found`, and return their number."""
-    count = 0
-    for dy in range(-1, 2):
-        first = np.searchsorted(keys, key + dy * nx - 1)
-        last = np.searchsorted(keys, key + dy * nx + 2)
-        for i in range(starts[first], min(starts[last], starts[first] + len(found) - count)):
-            found[count] = order[i]
-            count += 1
-    return count
 
 
 @njit(cache=True, nogil=True)
@@ -211,7 +199,7 @@ def _fit(
     found, local = np.empty(_MOST, np.int64), np.empty((_MOST, 4))
     sums, tried = np.zeros((2 * _HALF + 1, 3)), np.zeros(3 * _TRIED, np.int64)
     for block in range(len(keys)):
-        n_found = _gather(keys[block], nx, keys, starts, order, found)
+        n_found = gather_cells(keys[block], nx, 1, keys, starts, order, found)
         for i in range(starts[block], starts[block + 1]):
             own = order[i]
             if cells[own, BRIGHTNESS] < least:

@@ -1,4 +1,4 @@
-"""Requests of the page: answers as JSON, and chunks of points."""
+"""Survey that the page shows: the answers to its requests as JSON, and chunks of points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names and coordinate system that an edited inventory may have: the classes of the model, the CRS of the output."""
+"""Values that an edited inventory may have: kinds, classes of the model, coordinate system of the output."""
 
 from __future__ import annotations
 
