@@ -2,14 +2,18 @@
 
 import io
 import json
+import shutil
 
+import geopandas
 import numpy as np
 import pytest
 from helpers.browser import browser_page
 from helpers.page_output import EVIL, served, write_output
 from PIL import Image
+from typer.testing import CliRunner
 
-from mlsroad_pipeline.corrections import Correction, open_corrections
+from mlsroad_pipeline.commands.app import app
+from mlsroad_pipeline.corrections import open_corrections
 
 ROAD, POLE = (138, 143, 163), (47, 111, 237)  # colours of the classes 11 and 64 in the page
 READY = "window.page?.model.tiles.state === 'ready' && !page.cloud.loading && page.cloud.shown > 30000"
@@ -107,6 +111,7 @@ def test_a_click_on_a_mark_shows_the_object_with_reasons_and_photo(opened):
     tab.until("document.querySelector('.photo')?.naturalWidth === 40")
 
 
+@pytest.mark.filterwarnings("ignore:'crs' was not provided:UserWarning")  # the survey has none
 def test_keys_decide_and_a_reload_shows_it(opened, folder):
     server, tab = opened
     tab.js("page.actions.go(1)")
@@ -116,7 +121,7 @@ def test_keys_decide_and_a_reload_shows_it(opened, folder):
     decide(tab, "u")
     with open_corrections(folder) as store:
         assert [(d.correction.action, d.correction.object_id, d.who) for d in store.current()] == [("accept", 1, "ann")]
-        store.add(Correction("reject", 2), who="bob")  # as an import of an edited file does
+    import_edited(folder)
     tab.open(f"http://127.0.0.1:{server.port}/", width=1200, height=800)
     tab.until(READY)
     tab.until("page.model.decisions.length === 2")
@@ -126,6 +131,17 @@ def test_keys_decide_and_a_reload_shows_it(opened, folder):
     assert tab.js("document.querySelector('dialog.help').innerText.includes('next object or place to look at')")
     tab.press("Escape")
     tab.js("document.querySelector('dialog')?.close()")
+
+
+def import_edited(folder):
+    """Reject object 2 in a copy of the GeoPackage with GDAL, as QGIS does, and import the copy as users do."""
+    copy = folder.with_name("edited.gpkg")
+    shutil.copy(folder / "inventory.gpkg", copy)
+    objects = geopandas.read_file(copy, layer="objects")
+    objects.loc[objects["object_id"] == 2, "status"] = "rejected"
+    objects.to_file(copy, layer="objects")
+    done = CliRunner().invoke(app, ["corrections", "import", str(copy), str(folder), "--who", "bob"])
+    assert (done.exit_code, "1 new corrections" in done.output) == (0, True), done.output
 
 
 def test_a_fast_second_key_decides_nothing_about_the_next_object(opened, folder):
