@@ -278,3 +278,26 @@ def test_learn_continues_the_model_and_keeps_the_corrections(forked, labelled, f
     (out / "corrections.sqlite").write_bytes(b"x" * 5000)
     refused = forked("label", folder / "one, two.laz", "-o", out, "--overwrite", *ALONE, cwd=folder)
     assert refused.returncode == 1 and "corrections.sqlite is damaged" in " ".join(refused.stderr.split())
+
+
+def test_added_objects_alone_train_the_judge(labelled, folder, tmp_path):
+    from mlsroad_pipeline.corrections import Correction, open_corrections
+    from mlsroad_pipeline.corrections.labelled_output import LabelledOutput
+    from mlsroad_pipeline.corrections.learning import learn_from
+    from mlsroad_pipeline.datasets.models.object_judges import judge_of, shipped_judge
+    from mlsroad_pipeline.datasets.models.shipped_models import load_shipped
+
+    assert labelled.returncode == 0
+    shutil.copytree(folder / "one, two_mlsroad", tmp_path / "out")
+    with open_corrections(tmp_path / "out") as store:
+        best = store.objects().table.sort_values("score").iloc[-1]  # where a candidate stands
+        place = {axis: float(best[axis]) for axis in "xyz"}
+        store.add(Correction("add", kind=str(best["kind"]), payload=place), who="ann")
+        store.add(Correction("add", kind="pole", payload={**place, "x": place["x"] + 500.0}), who="ann")
+    general = load_shipped("general")
+    parent = {"name": "general", "version": ""}
+    model, n_answers = learn_from(general, [LabelledOutput.at(tmp_path / "out")], parent=parent)
+    assert n_answers == 1 and model.metadata["learned"][-1]["added_objects"] == 1
+    assert len(model.arrays["leaf"]) == len(general.arrays["leaf"])  # no points, so the labels stay
+    kind = str(best["kind"])
+    assert len(judge_of(model).trees[kind]) > len(shipped_judge().trees[kind])

@@ -116,7 +116,7 @@ def corrected_parts(
         answers += found.answers
         survey.append(found.survey)
         objects += rated
-    if not answers:
+    if not answers and not objects:
         raise DataError(
             f"{output.path} has no corrected points to learn from: accept or correct objects, or paint points"
         )
@@ -196,9 +196,20 @@ def learn_from(
     answers = [answer for part in parts for answer in part.answers]
     survey = np.concatenate([part.survey for part in parts])
     from_outputs = {"parent": dict(parent), "surveys": [output.path.name for output in outputs]}
-    model = continue_training(bundle, answers, survey, replay, parameters=parameters, learned_from=from_outputs)
-    rated = joined_answers([found for part in parts for found in part.objects])
-    model = with_judge(model, continue_judge(judge_of(bundle), rated, read_judge_replay()))
+    if answers:
+        model = continue_training(bundle, answers, survey, replay, parameters=parameters, learned_from=from_outputs)
+    else:
+        model = bundle  # missing objects were added: they have no points to learn labels from
+    rated = [found for part in parts for found in part.objects]
+    n_added = sum(found.n_added for found in rated)
+    model = with_judge(model, continue_judge(judge_of(bundle), joined_answers(rated), read_judge_replay()))
     own = {name: value for name, value in model.metadata.items() if name not in ("shipped", "registered", "stored")}
-    trained = {**dict(own.get("trained_on", {})), "corrections": sum(entry["answers"] for entry in own["learned"])}
-    return ModelBundle(model.slug, model.arrays, {**own, "trained_on": trained}), len(answers)
+    entry = {**(own["learned"][-1] if answers else {"answers": 0, **from_outputs}), "added_objects": n_added}
+    learned = [*(own["learned"][:-1] if answers else own.get("learned", ())), entry]
+    trained = {**dict(own.get("trained_on", {})), "corrections": sum(_n_answers(one) for one in learned)}
+    return ModelBundle(model.slug, model.arrays, {**own, "learned": learned, "trained_on": trained}), _n_answers(entry)
+
+
+def _n_answers(entry: Mapping[str, Any]) -> int:
+    """Return the number of answers of one learning; models of earlier versions name no added objects."""
+    return int(entry["answers"]) + int(entry.get("added_objects", 0))

@@ -57,10 +57,13 @@ class RatedCandidates(NamedTuple):
         Columns of `find_candidate_table`.
     answers : list of tuple of int and bool
         Row of a candidate, and whether it is an object of its kind.
+    n_added : int
+        How many of the last answers are about added objects.
     """
 
     candidates: pd.DataFrame
     answers: list[tuple[int, bool]]
+    n_added: int = 0
 
 
 def decided_objects(
@@ -157,8 +160,8 @@ class TileObjects:
         if not decided and not added:
             return []
         found = _tile_candidates(tile, self._object_id[tile.rows], bundle, rules)
-        rows = [*answered_candidates(found, decided, self._n_points), *added_candidates(found, added)]
-        return [RatedCandidates(found, rows)] if rows else []
+        rows, new = list(answered_candidates(found, decided, self._n_points)), list(added_candidates(found, added))
+        return [RatedCandidates(found, [*rows, *new], len(new))] if rows or new else []
 
 
 def _tile_candidates(
