@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +45,7 @@ class ClassEvidence:
     owner: NDArray[np.integer]
     groups: NDArray[np.float32]
 
-    @property
+    @cached_property
     def of_groups(self) -> NDArray[np.float32]:
         """Probabilities of the groups of each voxel, shape (m, len(GROUPS))."""
         grouped: NDArray[np.float32] = (self.probabilities @ self.groups).astype(np.float32)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import errno
 import sqlite3
 import warnings
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import geopandas as gpd
 import numpy as np
@@ -43,24 +45,23 @@ LAYERS = {"poles": "pole", "signs": "sign", "trees": "tree", "vehicles": "vehicl
 """Layer name to kind of object."""
 
 _FIXED_DATE = "2000-01-01T00:00:00.000Z"
-_OPTIONS = {"OGR_CURRENT_DATE": _FIXED_DATE, "OGR_SQLITE_SYNCHRONOUS": "OFF"}
+_OPTIONS = {"OGR_CURRENT_DATE": _FIXED_DATE, "OGR_SQLITE_SYNCHRONOUS": "OFF", "OGR_SQLITE_JOURNAL": "MEMORY"}
 """Options of GDAL: the default date is the time of writing; the finished file is synced, its parts need not be."""
 _POINT, _POLYGON, _LINE = "Point Z", "Polygon Z", "LineString Z"
 _OF_FOOTPRINTS = ["object_id", "class", "kind", "score", "height"]  # repeated in the layer of footprints
 
 
-def _write_layer(
-    path: Path, layer: str, table: pd.DataFrame, *, geometry: np.ndarray, kind: str, crs: CRS | None
-) -> None:
-    frame = gpd.GeoDataFrame(table.reset_index(drop=True), geometry=gpd.GeoSeries(geometry, dtype="geometry"), crs=crs)
-    with warnings.catch_warnings():
-        # A survey may have no known CRS; GeoPackage has a code for it (-1, undefined Cartesian).
-        warnings.filterwarnings("ignore", message=".*crs.* was not provided", category=UserWarning)
-        # Version 1.2 is sufficient, and older releases of QGIS 3 warn about later ones.
-        options = {} if path.exists() else {"VERSION": "1.2"}
-        pyogrio.write_dataframe(
-            frame, path, layer=layer, driver="GPKG", geometry_type=kind, append=path.exists(), dataset_options=options
-        )
+class _Layer(NamedTuple):
+    """A layer: its name, its rows with shapes, and the type of the shapes."""
+
+    name: str
+    rows: gpd.GeoDataFrame
+    kind: str
+
+
+def _layer(name: str, table: pd.DataFrame, *, geometry: np.ndarray, kind: str, crs: CRS | None) -> _Layer:
+    shapes = gpd.GeoSeries(geometry, dtype="geometry")
+    return _Layer(name, gpd.GeoDataFrame(table.reset_index(drop=True), geometry=shapes, crs=crs), kind)
 
 
 def write_geopackage(inventory: RoadInventory, path: str | Path) -> None:
@@ -86,10 +87,16 @@ def write_geopackage(inventory: RoadInventory, path: str | Path) -> None:
     """
     target = Path(path)
     table, crs = checked(inventory, target)
+    layers = _layers(inventory, table, crs)
+    # The layer `objects` repeats the objects of the others and would cover their symbols.
+    styles = {
+        layer: qgis_styles.qml(layer, scaled=crs is not None, drawn=layer != "objects") for layer in qgis_styles.LAYERS
+    }
     before = {name: pyogrio.get_gdal_config_option(name) for name in _OPTIONS}
 
     def write(folder: Path) -> None:
-        _write_layers(folder / target.name, inventory, table, crs)
+        _write_layers(folder / target.name, layers)
+        add_tables(folder / target.name, styles, date=_FIXED_DATE)
         _check_whole(folder / target.name, target)
 
     pyogrio.set_gdal_config_options(_OPTIONS)
@@ -116,24 +123,36 @@ def _check_whole(path: Path, target: Path) -> None:
         raise OSError(errno.EIO, "a part of the GeoPackage was not written", str(target))
 
 
-def _write_layers(path: Path, inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> None:
+def _write_layers(path: Path, layers: Sequence[_Layer]) -> None:
+    for layer in layers:
+        with warnings.catch_warnings():
+            # A survey may have no known CRS; GeoPackage has a code for it (-1, undefined Cartesian).
+            warnings.filterwarnings("ignore", message=".*crs.* was not provided", category=UserWarning)
+            # Version 1.2 is sufficient, and older releases of QGIS 3 warn about later ones.
+            options = {} if path.exists() else {"VERSION": "1.2"}
+            how: dict[str, Any] = {"driver": "GPKG", "geometry_type": layer.kind, "append": path.exists()}
+            pyogrio.write_dataframe(layer.rows, path, layer=layer.name, dataset_options=options, **how)
+
+
+def _layers(inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> list[_Layer]:
+    """Return the layers in the order of the file."""
     columns, points = attributes(table), base_points(table)
-    _write_layer(path, "objects", columns, geometry=points, kind=_POINT, crs=crs)
-    for layer, kind in LAYERS.items():
+    layers = [_layer("objects", columns, geometry=points, kind=_POINT, crs=crs)]
+    for name, kind in LAYERS.items():
         rows = (table["kind"] == kind).to_numpy()
         shapes = vehicle_boxes(table[rows]) if kind == "vehicle" else points[rows]
         shape = _POLYGON if kind == "vehicle" else _POINT
-        _write_layer(path, layer, columns[rows], geometry=shapes, kind=shape, crs=crs)
-    _write_footprints(path, table, crs=crs)
-    for layer, kind in LINE_LAYERS.items():
+        layers.append(_layer(name, columns[rows], geometry=shapes, kind=shape, crs=crs))
+    layers.append(_footprints(table, crs))
+    for name, kind in LINE_LAYERS.items():
         if inventory.lines is None:
             break
         of_kind = inventory.lines[inventory.lines["kind"] == kind]
-        _write_layer(path, layer, line_attributes(of_kind), geometry=line_shapes(of_kind), kind=_LINE, crs=crs)
+        layers.append(_layer(name, line_attributes(of_kind), geometry=line_shapes(of_kind), kind=_LINE, crs=crs))
     if inventory.trajectory is not None:
         line = np.array([shapely.LineString(inventory.trajectory.xyz)])
         length = pd.DataFrame({"length": [round(inventory.trajectory.length, 3)]})
-        _write_layer(path, "trajectory", length, geometry=line, kind=_LINE, crs=crs)
+        layers.append(_layer("trajectory", length, geometry=line, kind=_LINE, crs=crs))
         if inventory.sections is not None:
             lines = np.array(
                 [
@@ -141,20 +160,16 @@ def _write_layers(path: Path, inventory: RoadInventory, table: pd.DataFrame, crs
                     for ends in inventory.sections[["from_station", "to_station"]].to_numpy()
                 ]
             )
-            _write_layer(path, "sections", inventory.sections, geometry=lines, kind=_LINE, crs=crs)
-    # The layer `objects` repeats the objects of the others and would cover their symbols.
-    styles = {
-        layer: qgis_styles.qml(layer, scaled=crs is not None, drawn=layer != "objects") for layer in qgis_styles.LAYERS
-    }
-    add_tables(path, styles, date=_FIXED_DATE)
+            layers.append(_layer("sections", inventory.sections, geometry=lines, kind=_LINE, crs=crs))
+    return layers
 
 
-def _write_footprints(path: Path, table: pd.DataFrame, *, crs: CRS | None) -> None:
+def _footprints(table: pd.DataFrame, crs: CRS | None) -> _Layer:
     shapes = hulls(table)
     present = ~shapely.is_missing(shapes)
     areas = [polygon_area(shapely.get_coordinates(shape)) for shape in shapes[present]]
     rows = table.loc[present, _OF_FOOTPRINTS].assign(area=np.round(np.array(areas, dtype=np.float64), 2))
-    _write_layer(path, "footprints", rows, geometry=shapes[present], kind="Polygon", crs=crs)
+    return _layer("footprints", rows, geometry=shapes[present], kind="Polygon", crs=crs)
 
 
 def read_geopackage(path: str | Path) -> RoadInventory:

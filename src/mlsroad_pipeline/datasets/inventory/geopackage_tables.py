@@ -41,6 +41,8 @@ def add_tables(path: Path, styles: Mapping[str, str], *, date: str) -> None:
     `date` is the time of the last change, ISO 8601 in UTC. Styles of absent layers are skipped.
     """
     with closing(sqlite3.connect(path)) as base, base:
+        base.execute("PRAGMA synchronous = OFF")  # the finished file is synced
+        base.execute("PRAGMA journal_mode = MEMORY")
         layers = dict(base.execute("SELECT table_name, column_name FROM gpkg_geometry_columns").fetchall())
         base.executescript(_SCHEMA_EXTENSION)
         for table in ("gpkg_data_columns", "gpkg_data_column_constraints"):

@@ -28,6 +28,7 @@ _TURNS = (0.0, 0.2, -0.2, 0.4, -0.4)  # radians from the steepest direction
 _FINE = 0.25  # reach of the points that place the edge, metres
 _BINS = 50
 _FARTHEST = 0.15  # metres
+_RISE = 0.6  # largest difference in height to the cell, metres
 
 
 @dataclass(frozen=True)
@@ -126,14 +127,42 @@ def find_steps(cells: GroundCells, xyz: NDArray[np.floating], limits: StepLimits
 
 
 @njit(cache=True, nogil=True)
-def _add(normal: NDArray, u: float, v: float, z: float) -> None:
-    """Add a cell to the normal equations of z = a + b u + c v + s [u > 0]."""
-    h = 1.0 if u > 0 else 0.0
-    row = (1.0, u, v, h, z)
-    for a in range(4):
-        for b in range(a, 5):
-            normal[a, b] += row[a] * row[b]
-    normal[4, 4] += z * z
+def _strip(local: NDArray, count: int, c: float, s: float, strip: NDArray) -> int:
+    """Write u, v and z of the cells along an edge of one direction into `strip`, and return their number."""
+    n = 0
+    for i in range(count):
+        v = local[1, i] * c - local[0, i] * s
+        if abs(v) <= _HALF_LENGTH:
+            strip[0, n], strip[1, n], strip[2, n] = local[0, i] * c + local[1, i] * s, v, local[2, i]
+            n += 1
+    return n
+
+
+@njit(cache=True, nogil=True)
+def _sums(strip: NDArray, n: int, shift: float, solution: NDArray, bound: float, normal: NDArray) -> tuple[int, int]:
+    """Write the normal equations of z = a + b u + c v + s [u > 0], and return the numbers of cells on either side.
+
+    With a positive bound, cells farther from the solution are left out. The sums are variables, which the compiler
+    keeps in registers.
+    """
+    low = high = 0
+    u_1 = v_1 = h_1 = z_1 = uu = uv = uh = uz = vv = vh = vz = hz = zz = 0.0
+    for i in range(n):
+        u, v, z = strip[0, i] - shift, strip[1, i], strip[2, i]
+        if abs(u) < _GAP:
+            continue
+        h = 1.0 if u > 0 else 0.0
+        if bound > 0.0 and abs(z - (solution[0] + solution[1] * u + solution[2] * v + solution[3] * h)) > bound:
+            continue
+        high, low = high + int(h), low + 1 - int(h)
+        u_1, v_1, h_1, z_1 = u_1 + u, v_1 + v, h_1 + h, z_1 + z
+        uu, uv, uh, uz = uu + u * u, uv + u * v, uh + u * h, uz + u * z
+        vv, vh, vz, hz, zz = vv + v * v, vh + v * h, vz + v * z, hz + h * z, zz + z * z
+    normal[0, 0], normal[0, 1], normal[0, 2], normal[0, 3], normal[0, 4] = low + high, u_1, v_1, h_1, z_1
+    normal[1, 1], normal[1, 2], normal[1, 3], normal[1, 4] = uu, uv, uh, uz
+    normal[2, 2], normal[2, 3], normal[2, 4] = vv, vh, vz
+    normal[3, 3], normal[3, 4], normal[4, 4] = h_1, hz, zz
+    return low, high
 
 
 @njit(cache=True, nogil=True)
@@ -160,37 +189,31 @@ def _solve(normal: NDArray, solution: NDArray) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _one_fit(local: NDArray, count: int, c: float, s: float, shift: float, robust: bool, solution: NDArray) -> float:
+def _is_supported(strip: NDArray, n: int, shift: float) -> bool:
+    """Return whether enough cells lie on either side of an edge, not all at one place along it."""
+    count = np.zeros(2, np.int64)
+    first, last = np.full(2, 9.0), np.full(2, -9.0)
+    for i in range(n):
+        u, v = strip[0, i] - shift, strip[1, i]
+        if abs(u) >= _GAP:
+            side = 1 if u > 0 else 0
+            count[side] += 1
+            first[side], last[side] = min(first[side], v), max(last[side], v)
+    return count.min() >= _LEAST and (last - first).min() >= 0.25
+
+
+@njit(cache=True, nogil=True)
+def _one_fit(strip: NDArray, n: int, shift: float, robust: bool, normal: NDArray, solution: NDArray) -> float:
     """Fit the step along one direction; return the root mean square residual, infinite where it is not supported."""
-    normal = np.zeros((5, 5))
-    total, low, high = 0, 0, 0
-    span = np.array([[9.0, -9.0], [9.0, -9.0]])
-    for i in range(count):
-        u, v = local[i, 0] * c + local[i, 1] * s - shift, local[i, 1] * c - local[i, 0] * s
-        if abs(v) > _HALF_LENGTH or abs(u) < _GAP:
-            continue
-        side = 1 if u > 0 else 0
-        low, high = low + 1 - side, high + side
-        span[side, 0], span[side, 1] = min(span[side, 0], v), max(span[side, 1], v)
-        _add(normal, u, v, local[i, 2])
-    total = low + high
-    if min(low, high) < _LEAST or span[0, 1] - span[0, 0] < 0.25 or span[1, 1] - span[1, 0] < 0.25:
+    if not _is_supported(strip, n, shift):
         return np.inf
+    low, high = _sums(strip, n, shift, solution, 0.0, normal)
+    total = low + high
     rest = _solve(normal, solution)
     if not robust:
         return np.sqrt(rest / total)
     for bound in _OUTLIER:
-        normal[:] = 0.0
-        low = high = 0
-        for i in range(count):
-            u, v = local[i, 0] * c + local[i, 1] * s - shift, local[i, 1] * c - local[i, 0] * s
-            if abs(v) > _HALF_LENGTH or abs(u) < _GAP:
-                continue
-            side = 1 if u > 0 else 0
-            expected = solution[0] + solution[1] * u + solution[2] * v + solution[3] * side
-            if abs(local[i, 2] - expected) <= bound:
-                low, high = low + 1 - side, high + side
-                _add(normal, u, v, local[i, 2])
+        low, high = _sums(strip, n, shift, solution, bound, normal)
         if min(low, high) < _LEAST:
             return np.inf
         rest = _solve(normal, solution)
@@ -204,7 +227,7 @@ def _steepest(local: NDArray, count: int) -> tuple[float, float]:
     """Return slope and direction of the plane through the cells nearby, slope 0 without enough of them."""
     m = np.zeros(9)
     for i in range(count):
-        x, y, z = local[i, 0], local[i, 1], local[i, 2]
+        x, y, z = local[0, i], local[1, i], local[2, i]
         if x * x + y * y < _NEAR * _NEAR:
             for k, value in enumerate((1.0, x, y, z, x * x, y * y, x * y, x * z, y * z)):
                 m[k] += value
@@ -219,20 +242,22 @@ def _steepest(local: NDArray, count: int) -> tuple[float, float]:
 
 
 @njit(cache=True, nogil=True)
-def _best(local: NDArray, count: int, least: float, row: NDArray) -> None:
+def _best(local: NDArray, count: int, least: float, strip: NDArray, row: NDArray) -> None:
     """Write height, direction, roughness, shift, slopes and height of the foot of the best step into `row`."""
     slope, base = _steepest(local, count)
     if slope < _FLATTEST:
         return
-    solution = np.zeros(4)
+    normal, solution = np.zeros((5, 5)), np.zeros(4)
+    n = _strip(local, count, np.cos(base), np.sin(base), strip)
     # Most cells end here: without outliers removed, a step is a little lower.
-    if _one_fit(local, count, np.cos(base), np.sin(base), 0.0, False, solution) == np.inf or solution[3] < 0.5 * least:
+    if _one_fit(strip, n, 0.0, False, normal, solution) == np.inf or solution[3] < 0.5 * least:
         return
     best, shifted = np.inf, 0.0
     for turn in _TURNS:
         c, s = np.cos(base + turn), np.sin(base + turn)
+        n = _strip(local, count, c, s, strip)
         for shift in (0.0, -_SHIFT, _SHIFT):
-            rough = _one_fit(local, count, c, s, shift, True, solution)
+            rough = _one_fit(strip, n, shift, True, normal, solution)
             if rough < best:
                 best, shifted = rough, shift
                 row[0], row[1], row[2], row[3], row[4] = solution[3], c, s, rough, shift
@@ -268,6 +293,17 @@ def _placed(
     return place
 
 
+@njit(cache=True, nogil=True, fastmath={"nnan", "nsz"})  # lets the compiler use vector instructions; sums are exact
+def _rise(around: NDArray, n: int, x: float, y: float, z: float) -> float:
+    """Return the difference in height of the cells near a place."""
+    low, high = np.inf, -np.inf
+    for k in range(n):
+        dx, dy, dz = around[0, k] - x, around[1, k] - y, around[2, k] - z
+        inside = (dx * dx + dy * dy < _NEAR * _NEAR) & (abs(dz) < _RISE)
+        low, high = min(low, dz if inside else np.inf), max(high, dz if inside else -np.inf)
+    return high - low
+
+
 @njit(cache=True, nogil=True)
 def _fit(
     cells: NDArray, order: NDArray, keys: NDArray, starts: NDArray, nx: int, least: float,
@@ -275,26 +311,24 @@ def _fit(
 ) -> NDArray[np.float64]:  # fmt: skip
     fits = np.zeros((len(cells), 8))
     found, near = np.empty(MOST_CELLS, np.int64), np.empty(MOST_CELLS, np.int64)
-    local = np.empty((MOST_CELLS, 3))
+    around, local, strip = np.empty((3, MOST_CELLS)), np.empty((3, MOST_CELLS)), np.empty((3, MOST_CELLS))
     for block in range(len(keys)):
         n_found = gather_cells(keys[block], nx, 2, keys, starts, order, found)
+        for axis in range(3):
+            for k in range(n_found):
+                around[axis, k] = cells[found[k], axis]
         for i in range(starts[block], starts[block + 1]):
             own = order[i]
-            count, low, high = 0, np.inf, -np.inf
-            for k in range(n_found):
-                cell = found[k]
-                for axis in range(3):
-                    local[count, axis] = cells[cell, axis] - cells[own, axis]
-                x, y, z = local[count]
-                if x * x + y * y < REACH * REACH and abs(z) < 0.6:
-                    if x * x + y * y < _NEAR * _NEAR:
-                        low, high = min(low, z), max(high, z)
-                    near[count] = cell
-                    count += 1
-            if high - low < least:
+            if not _rise(around, n_found, cells[own, 0], cells[own, 1], cells[own, 2]) >= least:
                 continue
+            count = 0
+            for k in range(n_found):
+                x, y, z = around[0, k] - cells[own, 0], around[1, k] - cells[own, 1], around[2, k] - cells[own, 2]
+                if x * x + y * y < REACH * REACH and abs(z) < _RISE:
+                    local[0, count], local[1, count], local[2, count], near[count] = x, y, z, found[k]
+                    count += 1
             row = fits[own]
-            _best(local, count, least, row)
+            _best(local, count, least, strip, row)
             if row[0] >= least:
                 row[4] = _placed(near, count, cells[own], row, point_order, point_starts, xyz)
                 row[7] += cells[own, 2]

@@ -101,15 +101,17 @@ def find_stripes(cells: NDArray[np.float64], *, least_contrast: float) -> Stripe
 
 
 @njit(cache=True, nogil=True)
-def _directions(local: NDArray, count: int, least: float, tried: NDArray) -> None:
+def _directions(local: NDArray, count: int, least: float, turns: NDArray, alike: NDArray, tried: NDArray) -> None:
     """Write the turns with most cells along them that are about as bright as the middle into `tried`."""
+    x, y, level = local[0], local[1], local[2]
+    n = 0
+    for k in range(count):
+        if level[k] > least:
+            alike[0, n], alike[1, n] = x[k], y[k]
+            n += 1
     votes = np.zeros(_TURNS)
     for turn in range(_TURNS):
-        angle = np.pi * turn / _TURNS
-        c, s = np.cos(angle), np.sin(angle)
-        for k in range(count):
-            if local[k, 2] > least and abs(local[k, 1] * c - local[k, 0] * s) < _NEAR:
-                votes[turn] += 1.0
+        votes[turn] = _along(alike[0, :n], alike[1, :n], turns[turn, 0], turns[turn, 1])
     for k in range(_TRIED):
         best = np.argmax(votes)
         for j in range(3):
@@ -119,15 +121,27 @@ def _directions(local: NDArray, count: int, least: float, tried: NDArray) -> Non
 
 
 @njit(cache=True, nogil=True)
-def _profile(local: NDArray, count: int, c: float, s: float, sums: NDArray) -> None:
+def _along(x: NDArray, y: NDArray, c: float, s: float) -> int:
+    """Return the number of cells near an axis; without branches, so that the compiler uses vector instructions."""
+    n = 0
+    for k in range(len(x)):
+        n += 1 if abs(y[k] * c - x[k] * s) < _NEAR else 0
+    return n
+
+
+@njit(cache=True, nogil=True)
+def _profile(local: NDArray, count: int, c: float, s: float, bins: NDArray, sums: NDArray) -> None:
     """Write cumulative brightness, number and height of the cells by distance across the stripe into `sums`."""
     sums[:] = 0.0
+    x, y, level, z = local[0], local[1], local[2], local[3]
+    for k in range(count):  # a loop of its own, in vector instructions
+        bins[k] = int(np.floor((y[k] * c - x[k] * s) / _BIN)) + _HALF
     for k in range(count):
-        b = int(np.floor((local[k, 1] * c - local[k, 0] * s) / _BIN)) + _HALF
+        b = bins[k]
         if 0 <= b < 2 * _HALF:
-            sums[b + 1, 0] += local[k, 2]
+            sums[b + 1, 0] += level[k]
             sums[b + 1, 1] += 1.0
-            sums[b + 1, 2] += local[k, 3]
+            sums[b + 1, 2] += z[k]
     for b in range(2 * _HALF):
         for axis in range(3):
             sums[b + 1, axis] += sums[b, axis]
@@ -169,6 +183,8 @@ def _clearest(sums: NDArray, widths: NDArray, c: float, s: float, row: NDArray) 
                 slope = _slope(sums, a - far, e + far, band_left, band_right) * (_GAP + (_FLANK + half) / 2.0)
             left = (sums[a + half, 0] - sums[a, 0]) / n_first - band_left - slope
             right = (sums[e, 0] - sums[e - half, 0]) / n_last - band_right - slope
+            if left <= 0.0 or right <= 0.0:
+                continue
             t = min(left / np.sqrt(1.0 / n + 1.0 / n_left), right / np.sqrt(1.0 / n + 1.0 / n_right))
             if t > row[_T]:
                 low = (sums[a - _GAP, 2] - sums[a - far, 2]) / n_left
@@ -184,11 +200,24 @@ def _own_share(local: NDArray, count: int, row: NDArray) -> float:
     """Return the contrast of the stripe beside the cell itself as a share of that of the whole stripe."""
     total, n = 0.0, 0
     for k in range(count):
-        x, y = local[k, 0], local[k, 1]
+        x, y = local[0, k], local[1, k]
         across, along = y * row[_COS] - x * row[_SIN] - row[_OFFSET], x * row[_COS] + y * row[_SIN]
         if abs(across) <= row[_WIDTH] / 2 and abs(along) < _OWN:
-            total, n = total + local[k, 2], n + 1
+            total, n = total + local[2, k], n + 1
     return 1.0 + (total / max(n, 1) - row[_OWN_SHARE]) / max(row[_CONTRAST], 1e-9)
+
+
+@njit(cache=True, nogil=True)
+def _nearby(near: NDArray, n_near: int, cell: NDArray, local: NDArray) -> int:
+    """Write x, y, brightness and z of the cells around a cell, relative to it, into `local`; return their number."""
+    count = 0
+    for k in range(n_near):
+        x, y, z = near[0, k] - cell[X], near[1, k] - cell[Y], near[2, k] - cell[Z]
+        if x * x + y * y < REACH * REACH and abs(z) < 0.3:
+            local[0, count], local[1, count], local[3, count] = x, y, z
+            local[2, count] = (near[3, k] - cell[LEVEL]) / cell[DEVIATION]
+            count += 1
+    return count
 
 
 @njit(cache=True, nogil=True)
@@ -196,27 +225,28 @@ def _fit(
     cells: NDArray, order: NDArray, keys: NDArray, starts: NDArray, nx: int, widths: NDArray, least: float
 ) -> NDArray[np.float64]:
     fits = np.zeros((len(cells), 7))
-    found, local = np.empty(_MOST, np.int64), np.empty((_MOST, 4))
+    found, bins = np.empty(_MOST, np.int64), np.empty(_MOST, np.int64)
+    near, local, alike = np.empty((4, _MOST)), np.empty((4, _MOST)), np.empty((2, _MOST))
     sums, tried = np.zeros((2 * _HALF + 1, 3)), np.zeros(3 * _TRIED, np.int64)
+    angles = np.pi * np.arange(_TURNS) / _TURNS
+    turns = np.column_stack((np.cos(angles), np.sin(angles)))
     for block in range(len(keys)):
-        n_found = gather_cells(keys[block], nx, 1, keys, starts, order, found)
+        n_near = -1  # gathered for the first bright cell of the block
         for i in range(starts[block], starts[block + 1]):
             own = order[i]
             if cells[own, BRIGHTNESS] < least:
                 continue
-            count = 0
-            for k in range(n_found):
-                c = found[k]
-                x, y, z = cells[c, X] - cells[own, X], cells[c, Y] - cells[own, Y], cells[c, Z] - cells[own, Z]
-                if x * x + y * y < REACH * REACH and abs(z) < 0.3:
-                    local[count, 0], local[count, 1], local[count, 3] = x, y, z
-                    local[count, 2] = (cells[c, LEVEL] - cells[own, LEVEL]) / cells[own, DEVIATION]
-                    count += 1
-            _directions(local, count, -_ALIKE * cells[own, BRIGHTNESS], tried)
+            if n_near < 0:
+                n_near = gather_cells(keys[block], nx, 1, keys, starts, order, found)
+                for k in range(n_near):
+                    near[0, k], near[1, k] = cells[found[k], X], cells[found[k], Y]
+                    near[2, k], near[3, k] = cells[found[k], Z], cells[found[k], LEVEL]
+            count = _nearby(near, n_near, cells[own], local)
+            _directions(local, count, -_ALIKE * cells[own, BRIGHTNESS], turns, alike, tried)
             row = fits[own]
             for turn in tried:
-                c, s = np.cos(np.pi * turn / _TURNS), np.sin(np.pi * turn / _TURNS)
-                _profile(local, count, c, s, sums)
+                c, s = turns[turn]
+                _profile(local, count, c, s, bins, sums)
                 _clearest(sums, widths, c, s, row)
             row[_OWN_SHARE] = _own_share(local, count, row)
     return fits
