@@ -132,11 +132,12 @@ class SceneStore(StoreFiles):
         self.remove(key)
         written = []
         for name, part in parts.items():
-            with self.writing(f"{key}/{name}.{EXTENSIONS[part.kind]}") as target:
+            with self.writing(f"{key}/{name}.{EXTENSIONS[part.kind]}", sync_entry=False) as target:
                 stream = HashingStream(target)
                 write_part(part.kind, part.value, stream)
             written.append(Part(name, part.kind, stream.size, stream.digest.hexdigest()))
         record = Record(task, tuple(written))
+        self.sync_entries(key)
         self.write_json(f"{key}/{RECORD}", record.to_json())
         return record
 

@@ -109,8 +109,11 @@ class StoreFiles:
         return filesystem, root.rstrip("/")
 
     @contextmanager
-    def writing(self, relative: str) -> Iterator[IO[bytes]]:
-        """Open a file for atomic writing: it appears under its name only when it is complete and on the disk."""
+    def writing(self, relative: str, *, sync_entry: bool = True) -> Iterator[IO[bytes]]:
+        """Open a file for atomic writing: it appears under its name only when it is complete and on the disk.
+
+        Without `sync_entry` its name may be lost in a power failure until `sync_entries` of its folder.
+        """
         filesystem, root = self.opened()
         path = f"{root}/{relative}"
         if not isinstance(filesystem, LocalFileSystem):
@@ -127,11 +130,18 @@ class StoreFiles:
                 stream.flush()
                 os.fsync(stream.fileno())
             os.replace(temporary, path)
-            sync_folder(folder)
+            if sync_entry:
+                sync_folder(folder)
         except BaseException:
             if os.path.exists(temporary):
                 os.remove(temporary)
             raise
+
+    def sync_entries(self, relative: str) -> None:
+        """Write the names of the files in a local folder to the disk."""
+        filesystem, root = self.opened()
+        if isinstance(filesystem, LocalFileSystem):
+            sync_folder(f"{root}/{relative}")
 
     def write_json(self, relative: str, data: Any) -> None:
         """Write plain data as a JSON file; a TypeError for other data leaves an existing file unchanged."""

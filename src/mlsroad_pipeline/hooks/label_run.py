@@ -19,8 +19,10 @@ from mlsroad_pipeline.pipelines.composition import create_pipeline
 
 logger = logging.getLogger(__name__)
 
-LABEL, RUN, SUMMARY, OPENED = "label", "label_run", "label_summary", "plan_label_files"
-"""Names of the pipeline, of two of its datasets, and of the node that opens the run."""
+LABEL, OPENED = "label", "plan_label_files"
+"""Names of the pipeline, and of the node that opens the run."""
+RUN, INVENTORY, SUMMARY = "label_run", "label_inventory", "label_summary"
+"""Names of datasets of the pipeline."""
 
 
 class LabelRunHooks:
@@ -70,6 +72,8 @@ class LabelRunHooks:
         if RUN not in pipeline.inputs():
             return
         run = catalog.load(RUN)
+        if INVENTORY in pipeline.all_outputs():  # a part of the pipeline may end before the file is written
+            catalog[INVENTORY].finish()
         if {OPENED, "write_label_report"} <= {node.name for node in pipeline.nodes}:
             parameters = catalog.load("params:label")
             sources = self._sources | ({parameters.sections} if parameters.sections else set())

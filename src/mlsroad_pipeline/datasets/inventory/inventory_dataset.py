@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -54,6 +55,9 @@ class RoadInventoryDataset(AbstractDataset[RoadInventory, RoadInventory]):
     run : str, optional
         Folder of the run of `label` that the file is a result of: it is written there, entered in the record of the
         run, and moved to its place. See `execution.run_folder`.
+    background : bool, default False
+        Write in a thread, while the next stages run. Whatever asks for the file waits for it: loading, `filepath`,
+        `finish`. An error of the thread is raised there.
     metadata : dict, optional
         Any metadata; ignored.
 
@@ -71,7 +75,14 @@ class RoadInventoryDataset(AbstractDataset[RoadInventory, RoadInventory]):
           filepath: data/07_model_output/inventory.gpkg
     """
 
-    def __init__(self, *, filepath: str, run: str | None = None, metadata: dict[str, Any] | None = None) -> None:
+    def __init__(
+        self,
+        *,
+        filepath: str,
+        run: str | None = None,
+        background: bool = False,
+        metadata: dict[str, Any] | None = None,
+    ) -> None:
         self._filepath = local_path(filepath, "filepath")
         self._run = None if run is None else RunFolder(run)
         self.metadata = metadata
@@ -80,10 +91,13 @@ class RoadInventoryDataset(AbstractDataset[RoadInventory, RoadInventory]):
             known = " or ".join(_FORMATS)
             raise DatasetError(f"{filepath}: an inventory needs the extension {known}, got {suffix!r}")
         self._format = _FORMATS[suffix]
+        self._background = background
+        self._writing: Future[None] | None = None
         self._read: tuple[tuple[int, int, int], RoadInventory] | None = None
 
     def load(self) -> RoadInventory:
         """Read the inventory; the nodes that load an unchanged file share it, and must not change it."""
+        self.finish()
         if not self._filepath.is_file():
             return self._format.read(self._filepath)  # its error names the file
         status = self._filepath.stat()
@@ -94,6 +108,21 @@ class RoadInventoryDataset(AbstractDataset[RoadInventory, RoadInventory]):
 
     def save(self, data: RoadInventory) -> None:
         """Write the inventory, creating its folder."""
+        self.finish()
+        if not self._background:
+            self._write(data)
+            return
+        pool = ThreadPoolExecutor(1, "write-inventory")
+        self._writing = pool.submit(self._write, data)
+        pool.shutdown(wait=False)
+
+    def finish(self) -> None:
+        """Wait until the file is written, and raise the error of writing it, once."""
+        writing, self._writing = self._writing, None
+        if writing is not None:
+            writing.result()
+
+    def _write(self, data: RoadInventory) -> None:
         path = self._filepath if self._run is None else self._run.staged(self._filepath)
         path.parent.mkdir(parents=True, exist_ok=True)
         written = self._format.write(data, path)
@@ -103,10 +132,12 @@ class RoadInventoryDataset(AbstractDataset[RoadInventory, RoadInventory]):
 
     @property
     def filepath(self) -> Path:
-        """Path of the file."""
+        """Path of the file, which is written."""
+        self.finish()
         return self._filepath
 
     def _exists(self) -> bool:
+        self.finish()
         return self._filepath.is_file()
 
     def _describe(self) -> dict[str, Any]:
