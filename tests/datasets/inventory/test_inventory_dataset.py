@@ -3,6 +3,7 @@
 import pytest
 from kedro.io import DataCatalog, DatasetError
 
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.inventory.table import OBJECT_FIELDS, empty_table
 from mlsroad_pipeline.datasets.inventory.inventory_dataset import RoadInventoryDataset
 from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
@@ -34,3 +35,20 @@ def test_an_unchanged_file_is_read_once_and_a_changed_or_removed_one_again(tmp_p
     path.unlink()
     with pytest.raises(DatasetError, match="i.parquet"):
         dataset.load()
+
+
+def test_a_file_written_in_the_background_is_there_for_whoever_asks(tmp_path):
+    path = tmp_path / "i.gpkg"
+    dataset = RoadInventoryDataset(filepath=str(path), background=True)
+    dataset.save(RoadInventory(empty_table(OBJECT_FIELDS), "EPSG:25832"))
+    assert dataset.filepath.is_file()
+    dataset.save(RoadInventory(empty_table(OBJECT_FIELDS), "EPSG:25833"))
+    assert "25833" in dataset.load().crs
+
+
+def test_an_error_in_the_background_is_raised_once_by_whoever_asks(tmp_path):
+    dataset = RoadInventoryDataset(filepath=str(tmp_path / "i.gpkg"), background=True)
+    dataset.save(RoadInventory(empty_table(OBJECT_FIELDS), "no system"))
+    with pytest.raises(DataError, match=r"i\.gpkg: the coordinate reference system 'no system' is not understood"):
+        dataset.finish()
+    assert not dataset.exists()

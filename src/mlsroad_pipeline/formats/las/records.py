@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.content import open_content
-from mlsroad_pipeline.formats.files import clip_range
+from mlsroad_pipeline.formats.files import FileKey, clip_range, file_key
 from mlsroad_pipeline.formats.las.chunks import VariableChunks, check_chunk_table, check_layers
 from mlsroad_pipeline.formats.las.counts import POINTWISE
 from mlsroad_pipeline.formats.las.extra import NAME_BYTES, cut_text
@@ -30,6 +30,12 @@ EXTRA = "_extra"
 """Suffix of a name that occurs twice."""
 
 SELECT_ALL = int(lazrs.SELECTIVE_DECOMPRESS_ALL)
+
+KEPT_POINTS = 1_000_000
+"""LAZ files of at most so many points are decompressed as a whole once rows inside a chunk are read."""
+
+_kept: dict[tuple[FileKey, np.dtype], NDArray] = {}
+"""Records of the last small file; a chunk can be decompressed from its first point only, and samples need many."""
 
 
 def record_dtype(header: LasHeader) -> np.dtype:
@@ -106,6 +112,7 @@ class RecordReader:
         self._file = open_content(path)
         self._stream = self._file.stream()
         self._position = 0
+        self._select = select
         self._decompressor = None
         self._other: VariableChunks | PointwisePoints | None = None
         try:
@@ -148,9 +155,12 @@ class RecordReader:
             If the file ends early or its compressed data are damaged.
         """
         start, stop = clip_range(start, stop, self.header.n_points)
-        buffer = bytearray((stop - start) * self.header.record_size)
-        if not buffer:
+        if start == stop:
             return np.empty(0, dtype=self.dtype)
+        kept = self._from_memory(start, stop)
+        if kept is not None:
+            return kept
+        buffer = bytearray((stop - start) * self.header.record_size)
         if self._other is not None:
             return self._other.read(start, stop).view(self.dtype)
         if self._decompressor is None:
@@ -179,6 +189,26 @@ class RecordReader:
         data = self._stream.read(int(self._begins[number + 1] - self._begins[number]))
         self._stream.seek(here)
         return data
+
+    def _from_memory(self, start: int, stop: int) -> NDArray | None:
+        """Return records of a small LAZ file from memory, or None; who reads all of them takes them out of it."""
+        n_points = self.header.n_points
+        if self._decompressor is None or self._select != SELECT_ALL or n_points > KEPT_POINTS:
+            return None
+        key = file_key(self.path), self.dtype
+        if key not in _kept:
+            if start == self._position or start % self._chunk_size == 0:
+                return None
+            buffer = bytearray(n_points * self.header.record_size)
+            try:
+                self._decompress(buffer, 0, n_points)
+            except ReadError:  # elsewhere than in these rows, perhaps
+                return None
+            _kept.clear()
+            _kept[key] = np.frombuffer(buffer, dtype=self.dtype)
+        if (start, stop) == (0, n_points):
+            return _kept.pop(key)
+        return _kept[key][start:stop].copy()
 
     def _decompress(self, buffer: bytearray, start: int, stop: int) -> None:
         assert self._decompressor is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -30,15 +31,18 @@ class ReportPictures(NamedTuple):
 
 
 def report_pictures(results: SceneCollection, inventory: RoadInventory, palette: NDArray[np.uint8]) -> ReportPictures:
-    """Return the map and the pictures; scenes are read one at a time."""
+    """Return the map and the pictures; scenes are read one at a time by each of three threads."""
     samples, objects = results.part("sample"), inventory.objects
     points = np.concatenate([_some(samples[key].load()) for key in samples])
     path = np.zeros((0, 2)) if inventory.trajectory is None else inventory.trajectory.xyz[:, :2]
     frame = map_frame(points, np.concatenate([objects[["x", "y"]].to_numpy(), path]))
     if not len(points):
         return ReportPictures(frame, None, {}, {})
-    background = overview_picture(_cores(samples), palette, frame)
-    return ReportPictures(frame, background, _busiest(samples, objects, palette), _extremes(samples, objects, palette))
+    with ThreadPoolExecutor(2) as pool:
+        scene = pool.submit(_busiest, samples, objects, palette)
+        extremes = pool.submit(_extremes, samples, objects, palette)
+        background = overview_picture(_cores(samples), palette, frame)
+        return ReportPictures(frame, background, scene.result(), extremes.result())
 
 
 def _some(sample: PictureSample) -> NDArray[np.float64]:
