@@ -4,7 +4,9 @@ import gc
 import os
 import subprocess
 import sys
+from contextlib import suppress
 
+import psutil
 import pytest
 
 from mlsroad_pipeline.execution.settings import Execution
@@ -59,6 +61,7 @@ def test_an_error_ends_the_workers_too(monkeypatch):
 
 SCRIPT = """
 import gc, os, sys
+from joblib.externals.loky.backend import resource_tracker
 from mlsroad_pipeline.execution import fork_server
 from mlsroad_pipeline.execution.backends import _processes
 from mlsroad_pipeline.hooks.early_workers import EarlyWorkersHooks
@@ -79,6 +82,8 @@ pids = {pid for pid, _ in results}
 print(os.getpid() not in pids, all(warm for _, warm in results))
 hooks.after_pipeline_run()
 print(not any(map(alive, pids)))
+tracker = resource_tracker._resource_tracker._pid
+print(open(f"/proc/{tracker}/cmdline").read() == open("/proc/self/cmdline").read(), tracker)
 """
 
 
@@ -86,5 +91,9 @@ def test_stages_get_the_workers_that_were_started_early():
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT], capture_output=True, text=True, env=dict(os.environ), check=False, timeout=300
     )
-    assert done.stdout.split() == ["True"] * 5, done.stderr
+    assert done.stdout.split()[:6] == ["True"] * 6, done.stderr
+    tracker = int(done.stdout.split()[6])
+    with suppress(psutil.NoSuchProcess):
+        psutil.Process(tracker).wait(10)
+    assert not psutil.pid_exists(tracker)
     assert "leaked" not in done.stderr  # warning of a tracker of semaphores

@@ -65,6 +65,7 @@ def start(preload: str, load_libraries: Callable[[], object] | None = None) -> b
                 if load_libraries is not None and _can_fork():
                     _with_one_thread(load_libraries)
                     _fork_server(preload)
+                    _fork_tracker()
                 else:
                     forkserver.ensure_running()
         except OSError:
@@ -108,6 +109,28 @@ def _fork_server(preload: str) -> None:
             _serve(listener.fileno(), alive, ours, preload)
         os.close(alive)
     server._forkserver_address, server._forkserver_alive_fd, server._forkserver_pid = address, ours, number
+
+
+def _fork_tracker() -> None:
+    """Fork the process in which loky tracks semaphores: as another interpreter it would import joblib, 0.2 s."""
+    from joblib.externals.loky.backend import resource_tracker as of_loky  # noqa: PLC0415  # the libraries hold it
+
+    tracker: Any = of_loky._resource_tracker
+    if tracker._fd is not None:
+        return
+    reading, writing = os.pipe()
+    number = os.fork()
+    if number == 0:
+        try:
+            os.close(writing)
+            os.close(forkserver._forkserver._forkserver_alive_fd)  # type: ignore[attr-defined]  # of the driver alone
+            with open(os.devnull, "w") as nowhere:  # it prints warnings of killed processes
+                os.dup2(nowhere.fileno(), 2)
+            of_loky.main(reading)
+        finally:
+            os._exit(0)
+    os.close(reading)
+    tracker._fd, tracker._pid = writing, number
 
 
 def _serve(listener: int, alive: int, drivers: int, preload: str) -> NoReturn:
