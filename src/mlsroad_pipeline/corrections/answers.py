@@ -97,10 +97,14 @@ class FileAnswers:
         Number of the answer of each point, -1 without one.
     classes : list of ndarray of bool
         Classes that each answer allows.
+    about : list of tuple of str and int
+        What each answer is about: ``("object", number)`` or ``("stroke", identifier)``. An object can have points in
+        several files.
     """
 
     answer: NDArray[np.int64]
     classes: list[NDArray[np.bool_]]
+    about: list[tuple[str, int]]
 
 
 def object_classes(states: States, table: Mapping[int, str], named: NamedClasses) -> dict[int, NDArray[np.bool_]]:
@@ -145,11 +149,13 @@ def answers_of_file(
     """
     answer = np.full(len(object_id), -1, dtype=np.int64)
     classes: list[NDArray[np.bool_]] = []
+    about: list[tuple[str, int]] = []
     for number, allowed in objects.items():
         rows = np.flatnonzero(object_id == number)
         if len(rows):
             answer[rows] = len(classes)
             classes.append(allowed)
+            about.append(("object", number))
     for decision in states.painted:
         given = decision.correction.payload
         if not decision.correction.paints(name, len(object_id)):
@@ -157,5 +163,7 @@ def answers_of_file(
         rows = np.asarray(given["points"], dtype=np.int64)
         allowed = named.allowed(given["class"])
         answer[rows] = len(classes) if allowed.any() else -1
-        classes += [allowed] if allowed.any() else []
-    return FileAnswers(answer, classes)
+        if allowed.any():
+            classes.append(allowed)
+            about.append(("stroke", decision.identifier))
+    return FileAnswers(answer, classes, about)

@@ -49,9 +49,9 @@ _SURVEY = 60_000  # voxels without an answer that are kept, of all files
 
 
 class Voxels(NamedTuple):
-    """Voxels of the corrected tiles: those of each answer with the classes that it allows, and all others."""
+    """Voxels of the corrected tiles of a file: those of each answer, by what it is about, and all others."""
 
-    answers: list[Answer]
+    answers: dict[tuple[str, int], Answer]
     survey: NDArray[np.float32]
 
 
@@ -106,21 +106,23 @@ def corrected_parts(
     strange = unmatched_strokes(states.painted, {name: read_header(path).n_points for name, path in clouds.items()})
     if strange:
         logger.warning("%d strokes are about files with other points and are left out", len(strange))
-    answers: list[Answer] = []
+    answers: dict[tuple[str, int], list[Answer]] = {}
     survey, objects = [], []
     for name, path in clouds.items():
         if progress is not None:
             progress(name)
         cloud = get_format(path).read(path, output.read_options())
         found, rated = _of_file(name, cloud, decisions, bundle)
-        answers += found.answers
+        for about, answer in found.answers.items():
+            answers.setdefault(about, []).append(answer)
         survey.append(found.survey)
         objects += rated
     if not answers and not objects:
         raise DataError(
             f"{output.path} has no corrected points to learn from: accept or correct objects, or paint points"
         )
-    return Learned(answers, np.concatenate(survey), objects)
+    joined = [Answer(np.concatenate([part.values for part in parts]), parts[0].classes) for parts in answers.values()]
+    return Learned(joined, np.concatenate(survey), objects)
 
 
 def _decisions_about(output: LabelledOutput, bundle: ModelBundle) -> _Decisions:
@@ -158,8 +160,9 @@ def _of_file(
         rated += objects.rated(tile, bundle, decisions.rules)
     others = np.concatenate(survey)
     drawn = np.random.default_rng(2026).permutation(len(others))[:_SURVEY]
-    pairs = zip(values, given.classes, strict=True)
-    return Voxels([Answer(np.concatenate(own), classes) for own, classes in pairs if own], others[drawn]), rated
+    known = zip(given.about, values, given.classes, strict=True)
+    answers = {about: Answer(np.concatenate(own), classes) for about, own, classes in known if own}
+    return Voxels(answers, others[drawn]), rated
 
 
 def _majority(
