@@ -7,8 +7,8 @@ import pandas as pd
 from judge_streets import SCHEME, Street, true_objects
 
 from mlsroad_pipeline.algorithms.geometry.assignment import assign_one_to_one
+from mlsroad_pipeline.algorithms.inventory.candidate_labels import candidate_rules
 from mlsroad_pipeline.algorithms.inventory.candidate_table import CandidateScene, find_candidate_table
-from mlsroad_pipeline.algorithms.inventory.candidates import candidate_rules
 from mlsroad_pipeline.algorithms.inventory.rules import KINDS
 from mlsroad_pipeline.algorithms.metrics.object_matching import REACH
 from mlsroad_pipeline.algorithms.models.object_judge import ObjectJudge

@@ -39,8 +39,8 @@ from judge_streets import (
 )
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
+from mlsroad_pipeline.algorithms.inventory.candidate_labels import raised_labels
 from mlsroad_pipeline.algorithms.inventory.candidate_table import FEATURE_COLUMNS
-from mlsroad_pipeline.algorithms.inventory.candidates import raised_labels
 from mlsroad_pipeline.algorithms.inventory.judging import NEITHER, POLE, STEM, TRUNK
 from mlsroad_pipeline.algorithms.inventory.object_features import FEATURES
 from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, KINDS

@@ -5,7 +5,7 @@ import pytest
 from helpers.labelled import scheme
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
-from mlsroad_pipeline.algorithms.inventory.candidates import candidate_rules
+from mlsroad_pipeline.algorithms.inventory.candidate_labels import candidate_rules
 from mlsroad_pipeline.corrections.answers import NamedClasses
 from mlsroad_pipeline.corrections.decisions import Correction, Decision
 from mlsroad_pipeline.corrections.object_answers import (

@@ -74,8 +74,8 @@ def corrections_of_inventory(
                 other = found.setdefault((number, correction.action == "move_base"), correction)
                 if other != correction:
                     raise DataError(
-                        f"{path}: object {number} is edited in two ways ({_said(other)}; {_said(correction)}): edit it "
-                        "in one layer"
+                        f"{path}: object {number} is edited in two ways ({_described(other)}; "
+                        f"{_described(correction)}): edit it in one layer"
                     )
     _check_names(path, [*found.values(), *added], {*classes, *listed["class"].astype(str)})
     deleted = _deleted(layers, listed, states)
@@ -265,5 +265,5 @@ def _deleted(layers: dict[str, gpd.GeoDataFrame], listed: pd.DataFrame, states: 
     return gone
 
 
-def _said(correction: Correction) -> str:
+def _described(correction: Correction) -> str:
     return f"{correction.action} {correction.checked_class}".strip()

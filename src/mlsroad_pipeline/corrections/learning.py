@@ -17,7 +17,7 @@ from mlsroad_pipeline.algorithms.baselines.boosted_trees.continuation import (
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.inventory.candidates import candidate_rules
+from mlsroad_pipeline.algorithms.inventory.candidate_labels import candidate_rules
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.judge_continuation import continue_judge

@@ -123,12 +123,12 @@ class MlflowDetailsHooks:
         except Exception as error:
             if self._failure is None and not is_of_store(error):
                 raise
-            raise TrackingStoreError(self._said(store_failure(error))) from error
+            raise TrackingStoreError(self._described(store_failure(error))) from error
         if self._failure is not None:
-            raise TrackingStoreError(self._said(self._failure))
+            raise TrackingStoreError(self._described(self._failure))
         return result
 
-    def _said(self, failure: str) -> str:
+    def _described(self, failure: str) -> str:
         return f"{self._failure or failure}; the results are written, but this run is not recorded whole in MLflow"
 
     @hook_impl(tryfirst=True)

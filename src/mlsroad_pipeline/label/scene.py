@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.inventory.candidates import candidate_rules
+from mlsroad_pipeline.algorithms.inventory.candidate_labels import candidate_rules
 from mlsroad_pipeline.algorithms.inventory.class_groups import ClassEvidence, evidence_of_labels, group_shares
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects
 from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import ground_classes, kerb_steps, no_steps

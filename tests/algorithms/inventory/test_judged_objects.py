@@ -9,7 +9,7 @@ from references.inventory import planted_box, planted_pole, planted_tree
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.inventory.candidates import WEIGHTS, raised_labels
+from mlsroad_pipeline.algorithms.inventory.candidate_labels import WEIGHTS, raised_labels
 from mlsroad_pipeline.algorithms.inventory.class_groups import (
     GROUPS,
     ClassEvidence,

@@ -9,14 +9,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.inventory.candidates import classify_stems, raised_labels
+from mlsroad_pipeline.algorithms.inventory.candidate_labels import classify_stems, raised_labels
 from mlsroad_pipeline.algorithms.inventory.class_groups import ClassEvidence
 from mlsroad_pipeline.algorithms.inventory.evidence import SceneCells
+from mlsroad_pipeline.algorithms.inventory.fragments import find_fragments, join_voxels
 from mlsroad_pipeline.algorithms.inventory.judging import Judge
 from mlsroad_pipeline.algorithms.inventory.measured_rows import Evidence, find_candidates
 from mlsroad_pipeline.algorithms.inventory.object_features import FEATURES
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
-from mlsroad_pipeline.algorithms.inventory.voxels import find_fragments, join_voxels
 
 FEATURE_COLUMNS = tuple(f"f: {name}" for name in FEATURES)
 """Columns of the features in a table of candidates."""

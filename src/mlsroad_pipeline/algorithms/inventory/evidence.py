@@ -38,8 +38,8 @@ EVIDENCE_FIELDS = {
     "k": "int64",
     **dict.fromkeys(SUMS, "float32"),
 }
-"""Columns of a table of evidence: class and fragment as in `voxels.FRAGMENT_FIELDS`, a cell of the object, and the sums
-over the core points of this cell and of the surroundings that are nearest to it."""
+"""Columns of a table of evidence: class and fragment as in `fragments.FRAGMENT_FIELDS`, a cell of the object, and the
+sums over the core points of this cell and of the surroundings that are nearest to it."""
 
 GROUP_FEATURES = (
     "own_cells",

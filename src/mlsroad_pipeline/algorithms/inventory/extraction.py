@@ -17,15 +17,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_column, check_xyz
-from mlsroad_pipeline.algorithms.inventory.candidates import classify_stems, raised_labels
+from mlsroad_pipeline.algorithms.inventory.candidate_labels import classify_stems, raised_labels
 from mlsroad_pipeline.algorithms.inventory.class_groups import ClassEvidence
 from mlsroad_pipeline.algorithms.inventory.evidence import EVIDENCE_FIELDS, SceneCells
+from mlsroad_pipeline.algorithms.inventory.fragments import FRAGMENT_FIELDS, find_fragments, join_voxels, voxelise
 from mlsroad_pipeline.algorithms.inventory.judging import Judge
 from mlsroad_pipeline.algorithms.inventory.measured_rows import Evidence, measured_rows
 from mlsroad_pipeline.algorithms.inventory.measures import ObjectMeasures, measure
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.table import empty_table, object_table
-from mlsroad_pipeline.algorithms.inventory.voxels import FRAGMENT_FIELDS, find_fragments, join_voxels, voxelise
 
 
 @dataclass(frozen=True)
@@ -70,8 +70,8 @@ def extract_objects(
     """Extract and measure the objects of a scene.
 
     Points of one class that are connected form an object. With evidence and a judge, the class probabilities form
-    candidates instead (`candidates.raised_labels`), and the judge gives each a score: the probability that it is an
-    object of its kind.
+    candidates instead (`candidate_labels.raised_labels`), and the judge gives each a score: the probability that it is
+    an object of its kind.
 
     Parameters
     ----------

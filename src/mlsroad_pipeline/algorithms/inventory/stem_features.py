@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.inventory.evidence import GROUP_FEATURES, SUMS, SceneCells, group_features
-from mlsroad_pipeline.algorithms.inventory.voxels import voxel_order
+from mlsroad_pipeline.algorithms.inventory.fragments import voxel_order
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 from mlsroad_pipeline.algorithms.segmentation.stems import Stem, find_stems, whole_stems
 from mlsroad_pipeline.algorithms.segmentation.trunks import measure_crowned

@@ -11,7 +11,7 @@ from mlsroad_pipeline.algorithms.inventory.kerbs.steps import Steps
 STRIDES = (0.4, 0.8, 1.2, 1.6, 2.0)
 """Distances at which a line is continued, metres; the last is the largest gap."""
 
-YOUNG, YOUNG_STRIDES = 3, 3
+SHORT_LINE, SHORT_STRIDES = 3, 3
 """Lines of fewer vertices in one direction are continued at the first strides alone: their direction is uncertain."""
 
 _REACH, _LATERAL = 0.3, 0.2  # metres around the expected place
@@ -79,7 +79,7 @@ class _Tracer:
         place, along = self.place[start], sign * self.along[start]
         vertices: list[NDArray[np.float64]] = []
         while True:
-            rows = self._ahead(place, along, sign, STRIDES[: YOUNG_STRIDES if len(vertices) < YOUNG else None])
+            rows = self._ahead(place, along, sign, STRIDES[: SHORT_STRIDES if len(vertices) < SHORT_LINE else None])
             if rows is None:
                 return vertices
             vertex = self._vertex(rows)

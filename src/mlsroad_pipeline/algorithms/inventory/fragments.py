@@ -1,4 +1,4 @@
-"""Reduction of labelled points to the voxels of connected objects.
+"""Reduction of labelled points to voxels, and fragments of objects that lie in several scenes.
 
 Voxels are aligned to world coordinates, so that the voxels of neighbouring scenes coincide.
 """
