@@ -12,11 +12,11 @@ import yaml
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.detrended_forest.labeller import StageParameters
 from mlsroad_pipeline.algorithms.metrics.confusion import scores
 from mlsroad_pipeline.algorithms.stages import (
     FeatureParameters,
     GroundParameters,
+    StageParameters,
     SupervoxelParameters,
     build_supervoxels,
     describe_supervoxels,

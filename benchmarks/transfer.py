@@ -27,12 +27,13 @@ import yaml
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.detrended_forest.labeller import StageParameters, label_scene
+from mlsroad_pipeline.algorithms.detrended_forest.labeller import label_scene
 from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters, fit, training_rows
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scores
 from mlsroad_pipeline.algorithms.stages import (
     FeatureParameters,
     GroundParameters,
+    StageParameters,
     SupervoxelParameters,
     build_supervoxels,
     describe_supervoxels,

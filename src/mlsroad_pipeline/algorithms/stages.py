@@ -9,9 +9,9 @@ Outliers (column `outlier`) are excluded: they are not ground, their height is N
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Literal, TypedDict
+from typing import Any, Literal, Self, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -207,6 +207,45 @@ class FeatureParameters:
             check_positive(getattr(self, name), f"features.{name}")
         if self.region not in ("own", "neighborhood", "both"):
             raise ParameterError(f"features.region must be 'own', 'neighborhood' or 'both', got {self.region!r}")
+
+
+@dataclass(frozen=True)
+class StageParameters:
+    """Parameters of the stages; a model stores them, and new surveys are prepared with the same.
+
+    Parameters
+    ----------
+    ground : GroundParameters
+        The ground filter.
+    supervoxels : SupervoxelParameters
+        The partition.
+    features : FeatureParameters
+        The features of the supervoxels.
+    """
+
+    ground: GroundParameters
+    supervoxels: SupervoxelParameters
+    features: FeatureParameters
+
+    @classmethod
+    def from_stored(cls, stored: Mapping[str, Any]) -> Self:
+        """Return the parameters that a model stores, among others.
+
+        Parameters
+        ----------
+        stored : mapping of str to mapping
+            Name of the stage to its parameters.
+
+        Returns
+        -------
+        StageParameters
+            The parameters.
+        """
+        return cls(
+            GroundParameters(**stored["ground"]),
+            SupervoxelParameters(**stored["supervoxels"]),
+            FeatureParameters(**stored["features"]),
+        )
 
 
 def inliers(scene: PointCloud) -> NDArray[np.bool_]:

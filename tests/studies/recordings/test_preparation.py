@@ -6,7 +6,7 @@ from references.patches import SCHEME, street
 from mlsroad_pipeline.algorithms.models.bundle import label_cloud
 from mlsroad_pipeline.algorithms.scenes.parts import TRAIN
 from mlsroad_pipeline.studies.recordings.plan import parameter_groups
-from mlsroad_pipeline.studies.recordings.preparation import Prepared, preparation_of
+from mlsroad_pipeline.studies.recordings.preparation import Prepared, Setup, preparation_of
 
 SLUG = "superpoint_transformer"
 
@@ -24,7 +24,7 @@ def test_superpoint_graphs_hold_the_labels_of_their_use_and_train_a_model():
     for use, counted in (("own", cloud["part"] == TRAIN), ("whole", truth != SCHEME.classes.index("shrub"))):
         expected = np.bincount(truth[counted & core], minlength=len(SCHEME))
         assert parts[f"a.scanned.{use}"]["level_1.histogram"].sum(axis=0).tolist() == expected.tolist()
-    bundle = preparation.fit([Prepared(parts, "own")], SLUG, parameters, SCHEME, {"training": "own.a"})
+    bundle = preparation.fit([Prepared(parts, "own")], Setup(SLUG, parameters, SCHEME, {"training": "own.a"}))
     assert bundle.metadata["trained_on"] == {"training": "own.a", "graphs": 2}
     assert len(label_cloud(bundle, cloud)[0]) == len(cloud)
 

@@ -7,7 +7,6 @@ labelled by a forest trained without colour. Models are trained in `training`.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +18,8 @@ from mlsroad_pipeline.algorithms.detrended_forest.labelling import label_points,
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under, missing_attributes
 from mlsroad_pipeline.algorithms.models.flat_forest import FlatForest
 from mlsroad_pipeline.algorithms.stages import (
-    FeatureParameters,
     Ground,
-    GroundParameters,
-    SupervoxelParameters,
+    StageParameters,
     SupervoxelPartition,
     SupervoxelTable,
     build_supervoxels,
@@ -34,25 +31,6 @@ from mlsroad_pipeline.algorithms.stages import (
 SLUG = "detrended_forest"
 
 logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class StageParameters:
-    """Parameters of the stages before the forest; a model stores them, and new surveys are prepared with the same.
-
-    Parameters
-    ----------
-    ground : GroundParameters
-        The ground filter.
-    supervoxels : SupervoxelParameters
-        The partition.
-    features : FeatureParameters
-        The features.
-    """
-
-    ground: GroundParameters
-    supervoxels: SupervoxelParameters
-    features: FeatureParameters
 
 
 def label_scene(
@@ -168,16 +146,10 @@ def prepare(scene: PointCloud, bundle: ModelBundle) -> tuple[Ground, SupervoxelP
     DataError
         If a coordinate is NaN or infinite.
     """
-    stages = _stages(bundle)
+    stages = StageParameters.from_stored(bundle.metadata["parameters"])
     ground = ground_of(scene, stages.ground)
     supervoxels = build_supervoxels(scene, stages.supervoxels)
     return ground, supervoxels, describe_supervoxels(scene, ground, supervoxels, stages.features)
-
-
-def _stages(bundle: ModelBundle) -> StageParameters:
-    stored = bundle.metadata["parameters"]
-    kinds = {"ground": GroundParameters, "supervoxels": SupervoxelParameters, "features": FeatureParameters}
-    return StageParameters(**{f.name: kinds[f.name](**stored[f.name]) for f in fields(StageParameters)})
 
 
 def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:

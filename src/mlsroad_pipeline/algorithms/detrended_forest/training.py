@@ -17,12 +17,12 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_at_least
 from mlsroad_pipeline.algorithms.detrended_forest.classifier import DetrendedForestClassifier
-from mlsroad_pipeline.algorithms.detrended_forest.labeller import SLUG, StageParameters
+from mlsroad_pipeline.algorithms.detrended_forest.labeller import SLUG
 from mlsroad_pipeline.algorithms.features.radiometry import COLOUR_FEATURES, INTENSITY_FEATURES
 from mlsroad_pipeline.algorithms.features.supervoxel_features import SupervoxelFeatures
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.class_balance import majority_labels
-from mlsroad_pipeline.algorithms.stages import SupervoxelPartition, SupervoxelTable, inliers
+from mlsroad_pipeline.algorithms.stages import StageParameters, SupervoxelPartition, SupervoxelTable, inliers
 
 _ATTRIBUTES = {"rgb": COLOUR_FEATURES, "intensity": INTENSITY_FEATURES}
 

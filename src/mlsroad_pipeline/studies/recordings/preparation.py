@@ -24,7 +24,6 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.training_graph
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.detrended_forest.labeller import StageParameters
 from mlsroad_pipeline.algorithms.detrended_forest.training import fit as fit_forest
 from mlsroad_pipeline.algorithms.detrended_forest.training import training_rows
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
@@ -34,6 +33,7 @@ from mlsroad_pipeline.algorithms.patches.training import PatchTraining, join_tra
 from mlsroad_pipeline.algorithms.scenes.parts import TRAIN
 from mlsroad_pipeline.algorithms.stages import (
     GroundParameters,
+    StageParameters,
     build_supervoxels,
     describe_supervoxels,
     find_ground,
@@ -59,6 +59,20 @@ class Prepared(NamedTuple):
         return sorted({part.partition(".")[0] for part in self.parts})
 
 
+class Setup(NamedTuple):
+    """Method to train, the parameters of all groups, the classes, and facts of the training data for the model."""
+
+    method: str
+    parameters: Mapping[str, Any]
+    scheme: ClassScheme
+    facts: Mapping[str, Any]
+
+    @property
+    def own(self) -> Any:
+        """Return the parameters of the method."""
+        return self.parameters[self.method]
+
+
 @dataclass(frozen=True)
 class Preparation:
     """Preparation of the scenes of a method, and its training on them."""
@@ -67,8 +81,7 @@ class Preparation:
     stages: Callable[[Mapping[str, Any]], Any]  # takes the parameters of all groups
     # takes the loaded scenes and the keywords `stages`, `scheme` and `mixed`
     prepare: Callable[..., dict[str, Any]]
-    # takes prepared scenes, the slug, the parameters of all groups, the scheme and facts
-    fit: Callable[..., ModelBundle]
+    fit: Callable[[Sequence[Prepared], Setup], ModelBundle]
 
 
 def labelled_for(
@@ -102,17 +115,11 @@ def prepare_supervoxels(
     return out
 
 
-def _fit_forest(
-    scenes: Sequence[Prepared],
-    slug: str,
-    parameters: Mapping[str, Any],
-    scheme: ClassScheme,
-    facts: Mapping[str, Any],
-) -> ModelBundle:
+def _fit_forest(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
     rows: list[Any] = [arrays for scene in scenes for arrays in scene.labelled()]
     bundle, _ = fit_forest(
         [row for row in rows if len(row["labels"])],
-        parameters=parameters[slug], stages=_forest_stages(parameters), scheme=scheme, trained_on=facts,
+        parameters=setup.own, stages=_forest_stages(setup.parameters), scheme=setup.scheme, trained_on=setup.facts,
     )  # fmt: skip
     return bundle
 
@@ -151,51 +158,45 @@ def _patches_of(scenes: Sequence[Prepared]) -> tuple[dict[str, Any], dict[str, A
     return patches, labels
 
 
-def _fit_patches(
-    scenes: Sequence[Prepared],
-    slug: str,
-    parameters: Mapping[str, Any],
-    scheme: ClassScheme,
-    facts: Mapping[str, Any],
-) -> ModelBundle:
+def _fit_patches(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
     joined = join_training_scenes(*_patches_of(scenes))
     numbers = np.array([number for number, scene in enumerate(scenes) for name in scene.parts if ".patches" in name])
-    training = PatchTraining(*joined, _patch_stages(parameters), scheme, facts, numbers.astype(np.int32))
-    graph = METHODS[slug].refines
+    training = PatchTraining(
+        *joined, _patch_stages(setup.parameters), setup.scheme, setup.facts, numbers.astype(np.int32)
+    )
+    graph = METHODS[setup.method].refines
     if not graph:
-        bundle: ModelBundle = METHODS[slug].load("train")(training, parameters=parameters[slug])
+        bundle: ModelBundle = METHODS[setup.method].load("train")(training, parameters=setup.own)
         return bundle
-    transfer = METHODS[graph].load("train")(training, parameters=parameters[graph])
-    refined: ModelBundle = METHODS[slug].load("train")(
-        training, transfer, graph_parameters=parameters[graph], parameters=parameters[slug]
+    transfer = METHODS[graph].load("train")(training, parameters=setup.parameters[graph])
+    refined: ModelBundle = METHODS[setup.method].load("train")(
+        training, transfer, graph_parameters=setup.parameters[graph], parameters=setup.own
     )
     return refined
 
 
-def _fit_shapes(
-    scenes: Sequence[Prepared],
-    slug: str,
-    parameters: Mapping[str, Any],
-    scheme: ClassScheme,
-    facts: Mapping[str, Any],
-) -> ModelBundle:
+def _fit_shapes(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
     objects = []
     for scene in scenes:
         for name in scene.scene_names():
             patches: Any = scene.parts[f"{name}.patches"]
             ground: Any = scene.parts[f"{name}.ground"]
-            built = shape_based.build_objects(ground, patches, parameters[slug])
+            built = shape_based.build_objects(ground, patches, setup.own)
             truth = scene.parts[f"{name}.{scene.use}"]["label"]
-            objects.append(shape_training.labelled_objects(built, truth, len(scheme)))
+            objects.append(shape_training.labelled_objects(built, truth, len(setup.scheme)))
     return shape_training.fit(
-        objects, parameters=parameters[slug], stages=_patch_stages(parameters), scheme=scheme, trained_on=facts
+        objects,
+        parameters=setup.own,
+        stages=_patch_stages(setup.parameters),
+        scheme=setup.scheme,
+        trained_on=setup.facts,
     )
 
 
 def prepare_graphs(
     scenes: PointCloud | Mapping[str, PointCloud],
     *,
-    stages: tuple[superpoint_transformer.StageParameters, SuperpointTransformerParameters],
+    stages: tuple[StageParameters, SuperpointTransformerParameters],
     scheme: ClassScheme,
     mixed: Sequence[str],
 ) -> dict[str, Any]:
@@ -211,21 +212,18 @@ def prepare_graphs(
 
 def _graph_stages(
     parameters: Mapping[str, Any],
-) -> tuple[superpoint_transformer.StageParameters, SuperpointTransformerParameters]:
-    stages = (parameters[name] for name in ("ground_removal", "supervoxelise", "features"))
-    return superpoint_transformer.StageParameters(*stages), parameters[SUPERPOINTS].of_graphs()
+) -> tuple[StageParameters, SuperpointTransformerParameters]:
+    return _forest_stages(parameters), parameters[SUPERPOINTS].of_graphs()
 
 
-def _fit_graphs(
-    scenes: Sequence[Prepared],
-    slug: str,
-    parameters: Mapping[str, Any],
-    scheme: ClassScheme,
-    facts: Mapping[str, Any],
-) -> ModelBundle:
+def _fit_graphs(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
     graphs = [arrays for scene in scenes for arrays in scene.labelled()]
-    bundle: ModelBundle = METHODS[slug].load("train")(
-        graphs, parameters=parameters[slug], stages=_graph_stages(parameters)[0], scheme=scheme, trained_on=facts
+    bundle: ModelBundle = METHODS[setup.method].load("train")(
+        graphs,
+        parameters=setup.own,
+        stages=_graph_stages(setup.parameters)[0],
+        scheme=setup.scheme,
+        trained_on=setup.facts,
     )[0]
     return bundle
 
@@ -250,17 +248,11 @@ def _voxel_stages(parameters: Mapping[str, Any]) -> tuple[GroundParameters, Boos
     return parameters["ground_removal"], parameters[TREES].of_sample()
 
 
-def _fit_voxels(
-    scenes: Sequence[Prepared],
-    slug: str,
-    parameters: Mapping[str, Any],
-    scheme: ClassScheme,
-    facts: Mapping[str, Any],
-) -> ModelBundle:
+def _fit_voxels(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
     voxels = [(arrays, scene) for scene in scenes for arrays in scene.labelled()]
-    bundle: ModelBundle = METHODS[slug].load("train")(
+    bundle: ModelBundle = METHODS[setup.method].load("train")(
         [arrays for arrays, _ in voxels],
-        parameters=parameters[slug], ground=parameters["ground_removal"], scheme=scheme, trained_on=facts,
+        parameters=setup.own, ground=setup.parameters["ground_removal"], scheme=setup.scheme, trained_on=setup.facts,
         sources=[scene.source for _, scene in voxels], weights=[scene.weight for _, scene in voxels],
     )  # fmt: skip
     return bundle
@@ -281,16 +273,10 @@ def prepare_spheres(
     }
 
 
-def _fit_spheres(
-    scenes: Sequence[Prepared],
-    slug: str,
-    parameters: Mapping[str, Any],
-    scheme: ClassScheme,
-    facts: Mapping[str, Any],
-) -> ModelBundle:
+def _fit_spheres(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
     voxels = [arrays for scene in scenes for arrays in scene.labelled()]
-    bundle: ModelBundle = METHODS[slug].load("train")(
-        voxels, parameters=parameters[slug], scheme=scheme, trained_on=facts
+    bundle: ModelBundle = METHODS[setup.method].load("train")(
+        voxels, parameters=setup.own, scheme=setup.scheme, trained_on=setup.facts
     )
     return bundle
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.execution.task import StoredResult
-from mlsroad_pipeline.studies.recordings.preparation import Prepared, preparation_of
+from mlsroad_pipeline.studies.recordings.preparation import Prepared, Setup, preparation_of
 
 
 def train_model(
@@ -28,7 +28,7 @@ def train_model(
     """Train a method; the result has the arrays, the metadata as JSON, and the time of training without preparation."""
     scenes = [Prepared(handle.load(), *uses[handle.key]) for handle in prepared]
     start, used = time.perf_counter(), time.process_time()
-    bundle = preparation_of(method).fit(scenes, method, parameters, scheme, trained_on)
+    bundle = preparation_of(method).fit(scenes, Setup(method, parameters, scheme, trained_on))
     seconds = {"seconds": time.perf_counter() - start, "cpu_seconds": time.process_time() - used}
     return {**model_arrays(bundle), "times": {name: np.array(value) for name, value in seconds.items()}}
 

@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.inputs import 
     find_scale,
     prepare_inputs,
 )
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.labeller import StageParameters, prepare
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.labeller import prepare
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.optimisation import _Run, train_network
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import (
     AugmentationParameters,
@@ -28,7 +28,12 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.training_graph
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import label_cloud
-from mlsroad_pipeline.algorithms.stages import FeatureParameters, GroundParameters, SupervoxelParameters
+from mlsroad_pipeline.algorithms.stages import (
+    FeatureParameters,
+    GroundParameters,
+    StageParameters,
+    SupervoxelParameters,
+)
 from mlsroad_pipeline.datasets.models.torch_checkpoints import TorchCheckpoints
 
 STAGES = StageParameters(

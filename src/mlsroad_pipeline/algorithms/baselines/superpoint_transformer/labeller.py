@@ -5,7 +5,7 @@ Importing this module does not import torch; labelling does.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +22,8 @@ from mlsroad_pipeline.algorithms.core.labels import PointLabels, unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.stages import (
-    FeatureParameters,
     Ground,
-    GroundParameters,
-    SupervoxelParameters,
+    StageParameters,
     SupervoxelPartition,
     SupervoxelTable,
     build_supervoxels,
@@ -34,25 +32,6 @@ from mlsroad_pipeline.algorithms.stages import (
     ground_of,
     inliers,
 )
-
-
-@dataclass(frozen=True)
-class StageParameters:
-    """Parameters of the stages before the network; a model stores them, and new surveys are prepared with the same.
-
-    Parameters
-    ----------
-    ground : GroundParameters
-        The ground filter.
-    supervoxels : SupervoxelParameters
-        The partition.
-    features : FeatureParameters
-        The features of the supervoxels.
-    """
-
-    ground: GroundParameters
-    supervoxels: SupervoxelParameters
-    features: FeatureParameters
 
 
 def prepare(
@@ -195,8 +174,6 @@ def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int1
     """
     if len(cloud) == 0 or not inliers(cloud).any():
         return unlabelled(len(cloud))
-    stored = bundle.metadata["parameters"]
-    kinds = {"ground": GroundParameters, "supervoxels": SupervoxelParameters, "features": FeatureParameters}
-    stages = StageParameters(**{f.name: kinds[f.name](**stored[f.name]) for f in fields(StageParameters)})
+    stages = StageParameters.from_stored(bundle.metadata["parameters"])
     labels = label_scene(cloud, *prepare(cloud, stages), bundle)
     return labels["label"], labels["confidence"]

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.building import point_feature_names
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.graph import SuperpointGraph
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.labeller import StageParameters
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.optimisation import train_network
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import (
     SLUG,
@@ -20,6 +19,7 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.checkpoints import Checkpoints
+from mlsroad_pipeline.algorithms.stages import StageParameters
 
 
 def fit(

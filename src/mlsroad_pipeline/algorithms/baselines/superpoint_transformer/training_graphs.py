@@ -11,11 +11,11 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.building impor
     count_labels,
     superpoint_feature_names,
 )
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.labeller import StageParameters, prepare
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.labeller import prepare
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import SuperpointTransformerParameters
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.stages import Ground, SupervoxelPartition, SupervoxelTable
+from mlsroad_pipeline.algorithms.stages import Ground, StageParameters, SupervoxelPartition, SupervoxelTable
 
 
 def training_graphs(
