@@ -207,7 +207,7 @@ def describe_error(error: BaseException) -> str:
 
 
 @functools.lru_cache(maxsize=1)
-def _one_thread_for_good() -> None:
+def _limit_to_one_thread() -> None:
     """Limit the libraries of a process that runs scenes only to one thread, also those loaded later."""
     os.environ.update(fork_server.ONE_THREAD)
     threadpool_limits(1)
@@ -221,7 +221,7 @@ def _one_thread_for_good() -> None:
 def _one_inner_thread(backend: str) -> Iterator[None]:
     """Limit libraries to one thread inside a scene, since the workers occupy all cores."""
     if backend in ("loky", "dask"):  # a process that runs scenes only
-        _one_thread_for_good()
+        _limit_to_one_thread()
     if backend == "loky":
         yield
         return

@@ -75,7 +75,7 @@ def _spread(masks: NDArray[np.uint64], around: NDArray[np.int32], block: int, pa
 
 
 @njit(cache=True)
-def climbing(masks: NDArray[np.uint64], around: NDArray[np.int32], n_steps: int) -> NDArray[np.uint64]:
+def rising_regions(masks: NDArray[np.uint64], around: NDArray[np.int32], n_steps: int) -> NDArray[np.uint64]:
     """Return the voxels whose region rises by at least `n_steps` layers."""
     side = masks.shape[1]
     one = np.uint64(1)

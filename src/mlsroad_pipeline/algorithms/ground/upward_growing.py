@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
 from mlsroad_pipeline.algorithms.ground.blocks import BlockGrid, build_blocks, column_minima, neighbour_slots
-from mlsroad_pipeline.algorithms.ground.growing import LAYERS, climbing, label_points, occupy, reaching
+from mlsroad_pipeline.algorithms.ground.growing import LAYERS, label_points, occupy, reaching, rising_regions
 from mlsroad_pipeline.algorithms.ground.ordering import in_rows, sort_by_block
 from mlsroad_pipeline.algorithms.ground.reference import SurfaceParameters, block_surface, lower_surface
 from mlsroad_pipeline.algorithms.ground.spans import Span, bounds_of, in_chunks
@@ -144,7 +144,7 @@ def classify_ground(
         around = neighbour_slots(grid.keys, grid.table_keys, grid.table_slots, grid.stride)
     del minima
     masks = _occupied_voxels(points, grid, surface, n_threads)
-    objects = climbing(masks, around, _layers(local_height, voxel_size)) | reaching(
+    objects = rising_regions(masks, around, _layers(local_height, voxel_size)) | reaching(
         masks, around, _layers(global_height, voxel_size)
     )
     heights = np.float32(-surface_step), np.float32(base_tolerance), np.float32(global_height)

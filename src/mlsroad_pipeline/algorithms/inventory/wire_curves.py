@@ -158,7 +158,7 @@ class Wires:
     def _grown(self, seed: int, along: NDArray[np.float64]) -> Wire | None:
         """Return the wire through a point; its points are taken. Without a wire, the point alone is."""
         self.free[seed] = False
-        if not self._promising(seed, along):
+        if not self._is_line(seed, along):
             return None
         around = np.array(self.tree.query_ball_point(self.points[seed, :3], _REACH, return_sorted=True), dtype=np.int64)
         around = np.append(around[self.free[around]], seed)
@@ -180,7 +180,7 @@ class Wires:
         lowest = float(np.nanmin(heights)) if np.isfinite(heights).any() else np.nan
         return Wire(frame, curve, (float(way.min()), float(way.max())), lowest, float(self.points[rows, 4].mean()))
 
-    def _promising(self, seed: int, along: NDArray[np.float64]) -> bool:
+    def _is_line(self, seed: int, along: NDArray[np.float64]) -> bool:
         """Return whether the points nearby lie on a line through a point rather than all around it, as foliage does."""
         rows = np.array(self.tree.query_ball_point(self.points[seed, :3], _LOCAL), dtype=np.int64)
         apart = self.points[rows[self.free[rows]], :3] - self.points[seed, :3]

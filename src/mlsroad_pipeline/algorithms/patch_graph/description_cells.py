@@ -121,7 +121,7 @@ def _nearest_cells(
 
 
 @njit(cache=True, nogil=True)
-def _visitors(probes: NDArray[np.int32], n_cells: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+def _rows_of_cells(probes: NDArray[np.int32], n_cells: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """List the rows that refer to each cell, as a CSR pair."""
     indptr = np.zeros(n_cells + 1, np.int64)
     for row in probes:
@@ -164,15 +164,15 @@ def search_cells(
     block, nearby = np.empty((targets.shape[1], n_most), np.float32), np.empty(n_most, np.float32)
     hits = np.empty(n_most, np.int32)
     for part in (probes[:, :1], probes[:, 1:]):
-        indptr, visitors = _visitors(part, len(cells.centres))
+        indptr, rows_of_cells = _rows_of_cells(part, len(cells.centres))
         for c in range(len(cells.centres)):
             if indptr[c] == indptr[c + 1]:
                 continue
             members = cells.members[cells.cell_starts[c] : cells.cell_starts[c + 1]]
             for i in range(len(members)):
                 block[:, i] = targets[members[i]]
-            for visitor in visitors[indptr[c] : indptr[c + 1]]:
-                u, row_scenes = first + visitor, scenes[visitor]
+            for near in rows_of_cells[indptr[c] : indptr[c + 1]]:
+                u, row_scenes = first + near, scenes[near]
                 row, row_costs = matches[u], costs[u]
                 worst = largest(row_costs)
                 block_costs(table, u, block, len(members), nearby)

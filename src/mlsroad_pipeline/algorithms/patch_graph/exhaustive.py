@@ -119,7 +119,7 @@ def search_all_targets(
 
 
 @njit(cache=True, nogil=True)
-def offer_to_all(
+def search_to_nodes(
     index: PatchIndex,
     nodes: NDArray[np.int32],
     first: int,

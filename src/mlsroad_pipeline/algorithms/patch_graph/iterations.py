@@ -166,13 +166,13 @@ class _State:
 
         run_in_chunks(run, len(self.matches), n_threads=self.n_threads)
 
-    def enrich_and_look_around(self) -> None:
+    def enrich_and_search(self) -> None:
         if self.same:
             self.incoming = moves.incoming_edges(self.matches, self.fresh)
         links = self.matches if self.graph is None else self.graph
 
         def run(first: int, last: int) -> None:
-            moves.enrich_and_look_around(
+            moves.enrich_and_search(
                 self.source, self.target, self.apart, links, self.links_fresh, *self.incoming, self.matches,
                 self.costs, self.fresh, self.search.search_radius, first, last, self.new_matches, self.new_costs,
             )  # fmt: skip
@@ -195,7 +195,7 @@ class _State:
             )
 
         def inwards(first: int, last: int) -> None:
-            exhaustive.offer_to_all(self.source, nodes, first, last, self.new_matches, self.new_costs)
+            exhaustive.search_to_nodes(self.source, nodes, first, last, self.new_matches, self.new_costs)
 
         run_in_chunks(propagate, len(self.matches), n_threads=self.n_threads)
         run_in_chunks(outwards, len(nodes), n_threads=self.n_threads)
@@ -263,7 +263,7 @@ def find_matches(
     state.initialise(seed)
     objective = [state.objective()]
     for _ in range(search.n_iterations):
-        state.enrich_and_look_around()
+        state.enrich_and_search()
         state.propagate_and_exhaust(chooser.choose(state.costs))
         objective.append(state.objective())
         if chooser.exhausted or objective[-2] - objective[-1] <= search.tolerance * objective[-1]:

@@ -174,7 +174,7 @@ def _start_row(
 
 
 @njit(cache=True, nogil=True)
-def enrich_and_look_around(
+def enrich_and_search(
     source: PatchIndex,
     target: PatchIndex,
     same: bool,

@@ -28,7 +28,7 @@ def squared_distance(
 
 
 @njit(cache=True, nogil=True, inline="always")
-def best_claim(
+def nearest_supervoxel(
     v: int,
     features: NDArray[np.float64],
     models: NDArray[np.float64],
@@ -36,18 +36,18 @@ def best_claim(
     indptr: NDArray[np.int64],
     indices: NDArray[np.int32],
     owner: NDArray[np.int32],
-    claims: NDArray[np.int32],
+    candidates: NDArray[np.int32],
 ) -> np.int32:
     """Return the nearest supervoxel of the neighbours; ties go to the own one, then to the lower number."""
     own = owner[v]
     n = 0
-    for k in range(indptr[v], indptr[v + 1]):  # branch-free: invalid claims are overwritten
+    for k in range(indptr[v], indptr[v + 1]):  # branch-free: invalid candidates are overwritten
         s = owner[np.uint32(indices[k])]
-        claims[np.uint32(n)] = s
+        candidates[np.uint32(n)] = s
         n += (s >= 0) & (s != own)
     best, smallest = np.int32(-1), np.inf
     for i in range(n):
-        s = claims[np.uint32(i)]
+        s = candidates[np.uint32(i)]
         d = squared_distance(models, s, features, v, weights)
         if d < smallest or (d == smallest and s < best):
             smallest, best = d, s
@@ -96,9 +96,9 @@ def grow_level(
     new_owner: NDArray[np.int32],
 ) -> None:
     """Write the supervoxel of each voxel of a range for the next level."""
-    claims = np.empty(27, np.int32)
+    candidates = np.empty(27, np.int32)
     for v in range(start, stop):
-        new_owner[v] = best_claim(v, features, models, weights, indptr, indices, owner, claims)
+        new_owner[v] = nearest_supervoxel(v, features, models, weights, indptr, indices, owner, candidates)
 
 
 @njit(cache=True, nogil=True)
@@ -215,11 +215,11 @@ def flood(
 ) -> NDArray[np.int32]:
     """Assign free voxels to the nearest adjacent supervoxel, level by level; return unreached voxels."""
     left = free.copy()
-    claims = np.empty(27, np.int32)
+    candidates = np.empty(27, np.int32)
     while len(left) > 0:
         choice = np.empty(len(left), np.int32)
         for i in range(len(left)):
-            choice[i] = best_claim(left[i], features, models, weights, indptr, indices, owner, claims)
+            choice[i] = nearest_supervoxel(left[i], features, models, weights, indptr, indices, owner, candidates)
         n_left = 0
         for i in range(len(left)):
             if choice[i] >= 0:
@@ -234,7 +234,7 @@ def flood(
 
 
 @njit(cache=True, nogil=True)
-def number_islands(
+def number_unreached(
     left: NDArray[np.int32],
     indptr: NDArray[np.int64],
     indices: NDArray[np.int32],

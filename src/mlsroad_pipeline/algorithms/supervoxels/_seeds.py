@@ -115,7 +115,7 @@ def nearest_to_cell_centres(
 
 
 @njit(cache=True, nogil=True)
-def has_company(
+def has_connected_voxels(
     seed: int,
     features: NDArray[np.float64],
     indptr: NDArray[np.int64],
@@ -168,7 +168,7 @@ def spread_out(
             if owner[indices[k]] >= 0:
                 free = False
                 break
-        if free and (needed <= 1 or has_company(v, features, indptr, indices, radius, needed, reached)):
+        if free and (needed <= 1 or has_connected_voxels(v, features, indptr, indices, radius, needed, reached)):
             kept[n] = v
             owner[v] = n
             n += 1

@@ -234,7 +234,7 @@ class _Growth:
         """Make supervoxels connected and assign all voxels, in place; return the number of islands."""
         free = _growth.release_fragments(*self.neighbors, owner, len(models))
         left = _growth.flood(free, self.features, models, self.weights, *self.neighbors, owner)
-        return int(_growth.number_islands(left, *self.neighbors, owner, len(models)))
+        return int(_growth.number_unreached(left, *self.neighbors, owner, len(models)))
 
 
 def _summarise(
