@@ -41,6 +41,6 @@ def test_multiscale_neighbourhoods_have_the_labels_of_their_use_and_train_a_mode
     shrub = SCHEME.classes.index("shrub")
     assert counts["a.whole"][shrub] == 0 < counts["a.own"][shrub]
     assert counts["a.own"].sum() < (cloud.xyz[:, 0] < 3).sum() + 1 < counts["a.whole"].sum()
-    bundle = preparation.fit([Prepared(parts, "own")], slug, {slug: own}, SCHEME, {"training": "own.a"})
+    bundle = preparation.fit([Prepared(parts, "own")], Setup(slug, {slug: own}, SCHEME, {"training": "own.a"}))
     assert bundle.metadata["trained_on"] == {"training": "own.a", "voxels": int(counts["a.own"].sum())}
     assert len(label_cloud(bundle, cloud)[0]) == len(cloud)
