@@ -115,7 +115,7 @@ def resolve_columns(file_names: Sequence[str], options: ReadOptions, source: Pat
     file_names : sequence of str
         Names of the file's columns, in their order.
     options : ReadOptions
-        Its `columns`, `only`, and units that follow from the system already (`crs.with_units`).
+        Its `columns`, `only`, and units that follow from the system already (`crs_units.with_units`).
     source : Path
         File name in messages.
 

@@ -207,7 +207,7 @@ class ReadOptions(_Configured):
 
     @property
     def metres(self) -> float:
-        """Return the factor from the file's unit to metres; 1 where it follows from the system (`crs.with_units`)."""
+        """Return the factor from the file's unit to metres; 1 where the system gives it (`crs_units.with_units`)."""
         return 1.0 if self.units == BY_CRS else _unit_factor(self.units)
 
     @property

@@ -16,7 +16,8 @@ from mlsroad_pipeline.formats.column_values import (
     integer_labels,
     join_colours,
 )
-from mlsroad_pipeline.formats.crs import in_metres, parse_crs, reproject, sidecar_crs
+from mlsroad_pipeline.formats.crs import parse_crs, reproject, sidecar_crs
+from mlsroad_pipeline.formats.crs_units import in_metres
 from mlsroad_pipeline.formats.files import log_once
 from mlsroad_pipeline.formats.intensity import ORIGINAL, intensity_rule, scaled_intensity
 

@@ -17,7 +17,7 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import FileInfo, PointFormat, ReadOptions
 from mlsroad_pipeline.formats.column_names import resolve_columns
 from mlsroad_pipeline.formats.content import open_content
-from mlsroad_pipeline.formats.crs import auto_note, with_units
+from mlsroad_pipeline.formats.crs_units import auto_note, with_units
 from mlsroad_pipeline.formats.files import FileKey, check_file, clip_range, file_key
 from mlsroad_pipeline.formats.flat_table import flat_cloud
 from mlsroad_pipeline.formats.precision import StoredCoordinates, step_note

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.formats.crs import with_units
+from mlsroad_pipeline.formats.crs_units import with_units
 from mlsroad_pipeline.formats.files import file_key
 from mlsroad_pipeline.formats.las.crs import read_crs
 from mlsroad_pipeline.formats.las.depths import colour_bits

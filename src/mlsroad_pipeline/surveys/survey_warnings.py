@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.quality.places import count_places
 from mlsroad_pipeline.algorithms.quality.report import QualityReport
-from mlsroad_pipeline.formats.crs import SAME_UNIT, crs_units, is_geographic
+from mlsroad_pipeline.formats.crs import is_geographic
+from mlsroad_pipeline.formats.crs_units import SAME_UNIT, crs_units
 
 BYTE = 255.5 / 65535
 """Bound of the intensities of a LAS file that uses 8 of its 16 bits, after scaling to [0, 1]."""

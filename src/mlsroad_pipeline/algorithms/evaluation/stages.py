@@ -14,9 +14,10 @@ from scipy.spatial import cKDTree
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.scene_key import group_by_split
+from mlsroad_pipeline.algorithms.core.stage_results import GroundMask, SupervoxelPartition
 from mlsroad_pipeline.algorithms.metrics.ground import count_ground, scores_of_counts
 from mlsroad_pipeline.algorithms.metrics.partition import evaluate_partition
-from mlsroad_pipeline.algorithms.stages import GroundMask, SupervoxelPartition, inliers
+from mlsroad_pipeline.algorithms.stages import inliers
 
 GROUND_CLASSES = (
     "road",

@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import FileInfo, PointFormat, ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.column_names import resolve_columns
 from mlsroad_pipeline.formats.content import refuse_packed, with_packed
-from mlsroad_pipeline.formats.crs import auto_note, in_metres, with_units
+from mlsroad_pipeline.formats.crs_units import auto_note, in_metres, with_units
 from mlsroad_pipeline.formats.files import FileKey, atomic_file, check_file, clip_range, file_key, log_once
 from mlsroad_pipeline.formats.las.copc import SUFFIX, is_copc, without_copc, write_copc
 from mlsroad_pipeline.formats.las.crs import read_crs, two_systems_note, with_crs_of

@@ -16,6 +16,7 @@ from mlsroad_pipeline.algorithms.baselines.shape_based import labeller as shape_
 from mlsroad_pipeline.algorithms.baselines.shape_based import training as shape_training
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_results import Ground
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphClassifier
 from mlsroad_pipeline.algorithms.patch_graph.labeller import ground_classes
@@ -30,7 +31,6 @@ from mlsroad_pipeline.algorithms.patches.labelling import (
 )
 from mlsroad_pipeline.algorithms.patches.training import join_training_scenes
 from mlsroad_pipeline.algorithms.patches.voting import vote_on_points
-from mlsroad_pipeline.algorithms.stages import Ground
 from mlsroad_pipeline.studies.luo2016.objects import StreetCounts, count_street
 from mlsroad_pipeline.studies.luo2016.parameters import REFINES
 from mlsroad_pipeline.studies.streets import timed

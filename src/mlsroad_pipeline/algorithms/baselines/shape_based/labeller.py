@@ -17,13 +17,14 @@ from mlsroad_pipeline.algorithms.baselines.shape_based.cutting import CutParamet
 from mlsroad_pipeline.algorithms.baselines.shape_based.shape import describe_objects
 from mlsroad_pipeline.algorithms.core.labels import PointLabels, unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_results import Ground
 from mlsroad_pipeline.algorithms.core.validation import check_at_least
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.flat_forest import FlatForest
 from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
 from mlsroad_pipeline.algorithms.patches.labelling import ScenePatches, prepare_cloud
 from mlsroad_pipeline.algorithms.patches.voting import vote_on_points
-from mlsroad_pipeline.algorithms.stages import Ground, inliers
+from mlsroad_pipeline.algorithms.stages import inliers
 
 SLUG = "shape_based"
 _GREY = 0.5  # colour where the survey has none

@@ -20,11 +20,11 @@ from mlsroad_pipeline.algorithms.baselines.shape_based.labeller import (
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_results import Ground
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.class_balance import majority_labels
 from mlsroad_pipeline.algorithms.models.flat_forest import FlatForest
 from mlsroad_pipeline.algorithms.patches.labelling import PatchStages, ScenePatches, label_patches
-from mlsroad_pipeline.algorithms.stages import Ground
 
 logger = logging.getLogger(__name__)
 

@@ -15,10 +15,11 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.levels import 
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import N_LEVELS, HierarchyParameters
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_results import Ground, SupervoxelPartition, SupervoxelTable
 from mlsroad_pipeline.algorithms.features.radiometry import COLOUR_FEATURES, INTENSITY_FEATURES
 from mlsroad_pipeline.algorithms.features.surroundings import BALL_FEATURES, describe_balls
 from mlsroad_pipeline.algorithms.geometry.voxels.grid import build_voxel_grid
-from mlsroad_pipeline.algorithms.stages import Ground, SupervoxelPartition, SupervoxelTable, inliers
+from mlsroad_pipeline.algorithms.stages import inliers
 
 SHAPES = ("linearity", "planarity", "scattering", "verticality", "direction_z", "horizontal_linearity")
 """Shape features of a point per radius."""

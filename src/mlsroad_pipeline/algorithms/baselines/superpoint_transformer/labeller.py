@@ -20,12 +20,10 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters imp
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.labels import PointLabels, unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_results import Ground, SupervoxelPartition, SupervoxelTable
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.stages import (
-    Ground,
     StageParameters,
-    SupervoxelPartition,
-    SupervoxelTable,
     build_supervoxels,
     describe_supervoxels,
     find_ground,
