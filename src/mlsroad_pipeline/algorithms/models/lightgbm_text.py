@@ -20,12 +20,15 @@ class Fields:
         self._values = dict(re.findall(r"^(\w+)=(.*)$", text, re.MULTILINE))
 
     def integer(self, name: str) -> int:
+        """Return an integer."""
         return int(self.text(name))
 
     def numbers(self, name: str, kind: type) -> NDArray:
+        """Return a list of numbers as an array of a type."""
         return np.array(self.text(name).split(), dtype=np.float64).astype(kind)
 
     def text(self, name: str) -> str:
+        """Return a value as it stands; DataError if it is missing."""
         if name not in self._values:
             raise DataError(f"the LightGBM model has no {name!r}: it is damaged or of another version")
         return self._values[name]
