@@ -74,7 +74,7 @@ class PointGroups:
         self._left_out: set[int] = set()
 
     def first(self, number: int, painted: Painted = NONE) -> list[PointGroup]:
-        """Return the groups whose answers teach most; painted ones count as answered, and are left out."""
+        """Return the groups whose answers improve a model most; painted ones count as answered, and are left out."""
         segments = self._segments
         if not len(segments.size):
             return []
