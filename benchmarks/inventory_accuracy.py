@@ -23,15 +23,15 @@ import pandas as pd
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.inventory.accuracy import (
+from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects, measure_points
+from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
+from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, ObjectRule
+from mlsroad_pipeline.algorithms.metrics.measure_errors import (
     kinds_of_truth,
     match_to_truth,
     measurement_errors,
     summarise_errors,
 )
-from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects, measure_points
-from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
-from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, ObjectRule
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle

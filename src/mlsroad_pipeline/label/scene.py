@@ -17,8 +17,8 @@ from mlsroad_pipeline.algorithms.inventory.class_groups import ClassEvidence, ev
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects
 from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import ground_classes, kerb_steps, no_steps
 from mlsroad_pipeline.algorithms.inventory.kerbs.steps import StepLimits
-from mlsroad_pipeline.algorithms.inventory.markings.devices import device_of
 from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import marking_stripes, no_stripes, paved_classes
+from mlsroad_pipeline.algorithms.inventory.markings.scanner_passes import scanner_pass_of
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.sightings import sightings_of_scene
 from mlsroad_pipeline.algorithms.inventory.wires import wire_points, wire_probability
@@ -198,7 +198,7 @@ def _markings(
     if least_contrast is None or "intensity" not in scene:
         return no_stripes()
     return marking_stripes(
-        *(scene.xyz, height, label, scene["intensity"], device_of(scene)),
+        *(scene.xyz, height, label, scene["intensity"], scanner_pass_of(scene)),
         is_paved=paved_classes(scheme),
         core=scene["core"],
         origin=scene.origin,

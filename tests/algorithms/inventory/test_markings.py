@@ -10,7 +10,6 @@ import shapely
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.inventory.lines import line_row, line_table
 from mlsroad_pipeline.algorithms.inventory.markings.carriageway import beyond_kerb
-from mlsroad_pipeline.algorithms.inventory.markings.devices import device_of
 from mlsroad_pipeline.algorithms.inventory.markings.kinds import markings_of
 from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import (
     _without_straight,
@@ -18,6 +17,7 @@ from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import (
     marking_stripes,
     no_stripes,
 )
+from mlsroad_pipeline.algorithms.inventory.markings.scanner_passes import scanner_pass_of
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 ORIGIN = np.array([391_000.0, 5_820_000.0, 34.0])
@@ -52,10 +52,16 @@ def salt(share, density):
     return xyz, np.where(rng.random(len(xyz)) < share, rng.integers(1, 255, len(xyz)), 0.0)
 
 
-def stripes(xyz, intensity, *, device=None, core=None, **options):
+def stripes(xyz, intensity, *, scanner_pass=None, core=None, **options):
     n = len(xyz)
     return marking_stripes(
-        *(xyz, np.zeros(n), np.zeros(n, dtype=int), intensity, np.zeros(n, dtype=int) if device is None else device),
+        *(
+            xyz,
+            np.zeros(n),
+            np.zeros(n, dtype=int),
+            intensity,
+            np.zeros(n, dtype=int) if scanner_pass is None else scanner_pass,
+        ),
         is_paved=np.array([True]),
         core=np.ones(n, dtype=bool) if core is None else core,
         origin=ORIGIN,
@@ -109,10 +115,12 @@ def test_what_is_no_marking(cloud):
 
 def test_scanners_with_other_units_are_compared_with_themselves():
     xyz, intensity = road([SOLID])
-    device = np.arange(len(xyz)) % 2
-    table = join_markings([stripes(xyz, np.where(device == 1, 40 * intensity + 5000, intensity), device=device)])
+    scanner_pass = np.arange(len(xyz)) % 2
+    table = join_markings(
+        [stripes(xyz, np.where(scanner_pass == 1, 40 * intensity + 5000, intensity), scanner_pass=scanner_pass)]
+    )
     assert table["length"].sum() == pytest.approx(30.0, abs=0.8)
-    together = np.where(device == 1, 400 * intensity, intensity)
+    together = np.where(scanner_pass == 1, 400 * intensity, intensity)
     assert len(join_markings([stripes(xyz, together)])) == 0
 
 
@@ -121,17 +129,17 @@ def test_scanners_with_other_units_are_compared_with_themselves():
     [(("source",), True), (("file",), True), (("scanner", "source"), True), (("scanner",), False)],
     ids=["source", "file", "source and one scanner", "one scanner"],
 )
-def test_sources_of_one_place_are_devices_and_files_side_by_side_are_one(names, apart):
+def test_sources_of_one_place_are_scanners_and_files_side_by_side_are_one(names, apart):
     xyz, intensity = road([SOLID])
     head = np.random.default_rng(1).integers(0, 2, len(xyz))
     columns = {name: head if name != "scanner" else np.zeros_like(head) for name in names}
-    device = device_of(PointCloud(xyz, {**columns, "second": np.full(len(xyz), 9, np.int32)}))
-    assert (len(np.unique(device)) == 2) == apart
-    table = join_markings([stripes(xyz, np.where(head == 1, 0.7, 1.0) * intensity, device=device)])
+    scanner_pass = scanner_pass_of(PointCloud(xyz, {**columns, "second": np.full(len(xyz), 9, np.int32)}))
+    assert (len(np.unique(scanner_pass)) == 2) == apart
+    table = join_markings([stripes(xyz, np.where(head == 1, 0.7, 1.0) * intensity, scanner_pass=scanner_pass)])
     assert table["length"].sum() == pytest.approx(30.0 if apart else 0.0, abs=0.8)
     tiles = np.where(xyz[:, 0] > 14, 2, 0)
-    assert np.ptp(device_of(PointCloud(xyz, {"file": tiles}))) == 0
-    both = device_of(PointCloud(xyz, {"file": tiles + head}))
+    assert np.ptp(scanner_pass_of(PointCloud(xyz, {"file": tiles}))) == 0
+    both = scanner_pass_of(PointCloud(xyz, {"file": tiles + head}))
     assert np.array_equal(both == both[head == 1][0], head == 1)
 
 

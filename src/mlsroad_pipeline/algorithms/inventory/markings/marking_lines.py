@@ -45,7 +45,7 @@ def marking_stripes(
     height: NDArray[np.floating],
     labels: NDArray[np.integer],
     intensity: NDArray[np.floating],
-    device: NDArray[np.integer],
+    scanner_pass: NDArray[np.integer],
     *,
     is_paved: NDArray[np.bool_],
     core: NDArray[np.bool_],
@@ -64,7 +64,7 @@ def marking_stripes(
         Classes; -1 for none.
     intensity : ndarray, shape (n,)
         Intensity, any unit; points without one (NaN) are left out.
-    device : ndarray of int, shape (n,)
+    scanner_pass : ndarray of int, shape (n,)
         Scanner and passage of each point; each is searched alone, since intensity depends on range and incidence.
     is_paved : ndarray of bool, shape (classes,)
         Which classes are paved, see `paved_classes`. Points without a class count as paved.
@@ -84,8 +84,8 @@ def marking_stripes(
     road = (height > _BAND[0]) & (height < _BAND[1])  # false where the height is NaN
     road &= np.append(is_paved, True)[labels] & np.isfinite(intensity)
     tables = []
-    for number in np.unique(device[road]):
-        rows = np.flatnonzero(road & (device == number))
+    for number in np.unique(scanner_pass[road]):
+        rows = np.flatnonzero(road & (scanner_pass == number))
         cells = road_cells(xyz[rows], intensity[rows], core[rows])
         if len(cells):
             s = find_stripes(cells, least_contrast=least_contrast)

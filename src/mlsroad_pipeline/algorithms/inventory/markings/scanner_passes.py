@@ -17,7 +17,7 @@ _CELL = 0.5  # metres
 _SHARED = 0.1  # share of the cells from which two sources see the same place
 
 
-def device_of(scene: PointCloud) -> NDArray[np.int64]:
+def scanner_pass_of(scene: PointCloud) -> NDArray[np.int64]:
     """Return a number for the scanner and pass of each point of a scene.
 
     Parameters

@@ -8,15 +8,15 @@ import pytest
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.inventory.accuracy import (
+from mlsroad_pipeline.algorithms.inventory.extraction import measure_points
+from mlsroad_pipeline.algorithms.inventory.measures import MEASURES
+from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, ObjectRule
+from mlsroad_pipeline.algorithms.metrics.measure_errors import (
     kinds_of_truth,
     match_to_truth,
     measurement_errors,
     summarise_errors,
 )
-from mlsroad_pipeline.algorithms.inventory.extraction import measure_points
-from mlsroad_pipeline.algorithms.inventory.measures import MEASURES
-from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, ObjectRule
 from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
 from mlsroad_pipeline.simulation import PRESETS, simulate_survey
 from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS

@@ -1,4 +1,4 @@
-"""Accuracy of the measures of an inventory against the truth of a simulated survey."""
+"""Errors of the measures of an inventory against the truth of a simulated survey."""
 
 from __future__ import annotations
 
