@@ -20,6 +20,7 @@ import sys
 import time
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.geometry.neighbors import radius_neighbors
 from mlsroad_pipeline.algorithms.patch_graph.costs import CostWeights, weigh_descriptors
@@ -132,10 +133,17 @@ def main() -> int:
     points += np.random.default_rng(0).uniform(-STEP / 2, STEP / 2, points.shape)
     vote_on_points(points[:1000], new.centroid, np.eye(N_CLASSES)[new.label], radius=0.3)
     patches = join_patches([street_scene(s, options.length) for s in range(options.scenes)])
+    measure(patches, new, edges, points, options.threads)
+    return 0
 
+
+def measure(
+    patches: Patches, new: Patches, edges: NDArray[np.int32], points: NDArray[np.float64], threads: int
+) -> None:
+    """Print the times of training on patches, and of labelling the points of a new scene."""
     start = time.perf_counter()
-    graph = train_graph(patches, n_threads=options.threads)
-    report("training", start, len(patches), options.threads, iterations=len(graph.objective) - 1)
+    graph = train_graph(patches, n_threads=threads)
+    report("training", start, len(patches), threads, iterations=len(graph.objective) - 1)
     start = whole = time.perf_counter()
     found = match_patches(new, graph)
     report("transfer", start, len(new), 1, iterations=len(found.objective) - 1)
@@ -147,7 +155,6 @@ def main() -> int:
     report("votes", start, len(new), 1, points=len(points))
     report("labelling", whole, len(new), 1)
     report("gap", time.perf_counter(), len(patches), 1, gap=round(gap(patches, graph), 4))
-    return 0
 
 
 if __name__ == "__main__":

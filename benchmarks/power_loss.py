@@ -53,6 +53,11 @@ def shut_down(place: Path, device: int) -> None:
         os.close(folder)
 
 
+def different(expected: dict[str, str], found: dict[str, str]) -> list[str]:
+    """Return the names of results that differ or are missing on either side."""
+    return sorted(name for name in expected.keys() | found.keys() if expected.get(name) != found.get(name))
+
+
 def main() -> int:
     """Compare disturbed and undisturbed runs."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -87,8 +92,7 @@ def main() -> int:
                 mount(image, trials.root)
                 lost += first != 0
                 status = trials.run(output.name)[0]
-                found = results(output) if output.exists() else {}
-                wrong = sorted(name for name in expected.keys() | found.keys() if expected.get(name) != found.get(name))
+                wrong = different(expected, results(output) if output.exists() else {})
                 if status or wrong:
                     failed += 1
                     print(json.dumps({"moment": moment, "said": trials.said, "wrong": wrong}), flush=True)

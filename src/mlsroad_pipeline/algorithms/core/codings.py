@@ -5,7 +5,7 @@ A *coding* maps the codes of a dataset to taxonomy codes when a survey is read. 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -97,34 +97,3 @@ class Coding:
         if len(known) == 0 or not np.isin(values, known).all():
             raise unknown_codes(values, known, f"coding {self.name!r}", source)
         return taxonomy[np.searchsorted(known, values)]
-
-
-def configured_coding(
-    codings: Mapping[str, Mapping[int, str]], name: str, *, ignored: Collection[int], where: str
-) -> Coding:
-    """Return a configured coding with some codes as unlabelled.
-
-    Parameters
-    ----------
-    codings : mapping of str to mapping
-        The configured codings.
-    name : str
-        Name of the coding.
-    ignored : collection of int
-        Codes that count as unlabelled.
-    where : str
-        Name of the parameter in messages.
-
-    Returns
-    -------
-    Coding
-        The coding.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such coding.
-    """
-    if name not in codings:
-        raise ParameterError(f"{where}: coding {name!r} is not configured")
-    return Coding(name, {code: "unlabelled" if code in ignored else kind for code, kind in codings[name].items()})

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self
 
-from mlsroad_pipeline.algorithms.core.codings import Coding, configured_coding
+from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 
 
@@ -88,4 +88,7 @@ class LabelledRecording:
         ParameterError
             If there is no such coding.
         """
-        return configured_coding(codings, self.coding, ignored=self.ignored, where=f"{self.section}.{self.name}")
+        if self.coding not in codings:
+            raise ParameterError(f"{self.section}.{self.name}: coding {self.coding!r} is not configured")
+        names = {c: "unlabelled" if c in self.ignored else kind for c, kind in codings[self.coding].items()}
+        return Coding(self.coding, names)
