@@ -6,13 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.detrended_forest.nearest import nearest_supervoxels
 from mlsroad_pipeline.algorithms.features.voxel_scales import (
     compute_voxel_features,
     smooth_by_cells,
     voxel_feature_names,
 )
 from mlsroad_pipeline.algorithms.inventory.extraction import extract_objects
+from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import kerb_steps
+from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import marking_stripes
 from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
@@ -20,11 +21,7 @@ from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk
 from mlsroad_pipeline.algorithms.scenes.tiling import cut_range
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.algorithms.stages import (
-    FeatureParameters,
     GroundParameters,
-    SupervoxelParameters,
-    build_supervoxels,
-    describe_supervoxels,
     find_ground,
 )
 from mlsroad_pipeline.label.scene import label_pieces
@@ -74,7 +71,10 @@ def load_first_kernel() -> None:
 
 
 def run_stages() -> None:
-    """Run the steps of `label` that need no model on a small street."""
+    """Run the steps of `label` with the default model, without its trees, on a small street.
+
+    Workers load the kernels of other methods, such as those of supervoxels, when they need them.
+    """
     street = small_street()
     inspect_chunk(street, n_total=len(street))
     drive = _short_drive()
@@ -85,20 +85,22 @@ def run_stages() -> None:
         source=street.source,
     )
     ground = find_ground(scene, GroundParameters())
-    supervoxels = build_supervoxels(scene, SupervoxelParameters())
-    features = describe_supervoxels(scene, ground, supervoxels, FeatureParameters())
-    nearest_supervoxels(scene.xyz, features["centroids"])
     voxels = compute_voxel_features(scene.xyz, height=np.zeros(len(scene)), intensity=scene["intensity"])
     smooth_by_cells(voxels, _ONE_TREE.scores(voxels.values), level=1)
+    labels, heights = np.where(ground["ground"], 0, 1).astype(np.int16), ground["height"]
     rules = {"pole": ObjectRule("pole", (1,), 0.3, split_spacing=1.0)}
     objects = extract_objects(
         scene.xyz,
-        np.where(ground["ground"], 0, 1).astype(np.int16),
+        labels,
         np.ones(len(scene), np.float32),
         classes=rules,
         core=scene["core"],
         origin=scene.origin,
-        height_above_ground=np.nan_to_num(ground["height"]),
+        height_above_ground=np.nan_to_num(heights),
         scene="small",
     )
     merge_across_scenes([objects], classes=rules, trajectory=drive)
+    is_ground, where = np.array([True, False]), {"core": scene["core"], "origin": scene.origin}
+    kerb_steps(scene.xyz, heights, labels, is_ground=is_ground, **where)
+    device = np.zeros(len(scene), np.int64)
+    marking_stripes(scene.xyz, heights, labels, scene["intensity"], device, is_paved=is_ground, **where)
