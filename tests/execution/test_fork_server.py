@@ -97,6 +97,7 @@ def test_the_server_is_forked_from_a_driver_without_threads_and_leaves_its_set_u
 
 
 STOP = f"""{START}
+from contextlib import suppress
 from multiprocessing import forkserver, get_context
 import time
 import psutil
@@ -105,7 +106,9 @@ worker.start()
 server = forkserver._forkserver._forkserver_pid
 fork_server.stop()
 worker.join(20)
-print(worker.exitcode, psutil.pid_exists(server) and psutil.Process(server).status() != psutil.STATUS_ZOMBIE)
+with suppress(psutil.NoSuchProcess):
+    psutil.Process(server).wait(20)
+print(worker.exitcode, psutil.pid_exists(server))
 """
 
 

@@ -100,7 +100,9 @@ def run_stages() -> None:
         scene="small",
     )
     merge_across_scenes([objects], classes=rules, trajectory=drive)
-    is_ground, where = np.array([True, False]), {"core": scene["core"], "origin": scene.origin}
-    kerb_steps(scene.xyz, heights, labels, is_ground=is_ground, **where)
+    is_ground, core, origin = np.array([True, False]), scene["core"], scene.origin
+    kerb_steps(scene.xyz, heights, labels, is_ground=is_ground, core=core, origin=origin)
     device = np.zeros(len(scene), np.int64)
-    marking_stripes(scene.xyz, heights, labels, scene["intensity"], device, is_paved=is_ground, **where)
+    marking_stripes(
+        *(scene.xyz, heights, labels, scene["intensity"], device), is_paved=is_ground, core=core, origin=origin
+    )
