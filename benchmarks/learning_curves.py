@@ -32,7 +32,7 @@ from general_model import train
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.continuation import Answer, continue_training
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import decide, describe_scene, softmax
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import describe_scene, softmax
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.segments import (
     LEAST,
     Segments,
@@ -44,6 +44,7 @@ from mlsroad_pipeline.algorithms.features.voxel_scales import VoxelFeatures, smo
 from mlsroad_pipeline.algorithms.metrics.confusion import scores
 from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.grouped_decision import decide
 from mlsroad_pipeline.algorithms.scenes.parts import TEST, TRAIN
 from mlsroad_pipeline.algorithms.stages import GroundParameters, ground_of, inliers
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle

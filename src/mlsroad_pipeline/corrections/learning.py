@@ -17,6 +17,8 @@ from mlsroad_pipeline.algorithms.baselines.boosted_trees.continuation import (
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.fusion.pool import SLUG as POOL
+from mlsroad_pipeline.algorithms.fusion.pool import TREES, members_of, pool_bundle
 from mlsroad_pipeline.algorithms.inventory.candidate_labels import candidate_rules
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
@@ -85,11 +87,16 @@ class _Decisions(NamedTuple):
 
 def check_learnable(output: LabelledOutput) -> None:
     """Raise ParameterError for an output whose method cannot continue from corrections."""
-    if output.method != SLUG:
+    if output.method not in (SLUG, POOL):
         raise ParameterError(
             f"{output.path} was labelled by {output.method}, which cannot learn from corrections: label it with the "
             f"model general, or add labelled files to survey.splits.train and run kedro run --pipelines={output.method}"
         )
+
+
+def trees_of(bundle: ModelBundle) -> ModelBundle:
+    """Return the boosted trees of a model that can learn: the model itself, or a member of a pool."""
+    return members_of(bundle)[TREES] if bundle.slug == POOL else bundle
 
 
 def corrected_parts(
@@ -148,9 +155,10 @@ def _of_file(
     grid = TileGrid(cloud)
     objects = TileObjects(grid, object_id, decisions.decided, decisions.states.added)
     values: list[list[NDArray[np.float32]]] = [[] for _ in given.classes]
-    survey, rated = [np.zeros((0, len(bundle.metadata["feature_names"])), np.float32)], []
+    trees = trees_of(bundle)
+    survey, rated = [np.zeros((0, len(trees.metadata["feature_names"])), np.float32)], []
     cells = np.concatenate([grid.cell[given.answer >= 0], objects.cells])
-    for tile in grid.described(cells, bundle):
+    for tile in grid.described(cells, trees):
         features, owner = tile.voxels.values, tile.voxels.owner.astype(np.int64)
         answer = np.where(tile.core, given.answer[tile.rows], -1)
         of_voxel, inside = _majority(owner, answer, tile.core, len(features), len(given.classes))
@@ -194,21 +202,24 @@ def learn_from(
     """
     for output in outputs:
         check_learnable(output)
-    replay = read_replay(bundle)
+    trees = trees_of(bundle)
+    replay = read_replay(trees)
     parts = [corrected_parts(output, bundle, progress=progress) for output in outputs]
     answers = [answer for part in parts for answer in part.answers]
     survey = np.concatenate([part.survey for part in parts])
     from_outputs = {"parent": dict(parent), "surveys": [output.path.name for output in outputs]}
-    if answers:
-        model = continue_training(bundle, answers, survey, replay, parameters=parameters, learned_from=from_outputs)
-    else:
-        model = bundle  # missing objects were added: they have no points to learn labels from
+    entry: dict[str, Any] = {"answers": 0, **from_outputs}
+    if answers:  # added objects alone have no points to learn labels from
+        trees = continue_training(trees, answers, survey, replay, parameters=parameters, learned_from=from_outputs)
+        entry = dict(trees.metadata["learned"][-1])
+    model = trees
+    if bundle.slug == POOL:
+        model = pool_bundle({**members_of(bundle), TREES: trees}, bundle.metadata["weights"])
     rated = [found for part in parts for found in part.objects]
-    n_added = sum(found.n_added for found in rated)
     model = with_judge(model, continue_judge(judge_of(bundle), joined_answers(rated), read_judge_replay()))
     own = {name: value for name, value in model.metadata.items() if name not in ("shipped", "registered", "stored")}
-    entry = {**(own["learned"][-1] if answers else {"answers": 0, **from_outputs}), "added_objects": n_added}
-    learned = [*(own["learned"][:-1] if answers else own.get("learned", ())), entry]
+    entry["added_objects"] = sum(found.n_added for found in rated)
+    learned = [*bundle.metadata.get("learned", ()), entry]
     trained = {**dict(own.get("trained_on", {})), "corrections": sum(_n_answers(one) for one in learned)}
     return ModelBundle(model.slug, model.arrays, {**own, "learned": learned, "trained_on": trained}), _n_answers(entry)
 

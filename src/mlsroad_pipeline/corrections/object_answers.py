@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import voxel_probabilities
 from mlsroad_pipeline.algorithms.inventory.candidate_table import (
     FEATURE_COLUMNS,
     CandidateScene,
@@ -18,7 +17,7 @@ from mlsroad_pipeline.algorithms.inventory.candidate_table import (
 from mlsroad_pipeline.algorithms.inventory.class_groups import ClassEvidence, group_shares
 from mlsroad_pipeline.algorithms.inventory.rules import KINDS, ObjectRule
 from mlsroad_pipeline.algorithms.metrics.object_matching import REACH
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, label_softly
 from mlsroad_pipeline.algorithms.models.judge_continuation import JudgedCandidates
 from mlsroad_pipeline.corrections.answers import NamedClasses
 from mlsroad_pipeline.corrections.decisions import Decision
@@ -167,11 +166,9 @@ class TileObjects:
 def _tile_candidates(
     tile: Tile, object_id: NDArray[np.integer], bundle: ModelBundle, rules: Mapping[str, ObjectRule]
 ) -> pd.DataFrame:
-    evidence = ClassEvidence(
-        voxel_probabilities(tile.voxels, bundle).astype(np.float32),
-        tile.voxels.owner,
-        group_shares(bundle_scheme(bundle)),
-    )
+    soft = label_softly(bundle, tile.scene.with_columns(ground=tile.ground, height=tile.height))
+    assert soft.probabilities is not None and soft.owner is not None  # of trees and pools
+    evidence = ClassEvidence(soft.probabilities, soft.owner, group_shares(bundle_scheme(bundle)))
     known = np.isfinite(tile.height)
     scene = CandidateScene(
         tile.scene.xyz.astype(np.float64),

@@ -32,6 +32,8 @@ class Tile:
         Points of the cloud; noise is left out.
     core : ndarray of bool, shape (n,)
         Points in the tile itself.
+    ground : ndarray of bool, shape (n,)
+        Points of the ground.
     height : ndarray of float32, shape (n,)
         Heights above the ground, metres.
     voxels : VoxelFeatures
@@ -43,6 +45,7 @@ class Tile:
     cell: tuple[int, int]
     rows: NDArray[np.int64]
     core: NDArray[np.bool_]
+    ground: NDArray[np.bool_]
     height: NDArray[np.float32]
     voxels: VoxelFeatures
     scene: PointCloud
@@ -88,4 +91,4 @@ def _described(
     plain = part.without_columns(set(part.columns) - {"intensity"})
     ground = find_ground(plain, GroundParameters(**bundle.metadata["parameters"]["ground"]))
     found = describe_scene(plain, ground, voxel_size=parameters_of(bundle).voxel_size)
-    return Tile(cell, rows, core, ground["height"], found, plain)
+    return Tile(cell, rows, core, ground["ground"], ground["height"], found, plain)

@@ -150,7 +150,8 @@ def _labels_points(item: RegisteredVersion) -> bool:
 
 
 def _check_method(method: str | None, registered: Sequence[RegisteredVersion]) -> None:
-    known = list(dict.fromkeys((*METHODS, *(item.method for item in registered))))
+    shipped = (item.method for item in shipped_models().values())
+    known = list(dict.fromkeys((*METHODS, *shipped, *(item.method for item in registered))))
     if method is not None and method not in known:
         raise ParameterError(f"label.method {method!r} is no method (methods: {', '.join(known)})")
 

@@ -60,7 +60,8 @@ class ModelBundle:
     metadata : mapping of str to any
         JSON values. Required: ``classes``, the class names in label order. ``entry_point``, ``"module:function"`` below
         ``mlsroad_pipeline.algorithms`` that takes ``(cloud, bundle)`` and returns labels (n,) and confidences (n,), is
-        filled in for the methods of `METHODS` and required for others. `label` needs ``scheme``, the class scheme as a
+        filled in for the methods of `METHODS` and required for others, which may have ``soft_entry_point`` too, of a
+        function that returns `SoftLabels`. `label` needs ``scheme``, the class scheme as a
         mapping of the fields of `ClassScheme`. Usual: ``attributes``, the columns beside the coordinates that the model
         uses where a survey has them; ``parameters``, of which ``ground`` are those of `GroundParameters`;
         ``trained_on``; ``feature_names``.
@@ -89,12 +90,15 @@ class ModelBundle:
         if self.slug in METHODS and "entry_point" not in self.metadata:
             completed = {"entry_point": METHODS[self.slug].place("label_cloud"), **self.metadata}
             object.__setattr__(self, "metadata", completed)
-        entry_point = self.metadata.get("entry_point")
-        if not isinstance(entry_point, str) or not _ENTRY_POINT.fullmatch(entry_point):
-            raise ParameterError(
-                f"model {self.slug!r}: entry_point must be 'mlsroad_pipeline.algorithms.<module>:<function>', "
-                f"got {entry_point!r}"
-            )
+        for name in ("entry_point", "soft_entry_point"):
+            place = self.metadata.get(name)
+            if name == "soft_entry_point" and place is None:
+                continue
+            if not isinstance(place, str) or not _ENTRY_POINT.fullmatch(place):
+                raise ParameterError(
+                    f"model {self.slug!r}: {name} must be 'mlsroad_pipeline.algorithms.<module>:<function>', "
+                    f"got {place!r}"
+                )
         classes = self.metadata.get("classes")
         if not isinstance(classes, list | tuple) or not classes or not all(isinstance(c, str) for c in classes):
             raise ParameterError(f"model {self.slug!r}: classes must be a list of names, got {classes!r}")
@@ -258,10 +262,19 @@ def label_softly(bundle: ModelBundle, cloud: PointCloud, *, labeller: Labeller |
     DataError
         If it returns another number of labels, or labels outside the classes.
     """
-    if labeller is not None or bundle.slug not in METHODS or not METHODS[bundle.slug].label_softly:
+    place = _soft_place(bundle)
+    if labeller is not None or not place:
         return SoftLabels(*label_cloud(bundle, cloud, labeller=labeller))
-    soft: SoftLabels = _applied(bundle, cloud, METHODS[bundle.slug].load("label_softly"))
+    soft: SoftLabels = _applied(bundle, cloud, _loaded(bundle, place))
     return SoftLabels(*_checked(bundle, cloud, *soft[:2]), *soft[2:])
+
+
+def _soft_place(bundle: ModelBundle) -> str:
+    """Return the place of the function that gives class probabilities, empty without one."""
+    if bundle.slug not in METHODS:
+        return str(bundle.metadata.get("soft_entry_point", ""))
+    method = METHODS[bundle.slug]
+    return method.place("label_softly") if method.label_softly else ""
 
 
 def _applied(bundle: ModelBundle, cloud: PointCloud, function: Callable[[PointCloud, ModelBundle], Any]) -> Any:
@@ -299,15 +312,17 @@ def _checked(
 
 def _labeller(bundle: ModelBundle) -> Labeller:
     if bundle.slug in METHODS:
-        labeller: Labeller = METHODS[bundle.slug].load("label_cloud")
-        return labeller
+        own: Labeller = METHODS[bundle.slug].load("label_cloud")
+        return own
+    stored: Labeller = _loaded(bundle, bundle.metadata["entry_point"])
+    return stored
+
+
+def _loaded(bundle: ModelBundle, place: str) -> Any:
     try:
-        labeller = load_place(bundle.metadata["entry_point"])
+        return load_place(place)
     except (ModuleNotFoundError, AttributeError) as error:
-        raise ParameterError(
-            f"model {bundle.slug!r} needs {bundle.metadata['entry_point']}, which this version lacks: {error}"
-        ) from error
-    return labeller
+        raise ParameterError(f"model {bundle.slug!r} needs {place}, which this version lacks: {error}") from error
 
 
 def refuse_points(cloud: PointCloud, bundle: ModelBundle) -> NoReturn:

@@ -179,7 +179,7 @@ _TABLE = (
     Method(
         "superpoint_transformer", "labelling", "baselines.superpoint_transformer",
         ".parameters:SuperpointTransformerParameters", ".labeller:label_scene", ".training:fit",
-        ".labeller:label_cloud",
+        ".labeller:label_cloud", ".labeller:label_cloud_softly",
     ),
     Method(
         "boosted_trees", "labelling", "baselines.boosted_trees", ".parameters:BoostedTreesParameters",

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import pandas as pd
 
 from mlsroad_pipeline import __version__
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.fusion.pool import NETWORK, TREES, pool_bundle
+from mlsroad_pipeline.algorithms.fusion.pool import SLUG as POOL
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.datasets.models.shipped_models import ModelScores, ShippedModel
 
@@ -36,6 +38,9 @@ class ShippedParameters:
         Weight of all simulated streets together; that of a recording is 1.
     recorded_per_class : int, default 3000
         Maximum training samples per class and scene of a recording.
+    network_weight : float, default 0.3
+        Weight of the network in the pool with the trees, 0 to 1. Larger follows the network more, which did not learn
+        from recordings.
     """
 
     name: str = ""
@@ -45,6 +50,7 @@ class ShippedParameters:
     recorded_scheme: str = "common"
     weight: float = 3.0
     recorded_per_class: int = 3000
+    network_weight: float = 0.3
 
     def command(self) -> str:
         """Return the command that trains the model.
@@ -113,6 +119,35 @@ def describe_model(
         recordings=recordings or {},
         training_facts=metadata.get("training_facts", {}),
     )
+
+
+def shipped_pool(
+    trees: ModelBundle, entry: ShippedModel, network: ModelBundle, parameters: ShippedParameters
+) -> tuple[ModelBundle, ShippedModel]:
+    """Return the pool of trees and network, and its registry entry.
+
+    Parameters
+    ----------
+    trees : ModelBundle
+        The trees.
+    entry : ShippedModel
+        Their entry, which names the training data of both.
+    network : ModelBundle
+        The superpoint transformer, trained on the same simulated streets.
+    parameters : ShippedParameters
+        Weight of the network.
+
+    Returns
+    -------
+    bundle : ModelBundle
+        The pool.
+    entry : ShippedModel
+        Its entry, without files and scores.
+    """
+    share = parameters.network_weight
+    bundle = pool_bundle({TREES: trees, NETWORK: network}, {TREES: 1.0 - share, NETWORK: share})
+    own = replace(entry, name=POOL, method=POOL, summary=f"{entry.summary}; slower and better", files={}, scores=())
+    return bundle, own
 
 
 def split_scores(table: pd.DataFrame, command: str) -> tuple[ModelScores, ...]:

@@ -17,7 +17,12 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
-from mlsroad_pipeline.datasets.models.shipped_entry import ShippedParameters, describe_model, split_scores
+from mlsroad_pipeline.datasets.models.shipped_entry import (
+    ShippedParameters,
+    describe_model,
+    shipped_pool,
+    split_scores,
+)
 from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
@@ -85,16 +90,17 @@ def train_general_model(
 
 def ship_general_model(
     model: ModelFile,
+    network: ModelFile,
     scores: pd.DataFrame,
     shipped: ShippedParameters,
     simulation: Mapping[str, Any],
     recorded: SceneCollection,
-) -> tuple[ModelBundle, ShippedModel]:
-    """Return the model and its registry entry."""
+) -> tuple[tuple[ModelBundle, ShippedModel], tuple[ModelBundle, ShippedModel]]:
+    """Return the trees and the pool of trees and network, each with its registry entry."""
     bundle = model.load()
     training = {name: dict(street) for name, street in selected_surveys(simulation).items() if name.startswith("train")}
     entry = describe_model(
         bundle, shipped, training=training, scores=split_scores(scores, shipped.command()),
         recordings=described_recordings(shipped.recordings, recorded),
     )  # fmt: skip
-    return bundle, entry
+    return (bundle, entry), shipped_pool(bundle, entry, network.load(), shipped)

@@ -1,9 +1,10 @@
-"""Pipeline of the default model: simulated streets and recordings to a trained and scored model in the package."""
+"""Pipeline of the models for all surveys: simulated streets and recordings to trained models in the package."""
 
 from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import coarse_training_voxels
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import SLUG as NETWORK
 from mlsroad_pipeline.algorithms.quality.scene_facts import stored_facts
 from mlsroad_pipeline.pipelines import composition
 from mlsroad_pipeline.pipelines.general_model.nodes import (
@@ -17,22 +18,27 @@ from mlsroad_pipeline.pipelines.per_scene import PerScene
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.pipelines.training_facts import FACTS
 
-_BEFORE, _AFTER = ("simulate", "ingest", "ground_removal"), ("evaluation",)
+_BEFORE = ("simulate", "ingest", "ground_removal", "supervoxelise", "features")
 _GROUND, _TREES, _SHIPPED = "params:ground_removal", f"params:{SLUG}", "params:shipped"
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: boosted trees trained and scored, on recordings too, then the files of the model."""
-    stages = {name: composition.create_pipeline(name) for name in (*_BEFORE, *_AFTER)}
-    stages[SLUG] = _trees()
-    parts = composition.joined({name: stages[name] for name in (*_BEFORE, SLUG, *_AFTER)})
+    """Return the pipeline: boosted trees, also on recordings, scored; a network; then the files of both models."""
+    network = composition.create_pipeline(NETWORK).to_outputs(f"{NETWORK}.model")
+    parts = composition.joined(
+        {name: composition.create_pipeline(name) for name in _BEFORE}
+        | {SLUG: _trees(), NETWORK: network, "evaluation": composition.create_pipeline("evaluation")}
+    )
     ship = Node(
         ship_general_model,
-        [f"{SLUG}.model", f"{SLUG}.scores", _SHIPPED, "params:simulation", "general_model.scenes"],
-        "shipped_model",
+        [
+            f"{SLUG}.model", f"{NETWORK}.model", f"{SLUG}.scores", _SHIPPED, "params:simulation",
+            "general_model.scenes",
+        ],
+        ["shipped_model", "shipped_pool"],
         name="ship_general_model",
-    )
-    return Pipeline([parts.to_outputs(f"{SLUG}.scores"), ship])
+    )  # fmt: skip
+    return Pipeline([parts.to_outputs(f"{SLUG}.scores", f"{NETWORK}.model"), ship])
 
 
 def _trees() -> Pipeline:

@@ -19,6 +19,7 @@ from mlsroad_pipeline.algorithms.features.voxel_scales import (
 )
 from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, SoftLabels
+from mlsroad_pipeline.algorithms.models.grouped_decision import decide
 from mlsroad_pipeline.algorithms.stages import GroundParameters, ground_of, inliers
 
 
@@ -90,39 +91,6 @@ def voxel_probabilities(features: VoxelFeatures, bundle: ModelBundle, *, n_threa
         around = smooth_by_cells(features, probabilities, level=parameters.smoothing_level, n_threads=n_threads)
         probabilities += parameters.smoothing * (around - probabilities)
     return probabilities
-
-
-def decide(
-    probabilities: NDArray[np.float64], groups: NDArray[np.integer] | None = None
-) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Return the most probable class of each row, and the probability that it is right.
-
-    Parameters
-    ----------
-    probabilities : ndarray of float64, shape (n, classes)
-        Probabilities.
-    groups : ndarray of int, shape (classes,), optional
-        Group of each class, such as that of all vegetation, for models that learned from labels which separate the
-        groups alone. The most probable group is taken first, then its most probable class.
-
-    Returns
-    -------
-    labels : ndarray of int16, shape (n,)
-        Classes.
-    confidence : ndarray of float32, shape (n,)
-        Probability of the class; with groups, that of its group.
-
-    Examples
-    --------
-    >>> decide(np.array([[0.4, 0.3, 0.3]]), np.array([0, 1, 1]))
-    (array([1], dtype=int16), array([0.6], dtype=float32))
-    """
-    if groups is None:
-        return probabilities.argmax(axis=1).astype(np.int16), probabilities.max(axis=1).astype(np.float32)
-    of_group = probabilities @ (groups[:, None] == np.arange(int(groups.max()) + 1)).astype(np.float64)
-    best = of_group.argmax(axis=1)
-    inside = np.where(groups[None, :] == best[:, None], probabilities, -1.0)
-    return inside.argmax(axis=1).astype(np.int16), of_group.max(axis=1).astype(np.float32)
 
 
 def softmax(scores: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -21,7 +21,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.labels import PointLabels, unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_results import Ground, SupervoxelPartition, SupervoxelTable
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, SoftLabels
 from mlsroad_pipeline.algorithms.stages import (
     StageParameters,
     build_supervoxels,
@@ -98,6 +98,17 @@ def label_scene(
     DataError
         If the scene lacks features that the model needs, or the weights do not fit the network.
     """
+    soft = _label_softly(scene, ground, supervoxels, features, bundle)
+    return {"label": soft.labels, "confidence": soft.confidence}
+
+
+def _label_softly(
+    scene: PointCloud,
+    ground: Ground,
+    supervoxels: SupervoxelPartition,
+    features: SupervoxelTable,
+    bundle: ModelBundle,
+) -> SoftLabels:
     from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.prediction import (  # noqa: PLC0415  # imports torch
         predict_superpoints,
     )
@@ -105,7 +116,7 @@ def label_scene(
     label, confidence = unlabelled(len(scene))
     keep = inliers(scene)
     if not keep.any():
-        return {"label": label, "confidence": confidence}
+        return SoftLabels(label, confidence)
     names = superpoint_feature_names(features["names"])[0]
     wanted = bundle.metadata["feature_names"]["superpoints"]
     if names != wanted:
@@ -113,20 +124,19 @@ def label_scene(
         raise DataError(f"{scene.source}: the model needs {', '.join(missing)}")
     parameters = parameters_of(bundle)
     graph = build_graph(scene, ground, supervoxels, features, parameters.hierarchy)
-    probabilities = predict_superpoints(graph, bundle, parameters)
-    best, probability = _decide(probabilities, bundle.arrays["class_weights"])
-    owner = supervoxels["labels"][keep]
-    label[keep], confidence[keep] = best[owner], probability[owner]
-    return {"label": label, "confidence": confidence}
+    trained = bundle.arrays["class_weights"] > 0
+    balanced = np.where(trained, predict_superpoints(graph, bundle, parameters), 0.0).astype(np.float32)
+    best, probability = _decide(balanced, bundle.arrays["class_weights"])
+    owner = np.where(keep, supervoxels["labels"], -1)
+    label[keep], confidence[keep] = best[owner[keep]], probability[owner[keep]]
+    return SoftLabels(label, confidence, balanced, owner)
 
 
 def _decide(
-    probabilities: NDArray[np.float32], class_weights: NDArray[np.float32]
+    balanced: NDArray[np.float32], class_weights: NDArray[np.float32]
 ) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
     """Return the most probable classes under the weights of the training, and their probabilities without them."""
-    trained = class_weights > 0
-    balanced = np.where(trained, probabilities, 0.0)
-    plain = balanced / np.where(trained, class_weights, 1.0)
+    plain = balanced / np.where(class_weights > 0, class_weights, 1.0)
     plain /= np.maximum(plain.sum(axis=1, keepdims=True), 1e-12)
     best = balanced.argmax(axis=1)
     return best.astype(np.int16), np.take_along_axis(plain, best[:, None], axis=1)[:, 0].astype(np.float32)
@@ -170,8 +180,32 @@ def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int1
     DataError
         If a coordinate is NaN or infinite.
     """
+    soft = label_cloud_softly(cloud, bundle)
+    return soft.labels, soft.confidence
+
+
+def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
+    """Label the points of a cloud, and return the class probabilities of the superpoints.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Points; colour and intensity are used where there are any.
+    bundle : ModelBundle
+        A model of `training.fit`.
+
+    Returns
+    -------
+    SoftLabels
+        Labels and confidences of `label_cloud`; probabilities under the class weights of the training, which favour
+        rare classes.
+
+    Raises
+    ------
+    DataError
+        If a coordinate is NaN or infinite.
+    """
     if len(cloud) == 0 or not inliers(cloud).any():
-        return unlabelled(len(cloud))
+        return SoftLabels(*unlabelled(len(cloud)))
     stages = StageParameters.from_stored(bundle.metadata["parameters"])
-    labels = label_scene(cloud, *prepare(cloud, stages), bundle)
-    return labels["label"], labels["confidence"]
+    return _label_softly(cloud, *prepare(cloud, stages), bundle)

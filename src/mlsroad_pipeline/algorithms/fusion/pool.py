@@ -1,0 +1,187 @@
+"""Log-linear pool of trained labellers with one weight each.
+
+The probability of a class is proportional to the product of those of the members, each raised to the power of the
+member's weight (Tomic et al. 2019, section 2.3, with one weight per method in place of matrices). Members see the same
+points and describe them in different ways, so their errors differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.labels import unlabelled
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.geometry.sorting import rank_integers
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, SoftLabels, arrays_under, label_softly
+from mlsroad_pipeline.algorithms.models.grouped_decision import decide
+
+SLUG = "pool"
+
+TREES, NETWORK = "trees", "network"
+"""Names of the members of the shipped pool."""
+
+FLOOR = 1e-4
+"""Least probability of a member: a class that one member excludes is not excluded by the pool."""
+
+
+def pool_bundle(members: Mapping[str, ModelBundle], weights: Mapping[str, float]) -> ModelBundle:
+    """Return the pool of several models as one.
+
+    Parameters
+    ----------
+    members : mapping of str to ModelBundle
+        Name to model, at least two; all with the classes of the first in the same order, and with class probabilities.
+        The groups of classes of the first, the facts about its training data and its ground filter are those of the
+        pool.
+    weights : mapping of str to float
+        Name to weight, from 0 to 1; their sum is 1. A larger weight follows the member more.
+
+    Returns
+    -------
+    ModelBundle
+        The pool.
+
+    Raises
+    ------
+    ParameterError
+        If the members differ in their classes, or the weights do not belong to them or have another sum.
+    """
+    first = next(iter(members.values()))
+    for name, member in members.items():
+        if member.classes != first.classes:
+            raise ParameterError(f"pool: {name!r} has other classes than the first member")
+    if set(weights) != set(members) or abs(sum(weights.values()) - 1.0) > 1e-6 or min(weights.values()) < 0:
+        raise ParameterError(f"pool: the weights of {', '.join(members)} must be from 0 to 1 with the sum 1: {weights}")
+    arrays = {f"{name}/{key}": values for name, member in members.items() for key, values in member.arrays.items()}
+    shared = {key: first.metadata[key] for key in _SHARED if key in first.metadata}
+    attributes = [name for member in members.values() for name in member.metadata.get("attributes", ())]
+    metadata = {
+        **shared,
+        "entry_point": f"{__name__}:label_cloud",
+        "soft_entry_point": f"{__name__}:label_cloud_softly",
+        "classes": list(first.classes),
+        "attributes": sorted(set(attributes) & set(first.metadata.get("attributes", ()))),
+        "weights": {name: float(weights[name]) for name in members},
+        "members": {name: {**member.metadata, "slug": member.slug} for name, member in members.items()},
+    }
+    return ModelBundle(SLUG, arrays, metadata)
+
+
+_SHARED = ("scheme", "parameters", "trained_on", "training_facts", "learned")
+
+
+def members_of(bundle: ModelBundle) -> dict[str, ModelBundle]:
+    """Return the models of a pool.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        A model of `pool_bundle`.
+
+    Returns
+    -------
+    dict of str to ModelBundle
+        Name to model, the first as given to `pool_bundle`.
+
+    Raises
+    ------
+    DataError
+        If the metadata are damaged.
+    """
+    if SLUG not in bundle.prepared:
+        stored: Mapping[str, Any] = bundle.metadata.get("members", {})
+        weights = bundle.metadata.get("weights", {})
+        if not stored or set(weights) != set(stored):
+            raise DataError(f"model {bundle.slug!r}: its members and weights do not agree: the model is damaged")
+        bundle.prepared[SLUG] = {
+            name: ModelBundle(
+                str(metadata.get("slug", "")),
+                arrays_under(bundle.arrays, f"{name}/"),
+                {key: value for key, value in metadata.items() if key != "slug"},
+            )
+            for name, metadata in ((name, stored[name]) for name in weights)
+        }
+    found: dict[str, ModelBundle] = bundle.prepared[SLUG]
+    return found
+
+
+def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+    """Label the points of a cloud.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Points; what the members use of them.
+    bundle : ModelBundle
+        A model of `pool_bundle`.
+
+    Returns
+    -------
+    labels : ndarray of int16, shape (n,)
+        Classes; -1 for points that a member does not label.
+    confidence : ndarray of float32, shape (n,)
+        Probability of the group of the class in the pool.
+
+    Raises
+    ------
+    DataError
+        If a coordinate is NaN or infinite, or the model is damaged.
+    """
+    soft = label_cloud_softly(cloud, bundle)
+    return soft.labels, soft.confidence
+
+
+def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
+    """Label the points of a cloud, and return the class probabilities of the pool.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Points; what the members use of them.
+    bundle : ModelBundle
+        A model of `pool_bundle`.
+
+    Returns
+    -------
+    SoftLabels
+        One row of probabilities for each combination of the members' voxels or superpoints.
+
+    Raises
+    ------
+    DataError
+        If a coordinate is NaN or infinite, or the model is damaged.
+    """
+    members = members_of(bundle)
+    label, confidence = unlabelled(len(cloud))
+    rows = np.zeros(len(cloud), np.int64)
+    parts: list[tuple[NDArray[np.float32], NDArray[np.integer], float]] = []
+    known = np.ones(len(cloud), np.bool_)
+    for name, member in members.items():
+        soft = label_softly(member, cloud)
+        if soft.probabilities is None or soft.owner is None:
+            if len(cloud) and (soft.labels >= 0).any():
+                raise DataError(f"model {bundle.slug!r}: member {name!r} gives no class probabilities")
+            return SoftLabels(label, confidence)
+        known &= soft.owner >= 0
+        parts.append((soft.probabilities, soft.owner, float(bundle.metadata["weights"][name])))
+    if not known.any():
+        return SoftLabels(label, confidence)
+    for probabilities, owner, _ in parts:
+        names, rank = rank_integers(rows[known] * len(probabilities) + owner[known])
+        rows[known] = rank
+    first = np.zeros(len(names), np.int64)
+    first[rank] = np.flatnonzero(known)  # any point of each combination
+    pooled = np.zeros((len(names), len(bundle.classes)))
+    for probabilities, owner, weight in parts:
+        pooled += weight * np.log(np.maximum(probabilities[owner[first]], FLOOR))
+    pooled = np.exp(pooled - pooled.max(axis=1, keepdims=True))
+    pooled /= pooled.sum(axis=1, keepdims=True)
+    best, sure = decide(pooled, next(iter(members.values())).arrays.get("groups"))
+    combination = np.where(known, rows, -1).astype(np.int32)
+    label[known], confidence[known] = best[rows[known]], sure[rows[known]]
+    return SoftLabels(label, confidence, pooled.astype(np.float32), combination)
