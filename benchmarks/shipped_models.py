@@ -47,6 +47,10 @@ PREDICTED: dict[str, dict[str, Any]] = {
         "survey": {"preset": "tiny", "seed": 12},
         "part": lambda cloud: np.arange(len(cloud)) < 9000,
     },
+    "pool": {
+        "survey": {"preset": "tiny", "seed": 13},
+        "part": lambda cloud: np.arange(len(cloud)) < 9000,
+    },
     "sparse": {
         "survey": {"preset": "hdl64", "seed": 12, "length": 10, "pulse_rate": 250_000},
         "part": lambda cloud: (cloud["gps_time"] - cloud["gps_time"][0]) // 0.1 == 5,

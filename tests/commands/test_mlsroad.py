@@ -261,11 +261,11 @@ def test_learn_continues_the_model_and_keeps_the_corrections(forked, labelled, f
     done = mlsroad("learn", out, cwd=folder)
     assert done.returncode == 0, done.stderr
     said = " ".join(done.stdout.split())
-    assert "Learned from 2 answers" in said and "boosted_trees-" in said
+    assert "Learned from 2 answers" in said and "pool-" in said
     assert "the whole of each survey is labelled again" in " ".join(done.stderr.split())
     (model,) = (out / "models").iterdir()
     metadata = json.loads((model / "model.json").read_text())["metadata"]
-    assert metadata["learned"][0]["parent"]["name"] == "general"
+    assert metadata["learned"][0]["parent"]["name"] == "pool"
     with np.load(model / "arrays.npz") as arrays:  # the judge of objects has learned from the accepted object
         kind = str(table.loc[table["object_id"] == sure[-1], "kind"].item())
         n_trees = len(arrays[f"object_judge/{kind}/n_leaves"])

@@ -48,7 +48,7 @@ STORE = Store((version("detrended_forest", 1), version("detrended_forest", 2, "b
 def test_plain_label_takes_the_default_and_the_forest_is_chosen_by_the_survey(density, concentration, name, store):
     facts = SurveyFacts(density, concentration)
     choice = choose(facts, store=store)
-    assert choice.model == shipped_models()["general"] and choice.method == "boosted_trees"
+    assert choice.model == shipped_models()["pool"] and choice.method == "pool"
     assert choice.reason == "it is the default model of the package"
     assert shipped_choice(facts, method="detrended_forest").model == shipped_models()[name]
 
@@ -91,7 +91,7 @@ def test_champion_of_a_labelling_method_replaces_the_shipped_models():
     assert choose(DENSE, store=store).model == store.found[0]
     assert choose(SPARSE, method="detrended_forest", store=store).model == store.found[0]
     detector = Store((version("visual_words", 1, "champion"), version("visual_words", 2)))
-    assert choose(DENSE, store=detector).model.name == "general"
+    assert choose(DENSE, store=detector).model.name == "pool"
     assert choose(DENSE, method="visual_words", store=detector).model == detector.found[0]
 
 
@@ -121,7 +121,7 @@ def test_method_with_a_shipped_model_alone_takes_it():
         ),
         (
             {"model": "newest"},
-            r"'newest' is unknown; models: dense \(shipped\), general \(shipped\), sparse \(shipped\), mlsroad-.* or best, ",
+            r"'newest' is unknown; models: dense \(shipped\), general \(shipped\), pool \(shipped\), sparse \(shipped\), mlsroad-.* or best, ",
         ),
         (
             {"model": 7, "method": "patch_graph"},
@@ -148,12 +148,13 @@ def test_facts_are_the_median_over_the_points_of_all_files():
 
 def test_models_are_listed_with_their_origin():
     found = available_models(STORE)
-    assert [(m.name, m.version, m.shipped) for m in found[3:]] == [
+    assert [(m.name, m.version, m.shipped) for m in found[4:]] == [
         ("mlsroad-detrended_forest", "1", False),
         ("mlsroad-detrended_forest", "2", False),
         ("mlsroad-patch_graph", "1", False),
     ]
-    assert [m.name for m in found[:3]] == ["dense", "general", "sparse"] and all(m.entry.scores for m in found[:3])
+    assert [m.name for m in found[:4]] == ["dense", "general", "pool", "sparse"]
+    assert all(m.entry.scores for m in found[:4])
 
 
 def test_choice_for_files_comes_from_their_points(tmp_path):
@@ -163,7 +164,8 @@ def test_choice_for_files_comes_from_their_points(tmp_path):
     forest = {"method": "detrended_forest"}
     assert explain_choice(str(tmp_path / "thin.txt"), **forest).model.name == "sparse"
     assert explain_choice(str(tmp_path / "thick.txt"), **forest).model.name == "dense"
-    assert explain_choice(str(tmp_path / "thick.txt")).model.name == "general"
+    assert explain_choice(str(tmp_path / "thick.txt")).model.name == "pool"
+    assert explain_choice(str(tmp_path / "thick.txt"), method="boosted_trees").model.name == "general"
     with pytest.raises(ParameterError, match="champion"):
         explain_choice(
             str(tmp_path / "thick.txt"),

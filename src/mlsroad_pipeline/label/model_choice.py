@@ -28,8 +28,8 @@ from mlsroad_pipeline.surveys.inspection import InspectParameters
 CHAMPION = "champion"
 """Alias of the registered model that `label` prefers to the shipped ones."""
 
-GENERAL, SPARSE, DENSE = "general", "sparse", "dense"
-"""Names of shipped models: the default, and those that a method without the default has."""
+POOL, GENERAL, SPARSE, DENSE = "pool", "general", "sparse", "dense"
+"""Names of shipped models: the default, one of its members, and those that a method without these has."""
 
 
 def explain_choice(
@@ -102,19 +102,21 @@ def named_choice(
 def shipped_choice(facts: SurveyFacts, *, method: str | None = None) -> ModelChoice:
     """Return the shipped model whose training data are nearest to a survey.
 
-    Models without facts of their training data are not compared: `GENERAL` is taken, else the one for the density.
+    Models without facts of their training data are not compared: `POOL` is taken, else the one for the density.
     """
     shipped = {name: item for name, item in shipped_models().items() if method in (None, item.method)}
     if not shipped:
         raise ParameterError("the package holds no models: install mlsroad_pipeline again")
+    if POOL in shipped:
+        shipped.pop(GENERAL, None)  # a member of the pool, with the same training data
     if len(shipped) == 1:
         of = "" if method is None else f" of {method}"
         return ModelChoice(next(iter(shipped.values())), f"it is the only shipped model{of}")
     described = [item for item in shipped.values() if item.training_facts]
     if len(described) > 1 and facts.of_scenes:
         return _nearest_in_training(described, facts.of_scenes)
-    if GENERAL in shipped:
-        return ModelChoice(shipped[GENERAL], "it is the default model of the package")
+    if POOL in shipped:
+        return ModelChoice(shipped[POOL], "it is the default model of the package")
     model = shipped.get(SPARSE if facts.sparse else DENSE, next(iter(shipped.values())))
     return ModelChoice(model, _reason(facts))
 

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.building import build_graph
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import HierarchyParameters
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_results import Ground
 from mlsroad_pipeline.algorithms.features.voxel_scales import (
     compute_voxel_features,
     smooth_by_cells,
@@ -21,7 +26,11 @@ from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk
 from mlsroad_pipeline.algorithms.scenes.tiling import cut_range
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.algorithms.stages import (
+    FeatureParameters,
     GroundParameters,
+    SupervoxelParameters,
+    build_supervoxels,
+    describe_supervoxels,
     find_ground,
 )
 from mlsroad_pipeline.label.scene import label_pieces
@@ -70,10 +79,18 @@ def load_first_kernel() -> None:
     _short_drive().locate(np.zeros((1, 3)))
 
 
-def run_stages() -> None:
-    """Run the steps of `label` with the default model, without its trees, on a small street.
+def _prepare_network(scene: PointCloud, ground: Ground) -> None:
+    """Load PyTorch, and the kernels of the superpoints that the network of the default model takes."""
+    import_module("mlsroad_pipeline.algorithms.baselines.superpoint_transformer.prediction")
+    supervoxels = build_supervoxels(scene, SupervoxelParameters())
+    features = describe_supervoxels(scene, ground, supervoxels, FeatureParameters(detrend=False))
+    build_graph(scene, ground, supervoxels, features, HierarchyParameters())
 
-    Workers load the kernels of other methods, such as those of supervoxels, when they need them.
+
+def run_stages() -> None:
+    """Run the steps of `label` with the default model, without its trees and network, on a small street.
+
+    Workers load the kernels of other methods when they need them.
     """
     street = small_street()
     inspect_chunk(street, n_total=len(street))
@@ -87,6 +104,7 @@ def run_stages() -> None:
     ground = find_ground(scene, GroundParameters())
     voxels = compute_voxel_features(scene.xyz, height=np.zeros(len(scene)), intensity=scene["intensity"])
     smooth_by_cells(voxels, _ONE_TREE.scores(voxels.values), level=1)
+    _prepare_network(scene, ground)
     labels, heights = np.where(ground["ground"], 0, 1).astype(np.int16), ground["height"]
     rules = {"pole": ObjectRule("pole", (1,), 0.3, split_spacing=1.0)}
     objects = extract_objects(

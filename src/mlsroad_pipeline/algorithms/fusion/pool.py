@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.labels import unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.geometry.sorting import rank_integers
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, SoftLabels, arrays_under, label_softly
 from mlsroad_pipeline.algorithms.models.grouped_decision import decide
 
@@ -37,7 +36,7 @@ def pool_bundle(members: Mapping[str, ModelBundle], weights: Mapping[str, float]
     members : mapping of str to ModelBundle
         Name to model, at least two; all with the classes of the first in the same order, and with class probabilities.
         The groups of classes of the first, the facts about its training data and its ground filter are those of the
-        pool.
+        pool. Colour and intensity are used if all members use them.
     weights : mapping of str to float
         Name to weight, from 0 to 1; their sum is 1. A larger weight follows the member more.
 
@@ -161,8 +160,10 @@ def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
     rows = np.zeros(len(cloud), np.int64)
     parts: list[tuple[NDArray[np.float32], NDArray[np.integer], float]] = []
     known = np.ones(len(cloud), np.bool_)
+    unused = {"rgb", "intensity"} - set(bundle.metadata.get("attributes", ()))
+    plain = cloud.without_columns(unused & set(cloud.columns))
     for name, member in members.items():
-        soft = label_softly(member, cloud)
+        soft = label_softly(member, plain)
         if soft.probabilities is None or soft.owner is None:
             if len(cloud) and (soft.labels >= 0).any():
                 raise DataError(f"model {bundle.slug!r}: member {name!r} gives no class probabilities")
@@ -172,7 +173,7 @@ def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
     if not known.any():
         return SoftLabels(label, confidence)
     for probabilities, owner, _ in parts:
-        names, rank = rank_integers(rows[known] * len(probabilities) + owner[known])
+        names, rank = np.unique(rows[known] * len(probabilities) + owner[known], return_inverse=True)
         rows[known] = rank
     first = np.zeros(len(names), np.int64)
     first[rank] = np.flatnonzero(known)  # any point of each combination

@@ -38,7 +38,7 @@ class ShippedParameters:
         Weight of all simulated streets together; that of a recording is 1.
     recorded_per_class : int, default 3000
         Maximum training samples per class and scene of a recording.
-    network_weight : float, default 0.3
+    network_weight : float, default 0.5
         Weight of the network in the pool with the trees, 0 to 1. Larger follows the network more, which did not learn
         from recordings.
     """
@@ -50,7 +50,7 @@ class ShippedParameters:
     recorded_scheme: str = "common"
     weight: float = 3.0
     recorded_per_class: int = 3000
-    network_weight: float = 0.3
+    network_weight: float = 0.5
 
     def command(self) -> str:
         """Return the command that trains the model.
