@@ -58,7 +58,7 @@ class Voxels(NamedTuple):
 
 
 class Learned(NamedTuple):
-    """What corrections tell.
+    """Training data from the corrections of an output.
 
     Attributes
     ----------
