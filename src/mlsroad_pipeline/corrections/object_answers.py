@@ -14,7 +14,7 @@ from mlsroad_pipeline.algorithms.inventory.candidate_table import (
     CandidateScene,
     find_candidate_table,
 )
-from mlsroad_pipeline.algorithms.inventory.class_groups import ClassEvidence, group_shares
+from mlsroad_pipeline.algorithms.inventory.class_groups import evidence_of_soft_labels
 from mlsroad_pipeline.algorithms.inventory.rules import KINDS, ObjectRule
 from mlsroad_pipeline.algorithms.metrics.object_matching import REACH
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, label_softly
@@ -138,8 +138,8 @@ class TileObjects:
     ) -> None:
         self._object_id, self._decided = object_id, decided
         points = np.flatnonzero(np.isin(object_id, list(decided)))
-        numbers, self._n_points = (a.tolist() for a in np.unique(object_id[points], return_counts=True))
-        self._n_points = dict(zip(numbers, self._n_points, strict=True))
+        numbers, counts = np.unique(object_id[points], return_counts=True)
+        self._n_points = dict(zip(numbers.tolist(), counts.tolist(), strict=True))
         table = pd.DataFrame(grid.cell[points], columns=["i", "j"]).assign(object=object_id[points])
         most = table.value_counts(sort=True).reset_index().drop_duplicates("object")
         self._cell = {int(o): (int(i), int(j)) for i, j, o in most[["i", "j", "object"]].itertuples(index=False)}
@@ -167,8 +167,7 @@ def _tile_candidates(
     tile: Tile, object_id: NDArray[np.integer], bundle: ModelBundle, rules: Mapping[str, ObjectRule]
 ) -> pd.DataFrame:
     soft = label_softly(bundle, tile.scene.with_columns(ground=tile.ground, height=tile.height))
-    assert soft.probabilities is not None and soft.owner is not None  # of trees and pools
-    evidence = ClassEvidence(soft.probabilities, soft.owner, group_shares(bundle_scheme(bundle)))
+    evidence = evidence_of_soft_labels(*soft, scheme=bundle_scheme(bundle))
     known = np.isfinite(tile.height)
     scene = CandidateScene(
         tile.scene.xyz.astype(np.float64),

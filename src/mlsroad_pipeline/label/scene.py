@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.inventory.candidate_labels import candidate_rules
-from mlsroad_pipeline.algorithms.inventory.class_groups import ClassEvidence, evidence_of_labels, group_shares
+from mlsroad_pipeline.algorithms.inventory.class_groups import ClassEvidence, evidence_of_soft_labels
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects
 from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import ground_classes, kerb_steps, no_steps
 from mlsroad_pipeline.algorithms.inventory.kerbs.steps import StepLimits
@@ -132,7 +132,7 @@ def label_new_scene(
     stored = np.where(label < 0, n_classes, label).astype(np.uint8)
     stored[~inliers(scene)] = n_classes + 1
     core_label, core_confidence = label[core], confidence[core].astype(np.float32)
-    evidence = _evidence(soft, bundle_scheme(bundle))
+    evidence = evidence_of_soft_labels(*soft, scheme=bundle_scheme(bundle))
     judge = judge_of(bundle) if settings.judge else None
     extracted = _objects(scene, soft, evidence, settings.rules, judge, height=ground["height"], name=name)
     return {
@@ -204,12 +204,6 @@ def _markings(
         origin=scene.origin,
         least_contrast=least_contrast,
     )
-
-
-def _evidence(soft: SoftLabels, scheme: ClassScheme) -> ClassEvidence:
-    if soft.probabilities is None or soft.owner is None:
-        return evidence_of_labels(soft.labels, soft.confidence, scheme)
-    return ClassEvidence(soft.probabilities, soft.owner, group_shares(scheme))
 
 
 def _objects(

@@ -27,6 +27,8 @@ TREES, NETWORK = "trees", "network"
 FLOOR = 1e-4
 """Least probability of a member: a class that one member excludes is not excluded by the pool."""
 
+_SHARED = ("scheme", "parameters", "trained_on", "training_facts", "learned")  # metadata of the first member
+
 
 def pool_bundle(members: Mapping[str, ModelBundle], weights: Mapping[str, float]) -> ModelBundle:
     """Return the pool of several models as one.
@@ -69,9 +71,6 @@ def pool_bundle(members: Mapping[str, ModelBundle], weights: Mapping[str, float]
         "members": {name: {**member.metadata, "slug": member.slug} for name, member in members.items()},
     }
     return ModelBundle(SLUG, arrays, metadata)
-
-
-_SHARED = ("scheme", "parameters", "trained_on", "training_facts", "learned")
 
 
 def members_of(bundle: ModelBundle) -> dict[str, ModelBundle]:

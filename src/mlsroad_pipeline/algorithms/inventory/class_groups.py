@@ -75,6 +75,39 @@ def group_shares(scheme: ClassScheme) -> NDArray[np.float32]:
     return shares
 
 
+def evidence_of_soft_labels(
+    labels: NDArray[np.integer],
+    confidence: NDArray[np.floating],
+    probabilities: NDArray[np.float32] | None,
+    owner: NDArray[np.integer] | None,
+    *,
+    scheme: ClassScheme,
+) -> ClassEvidence:
+    """Return the evidence of labels: that of the probabilities, and of a method without them `evidence_of_labels`.
+
+    Parameters
+    ----------
+    labels : ndarray of int, shape (n,)
+        Labels of the scheme; -1 for none.
+    confidence : ndarray, shape (n,)
+        Confidence of each label, 0 to 1.
+    probabilities : ndarray of float32, shape (m, classes), or None
+        Class probabilities of voxels.
+    owner : ndarray of int, shape (n,), or None
+        Voxel of each point, -1 for none.
+    scheme : ClassScheme
+        The classes.
+
+    Returns
+    -------
+    ClassEvidence
+        The evidence.
+    """
+    if probabilities is None or owner is None:
+        return evidence_of_labels(labels, confidence, scheme)
+    return ClassEvidence(probabilities, owner, group_shares(scheme))
+
+
 def evidence_of_labels(
     labels: NDArray[np.integer], confidence: NDArray[np.floating], scheme: ClassScheme
 ) -> ClassEvidence:
