@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -160,6 +161,22 @@ def test_subfolders_are_mirrored_and_each_is_a_drive_of_its_own(label_project, s
         check_same_points(laspy.read(out / name), laspy.read(folder / name))
     found = gpd.read_file(out / "inventory.gpkg", layer="objects")
     assert found["object_id"].is_unique
+
+
+def test_what_two_drives_recorded_is_listed_once(shared, label_project, tmp_path):
+    street = shared / "data/01_raw/simulated/test/survey.laz"
+    for drive in ("morning", "evening"):
+        (tmp_path / "survey" / drive).mkdir(parents=True)
+        shutil.copy(street, tmp_path / "survey" / drive)
+    out = label(label_project, tmp_path / "survey", tmp_path / "out")
+    found = gpd.read_file(out / "inventory.gpkg", layer="objects")
+    assert len(found) and (found["file_count"] == 2).all() and (found["point_count"] % 2 == 0).all()
+    for drive in ("morning", "evening"):
+        numbers = laspy.read(out / drive / "survey.laz").object_id
+        own = dict(
+            zip(*(values.tolist() for values in np.unique(numbers[numbers > 0], return_counts=True)), strict=True)
+        )
+        assert own == dict(zip(found["object_id"], found["point_count"] // 2, strict=True))
 
 
 def test_tables_and_pictures_beside_the_points_are_no_points(shared, label_project, tmp_path, caplog):
