@@ -52,7 +52,7 @@ def fit(
     samples : sequence of (ndarray, ndarray)
         Images and their labels, see `encode_label_image`.
     parameters : ImageLabelsParameters
-        Parameters of the labeller; ``network`` is used here.
+        Parameters of the labeller; ``network`` and ``device`` are used here.
     scheme : ClassScheme
         The classes of points.
     cameras : sequence of str
@@ -71,8 +71,12 @@ def fit(
     ------
     DataError
         If there are no images, or an image and its labels differ in size.
+    ParameterError
+        If a GPU is requested and none is available.
     """
-    network, losses = train_network(samples, n_classes=len(image_classes(scheme)), parameters=parameters.network)
+    network, losses = train_network(
+        samples, n_classes=len(image_classes(scheme)), parameters=parameters.network, device=parameters.device
+    )
     segmentation = {"source": NETWORK, "classes": Legend.of_scheme(scheme).to_json(), "name": "trained network"}
     made = make_model(
         to_arrays(network), segmentation, parameters=parameters, scheme=scheme, cameras=cameras,

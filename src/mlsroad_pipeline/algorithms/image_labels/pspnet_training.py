@@ -24,7 +24,7 @@ _BESIDE = 0.3  # ratio of the learning rate of AdamW to that of Muon
 
 def train_network(
     samples: Sequence[Sample], *, n_classes: int, parameters: TrainingParameters | None = None,
-    network: PSPNet | None = None,
+    network: PSPNet | None = None, device: str = "auto",
 ) -> tuple[PSPNet, list[float]]:  # fmt: skip
     """Train a PSPNet.
 
@@ -38,11 +38,13 @@ def train_network(
         Parameters of the training; None uses the defaults.
     network : PSPNet, optional
         Network to fine-tune in place, such as one with published weights; None starts a new one.
+    device : {"auto", "cpu", "cuda"}, default "auto"
+        Device of the training; "auto" is a GPU if there is one.
 
     Returns
     -------
     network : PSPNet
-        The network, ready to predict.
+        The network, ready to predict, on the CPU.
     losses : list of float
         Loss of each step.
 
@@ -51,7 +53,7 @@ def train_network(
     DataError
         If there are no images, an image and its labels differ in size, or a label is outside -1 to ``n_classes - 1``.
     ParameterError
-        If the number of classes of `network` differs from `n_classes`.
+        If the number of classes of `network` differs from `n_classes`, or a GPU is requested and none is available.
     """
     how = TrainingParameters() if parameters is None else parameters
     crops = Crops(samples, n_classes, how, np.round(MEAN).astype(int).tolist())
@@ -59,18 +61,18 @@ def train_network(
     model = PSPNet(n_classes, backbone=how.backbone, dropout=how.dropout) if network is None else network
     if model.n_classes != n_classes:
         raise ParameterError(f"the network has {model.n_classes} classes, not {n_classes}")
-    device = find_device("auto")
-    model.to(device).to(memory_format=torch.channels_last).train()  # type: ignore[call-overload]  # not in its types
-    weights = _class_weights(crops.shares, how.class_balance).to(device)
+    chosen = find_device(device)
+    model.to(chosen).to(memory_format=torch.channels_last).train()  # type: ignore[call-overload]  # not in its types
+    weights = _class_weights(crops.shares, how.class_balance).to(chosen)
     optimisers = _optimisers(model, how)
     schedules = [torch.optim.lr_scheduler.LambdaLR(each, lambda step: _share(step, how)) for each in optimisers]
     losses = []
     with limited_threads(how.n_threads):
         for images, labels in _ahead(crops.batches(np.random.default_rng(how.random_state))):
-            pixels = network_input(images).to(device)
-            with torch.autocast(device.type, torch.bfloat16, enabled=_in_bfloat16(how.precision, device)):
+            pixels = network_input(images).to(chosen)
+            with torch.autocast(chosen.type, torch.bfloat16, enabled=_in_bfloat16(how.precision, chosen)):
                 main, auxiliary = model(pixels)
-            loss = _loss(main.float(), auxiliary.float(), torch.from_numpy(labels).to(device), weights, how)
+            loss = _loss(main.float(), auxiliary.float(), torch.from_numpy(labels).to(chosen), weights, how)
             model.zero_grad()
             loss.backward()
             for optimiser, schedule in zip(optimisers, schedules, strict=True):

@@ -62,7 +62,7 @@ def to_arrays(network: PSPNet) -> dict[str, NDArray]:
     dict of str to ndarray
         Name to weights.
     """
-    return {name: value.numpy().copy() for name, value in network.state_dict().items()}
+    return {name: value.cpu().numpy().copy() for name, value in network.state_dict().items()}
 
 
 def from_arrays(arrays: Mapping[str, NDArray], *, n_classes: int, backbone: str) -> PSPNet:

@@ -165,7 +165,7 @@ class ImageLabelsParameters:
     spread : tuple of float, default (58.395, 57.12, 57.375)
         Standard deviation of the same.
     device : {"auto", "cpu", "cuda"}, default "auto"
-        Where images are segmented; ``auto`` is a GPU if there is one.
+        Where the network is trained and images are segmented; ``auto`` is a GPU if there is one.
     visibility : {"depth_buffer", "hidden_points"}, default "depth_buffer"
         Which points an image shows: a depth buffer of discs, or hidden point removal, as in the paper.
     network : TrainingParameters or mapping

@@ -107,7 +107,9 @@ def reproducible(seed: int) -> Iterator[None]:
     None
         Sums over several threads would depend on their number.
     """
-    with limited_threads(1), torch.random.fork_rng():
+    # A GPU that is not in use is left alone: reading its random state would take its memory.
+    used = [torch.cuda.current_device()] if torch.cuda.is_initialized() else []
+    with limited_threads(1), torch.random.fork_rng(devices=used):
         torch.manual_seed(seed)
         yield
 
