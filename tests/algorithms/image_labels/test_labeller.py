@@ -1,5 +1,7 @@
 """Image-based labeller on planted scenes, with a stub of the network."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from mlsroad_pipeline.algorithms.image_labels import labeller, segmenters
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
+from mlsroad_pipeline.algorithms.models import torch_training
 from mlsroad_pipeline.algorithms.models.bundle import label_cloud
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
 
@@ -43,6 +46,15 @@ def model():
     )
     assert len(losses) == 1 and bundle.metadata["trained_on"] == {"s": "x", "images": 2}
     return bundle
+
+
+def test_the_device_holds_for_training_too(monkeypatch):
+    monkeypatch.setattr(torch_training, "_cuda_failure", lambda: "")
+    with pytest.raises(ParameterError, match="device is 'cuda', but PyTorch finds no GPU"):
+        labeller.fit(
+            [(picture(), np.zeros((80, 100), dtype=np.int16))], parameters=replace(QUICK, device="cuda"), scheme=SCHEME,
+            cameras=["left"], trained_on={},
+        )  # fmt: skip
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import torch
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.models import torch_training
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.torch_training import find_device
+from mlsroad_pipeline.algorithms.models.torch_training import find_device, reproducible
 from mlsroad_pipeline.label import devices
 from mlsroad_pipeline.label.devices import check_device
 
@@ -95,3 +95,18 @@ def test_label_finds_the_device_before_its_workers(cuda, caplog, monkeypatch, me
     check_device(toy({"parameters": {"device": "auto"}, "segmentation": {"source": "masks"}}))
     with pytest.raises(ParameterError, match="cannot use the GPU"):
         check_device(toy({"parameters": {"device": "cuda"}}))
+
+
+def test_networks_on_the_cpu_leave_gpus_alone(monkeypatch):
+    def refuse(*_):
+        raise AssertionError("a GPU was used")
+
+    for name, stand_in in (("is_available", lambda: True), ("device_count", lambda: 2), ("is_initialized", lambda: False),
+                           ("get_rng_state", refuse), ("set_rng_state", refuse)):  # fmt: skip
+        monkeypatch.setattr(torch.cuda, name, stand_in)
+    before = torch.random.get_rng_state()
+    with reproducible(3):
+        first = torch.rand(4)
+    with reproducible(3):
+        assert torch.equal(torch.rand(4), first)
+    assert torch.equal(torch.random.get_rng_state(), before)
