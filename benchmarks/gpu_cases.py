@@ -120,7 +120,7 @@ def pointnet(data: Data, dry: bool) -> Case:
         with timed(PointNetRecogniser, "_step", around(clock)):
             return model.fit(objects[0], objects[2])
 
-    settings = small([Setting(32, 10), Setting(256, 10)], dry)
+    settings = small([Setting(32, 6), Setting(256, 6)], dry)
     return recognition(data, "pointnet", settings, False, train, lambda model: [model.network_])
 
 
@@ -176,7 +176,7 @@ def superpoints(data: Data, dry: bool) -> Case:
 
     histogram = test.levels[0].histogram
     truth = np.where(histogram.sum(axis=1) > 0, histogram.argmax(axis=1), -1)
-    settings = small([Setting(4, 25), Setting(16, 6)], dry)
+    settings = small([Setting(4, 15), Setting(16, 4)], dry)
     return Case(
         "superpoint_transformer", train, predict, truth, settings, False,
         lambda model: n_weights(model.network),
@@ -192,26 +192,26 @@ def _jointnet_settings(epochs: int, long: int) -> list[Setting]:
 
 
 def _jointnet(data: Data, dry: bool) -> Case:
-    return jointnet(data, dry, name="jointnet", method="jointnet", network={}, settings=_jointnet_settings(10, 0))
+    return jointnet(data, dry, name="jointnet", method="jointnet", network={}, settings=_jointnet_settings(6, 0))
 
 
 def _jointnet_paper_size(data: Data, dry: bool) -> Case:
-    network, settings = {} if dry else PAPER_SIZE, _jointnet_settings(2, 100)
+    network, settings = {} if dry else PAPER_SIZE, _jointnet_settings(2, 40)
     return jointnet(
         data, dry, name="jointnet_paper_size", method="jointnet_printed", network=network, settings=settings
     )
 
 
 def _jointnet_printed(data: Data, dry: bool) -> Case:
-    settings = _jointnet_settings(4, 60)
+    settings = _jointnet_settings(4, 40)
     return jointnet(data, dry, name="jointnet_printed", method="jointnet_printed", network={}, settings=settings)
 
 
 def _image_network(data: Data, dry: bool) -> Case:
     base = TrainingParameters(**configured("image_labels")["network"])
     settings = [
-        Setting(6, 20), Setting(6, 20, "bfloat16"), Setting(64, 8, "float32", GPU), Setting(64, 8, "bfloat16", GPU),
-        Setting(6, 300, "bfloat16", GPU),
+        Setting(6, 12), Setting(6, 12, "bfloat16"), Setting(64, 8, "float32", GPU), Setting(64, 8, "bfloat16", GPU),
+        Setting(6, 150, "bfloat16", GPU),
     ]  # fmt: skip
     return images(data, dry, name="image_network", base=base, settings=settings, seen=6)
 
