@@ -227,7 +227,7 @@ class TrainingParameters:
         Epochs without improvement of the held-out loss after which training stops.
     device : {"auto", "cpu", "cuda"}, default "auto"
         Device of the network; "auto" is a GPU if there is one.
-    mixed_precision : bool, default True
+    mixed_precision : bool, default False
         Use mixed precision with bfloat16 on a GPU.
     seed : int, default 2019
         Seed of initial weights, order, augmentation and held-out objects.
@@ -256,7 +256,7 @@ class TrainingParameters:
     validation: float = 0.0
     patience: int = 30
     device: Literal["auto", "cpu", "cuda"] = "auto"
-    mixed_precision: bool = True
+    mixed_precision: bool = False
     seed: int = 2019
 
     def __post_init__(self) -> None:

@@ -95,7 +95,7 @@ def _cuda_failure() -> str | None:
 
 @contextmanager
 def reproducible(seed: int) -> Iterator[None]:
-    """Run PyTorch reproducibly: seeded, in one thread; the random state is restored afterwards.
+    """Run PyTorch reproducibly: seeded, in one thread, with deterministic convolutions; the state is restored afterwards.
 
     Parameters
     ----------
@@ -105,11 +105,16 @@ def reproducible(seed: int) -> Iterator[None]:
     Yields
     ------
     None
-        Sums over several threads would depend on their number.
+        Sums over several threads would depend on their number, and the fastest convolutions of a GPU on the run.
     """
+    cudnn = torch.backends.cudnn
     # A GPU that is not in use is left alone: reading its random state would take its memory.
     used = [torch.cuda.current_device()] if torch.cuda.is_initialized() else []
-    with limited_threads(1), torch.random.fork_rng(devices=used):
+    with (
+        limited_threads(1),
+        torch.random.fork_rng(devices=used),
+        cudnn.flags(enabled=cudnn.enabled, benchmark=False, deterministic=True, allow_tf32=cudnn.allow_tf32),
+    ):
         torch.manual_seed(seed)
         yield
 
