@@ -37,7 +37,7 @@ def test_contracts_of_the_layers_are_kept(tmp_path):
 
 
 def loaded_by(statement):
-    code = f"{statement}; import json, sys; print(json.dumps(sorted(sys.modules)))"
+    code = f"{statement}\nimport json, sys; print(json.dumps(sorted(sys.modules)))"
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", code], env=environment(), capture_output=True, text=True, check=True
     )
@@ -65,3 +65,18 @@ def test_what_labels_a_survey_loads_nothing_heavy_that_it_does_not_use(module):
 def test_algorithms_load_no_orchestration_by_way_of_another_package():
     loaded = loaded_by("import mlsroad_pipeline.label.scene, mlsroad_pipeline.algorithms.evaluation.labelling")
     assert sorted(ORCHESTRATION & loaded) == []
+
+
+LABELLED = """
+import numpy as np
+from mlsroad_pipeline.algorithms.models.bundle import label_softly
+from mlsroad_pipeline.datasets.models.shipped_models import load_shipped
+from mlsroad_pipeline.label.warm_up import run_stages, small_street
+run_stages()
+labels = label_softly(load_shipped("pool"), small_street()).labels
+assert (labels >= 0).all()
+"""
+
+
+def test_labelling_with_the_default_model_does_not_load_pytorch():
+    assert sorted(set(HEAVY) & loaded_by(LABELLED)) == []

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-
 import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.building import build_graph
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import HierarchyParameters
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.inference import TrainedNetwork
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.inputs import (
+    even_points,
+    find_scale,
+    n_inputs,
+    prepare_inputs,
+)
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import (
+    HierarchyParameters,
+    NetworkParameters,
+    TrainingParameters,
+)
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.weights import weight_shapes
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
 from mlsroad_pipeline.algorithms.features.voxel_scales import (
@@ -79,16 +89,20 @@ def load_first_kernel() -> None:
     _short_drive().locate(np.zeros((1, 3)))
 
 
-def _prepare_network(scene: PointCloud, ground: Ground) -> None:
-    """Load PyTorch, and the kernels of the superpoints that the network of the default model takes."""
-    import_module("mlsroad_pipeline.algorithms.baselines.superpoint_transformer.prediction")
+def _run_network(scene: PointCloud, ground: Ground) -> None:
+    """Run the network of the default model with weights of 0."""
     supervoxels = build_supervoxels(scene, SupervoxelParameters())
     features = describe_supervoxels(scene, ground, supervoxels, FeatureParameters(detrend=False))
-    build_graph(scene, ground, supervoxels, features, HierarchyParameters())
+    graph = build_graph(scene, ground, supervoxels, features, HierarchyParameters())
+    scale, layers = find_scale([graph]), NetworkParameters()
+    shapes = weight_shapes(layers, n_inputs(scale), 1)
+    weights = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
+    network = TrainedNetwork(weights, layers, n_inputs(scale), 1)
+    network.scores(prepare_inputs(graph, scale, even_points(graph, TrainingParameters().n_points)))
 
 
 def run_stages() -> None:
-    """Run the steps of `label` with the default model, without its trees and network, on a small street.
+    """Run the steps of `label` with the default model, without its weights, on a small street.
 
     Workers load the kernels of other methods when they need them.
     """
@@ -104,7 +118,7 @@ def run_stages() -> None:
     ground = find_ground(scene, GroundParameters())
     voxels = compute_voxel_features(scene.xyz, height=np.zeros(len(scene)), intensity=scene["intensity"])
     smooth_by_cells(voxels, _ONE_TREE.scores(voxels.values), level=1)
-    _prepare_network(scene, ground)
+    _run_network(scene, ground)
     labels, heights = np.where(ground["ground"], 0, 1).astype(np.int16), ground["height"]
     rules = {"pole": ObjectRule("pole", (1,), 0.3, split_spacing=1.0)}
     objects = extract_objects(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from references.patches import SCHEME, street
+from threadpoolctl import threadpool_limits
 
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.augmentation import change_graph, cut_view
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.building import build_graph, rank
@@ -31,7 +32,7 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.training_graph
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.models.bundle import label_cloud
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, label_cloud
 from mlsroad_pipeline.algorithms.stages import (
     FeatureParameters,
     GroundParameters,
@@ -135,6 +136,23 @@ def test_labels_do_not_depend_on_the_order_of_the_points(model):
     moved, moved_confidence = label_cloud(bundle, cloud.select(order))
     assert (moved == labels[order]).mean() > 0.999
     assert np.abs(moved_confidence - confidence[order]).mean() < 1e-3
+
+
+def test_labels_do_not_depend_on_the_number_of_threads(model):
+    bundle, cloud = model[0], street(1)
+    found = []
+    for n_threads in (1, 2):
+        with threadpool_limits(n_threads):
+            found.append(label_cloud(bundle, cloud)[1].tobytes())
+    assert found[0] == found[1]
+
+
+def test_damaged_weights_are_an_error(model):
+    bundle = model[0]
+    name = "weights.heads.0.bias"
+    damaged = ModelBundle(bundle.slug, {**bundle.arrays, name: bundle.arrays[name][1:]}, bundle.metadata)
+    with pytest.raises(DataError, match=r"weights do not fit superpoint_transformer with 4 classes: heads.0.bias has"):
+        label_cloud(damaged, street(1))
 
 
 def test_a_cloud_without_attributes_and_with_outliers_is_labelled(model):

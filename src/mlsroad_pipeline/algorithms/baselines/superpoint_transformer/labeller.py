@@ -1,7 +1,4 @@
-"""Labels of points by a trained superpoint transformer.
-
-Importing this module does not import torch; labelling does.
-"""
+"""Labels of points by a trained superpoint transformer, without PyTorch."""
 
 from __future__ import annotations
 
@@ -17,6 +14,7 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.building impor
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import (
     SuperpointTransformerParameters,
 )
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.prediction import predict_superpoints
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.labels import PointLabels, unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
@@ -109,10 +107,6 @@ def _label_softly(
     features: SupervoxelTable,
     bundle: ModelBundle,
 ) -> SoftLabels:
-    from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.prediction import (  # noqa: PLC0415  # imports torch
-        predict_superpoints,
-    )
-
     label, confidence = unlabelled(len(scene))
     keep = inliers(scene)
     if not keep.any():

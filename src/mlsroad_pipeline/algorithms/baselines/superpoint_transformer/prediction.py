@@ -1,25 +1,25 @@
-"""Class probabilities of superpoints by a trained network. Importing this module imports torch."""
+"""Class probabilities of superpoints by a trained network."""
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
-import torch
 from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]  # it has no stubs
 
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.graph import SuperpointGraph
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.inference import TrainedNetwork
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.inputs import (
     Scale,
     even_points,
     n_inputs,
     prepare_inputs,
 )
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.network import SuperpointTransformer, to_tensors
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import (
-    SLUG,
     SuperpointTransformerParameters,
 )
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.torch_training import load_weights, reproducible
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
 
 
 def predict_superpoints(
@@ -47,18 +47,25 @@ def predict_superpoints(
         If the weights do not fit the network.
     """
     scale = Scale.from_arrays(bundle.arrays)
-    inputs = prepare_inputs(graph, scale, even_points(graph, parameters.training.n_points))
-    with reproducible(0), torch.inference_mode():
-        scores = _network(bundle, scale, parameters)(to_tensors(inputs, torch.device("cpu")))[0]
-        probabilities: NDArray[np.float32] = torch.softmax(scores, dim=1).numpy()
+    network = _network(bundle, scale, parameters)
+    with _libraries().limit(limits=1, user_api="blas"):  # results independent of the number of threads
+        scores = network.scores(prepare_inputs(graph, scale, even_points(graph, parameters.training.n_points)))
+    weights = np.exp(scores - scores.max(axis=1, keepdims=True))
+    probabilities: NDArray[np.float32] = weights / weights.sum(axis=1, keepdims=True)
     return probabilities
 
 
-def _network(bundle: ModelBundle, scale: Scale, parameters: SuperpointTransformerParameters) -> SuperpointTransformer:
+@functools.lru_cache(maxsize=1)
+def _libraries() -> ThreadpoolController:
+    """Return the thread pools of the loaded libraries; finding them takes 2 ms."""
+    return ThreadpoolController()
+
+
+def _network(bundle: ModelBundle, scale: Scale, parameters: SuperpointTransformerParameters) -> TrainedNetwork:
     """Return the network of a model; it is built once."""
     if "network" not in bundle.prepared:
-        network = SuperpointTransformer(parameters.network, n_inputs(scale), len(bundle.classes))
-        load_weights(network, bundle.arrays, "weights.", f"{SLUG} with {len(bundle.classes)} classes")
-        bundle.prepared["network"] = network.eval()
-    kept: SuperpointTransformer = bundle.prepared["network"]
+        weights = arrays_under(bundle.arrays, "weights.")
+        network = TrainedNetwork(weights, parameters.network, n_inputs(scale), len(bundle.classes))
+        bundle.prepared["network"] = network
+    kept: TrainedNetwork = bundle.prepared["network"]
     return kept
