@@ -7,6 +7,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 _RADIX_BITS = 11
+_FEW = 2000
+"""Keys that comparisons sort faster."""
 
 
 @njit(cache=True, nogil=True)
@@ -70,9 +72,26 @@ def rank_integers(values: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArr
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     low, high = int(values.min()), int(values.max())
     if high - low >= 4 * len(values):
-        names, ranks = np.unique(values, return_inverse=True)
-        return names.astype(np.int64), ranks.astype(np.int64)
+        if len(values) < _FEW or high - low >= 2**62:
+            names, ranks = np.unique(values, return_inverse=True)
+            return names.astype(np.int64), ranks.astype(np.int64)
+        return _rank_sorted(low, *radix_argsort(values.astype(np.int64) - low, (high - low).bit_length()))
     steps = values.astype(np.int64) - low
     occurs = np.zeros(high - low + 1, dtype=np.bool_)
     occurs[steps] = True
     return np.flatnonzero(occurs) + low, (np.cumsum(occurs) - 1)[steps]
+
+
+@njit(cache=True, nogil=True)
+def _rank_sorted(
+    low: int, keys: NDArray[np.int64], order: NDArray[np.int32]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the distinct values of sorted keys plus `low`, and the rank of each key in the order before sorting."""
+    names, ranks = np.empty(len(keys), np.int64), np.empty(len(keys), np.int64)
+    n = 0
+    for i in range(len(keys)):
+        if i == 0 or keys[i] != keys[i - 1]:
+            names[n] = keys[i] + low
+            n += 1
+        ranks[order[i]] = n - 1
+    return names[:n].copy(), ranks

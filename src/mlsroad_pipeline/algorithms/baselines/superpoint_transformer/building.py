@@ -11,13 +11,15 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.graph import (
     SuperpointGraph,
     with_histograms,
 )
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.levels import OWN_FEATURES, build_levels, means
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.levels import OWN_FEATURES, build_levels
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import N_LEVELS, HierarchyParameters
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.superpoint_sums import means
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_results import Ground, SupervoxelPartition, SupervoxelTable
 from mlsroad_pipeline.algorithms.features.radiometry import COLOUR_FEATURES, INTENSITY_FEATURES
 from mlsroad_pipeline.algorithms.features.surroundings import BALL_FEATURES, describe_balls
+from mlsroad_pipeline.algorithms.geometry.sorting import rank_integers
 from mlsroad_pipeline.algorithms.geometry.voxels.grid import build_voxel_grid
 from mlsroad_pipeline.algorithms.stages import inliers
 
@@ -150,7 +152,7 @@ def points_of_superpoints(
         Point of level 0 of each point of the cloud.
     """
     n_voxels = int(voxel.max(initial=0)) + 1
-    keys, row = np.unique(superpoint.astype(np.int64) * n_voxels + voxel, return_inverse=True)
+    keys, row = rank_integers(superpoint.astype(np.int64) * n_voxels + voxel)
     return keys // n_voxels, row
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.building import ATTRIBUTES
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.graph import Level, SuperpointGraph, ranges
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.input_kernels import write_edges, write_points
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import N_LEVELS
 
 EDGE_FEATURES = 12
@@ -145,16 +146,14 @@ def prepare_inputs(graph: SuperpointGraph, scale: Scale, points: NDArray[np.int6
         Finite values.
     """
     rows = np.arange(len(graph.offset)) if points is None else points
-    owner = np.repeat(np.arange(len(graph.levels[0])), np.diff(graph.indptr))[rows]
-    radius = np.maximum(graph.levels[0].radius, _SMALL)[owner, None]
-    values = _standardised(graph.values[rows], scale.means[0], scale.deviations[0])
+    owner = np.repeat(np.arange(len(graph.levels[0])), np.diff(graph.indptr))[rows].astype(np.int64)
+    radius = np.maximum(graph.levels[0].radius, _SMALL)
     first = graph.values.shape[1] - len(ATTRIBUTES)
-    known = np.isfinite(graph.values[rows][:, [0, first - 1, first, first + 1]])
-    return Inputs(
-        np.hstack([values, known, graph.offset[rows] / radius, np.log(radius)]).astype(np.float32),
-        owner.astype(np.int64),
-        tuple(_level_inputs(graph.levels, i, scale) for i in range(N_LEVELS)),
-    )
+    flags = np.array([0, first - 1, first, first + 1])
+    values = np.empty((len(rows), graph.values.shape[1] + len(flags) + 4), np.float32)
+    reach, scales = np.stack([radius, np.log(radius)], axis=1), (scale.means[0], scale.deviations[0])
+    write_points(graph.values, graph.offset, rows, owner, scales, np.float32(_LIMIT), reach, flags, values)
+    return Inputs(values, owner, tuple(_level_inputs(graph.levels, i, scale) for i in range(N_LEVELS)))
 
 
 def n_inputs(scale: Scale) -> list[int]:
@@ -250,12 +249,7 @@ def _level_inputs(levels: Sequence[Level], i: int, scale: Scale) -> LevelInputs:
 
 
 def _edge_features(level: Level, target: NDArray[np.int64], source: NDArray[np.int64]) -> NDArray[np.float32]:
-    offset = level.centroid[source] - level.centroid[target]
-    distance = np.linalg.norm(offset, axis=1, keepdims=True)
-    direction = offset / np.maximum(distance, 1e-6)
-    normals = level.normal[target], level.normal[source]
-    angles = [np.abs((a * b).sum(axis=1)) for a, b in (normals, (normals[0], direction), (normals[1], direction))]
-    sizes = (level.size[source] - level.size[target]) / 4
-    return np.hstack(
-        [direction, np.log1p(distance), np.stack(angles, axis=1), sizes, np.arcsinh(offset[:, 2:])]
-    ).astype(np.float32)
+    features = np.empty((len(target), EDGE_FEATURES), np.float32)
+    write_edges(level.centroid, level.normal, level.size, target, source, features)
+    features[:, 3], features[:, 11] = np.log1p(features[:, 3]), np.arcsinh(features[:, 11])
+    return features

@@ -8,7 +8,9 @@ from scipy.sparse import csr_array
 
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.merging import merge_regions
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import N_LEVELS, HierarchyParameters
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.superpoint_sums import extremes, means, sum_products
 from mlsroad_pipeline.algorithms.geometry.neighbors import nearest_neighbors
+from mlsroad_pipeline.algorithms.geometry.sorting import rank_integers
 
 OWN_FEATURES = (
     "linearity", "planarity", "scattering", "verticality", "direction_z",
@@ -87,9 +89,8 @@ def _describe_level(
     """Return centroid, normal, size, radius and `OWN_FEATURES` of the superpoints of a level."""
     counts = np.bincount(owner, minlength=n)
     centroid = means(owner, places, n)
-    offset = places - centroid[owner]
-    products = np.stack([offset[:, a] * offset[:, b] for a in range(3) for b in range(3)], axis=1)
-    variances, axes = np.linalg.eigh(means(owner, products, n).reshape(n, 3, 3))
+    products, radius = sum_products(owner, places, centroid)
+    variances, axes = np.linalg.eigh(products / counts[:, None, None])
     deviations = np.sqrt(np.maximum(variances, 0.0))[:, ::-1]
     flat = counts >= 3
     first, second, third = np.maximum(deviations, _FLOOR).T
@@ -98,24 +99,12 @@ def _describe_level(
         d1, d2, d3 = deviations.T
         shape = np.stack([(d1 - d2) / d1, (d2 - d3) / d1, d3 / d1, 1 - np.abs(axes[:, 2, 0]), np.abs(axes[:, 2, 2])], 1)
     shape[~flat | ~(deviations[:, 0] > _FLOOR)] = np.nan
-    heights = np.stack([means(owner, height[:, None], n)[:, 0], *_extremes(owner, height, n)], axis=1)
-    radius = np.zeros(n)
-    np.maximum.at(radius, owner, np.linalg.norm(offset, axis=1))
+    heights = np.stack([means(owner, height[:, None], n)[:, 0], *extremes(owner, height, n)], axis=1)
     normal = np.where(flat[:, None], axes[:, :, 0] * np.where(axes[:, 2, :1] < 0, -1.0, 1.0), 0.0)
     return {
         "centroid": centroid, "normal": normal, "size": size, "radius": radius,
         "values": np.hstack([shape, heights, size]),
     }  # fmt: skip
-
-
-def _extremes(
-    owner: NDArray[np.int64], values: NDArray[np.float64], n: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    low, high = np.full(n, np.inf), np.full(n, -np.inf)
-    finite = np.isfinite(values)
-    np.minimum.at(low, owner[finite], values[finite])
-    np.maximum.at(high, owner[finite], values[finite])
-    return np.where(np.isfinite(low), low, np.nan), np.where(np.isfinite(high), high, np.nan)
 
 
 def _neighbours(touching: NDArray[np.int64], centroid: NDArray[np.float64], k: int) -> NDArray[np.int64]:
@@ -124,34 +113,9 @@ def _neighbours(touching: NDArray[np.int64], centroid: NDArray[np.float64], k: i
     nearest, indptr = nearest_neighbors(centroid, k=k + 1)
     near = np.stack([np.repeat(np.arange(n), np.diff(indptr)), nearest], axis=1).astype(np.int64)
     pairs = np.concatenate([touching, near, near[:, ::-1], np.repeat(np.arange(n), 2).reshape(-1, 2)])
-    keys = np.unique(pairs[:, 0] * max(n, 1) + pairs[:, 1])
+    keys, _ = rank_integers(pairs[:, 0] * max(n, 1) + pairs[:, 1])
     return np.stack([keys // max(n, 1), keys % max(n, 1)], axis=1)
 
 
 def _rows(pairs: NDArray[np.int64], n: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     return np.append(0, np.cumsum(np.bincount(pairs[:, 0], minlength=n))), pairs[:, 1].astype(np.int32)
-
-
-def means(row: NDArray[np.integer], columns: NDArray[np.floating], n: int) -> NDArray[np.float64]:
-    """Return the means of columns per group.
-
-    Parameters
-    ----------
-    row : ndarray of int, shape (m,)
-        Group of each row.
-    columns : ndarray of float, shape (m, c)
-        Values; those that are not finite are left out.
-    n : int
-        Number of groups.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, c)
-        Means; NaN without finite values.
-    """
-    out = np.empty((n, columns.shape[1]))
-    for k, column in enumerate(columns.T):
-        finite = np.isfinite(column)
-        with np.errstate(invalid="ignore"):
-            out[:, k] = np.bincount(row[finite], column[finite], minlength=n) / np.bincount(row[finite], minlength=n)
-    return out

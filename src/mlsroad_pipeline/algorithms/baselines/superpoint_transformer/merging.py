@@ -11,6 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.geometry.sorting import rank_integers
+
 
 @njit(cache=True, nogil=True)
 def _best_partners(
@@ -67,13 +69,13 @@ def merge_regions(
     lengths: NDArray[Any] = np.ones(len(pairs))
     while True:
         best = _best_partners(means, mass, pairs, lengths, regularisation)
-        chosen = pairs[np.unique(best[best >= 0])] if (best >= 0).any() else pairs[:0]
+        chosen = pairs[rank_integers(best[best >= 0])[0]]
         mutual = chosen[best[chosen[:, 0]] == best[chosen[:, 1]]]
         if not len(mutual):
             return owner.astype(np.int32)
         head = np.arange(len(mass))
         head[mutual.max(axis=1)] = mutual.min(axis=1)
-        _, group = np.unique(head, return_inverse=True)
+        _, group = rank_integers(head)
         total = np.bincount(group, mass).astype(np.float64)
         means = np.stack([np.bincount(group, mass * column) for column in means.T], axis=1) / total[:, None]
         mass, owner = total, group[owner]
@@ -84,6 +86,6 @@ def _contract(pairs: NDArray[np.int64], lengths: NDArray[Any], n: int) -> tuple[
     """Drop edges within a group and sum those between the same two groups."""
     between = pairs[:, 0] != pairs[:, 1]
     pairs = np.sort(pairs[between], axis=1)
-    keys, row = np.unique(pairs[:, 0] * n + pairs[:, 1], return_inverse=True)
+    keys, row = rank_integers(pairs[:, 0] * n + pairs[:, 1])
     ends: NDArray[np.int64] = np.stack([keys // n, keys % n], axis=1)
     return ends, np.bincount(row, lengths[between], minlength=len(keys))

@@ -1,0 +1,113 @@
+"""Compiled sums over the points of superpoints, in the order of the points and in float64."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+
+@njit(cache=True, nogil=True)
+def _sum_columns(
+    row: NDArray[np.int64], columns: NDArray[np.float64], n: int
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the sums and numbers of the finite values of each group and column."""
+    sums = np.zeros((n, columns.shape[1]))
+    counts = np.zeros((n, columns.shape[1]), np.int64)
+    for i in range(len(row)):
+        for k in range(columns.shape[1]):
+            if np.isfinite(columns[i, k]):
+                sums[row[i], k] += columns[i, k]
+                counts[row[i], k] += 1
+    return sums, counts
+
+
+def means(row: NDArray[np.integer], columns: NDArray, n: int) -> NDArray[np.float64]:
+    """Return the means of columns per group.
+
+    Parameters
+    ----------
+    row : ndarray of int, shape (m,)
+        Group of each row.
+    columns : ndarray, shape (m, c)
+        Values; those that are not finite are left out.
+    n : int
+        Number of groups.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, c)
+        Means; NaN without finite values.
+    """
+    sums, counts = _sum_columns(row.astype(np.int64, copy=False), np.ascontiguousarray(columns, np.float64), n)
+    with np.errstate(invalid="ignore"):
+        return sums / counts
+
+
+@njit(cache=True, nogil=True)
+def sum_products(
+    owner: NDArray[np.int64], places: NDArray[np.float64], centroid: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return sums of products of coordinates from the centroid, and the largest distance from it, per superpoint.
+
+    Parameters
+    ----------
+    owner : ndarray of int64, shape (m,)
+        Superpoint of each point.
+    places : ndarray of float64, shape (m, 3)
+        Points, metres.
+    centroid : ndarray of float64, shape (n, 3)
+        Centroids of the superpoints, metres.
+
+    Returns
+    -------
+    products : ndarray of float64, shape (n, 3, 3)
+        Sums, square metres.
+    radius : ndarray of float64, shape (n,)
+        Distances, metres; 0 without points.
+    """
+    products, radius = np.zeros((len(centroid), 3, 3)), np.zeros(len(centroid))
+    offset = np.empty(3)
+    for i in range(len(owner)):
+        o = owner[i]
+        for a in range(3):
+            offset[a] = places[i, a] - centroid[o, a]
+            for b in range(a + 1):
+                products[o, a, b] += offset[a] * offset[b]
+        squared = offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2]
+        radius[o] = max(radius[o], squared)
+    for a in range(3):
+        for b in range(a):
+            products[:, b, a] = products[:, a, b]
+    return products, np.sqrt(radius)
+
+
+@njit(cache=True, nogil=True)
+def extremes(
+    owner: NDArray[np.int64], values: NDArray[np.float64], n: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the smallest and the largest finite value of each superpoint, NaN without one.
+
+    Parameters
+    ----------
+    owner : ndarray of int64, shape (m,)
+        Superpoint of each value.
+    values : ndarray of float64, shape (m,)
+        Values.
+    n : int
+        Number of superpoints.
+
+    Returns
+    -------
+    low, high : ndarray of float64, shape (n,)
+        Extremes.
+    """
+    low, high = np.full(n, np.nan), np.full(n, np.nan)
+    for i in range(len(owner)):
+        o = owner[i]
+        if np.isfinite(values[i]):
+            if not low[o] <= values[i]:
+                low[o] = values[i]
+            if not high[o] >= values[i]:
+                high[o] = values[i]
+    return low, high
