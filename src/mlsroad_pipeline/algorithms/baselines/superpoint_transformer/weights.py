@@ -83,28 +83,28 @@ def weight_shapes(parameters: NetworkParameters, n_inputs: Sequence[int], n_clas
     dict of str to tuple of int
         Name to shape, as PyTorch names them.
     """
-    p, shapes = parameters, {}
-
-    def mlp(name: str, widths: Sequence[int]) -> None:
-        for i, (inputs, outputs) in enumerate(pairwise(widths)):
-            shapes[f"{name}.{3 * i}.weight"] = (outputs, inputs)
-            for vector in (f"{3 * i}.bias", f"{3 * i + 1}.weight", f"{3 * i + 1}.bias"):
-                shapes[f"{name}.{vector}"] = (outputs,)
-
-    mlp("points", [n_inputs[0], *p.point_widths])
+    p = parameters
+    shapes = _mlp_shapes("points", [n_inputs[0], *p.point_widths])
     below = [p.point_widths[-1], *[p.width] * (N_LEVELS - 1)]
+    stages = {f"down.{i}": (below[i] + p.width, p.blocks_down[i]) for i in range(N_LEVELS)}
+    stages |= {f"up.{i}": (2 * p.width, p.blocks_up) for i in range(N_LEVELS - 1)}
     for i in range(N_LEVELS):
-        mlp(f"nodes.{i}", [n_inputs[i + 1], p.width])
-        mlp(f"edges.{i}", [EDGE_FEATURES, p.edge_width, p.edge_width])
-        mlp(f"down.{i}.enter", [below[i] + p.width, p.width])
-        shapes[f"heads.{i}.weight"], shapes[f"heads.{i}.bias"] = (n_classes, p.width), (n_classes,)
-    for i in range(N_LEVELS - 1):
-        mlp(f"up.{i}.enter", [2 * p.width, p.width])
-    blocks = {f"down.{i}": number for i, number in enumerate(p.blocks_down)}
-    blocks |= {f"up.{i}": p.blocks_up for i in range(N_LEVELS - 1)}
-    for stage, number in blocks.items():
-        for i in range(number):
+        shapes |= _mlp_shapes(f"nodes.{i}", [n_inputs[i + 1], p.width])
+        shapes |= _mlp_shapes(f"edges.{i}", [EDGE_FEATURES, p.edge_width, p.edge_width])
+        shapes |= {f"heads.{i}.weight": (n_classes, p.width), f"heads.{i}.bias": (n_classes,)}
+    for stage, (width, n_blocks) in stages.items():
+        shapes |= _mlp_shapes(f"{stage}.enter", [width, p.width])
+        for i in range(n_blocks):
             shapes |= _attention_shapes(f"{stage}.blocks.{i}", p)
+    return shapes
+
+
+def _mlp_shapes(name: str, widths: Sequence[int]) -> dict[str, tuple[int, ...]]:
+    shapes: dict[str, tuple[int, ...]] = {}
+    for i, (inputs, outputs) in enumerate(pairwise(widths)):
+        shapes[f"{name}.{3 * i}.weight"] = (outputs, inputs)
+        for vector in (f"{3 * i}.bias", f"{3 * i + 1}.weight", f"{3 * i + 1}.bias"):
+            shapes[f"{name}.{vector}"] = (outputs,)
     return shapes
 
 
