@@ -1,4 +1,7 @@
-"""Network of the superpoint transformer (Robert et al. 2023, section 3.2). Importing this module imports torch."""
+"""Network of the superpoint transformer (Robert et al. 2023, section 3.2) in the training; it imports torch.
+
+`inference.TrainedNetwork` computes the same scores without torch.
+"""
 
 from __future__ import annotations
 
