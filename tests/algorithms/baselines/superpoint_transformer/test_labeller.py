@@ -147,11 +147,22 @@ def test_labels_do_not_depend_on_the_number_of_threads(model):
     assert found[0] == found[1]
 
 
-def test_damaged_weights_are_an_error(model):
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        (
+            "weights.heads.0.bias",
+            lambda a: a[1:],
+            "weights do not fit superpoint_transformer with 4 classes: heads.0.b",
+        ),
+        ("weights.points.0.weight", lambda a: a * np.nan, "returned a confidence of nan: the model is damaged"),
+        ("scale.deviation_0", lambda a: a[1:], "scale does not fit the 11 features of a point: the model is damaged"),
+    ],
+)
+def test_damaged_arrays_are_an_error(model, name, change, message):
     bundle = model[0]
-    name = "weights.heads.0.bias"
-    damaged = ModelBundle(bundle.slug, {**bundle.arrays, name: bundle.arrays[name][1:]}, bundle.metadata)
-    with pytest.raises(DataError, match=r"weights do not fit superpoint_transformer with 4 classes: heads.0.bias has"):
+    damaged = ModelBundle(bundle.slug, {**bundle.arrays, name: change(bundle.arrays[name])}, bundle.metadata)
+    with pytest.raises(DataError, match=message):
         label_cloud(damaged, street(1))
 
 

@@ -12,6 +12,7 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.building impor
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.graph import Level, SuperpointGraph, ranges
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.input_kernels import write_edges, write_points
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import N_LEVELS
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 
 EDGE_FEATURES = 12
 """Features of an edge: direction (3), distance, angles of normals and direction (3), ratios of sizes (4), height."""
@@ -144,14 +145,22 @@ def prepare_inputs(graph: SuperpointGraph, scale: Scale, points: NDArray[np.int6
     -------
     Inputs
         Finite values.
+
+    Raises
+    ------
+    DataError
+        If the scale is of other features of points.
     """
+    scales, n_features = (scale.means[0], scale.deviations[0]), graph.values.shape[1]
+    if any(row.shape != (n_features,) for row in scales):
+        raise DataError(f"the model's scale does not fit the {n_features} features of a point: the model is damaged")
     rows = np.arange(len(graph.offset)) if points is None else points
     owner = np.repeat(np.arange(len(graph.levels[0])), np.diff(graph.indptr))[rows].astype(np.int64)
     radius = np.maximum(graph.levels[0].radius, _SMALL)
-    first = graph.values.shape[1] - len(ATTRIBUTES)
+    first = n_features - len(ATTRIBUTES)
     flags = np.array([0, first - 1, first, first + 1])
-    values = np.empty((len(rows), graph.values.shape[1] + len(flags) + 4), np.float32)
-    reach, scales = np.stack([radius, np.log(radius)], axis=1), (scale.means[0], scale.deviations[0])
+    values = np.empty((len(rows), n_features + len(flags) + 4), np.float32)
+    reach = np.stack([radius, np.log(radius)], axis=1)
     write_points(graph.values, graph.offset, rows, owner, scales, np.float32(_LIMIT), reach, flags, values)
     return Inputs(values, owner, tuple(_level_inputs(graph.levels, i, scale) for i in range(N_LEVELS)))
 

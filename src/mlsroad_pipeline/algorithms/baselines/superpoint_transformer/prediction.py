@@ -44,14 +44,16 @@ def predict_superpoints(
     Raises
     ------
     DataError
-        If the weights do not fit the network.
+        If the weights do not fit the network, or the scale does not fit the features.
     """
     scale = Scale.from_arrays(bundle.arrays)
     network = _network(bundle, scale, parameters)
-    with _libraries().limit(limits=1, user_api="blas"):  # results independent of the number of threads
-        scores = network.scores(prepare_inputs(graph, scale, even_points(graph, parameters.training.n_points)))
-    weights = np.exp(scores - scores.max(axis=1, keepdims=True))
-    probabilities: NDArray[np.float32] = weights / weights.sum(axis=1, keepdims=True)
+    inputs = prepare_inputs(graph, scale, even_points(graph, parameters.training.n_points))
+    # One thread: results do not depend on their number. NaN from damaged weights reaches the check of the labels.
+    with _libraries().limit(limits=1, user_api="blas"), np.errstate(invalid="ignore", over="ignore"):
+        scores = network.scores(inputs)
+        weights = np.exp(scores - scores.max(axis=1, keepdims=True))
+        probabilities: NDArray[np.float32] = weights / weights.sum(axis=1, keepdims=True)
     return probabilities
 
 
