@@ -72,6 +72,28 @@ def test_a_model_of_any_method_labels_a_scene_and_fills_the_inventory(monkeypatc
     assert pole["class"] == "pole" and pole["x"] == pytest.approx(3, abs=0.05) and pole["height"] > 3.5
 
 
+def test_context_serves_the_labels_alone(monkeypatch, rng):
+    seen = []
+
+    def count(cloud, bundle):
+        seen.append(len(cloud))
+        return label_by_height(cloud, bundle)
+
+    bundle = planted(monkeypatch, scheme=asdict(SCHEME))
+    monkeypatch.setattr(sys.modules[MODULE], "label_by_height", count)
+    xyz = np.concatenate([rng.random((4000, 3)) * [8, 8, 0.02], [2, 2, 0] + rng.random((500, 3)) * [0.1, 0.1, 4]])
+    core, near = xyz[:, 0] < 4, xyz[:, 0] < 6
+    columns = {"core": core, "file": np.zeros(len(xyz), np.int16), "row": np.arange(len(xyz), dtype=np.int64)}
+    settings = LabelSettings(output_codes(bundle, "asprs", {}), object_rules(bundle, {}))
+    scene = PointCloud(xyz.astype(np.float32), columns)
+    wide = label_new_scene(scene.with_columns(near=near), bundle, settings, name="s")
+    alone = label_new_scene(scene.select(near), bundle, settings, name="s")
+    assert seen == [len(xyz), near.sum()] and len(wide["objects"]) == 1
+    for name, values in alone["labels"].items():
+        assert np.array_equal(wide["labels"][name], values), name
+    assert np.array_equal(wide["objects"][["x", "y"]], alone["objects"][["x", "y"]])
+
+
 def test_two_scanner_heads_known_by_their_source_reach_the_markings(monkeypatch, rng):
     bundle = planted(monkeypatch, scheme=asdict(SCHEME))
     n = 40_000

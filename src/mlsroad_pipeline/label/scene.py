@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_results import Ground
 from mlsroad_pipeline.algorithms.inventory.candidate_labels import candidate_rules
 from mlsroad_pipeline.algorithms.inventory.class_groups import ClassEvidence, evidence_of_soft_labels
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects
@@ -126,6 +127,7 @@ def label_new_scene(
     trained = bundle.metadata.get("parameters", {}).get("ground")
     ground = find_ground(scene, settings.ground if trained is None else GroundParameters(**trained))
     soft = label_softly(bundle, scene.with_columns(**ground), labeller=labeller)
+    scene, ground, soft = _without_context(scene, ground, soft)
     label, confidence = soft.labels, soft.confidence
     core = scene["core"]
     n_classes = len(settings.codes)
@@ -161,6 +163,16 @@ def label_new_scene(
         ),
         "markings": _markings(scene, label, ground["height"], bundle_scheme(bundle), settings.least_contrast),
     }
+
+
+def _without_context(scene: PointCloud, ground: Ground, soft: SoftLabels) -> tuple[PointCloud, Ground, SoftLabels]:
+    """Return core and buffers of a scene with their ground and labels; the context served the labels alone."""
+    if "near" not in scene:
+        return scene, ground, soft
+    rows = np.flatnonzero(scene["near"])
+    owner = None if soft.owner is None else soft.owner[rows]
+    labels = SoftLabels(soft.labels[rows], soft.confidence[rows], soft.probabilities, owner)
+    return scene.select(rows), {"ground": ground["ground"][rows], "height": ground["height"][rows]}, labels
 
 
 def _spans(files: NDArray[np.integer], rows: NDArray[np.int64]) -> FileSpans:

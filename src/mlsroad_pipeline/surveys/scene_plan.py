@@ -85,7 +85,7 @@ class PlannedScene:
     span : SceneSpan
         Bins of core and buffers.
     pieces : tuple of str
-        Keys of the ranges with points in its core or its buffers.
+        Keys of the ranges with points in its core, its buffers or its context.
     source : str
         Name in messages: the files that its points come from, and the name of the span.
     """
@@ -111,13 +111,14 @@ def plan_drive(
         histogram,
         scene_length=ingest.bin_length if whole else ingest.scene_length,
         buffer=0.0 if whole else ingest.buffer,
+        context=0.0 if whole else ingest.context,
         bin_length=ingest.bin_length,
         max_points=ingest.max_points,
     )
     scenes = []
     for span in spans:
         key = str(SceneKey.parse(drive)._replace(part=span.id))
-        scenes.append(_planned(key, span, pieces_between(span.buffer_first, span.buffer_stop, own), files))
+        scenes.append(_planned(key, span, pieces_between(*span.reach, own), files))
     return scenes
 
 

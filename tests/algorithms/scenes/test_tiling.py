@@ -5,6 +5,7 @@ import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.scenes import tiling
 from mlsroad_pipeline.algorithms.scenes.corridor import MainAxis, main_axis
 from mlsroad_pipeline.algorithms.scenes.tiling import PiecedCloud, assemble_scene, cut_range, plan_scenes
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
@@ -98,6 +99,29 @@ def test_buffer_holds_every_point_within_its_width(files, path):
         np.testing.assert_array_equal(scene["core"], (stations >= span.first * 2.0) & (stations < span.stop * 2.0))
 
 
+def test_context_surrounds_the_buffers_and_is_thinned_where_it_has_many_points(files, path, monkeypatch, rng):
+    pieces = cut_all(files, path, 900)
+    plain = plan_scenes(histogram(pieces), **PLAN)
+    for span, before in zip(plan_scenes(histogram(pieces), **PLAN, context=12.0), plain, strict=True):
+        assert span.step == 1
+        scene, core = assemble_scene(pieces, span), assemble_scene(pieces, before)
+        near = scene.select(scene["near"])
+        for name in ("file", "row", "core"):
+            assert np.array_equal(near[name], core[name])
+        stations, _ = path.locate(scene.xyz, origin=scene.origin)
+        assert stations.min() >= span.first * 2.0 - 6.0 - 12.0 and (~scene["near"]).any()
+    monkeypatch.setattr(tiling, "CONTEXT_POINTS", 100)
+    small = cut_all(files, path, 333)
+    shuffled = [small[i] for i in rng.permutation(len(small))]
+    whole = plan_scenes(histogram(pieces), **PLAN, context=12.0)
+    for span in whole:
+        scene = assemble_scene(pieces, span)
+        same(assemble_scene(shuffled, span), scene)
+        outer, most = int((~scene["near"]).sum()), max(span.n_core // 4, 100)
+        assert int(scene["near"].sum()) == span.n_points and 0.3 * most < outer < 1.3 * most
+    assert max(span.step for span in whole) > 1
+
+
 def test_pieces_survive_storage(files, path, tmp_path):
     piece = cut_all(files, path, 10_000)[1]
     np.savez(tmp_path / "piece.npz", **piece.to_arrays())
@@ -186,6 +210,7 @@ def test_empty_survey_has_no_scenes(path):
         ({"bin_length": -1}, "bin_length must be"),
         ({"buffer": -1}, "buffer must be a finite number >= 0, got -1"),
         ({"buffer": np.nan}, "buffer must be a finite number"),
+        ({"context": -2.0}, "context must be a finite number >= 0, got -2.0"),
         ({"max_points": 0}, "max_points must be at least 1, got 0"),
     ],
 )

@@ -57,6 +57,8 @@ class Method:
         Catalog name of the described objects.
     refines : str, optional
         Method whose labels this one refines; it is trained first.
+    context : float, default 0.0
+        Distance beyond the buffers of a scene up to which points improve its labels, metres.
     """
 
     slug: str
@@ -75,6 +77,7 @@ class Method:
     description: str = ""
     described: str = "parts"
     refines: str = ""
+    context: float = 0.0
 
     def place(self, part: str) -> str:
         """Return the full place of a part.
@@ -179,7 +182,7 @@ _TABLE = (
     Method(
         "superpoint_transformer", "labelling", "baselines.superpoint_transformer",
         ".parameters:SuperpointTransformerParameters", ".labeller:label_scene", ".training:fit",
-        ".labeller:label_cloud", ".labeller:label_cloud_softly",
+        ".labeller:label_cloud", ".labeller:label_cloud_softly", context=15.0,
     ),
     Method(
         "boosted_trees", "labelling", "baselines.boosted_trees", ".parameters:BoostedTreesParameters",

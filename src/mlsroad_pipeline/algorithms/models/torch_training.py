@@ -95,7 +95,7 @@ def _cuda_failure() -> str | None:
 
 @contextmanager
 def reproducible(seed: int) -> Iterator[None]:
-    """Run PyTorch reproducibly: seeded, in one thread, with deterministic convolutions; the state is restored afterwards.
+    """Run PyTorch reproducibly: seeded, in one thread, with deterministic convolutions; restore its state afterwards.
 
     Parameters
     ----------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, TypedDict
+from typing import Literal, Self, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +63,9 @@ class IngestParameters:
         10 m; yu2016: 50 m).
     buffer : float, default 5.0
         Context on both sides of the core, metres, for neighbourhoods and objects across the border.
+    context : float, default 0.0
+        Further context on both sides of the buffers, metres, which only labels are computed with; thinned in dense
+        surveys. `label` takes what the method needs. Larger costs time and memory.
     bin_length : float, default 1.0
         Granularity of the cuts, metres.
     max_points : int, default 1_500_000
@@ -88,6 +91,7 @@ class IngestParameters:
     cut: Literal["along", "file"] = "along"
     scene_length: float = 30.0
     buffer: float = 5.0
+    context: float = 0.0
     bin_length: float = 1.0
     max_points: int = 1_500_000
     range_points: int = 500_000
@@ -101,8 +105,26 @@ class IngestParameters:
             raise ParameterError(f"ingest.cut must be 'along' or 'file', got {self.cut!r}")
         for name in ("scene_length", "bin_length", "max_points", "range_points", "time_gap"):
             check_positive(getattr(self, name), f"ingest.{name}")
-        if not np.isfinite(self.buffer) or self.buffer < 0:
-            raise ParameterError(f"ingest.buffer must be a finite number >= 0, got {self.buffer!r}")
+        for name in ("buffer", "context"):
+            length = getattr(self, name)
+            if not np.isfinite(length) or length < 0:
+                raise ParameterError(f"ingest.{name} must be a finite number >= 0, got {length!r}")
+
+    def with_context(self, context: float) -> Self:
+        """Return the parameters with at least a context, in scenes of at least four times its length.
+
+        Parameters
+        ----------
+        context : float
+            Context that a method needs, metres; 0 changes nothing.
+
+        Returns
+        -------
+        IngestParameters
+            The parameters.
+        """
+        longest = max(context, self.context)
+        return replace(self, context=longest, scene_length=max(self.scene_length, 4 * longest))
 
 
 class CorridorArrays(TypedDict, total=False):
@@ -264,15 +286,15 @@ def join_pieces(
     Returns
     -------
     PointCloud
-        Core and buffers, float32 relative to an origin at the south-western corner of the scene, with the column `core`
-        and, with the filter, `outlier`.
+        Core, buffers and context, float32 relative to an origin at the south-western corner of the scene, with the
+        columns of `assemble_scene` and, with the filter, `outlier`.
 
     Raises
     ------
     DataError
         If the pieces have no point of the scene, repeat a point or have different coordinate systems.
     """
-    parts = [PiecedCloud.from_arrays(piece).between(span.buffer_first, span.buffer_stop) for piece in pieces]
+    parts = [PiecedCloud.from_arrays(piece).between(*span.reach) for piece in pieces]
     filled = [part for part in parts if len(part)]
     corner = np.floor(np.min([part.cloud.xyz.min(axis=0) + part.cloud.origin for part in filled], axis=0))
     joined = assemble_scene([_single_precision(part, corner) for part in filled], span)

@@ -110,7 +110,7 @@ def cut_range(
     Raises
     ------
     DataError
-        If the cloud has a column `row`, `file` or `core`, or NaN or infinite coordinates.
+        If the cloud has a column `row`, `file`, `core` or `near`, or NaN or infinite coordinates.
     ParameterError
         If `bin_length` is not above zero, `first_row` is negative, or `file` is outside 0 to 32767.
     """
@@ -119,7 +119,7 @@ def cut_range(
         raise ParameterError(f"first_row must not be negative, got {first_row}")
     if not 0 <= file <= np.iinfo(np.int16).max:
         raise ParameterError(f"file must be in 0..32767 (the files of one survey), got {file}")
-    for name in ("row", "file", "core"):
+    for name in ("row", "file", "core", "near"):
         if name in cloud:
             raise DataError(f"{cloud.source} has a column {name!r}, a name reserved for scenes: rename it")
     if corridor is None:
@@ -138,6 +138,10 @@ def cut_range(
     return PiecedCloud(cloud.with_columns(row=row, file=number).select(order), bins, indptr)
 
 
+CONTEXT_POINTS = 100_000
+"""Points of the context that are never thinned."""
+
+
 @dataclass(frozen=True)
 class SceneSpan:
     """Bins of one scene, as half-open ranges.
@@ -152,6 +156,10 @@ class SceneSpan:
         Bins of the core and its buffers.
     n_core, n_points : int
         Number of points in the core, and in core and buffers.
+    context : int, default 0
+        Bins of further context on both sides of the buffers.
+    step : int, default 1
+        One of so many points of the context is taken.
     """
 
     id: str
@@ -161,6 +169,13 @@ class SceneSpan:
     buffer_stop: int
     n_core: int
     n_points: int
+    context: int = 0
+    step: int = 1
+
+    @property
+    def reach(self) -> tuple[int, int]:
+        """Return the bins of core, buffers and context."""
+        return self.buffer_first - self.context, self.buffer_stop + self.context
 
 
 def _cores(bins: Sequence[int], count: Mapping[int, int], n_bins: int, max_points: int) -> list[tuple[int, int]]:
@@ -178,7 +193,13 @@ def _cores(bins: Sequence[int], count: Mapping[int, int], n_bins: int, max_point
 
 
 def plan_scenes(
-    histogram: Mapping[int, int], *, scene_length: float, buffer: float, bin_length: float, max_points: int
+    histogram: Mapping[int, int],
+    *,
+    scene_length: float,
+    buffer: float,
+    bin_length: float,
+    max_points: int,
+    context: float = 0.0,
 ) -> list[SceneSpan]:
     """Divide a corridor into scenes of consecutive bins.
 
@@ -200,6 +221,9 @@ def plan_scenes(
         Length of a bin, metres, as in `cut_range`.
     max_points : int
         Largest number of points of a core with several bins; with the buffers it bounds the memory of a scene.
+    context : float, default 0.0
+        Further context on both sides of the buffers, metres, rounded up to whole bins. Where it has more than a quarter
+        of the points of the core, and more than 100,000, it is thinned. Larger costs time and memory.
 
     Returns
     -------
@@ -209,16 +233,17 @@ def plan_scenes(
     Raises
     ------
     ParameterError
-        If a length is not above zero, `buffer` is negative or not finite, or `max_points` is below 1.
+        If a length is not above zero, `buffer` or `context` is negative or not finite, or `max_points` is below 1.
     """
     check_positive(scene_length, "scene_length")
     check_positive(bin_length, "bin_length")
-    if not np.isfinite(buffer) or buffer < 0:
-        raise ParameterError(f"buffer must be a finite number >= 0, got {buffer!r}")
+    for name, length in (("buffer", buffer), ("context", context)):
+        if not np.isfinite(length) or length < 0:
+            raise ParameterError(f"{name} must be a finite number >= 0, got {length!r}")
     check_at_least(max_points, 1, "max_points")
     count = {number: n for number, n in sorted(histogram.items()) if n > 0}
     n_bins = max(1, round(scene_length / bin_length))
-    margin = int(np.ceil(buffer / bin_length - 1e-9))
+    margin, outer = (int(np.ceil(length / bin_length - 1e-9)) for length in (buffer, context))
     bins = np.array(list(count), dtype=np.int64)
     total = np.concatenate([[0], np.cumsum(list(count.values()))]).astype(np.int64)
 
@@ -235,10 +260,13 @@ def plan_scenes(
             cores[-1] = (cores[-1][0], stop)
         else:
             cores.append((first, stop))
-    return [
-        SceneSpan(f"scene_{i:05d}", a, b, a - margin, b + margin, between(a, b), between(a - margin, b + margin))
-        for i, (a, b) in enumerate(cores)
-    ]
+    spans = []
+    for i, (a, b) in enumerate(cores):
+        n_core, n_points = between(a, b), between(a - margin, b + margin)
+        n_outer = between(a - margin - outer, b + margin + outer) - n_points
+        step = max(-(-n_outer // max(n_core // 4, CONTEXT_POINTS)), 1)
+        spans.append(SceneSpan(f"scene_{i:05d}", a, b, a - margin, b + margin, n_core, n_points, outer, step))
+    return spans
 
 
 def assemble_scene(pieces: Sequence[PiecedCloud], span: SceneSpan) -> PointCloud:
@@ -254,30 +282,45 @@ def assemble_scene(pieces: Sequence[PiecedCloud], span: SceneSpan) -> PointCloud
     Returns
     -------
     PointCloud
-        Points of core and buffers, ordered by (file, row), with the bool column `core`, relative to the origin of the
-        first piece. Columns that some files lack are left out.
+        Points of core, buffers and context, ordered by (file, row), with the bool column `core` and, with a context,
+        `near` (core and buffers), relative to the origin of the first piece. Columns that some files lack are left out.
 
     Raises
     ------
     DataError
         If no piece has a point in the scene, a point occurs twice, or files have different coordinate systems.
     """
-    parts, cores = [], []
+    parts, cores, nears = [], [], []
     for piece in pieces:
-        part = piece.between(span.buffer_first, span.buffer_stop)
-        if len(part) > 0:
-            parts.append(part.cloud)
-            inside = (part.bins >= span.first) & (part.bins < span.stop)
-            cores.append(np.repeat(inside, np.diff(part.indptr)))
+        cloud, core, near = _within(piece.between(*span.reach), span)
+        if len(cloud) > 0:
+            parts.append(cloud)
+            cores.append(core)
+            nears.append(near)
     if not parts:
         raise DataError(f"{span.id}: none of {len(pieces)} pieces has points in bins {span.first} to {span.stop - 1}")
     # Origin and column order are those of the first piece, so pieces are sorted first.
     rank = sorted(range(len(parts)), key=lambda i: (int(parts[i]["file"][0]), int(parts[i]["row"].min())))
     scene = concatenate([parts[i] for i in rank])
     scene = scene.with_columns(core=np.concatenate([cores[i] for i in rank]))
+    if span.context:
+        scene = scene.with_columns(near=np.concatenate([nears[i] for i in rank]))
     order = np.lexsort((scene["row"], scene["file"]))
     file, row = scene["file"][order], scene["row"][order]
     twice = np.flatnonzero((np.diff(file) == 0) & (np.diff(row) == 0))
     if len(twice):
         raise DataError(f"{span.id}: row {row[twice[0]]} of file {file[twice[0]]} occurs in two pieces")
     return replace(scene.select(order), source=span.id)
+
+
+def _within(part: PiecedCloud, span: SceneSpan) -> tuple[PointCloud, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return the points of a scene in a range of rows, and which of them are in the core, and in core and buffers."""
+    count = np.diff(part.indptr)
+    core = np.repeat((part.bins >= span.first) & (part.bins < span.stop), count)
+    near = np.repeat((part.bins >= span.buffer_first) & (part.bins < span.buffer_stop), count)
+    if span.step == 1:
+        return part.cloud, core, near
+    # A hash of the row, since every so manieth row may be of one beam of the scanner.
+    row = part.cloud["row"].astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+    kept = np.flatnonzero(near | ((row >> np.uint64(33)) % np.uint64(span.step) == 0))
+    return part.cloud.select(kept), core[kept], near[kept]

@@ -11,7 +11,7 @@ import pandas as pd
 
 from mlsroad_pipeline.algorithms.core.palette import class_palette
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, missing_attributes
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, context_of, missing_attributes
 from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
 from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
@@ -135,7 +135,8 @@ def label_new_scenes(
     rules = object_rules(bundle, parameters.inventory)
     limits, contrast = parameters.kerb_limits(), parameters.least_contrast
     settings = LabelSettings(codes, rules, ground, ingest.outliers, judge_digest(), limits, contrast)
-    return label_tasks(plan, pieces, corridors, model, images, ingest, settings)
+    cut = ingest.with_context(context_of(bundle))
+    return label_tasks(plan, pieces, corridors, model, images, cut, settings)
 
 
 def join_label_objects(
