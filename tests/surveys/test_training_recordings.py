@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
-from mlsroad_pipeline.surveys.training_recordings import (
-    SIMULATED,
-    TrainingRecording,
-    described_recordings,
-    digest,
-    scene_frequencies,
-)
+from mlsroad_pipeline.surveys.training_recordings import TrainingRecording, described_recordings, digest
 
 FIELDS = {"title": "A drive", "files": "drive/*.npz", "coding": "own", "licence": "MIT", "ignored": [7]}
 
@@ -64,9 +58,3 @@ def test_registry_entry_counts_scenes_of_each_recording(root):
     config = {"drive": {**FIELDS, "sha256": "ab"}}
     facts = described_recordings(config, ["drive.0", "drive.1", "other.0"])
     assert facts == {"drive": {"title": "A drive", "licence": "MIT", "scenes": 2, "sha256": "ab"}}
-
-
-def test_recordings_have_their_share_of_the_batches_in_equal_parts():
-    sources = [SIMULATED] * 3 + ["one"] + ["two"] * 2
-    assert scene_frequencies(sources, 0.4) == pytest.approx([0.2, 0.2, 0.2, 0.2, 0.1, 0.1])
-    assert scene_frequencies([SIMULATED] * 2, 0.0) == [0.5, 0.5]

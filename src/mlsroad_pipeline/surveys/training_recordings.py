@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,9 +11,6 @@ from typing import Any
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.labelled_recording import LabelledRecording
 from mlsroad_pipeline.surveys.recording_scenes import files_by_name
-
-SIMULATED = "simulated"
-"""Source of scenes of simulated streets."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,27 +57,6 @@ class TrainingRecording(LabelledRecording):
                 f"{self.sha256})"
             )
         return found
-
-
-def scene_frequencies(sources: Sequence[str], recorded_share: float) -> list[float]:
-    """Return the relative frequency of each training scene in the batches of a network.
-
-    Parameters
-    ----------
-    sources : sequence of str
-        Recording of each scene; `SIMULATED` for simulated streets.
-    recorded_share : float
-        Share of the recordings together, 0 to 1, equally divided among them. Larger fits them more closely.
-
-    Returns
-    -------
-    list of float
-        The frequencies, the same for all scenes of a source; their sum is 1 where there are both kinds of sources.
-    """
-    counts = Counter(sources)
-    n_recordings = max(len(counts) - (SIMULATED in counts), 1)
-    share = {name: recorded_share / n_recordings for name in counts} | {SIMULATED: 1.0 - recorded_share}
-    return [share[name] / counts[name] for name in sources]
 
 
 def described_recordings(config: Mapping[str, Mapping[str, Any]], keys: Iterable[str]) -> dict[str, dict[str, Any]]:

@@ -38,10 +38,9 @@ class ShippedParameters:
         Weight of all simulated streets together; that of a recording is 1.
     recorded_per_class : int, default 3000
         Maximum training samples per class and scene of a recording.
-    recorded_share : float, default 0.25
-        Share of the recordings together in the batches of the network, 0 to 1. Larger fits them more closely.
     network_weight : float, default 0.5
-        Weight of the network in the pool with the trees, 0 to 1. Larger follows the network more.
+        Weight of the network in the pool with the trees, 0 to 1. Larger follows the network more, which did not learn
+        from recordings.
     """
 
     name: str = ""
@@ -51,7 +50,6 @@ class ShippedParameters:
     recorded_scheme: str = "common"
     weight: float = 3.0
     recorded_per_class: int = 3000
-    recorded_share: float = 0.25
     network_weight: float = 0.5
 
     def command(self) -> str:
@@ -135,7 +133,7 @@ def shipped_pool(
     entry : ShippedModel
         Their entry, which names the training data of both.
     network : ModelBundle
-        The superpoint transformer, trained on the same scenes.
+        The superpoint transformer, trained on the same simulated streets.
     parameters : ShippedParameters
         Weight of the network.
 

@@ -11,18 +11,11 @@ import pandas as pd
 from joblib import cpu_count
 
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG, BoostedTreesParameters
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import SLUG as NETWORK
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import SuperpointTransformerParameters
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
-from mlsroad_pipeline.algorithms.stages import (
-    FeatureParameters,
-    GroundParameters,
-    StageParameters,
-    SupervoxelParameters,
-)
+from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
 from mlsroad_pipeline.datasets.models.shipped_entry import (
     ShippedParameters,
@@ -39,12 +32,7 @@ from mlsroad_pipeline.pipelines.training_facts import with_training_facts
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.recording_scenes import read_training_scene
 from mlsroad_pipeline.surveys.simulated import selected_surveys
-from mlsroad_pipeline.surveys.training_recordings import (
-    SIMULATED,
-    TrainingRecording,
-    described_recordings,
-    scene_frequencies,
-)
+from mlsroad_pipeline.surveys.training_recordings import TrainingRecording, described_recordings
 
 
 def read_training_recordings(shipped: ShippedParameters, classes: Mapping[str, Any]) -> dict[str, SceneTask]:
@@ -90,7 +78,7 @@ def train_general_model(
         ground=ground,
         scheme=training_scheme(survey, classes),
         trained_on={"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(simulated)},
-        sources=[SIMULATED] * len(simulated) + [key.partition(".")[0] for key in recorded],
+        sources=["simulated"] * len(simulated) + [key.partition(".")[0] for key in recorded],
         weights=[shipped.weight] * len(simulated) + [1.0] * len(recorded),
         groups=training_scheme(survey, classes).coarsen(recorded_scheme(shipped, classes)).tolist(),
         n_threads=cpu_count(),
@@ -98,38 +86,6 @@ def train_general_model(
     )
     model = with_training_facts(model, simulated_facts, recorded_facts)
     return model, model
-
-
-def train_general_network(
-    simulated: SceneCollection,
-    recorded: SceneCollection,
-    shipped: ShippedParameters,
-    parameters: SuperpointTransformerParameters,
-    ground: GroundParameters,
-    supervoxels: SupervoxelParameters,
-    features: FeatureParameters,
-    survey: SurveyParameters,
-    classes: Mapping[str, Any],
-    checkpoints: Any,
-    simulated_facts: SceneCollection,
-    recorded_facts: SceneCollection,
-) -> tuple[ModelBundle, ModelBundle, pd.DataFrame]:
-    """Train the network on the graphs of simulated streets and recordings."""
-    scenes = {**simulated.load_all(), **recorded.load_all()}
-    sources = [SIMULATED] * len(simulated) + [key.partition(".")[0] for key in recorded]
-    frequency = scene_frequencies(sources, shipped.recorded_share)
-    graphs = [(graph, frequency[k]) for k, views in enumerate(scenes.values()) for graph in views.values()]
-    model, losses = METHODS[NETWORK].load("train")(
-        [graph for graph, _ in graphs],
-        parameters=parameters,
-        stages=StageParameters(ground, supervoxels, features),
-        scheme=training_scheme(survey, classes),
-        trained_on={"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(scenes)},
-        weights=[weight for _, weight in graphs],
-        checkpoints=checkpoints,
-    )
-    model = with_training_facts(model, simulated_facts, recorded_facts)
-    return model, model, pd.DataFrame({"step": range(len(losses)), "loss": losses})
 
 
 def ship_general_model(

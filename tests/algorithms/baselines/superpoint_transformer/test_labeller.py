@@ -25,11 +25,7 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters imp
     SuperpointTransformerParameters,
 )
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.training import fit
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.training_graphs import (
-    coarse_training_graphs,
-    training_graphs,
-)
-from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.training_graphs import training_graphs
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, label_cloud
@@ -101,32 +97,6 @@ def test_the_loss_falls_and_the_street_is_learned(model):
     assert 0.5 < confidence.mean() <= 1.0 and confidence.min() >= 0.0
     assert SCHEME.classes.index("vehicle") not in labels  # no training points
     assert bundle.metadata["attributes"] == ["rgb"] and bundle.metadata["n_weights"] < 30_000
-
-
-def joined_scheme(*joined):
-    """Return the scheme with some of its classes joined into one."""
-    members = [m for name, m in zip(SCHEME.classes, SCHEME.members, strict=True) if name in joined]
-    groups = {name: list(m) for name, m in zip(SCHEME.classes, SCHEME.members, strict=True) if name not in joined}
-    groups["joined"] = [name for group in members for name in group]
-    config = {name: {"members": group, "asprs": 64} for name, group in groups.items()}
-    return ClassScheme.from_config("joined", {"classes": config, "ignore": list(SCHEME.ignored)})
-
-
-def test_scenes_whose_labels_separate_fewer_classes_are_learned_too(arrays):
-    coarse = joined_scheme("shrub", "house")
-    views = coarse_training_graphs(street(3), parameters=QUICK, stages=STAGES, scheme=SCHEME, coarse=coarse)
-    [place] = coarse.labels_of(["joined"])
-    allowed = views["scanned"]["sets"][place]
-    assert {name for name, is_in in zip(SCHEME.classes, allowed, strict=True) if is_in} == {"shrub", "house"}
-    graphs = [*arrays, *views.values()]
-    bundle, losses = fit(
-        graphs, parameters=QUICK, stages=STAGES, scheme=SCHEME, trained_on={}, weights=[0.3, 0.3, 0.2, 0.2]
-    )
-    assert np.mean(losses[-5:]) < 0.4 * np.mean(losses[:3])
-    cloud = street(3)
-    labels, _ = label_cloud(bundle, cloud)
-    truth = SCHEME.encode(cloud["label"], source=cloud.source)
-    assert (labels == truth).mean() > 0.9  # the other street separates shrubs and houses
 
 
 def test_labels_do_not_depend_on_the_order_of_the_points(model):
@@ -216,7 +186,7 @@ def test_a_resumed_training_gives_the_same_bytes(arrays, tmp_path):
 def test_a_checkpoint_of_another_training_is_refused(arrays, tmp_path):
     graphs = [SuperpointGraph.from_arrays(graph) for graph in arrays]
     checkpoints = TorchCheckpoints(tmp_path)
-    name = f"training_{_Run(graphs, np.empty((0, len(SCHEME)), bool), None, QUICK).identity[:12]}"
+    name = f"training_{_Run(graphs, len(SCHEME), QUICK).identity[:12]}"
     checkpoints.save(name, {"identity": "another"})
     with pytest.raises(ReadError, match=rf"{name}.pt is a checkpoint of another training; remove it"):
         train_network(graphs, n_classes=len(SCHEME), parameters=QUICK, checkpoints=checkpoints)

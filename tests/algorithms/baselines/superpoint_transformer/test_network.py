@@ -4,16 +4,12 @@ import numpy as np
 import pytest
 import torch
 
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.losses import (
-    balance_classes,
-    balance_sets,
-    sum_losses,
-)
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.network import (
     EdgeAttention,
     segment_max,
     segment_softmax,
 )
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.optimisation import sum_losses
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import NetworkParameters
 
 SMALL = NetworkParameters(width=8, n_heads=2, key_width=3, edge_width=5)
@@ -96,20 +92,3 @@ def test_loss_is_the_weighted_cross_entropy_with_the_histograms():
     second /= (targets * [[2.0], [np.sqrt(2)]]).sum()
     assert float(both) == pytest.approx(float(first) + 0.5 * second)
     assert float(sum_losses([scores], [0 * histogram], weights, [1.0])) == 0.0
-
-
-def test_loss_of_a_set_is_that_of_the_sum_of_its_probabilities():
-    scores = torch.log(torch.tensor([[0.5, 0.3, 0.2], [0.1, 0.2, 0.7]]))
-    histogram = torch.tensor([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 4.0]])
-    weights, sets = torch.tensor([1.0, 1.0, 1.0, 3.0]), torch.tensor([[0.0, 1.0, 1.0]])
-    loss = sum_losses([scores], [histogram], weights, [1.0], sets)
-    assert float(loss) == pytest.approx(-(np.log(0.5) + 3 * np.log(0.9)) / 4)
-
-
-def test_weights_of_classes_and_sets_of_classes():
-    sets = np.array([[True, True, False], [False, False, True]])
-    share = np.array([0.64, 0.36, 0.0])
-    classes = balance_classes(share, 0.5)
-    assert classes[0] / classes[1] == pytest.approx(0.6 / 0.8) and classes[2] == 0
-    assert (classes * share).sum() == pytest.approx(1)
-    assert balance_sets(share, classes, sets).tolist() == pytest.approx([1.0, 0.0])

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import nn
+from torch import Tensor, nn
 
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.augmentation import change_graph, crop_graph
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.graph import SuperpointGraph, join_graphs
@@ -24,12 +24,6 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.inputs import 
     find_scale,
     n_inputs,
     prepare_inputs,
-)
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.losses import (
-    balance_classes,
-    balance_sets,
-    share_superpoints,
-    sum_losses,
 )
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.network import SuperpointTransformer, to_tensors
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import (
@@ -75,8 +69,6 @@ def train_network(
     *,
     n_classes: int,
     parameters: SuperpointTransformerParameters,
-    sets: NDArray[np.bool_] | None = None,
-    weights: Sequence[float] | None = None,
     checkpoints: Checkpoints | None = None,
 ) -> Trained:
     """Train a network on labelled graphs.
@@ -89,10 +81,6 @@ def train_network(
         Number of classes.
     parameters : SuperpointTransformerParameters
         Layers, augmentation and training.
-    sets : ndarray of bool, shape (r, n_classes), optional
-        Classes that each of the last `r` columns of the histograms allows; the first `n_classes` are the classes.
-    weights : sequence of float, optional
-        Relative frequency of each graph in the batches; all graphs are equally frequent by default.
     checkpoints : Checkpoints, optional
         Storage of the training state. A saved state of the same training is resumed, and the result is bitwise that of
         an uninterrupted training; it is removed at the end.
@@ -111,13 +99,11 @@ def train_network(
     ParameterError
         If a GPU is requested and none is available.
     """
-    labelled = [k for k, graph in enumerate(graphs) if graph.levels[0].histogram.sum() > 0]
+    labelled = [graph for graph in graphs if graph.levels[0].histogram.sum() > 0]
     if not labelled:
         raise DataError("no labelled points in the training scenes: check the split 'train' and the class scheme")
     how = parameters.training
-    sets = np.empty((0, n_classes), np.bool_) if sets is None else sets
-    drawn = None if weights is None else np.asarray(weights, dtype=np.float64)[labelled]
-    run = _Run([graphs[k] for k in labelled], sets, drawn, parameters)
+    run = _Run(labelled, n_classes, parameters)
     name = f"training_{run.identity[:12]}"
     if checkpoints is not None and (state := checkpoints.load(name)) is not None:
         run.restore(state, checkpoints.locate(name))
@@ -148,34 +134,23 @@ class _Run:
     """State of one training, as saved in a checkpoint."""
 
     def __init__(
-        self,
-        graphs: Sequence[SuperpointGraph],
-        sets: NDArray[np.bool_],
-        weights: NDArray[np.float64] | None,
-        parameters: SuperpointTransformerParameters,
+        self, graphs: Sequence[SuperpointGraph], n_classes: int, parameters: SuperpointTransformerParameters
     ) -> None:
         self.graphs, self.parameters = graphs, parameters
-        self.drawn = None if weights is None else weights / weights.sum()
-        n_classes = sets.shape[1]
         self.device = find_device(parameters.training.device)
         self.scale = find_scale(graphs)
-        shares = share_superpoints(graphs, sets)
-        self.class_weights = balance_classes(shares, parameters.training.class_balance)
-        weights_of_sets = balance_sets(shares, self.class_weights, sets)
-        self.column_weights = torch.from_numpy(np.append(self.class_weights, weights_of_sets)).to(self.device)
-        self.sets = torch.from_numpy(sets.astype(np.float32)).to(self.device)
+        self.class_weights = balance_classes(graphs, parameters.training.class_balance)
         with reproducible(parameters.training.seed):
             self.network = SuperpointTransformer(parameters.network, n_inputs(self.scale), n_classes)
         self.network.to(self.device).train()
         self.optimizer = _optimizer(self.network, parameters.training)
         self.losses: list[float] = []
-        self.identity = self._identity(sets)
+        self.identity = self._identity(n_classes)
 
-    def _identity(self, sets: NDArray[np.bool_]) -> str:
+    def _identity(self, n_classes: int) -> str:
         settings = {key: value for key, value in asdict(self.parameters).items() if key != "hierarchy"}
         settings["training"].pop("checkpoint_seconds")
-        drawn = None if self.drawn is None else self.drawn.tolist()
-        digest = hashlib.sha256(repr((settings, sets.tolist(), sets.shape, drawn)).encode())
+        digest = hashlib.sha256(repr((settings, n_classes)).encode())
         for graph in self.graphs:
             for array in (graph.values, graph.levels[0].centroid, graph.levels[0].histogram):
                 digest.update(np.ascontiguousarray(array).tobytes())
@@ -186,7 +161,7 @@ class _Run:
         p = self.parameters
         rng = np.random.default_rng([p.training.seed, step])
         count = p.training.batch_size
-        chosen = rng.choice(len(self.graphs), count, replace=count > len(self.graphs), p=self.drawn)
+        chosen = rng.choice(len(self.graphs), count, replace=count > len(self.graphs))
         parts = [
             change_graph(crop_graph(self.graphs[i], p.training.crop, rng), self.scale, p.augmentation, rng)
             for i in chosen
@@ -200,9 +175,9 @@ class _Run:
         for group in self.optimizer.param_groups:
             group["lr"] = learning_rate(len(self.losses), how.n_steps, how.learning_rate)
         batch = to_tensors(inputs, self.device)
+        weights = torch.from_numpy(self.class_weights).to(self.device)
         scores = self.network(batch)
-        histograms = [level.histogram for level in batch.levels]
-        loss = sum_losses(scores, histograms, self.column_weights, how.level_weights, self.sets)
+        loss = sum_losses(scores, [level.histogram for level in batch.levels], weights, how.level_weights)
         self.optimizer.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(self.network.parameters(), how.clip)
@@ -233,6 +208,64 @@ class _Run:
     def result(self) -> Trained:
         """Return the trained network."""
         return Trained(self.network.to("cpu").eval(), self.scale, self.class_weights, self.losses)
+
+
+def balance_classes(graphs: Sequence[SuperpointGraph], exponent: float) -> NDArray[np.float32]:
+    """Return class weights: a power of the inverse share of superpoints, 1 on average; 0 for absent classes.
+
+    Parameters
+    ----------
+    graphs : sequence of SuperpointGraph
+        Labelled graphs.
+    exponent : float
+        Exponent of the inverse share.
+
+    Returns
+    -------
+    ndarray of float32, shape (classes,)
+        The weights.
+    """
+    counts = sum(_shares(graph.levels[0].histogram).sum(axis=0) for graph in graphs)
+    share = np.asarray(counts, dtype=np.float64) / np.sum(counts)
+    weights = np.where(share > 0, np.maximum(share, 1e-5) ** -exponent, 0.0)
+    return (weights / (weights * share).sum()).astype(np.float32)
+
+
+def _shares(histogram: NDArray[np.float32]) -> NDArray[np.float32]:
+    return histogram / np.maximum(histogram.sum(axis=1, keepdims=True), 1.0)
+
+
+def sum_losses(
+    scores: Sequence[Tensor], histograms: Sequence[Tensor], class_weights: Tensor, level_weights: Sequence[float]
+) -> Tensor:
+    """Return the weighted sum over the levels of the cross entropies with the label histograms.
+
+    Superpoints of level 1 count the same. Those of the levels above count as the root of their labelled points.
+
+    Parameters
+    ----------
+    scores : sequence of Tensor of shape (n, classes)
+        Scores of each level.
+    histograms : sequence of Tensor of shape (n, classes)
+        Labelled points of each class; superpoints without any are left out.
+    class_weights : Tensor of shape (classes,)
+        Weights of the classes.
+    level_weights : sequence of float
+        Weights of the levels.
+
+    Returns
+    -------
+    Tensor
+        The loss.
+    """
+    total = scores[0].new_zeros(())
+    for i, (score, histogram) in enumerate(zip(scores, histograms, strict=True)):
+        count = histogram.sum(dim=1, keepdim=True)
+        importance = (count > 0).float() if i == 0 else count.sqrt()
+        target = histogram / count.clamp(min=1.0) * class_weights * importance
+        entropy = -(target * torch.log_softmax(score, dim=1)).sum()
+        total = total + level_weights[i] * entropy / target.sum().clamp(min=1e-6)
+    return total
 
 
 def _optimizer(network: nn.Module, how: TrainingParameters) -> torch.optim.AdamW:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.building import point_feature_names
@@ -30,7 +29,6 @@ def fit(
     stages: StageParameters,
     scheme: ClassScheme,
     trained_on: Mapping[str, Any],
-    weights: Sequence[float] | None = None,
     checkpoints: Checkpoints | None = None,
 ) -> tuple[ModelBundle, list[float]]:
     """Train a network.
@@ -38,7 +36,7 @@ def fit(
     Parameters
     ----------
     graphs : sequence of mapping of str to ndarray
-        Labelled graphs of `training_graphs` and `coarse_training_graphs`, of all scenes and views.
+        Labelled graphs of `training_graphs`, of all scenes and views.
     parameters : SuperpointTransformerParameters
         Parameters of the method.
     stages : StageParameters
@@ -47,8 +45,6 @@ def fit(
         The classes.
     trained_on : mapping
         Description of the training data for the model's metadata; JSON values.
-    weights : sequence of float, optional
-        Relative frequency of each graph in the batches; all graphs are equally frequent by default.
     checkpoints : Checkpoints, optional
         Storage of the training state, for trainings that are interrupted.
 
@@ -72,11 +68,13 @@ def fit(
             raise DataError(
                 f"training scenes have different features: {', '.join({*names} ^ {*graph['names'].tolist()})}"
             )
-    built, sets = _with_common_columns(graphs, len(scheme))
     trained = train_network(
-        built, n_classes=len(scheme), parameters=parameters, sets=sets, weights=weights, checkpoints=checkpoints
+        [SuperpointGraph.from_arrays(graph) for graph in graphs],
+        n_classes=len(scheme),
+        parameters=parameters,
+        checkpoints=checkpoints,
     )
-    layers = {f"weights.{name}": value.numpy() for name, value in trained.network.state_dict().items()}
+    weights = {f"weights.{name}": value.numpy() for name, value in trained.network.state_dict().items()}
     attributes = [name for name in ("rgb", "intensity") if any(name in graph["attributes"] for graph in graphs)]
     metadata = {
         "classes": list(scheme.classes),
@@ -85,23 +83,7 @@ def fit(
         "feature_names": {"points": point_feature_names(parameters.hierarchy), "superpoints": names},
         "attributes": attributes,
         "trained_on": {**trained_on, "graphs": len(graphs)},
-        "n_weights": int(sum(value.size for value in layers.values())),
+        "n_weights": int(sum(value.size for value in weights.values())),
     }
-    arrays = {**layers, **trained.scale.to_arrays(), "class_weights": trained.class_weights}
+    arrays = {**weights, **trained.scale.to_arrays(), "class_weights": trained.class_weights}
     return ModelBundle(SLUG, arrays, metadata), trained.losses
-
-
-def _with_common_columns(
-    graphs: Sequence[Mapping[str, NDArray]], n_classes: int
-) -> tuple[list[SuperpointGraph], NDArray[np.bool_]]:
-    """Return the graphs with histograms of the same columns, classes and then sets of several classes, and the sets."""
-    rows = np.unique(np.concatenate([graph["sets"] for graph in graphs]), axis=0)
-    sets = rows[rows.sum(axis=1) > 1]
-    columns = np.concatenate([np.eye(n_classes, dtype=np.bool_), sets])
-    out = []
-    for arrays in graphs:
-        graph = SuperpointGraph.from_arrays(arrays)
-        place = (arrays["sets"][:, None, :] == columns[None, :, :]).all(axis=2)
-        levels = (replace(level, histogram=level.histogram @ place.astype(np.float32)) for level in graph.levels)
-        out.append(replace(graph, levels=tuple(levels)))
-    return out, sets

@@ -1,8 +1,4 @@
-"""Labelled graphs of training scenes: as they were scanned, and in the views of virtual scanners.
-
-Each column of a label histogram stands for a set of classes. A set may hold several: a recording may not separate trees
-from low vegetation, for example.
-"""
+"""Labelled graphs of training scenes: as they were scanned, and in the views of virtual scanners."""
 
 from __future__ import annotations
 
@@ -55,8 +51,7 @@ def training_graphs(
     Returns
     -------
     dict of str to dict of str to ndarray
-        ``scanned``, and ``view_1`` and so on: arrays of `SuperpointGraph.to_arrays`, ``names``, ``attributes`` and
-        ``sets``, the classes that each column of the histograms allows.
+        ``scanned``, and ``view_1`` and so on: arrays of `SuperpointGraph.to_arrays`, and ``names`` and ``attributes``.
 
     Raises
     ------
@@ -71,47 +66,6 @@ def training_graphs(
         view = cut_view(scene, ground["height"], parameters.augmentation, rng)
         graphs[f"view_{number}"] = _labelled_graph(view, *prepare(view, stages, fresh=True), parameters, scheme)
     return graphs
-
-
-def coarse_training_graphs(
-    scene: PointCloud,
-    *,
-    parameters: SuperpointTransformerParameters,
-    stages: StageParameters,
-    scheme: ClassScheme,
-    coarse: ClassScheme,
-) -> dict[str, dict[str, NDArray]]:
-    """Return the labelled graphs of a training scene whose labels separate fewer classes than the scheme.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene, with `label`.
-    parameters, stages : SuperpointTransformerParameters, StageParameters
-        See `training_graphs`.
-    scheme : ClassScheme
-        The classes of the model.
-    coarse : ClassScheme
-        The classes that the labels separate; each is a union of classes of `scheme`, all of which it allows.
-
-    Returns
-    -------
-    dict of str to dict of str to ndarray
-        See `training_graphs`.
-
-    Raises
-    ------
-    MissingColumnError
-        If the scene has no labels.
-    UnknownClassError
-        If a label is not in the coarse scheme.
-    ParameterError
-        If a class of `scheme` falls into several classes of `coarse`.
-    """
-    sets = scheme.coarsen(coarse)[None, :] == np.arange(len(coarse))[:, None]
-    prepared = prepare(scene, stages, fresh=True)
-    graphs = training_graphs(scene, *prepared, parameters=parameters, stages=stages, scheme=coarse)
-    return {view: {**graph, "sets": sets} for view, graph in graphs.items()}
 
 
 def _labelled_graph(
@@ -129,5 +83,4 @@ def _labelled_graph(
         **graph.to_arrays(),
         "names": np.asarray(superpoint_feature_names(features["names"])[0], dtype=np.str_),
         "attributes": np.asarray(attributes, dtype=np.str_),
-        "sets": np.eye(len(scheme), dtype=np.bool_),
     }
