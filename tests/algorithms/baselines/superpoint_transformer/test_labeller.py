@@ -28,7 +28,7 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.training impor
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.training_graphs import training_graphs
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, label_cloud, label_softly
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, label_cloud
 from mlsroad_pipeline.algorithms.stages import (
     FeatureParameters,
     GroundParameters,
@@ -181,32 +181,6 @@ def test_a_resumed_training_gives_the_same_bytes(arrays, tmp_path):
     for name, value in whole.network.state_dict().items():
         assert torch.equal(value, resumed.network.state_dict()[name]), name
     assert not (tmp_path / "states").exists()
-
-
-def test_several_networks_are_resumed_and_their_mean_score_decides(arrays, tmp_path):
-    training = replace(QUICK.training, n_steps=6, n_networks=2, checkpoint_seconds=1e9)
-    two = replace(QUICK, training=training)
-    given = {"stages": STAGES, "scheme": SCHEME, "trained_on": {}}
-    whole, _ = fit(arrays, parameters=two, **given)
-    alone = [
-        fit(arrays, parameters=replace(two, training=replace(training, n_networks=1, seed=seed)), **given)[0]
-        for seed in (QUICK.training.seed, QUICK.training.seed + 1)
-    ]
-    for name, values in alone[0].arrays.items():
-        assert np.array_equal(whole.arrays[name], values), name
-        if name.startswith("weights."):
-            assert np.array_equal(whole.arrays[name.replace("weights.", "weights_2.")], alone[1].arrays[name]), name
-    stopping = Stopping(tmp_path / "states")
-    object.__setattr__(stopping, "left", 1)  # the state of the first network, at its end
-    with pytest.raises(Interrupted):
-        fit(arrays, parameters=two, **given, checkpoints=stopping)
-    resumed, _ = fit(arrays, parameters=two, **given, checkpoints=TorchCheckpoints(tmp_path / "states"))
-    assert all(np.array_equal(whole.arrays[name], resumed.arrays[name]) for name in whole.arrays)
-    assert not (tmp_path / "states").exists()
-    soft = [label_softly(model, street(1)).probabilities for model in (whole, *alone)]
-    mean = np.sqrt(soft[1] * soft[2])
-    shares = [each / each.sum(axis=1, keepdims=True) for each in (soft[0], mean)]
-    np.testing.assert_allclose(*shares, atol=1e-5)
 
 
 def test_a_checkpoint_of_another_training_is_refused(arrays, tmp_path):

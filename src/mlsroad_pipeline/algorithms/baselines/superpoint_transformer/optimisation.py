@@ -56,15 +56,12 @@ class Trained:
         Weights of the classes in the loss; 0 for classes without labelled points.
     losses : list of float
         Loss of each step.
-    checkpoint : str
-        Name of the checkpoint of its training.
     """
 
     network: SuperpointTransformer
     scale: Scale
     class_weights: NDArray[np.float32]
     losses: list[float]
-    checkpoint: str
 
 
 def train_network(
@@ -73,7 +70,6 @@ def train_network(
     n_classes: int,
     parameters: SuperpointTransformerParameters,
     checkpoints: Checkpoints | None = None,
-    keep: bool = False,
 ) -> Trained:
     """Train a network on labelled graphs.
 
@@ -88,8 +84,6 @@ def train_network(
     checkpoints : Checkpoints, optional
         Storage of the training state. A saved state of the same training is resumed, and the result is bitwise that of
         an uninterrupted training; it is removed at the end.
-    keep : bool, default False
-        Keep the state of the finished training, for models of several networks.
 
     Returns
     -------
@@ -121,8 +115,8 @@ def train_network(
                 checkpoints.save(name, run.state())
                 saved = time.monotonic()
     if checkpoints is not None:
-        checkpoints.save(name, run.state()) if keep else checkpoints.remove(name)
-    return run.result(name)
+        checkpoints.remove(name)
+    return run.result()
 
 
 def _ahead(run: _Run, first: int, n_steps: int) -> Iterator[Inputs]:
@@ -211,9 +205,9 @@ class _Run:
         self.losses = list(state["losses"])
         logger.info("%s: training resumes after step %d", source, len(self.losses))
 
-    def result(self, checkpoint: str) -> Trained:
+    def result(self) -> Trained:
         """Return the trained network."""
-        return Trained(self.network.to("cpu").eval(), self.scale, self.class_weights, self.losses, checkpoint)
+        return Trained(self.network.to("cpu").eval(), self.scale, self.class_weights, self.losses)
 
 
 def balance_classes(graphs: Sequence[SuperpointGraph], exponent: float) -> NDArray[np.float32]:

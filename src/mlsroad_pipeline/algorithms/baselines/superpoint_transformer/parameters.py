@@ -194,9 +194,6 @@ class TrainingParameters:
     class_balance : float, default 0.5
         Exponent of the inverse class frequency in the weights of classes; 0 is unweighted, larger favours rare classes.
         Confidences are corrected for the weights.
-    n_networks : int, default 1
-        Networks that are trained one after the other, with seeds from `seed` on; the mean of their scores decides
-        (robert2023: 1). The time of training, and that of the network in use, grows with it.
     checkpoint_seconds : float, default 300.0
         Time between checkpoints.
     n_threads : int, default 1
@@ -222,14 +219,13 @@ class TrainingParameters:
     clip: float = 5.0
     level_weights: Sequence[float] = field(default_factory=lambda: [1.0, 1.0, 0.5])
     class_balance: float = 0.5
-    n_networks: int = 1
     checkpoint_seconds: float = 300.0
     n_threads: int = 1
     device: Literal["auto", "cpu", "cuda"] = "cpu"
     seed: int = 2023
 
     def __post_init__(self) -> None:
-        for name in ("n_steps", "batch_size", "n_points", "n_networks", "n_threads"):
+        for name in ("n_steps", "batch_size", "n_points", "n_threads"):
             check_at_least(getattr(self, name), 1, f"{SLUG}.training.{name}")
         for name in ("crop", "learning_rate", "clip", "checkpoint_seconds"):
             check_positive(getattr(self, name), f"{SLUG}.training.{name}")

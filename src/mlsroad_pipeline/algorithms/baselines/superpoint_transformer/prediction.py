@@ -19,14 +19,13 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.inputs import 
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import (
     SuperpointTransformerParameters,
 )
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.weights import weight_prefixes
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
 
 
 def predict_superpoints(
     graph: SuperpointGraph, bundle: ModelBundle, parameters: SuperpointTransformerParameters
 ) -> NDArray[np.float32]:
-    """Return the probabilities of the superpoints of level 1 by the mean of the scores of the networks.
+    """Return the probabilities of the network for the superpoints of level 1.
 
     Parameters
     ----------
@@ -48,11 +47,11 @@ def predict_superpoints(
         If the weights do not fit the network, or the scale does not fit the features.
     """
     scale = Scale.from_arrays(bundle.arrays)
-    networks = _networks(bundle, scale, parameters)
+    network = _network(bundle, scale, parameters)
     inputs = prepare_inputs(graph, scale, even_points(graph, parameters.training.n_points))
     # One thread: results do not depend on their number. NaN from damaged weights reaches the check of the labels.
     with _libraries().limit(limits=1, user_api="blas"), np.errstate(invalid="ignore", over="ignore"):
-        scores = np.mean([network.scores(inputs) for network in networks], axis=0)
+        scores = network.scores(inputs)
         weights = np.exp(scores - scores.max(axis=1, keepdims=True))
         probabilities: NDArray[np.float32] = weights / weights.sum(axis=1, keepdims=True)
     return probabilities
@@ -64,14 +63,11 @@ def _libraries() -> ThreadpoolController:
     return ThreadpoolController()
 
 
-def _networks(bundle: ModelBundle, scale: Scale, parameters: SuperpointTransformerParameters) -> list[TrainedNetwork]:
-    """Return the networks of a model; they are built once."""
-    if "networks" not in bundle.prepared:
-        bundle.prepared["networks"] = [
-            TrainedNetwork(
-                arrays_under(bundle.arrays, prefix), parameters.network, n_inputs(scale), len(bundle.classes)
-            )
-            for prefix in weight_prefixes(parameters.training.n_networks)
-        ]
-    kept: list[TrainedNetwork] = bundle.prepared["networks"]
+def _network(bundle: ModelBundle, scale: Scale, parameters: SuperpointTransformerParameters) -> TrainedNetwork:
+    """Return the network of a model; it is built once."""
+    if "network" not in bundle.prepared:
+        weights = arrays_under(bundle.arrays, "weights.")
+        network = TrainedNetwork(weights, parameters.network, n_inputs(scale), len(bundle.classes))
+        bundle.prepared["network"] = network
+    kept: TrainedNetwork = bundle.prepared["network"]
     return kept

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.building import point_feature_names
@@ -16,7 +15,6 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters imp
     SLUG,
     SuperpointTransformerParameters,
 )
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.weights import weight_prefixes
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
@@ -33,7 +31,7 @@ def fit(
     trained_on: Mapping[str, Any],
     checkpoints: Checkpoints | None = None,
 ) -> tuple[ModelBundle, list[float]]:
-    """Train the networks of a model.
+    """Train a network.
 
     Parameters
     ----------
@@ -55,7 +53,7 @@ def fit(
     bundle : ModelBundle
         The model.
     losses : list of float
-        Loss of each step, the mean of the networks.
+        Loss of each step.
 
     Raises
     ------
@@ -70,26 +68,13 @@ def fit(
             raise DataError(
                 f"training scenes have different features: {', '.join({*names} ^ {*graph['names'].tolist()})}"
             )
-    built = [SuperpointGraph.from_arrays(graph) for graph in graphs]
-    how = parameters.training
-    trained = [
-        train_network(
-            built,
-            n_classes=len(scheme),
-            parameters=replace(parameters, training=replace(how, seed=how.seed + number)),
-            checkpoints=checkpoints,
-            keep=True,
-        )
-        for number in range(how.n_networks)
-    ]
-    if checkpoints is not None:
-        for each in trained:
-            checkpoints.remove(each.checkpoint)
-    weights = {
-        f"{prefix}{name}": value.numpy()
-        for prefix, each in zip(weight_prefixes(how.n_networks), trained, strict=True)
-        for name, value in each.network.state_dict().items()
-    }
+    trained = train_network(
+        [SuperpointGraph.from_arrays(graph) for graph in graphs],
+        n_classes=len(scheme),
+        parameters=parameters,
+        checkpoints=checkpoints,
+    )
+    weights = {f"weights.{name}": value.numpy() for name, value in trained.network.state_dict().items()}
     attributes = [name for name in ("rgb", "intensity") if any(name in graph["attributes"] for graph in graphs)]
     metadata = {
         "classes": list(scheme.classes),
@@ -100,6 +85,5 @@ def fit(
         "trained_on": {**trained_on, "graphs": len(graphs)},
         "n_weights": int(sum(value.size for value in weights.values())),
     }
-    arrays = {**weights, **trained[0].scale.to_arrays(), "class_weights": trained[0].class_weights}
-    losses = np.mean([each.losses for each in trained], axis=0).tolist()
-    return ModelBundle(SLUG, arrays, metadata), losses
+    arrays = {**weights, **trained.scale.to_arrays(), "class_weights": trained.class_weights}
+    return ModelBundle(SLUG, arrays, metadata), trained.losses

@@ -66,22 +66,6 @@ class Attention:
     out_bias: NDArray[np.float32]
 
 
-def weight_prefixes(n_networks: int) -> list[str]:
-    """Return the prefixes of the names of the weights of each network of a model.
-
-    Parameters
-    ----------
-    n_networks : int
-        Networks of the model.
-
-    Returns
-    -------
-    list of str
-        The prefixes.
-    """
-    return ["weights.", *(f"weights_{number}." for number in range(2, n_networks + 1))]
-
-
 def weight_shapes(parameters: NetworkParameters, n_inputs: Sequence[int], n_classes: int) -> dict[str, tuple[int, ...]]:
     """Return the names and shapes of the weights of a network.
 
