@@ -1,15 +1,17 @@
-"""Train the judge of the inventory's objects on simulated streets labelled by the shipped model `general`.
+"""Train the judge of the inventory's objects on simulated streets labelled by the shipped model `pool`.
 
-    python benchmarks/object_judges.py [--folder data/07_model_output/object_judges] [--write]
+    python benchmarks/object_judges.py [--folder data/07_model_output/object_judges] [--model pool] [--write]
 
-Simulates the streets of `SURVEYS`, none of which `general` was trained on, labels them with `general`, and makes the
+Simulates the streets of `SURVEYS`, none of which the model was trained on, labels them with it, and makes the
 candidates of `algorithms/inventory` on each. Boosted trees classify whether an upright line is a trunk or a pole, and
 whether a candidate is an object of its kind. A candidate is true if it lies within the reach of a true object (0.5 m
 for poles and signs, 1 m for vehicles and trees), one to one. Each street is used three times, as labelled and disturbed
 twice (`judge_streets.py`), and every fourth once more as a method would label it that gives a class and a confidence,
 but no probabilities. Scores are calibrated on folds of streets that the trees were not trained on. Prints precision,
-recall and calibration of these folds; with `--write` replaces the judge of the package and its card. Streets and tables
-are kept in the folder: a second run continues where the first one stopped.
+recall and calibration of these folds; with `--write` replaces the judge of the package and its card. `--model` is a
+shipped model with class probabilities, or the folder of a model. Streets are kept in `streets` of the folder, labels
+and tables in a folder per model: a second run continues where the first one stopped, and another model labels the same
+streets.
 """
 
 from __future__ import annotations
@@ -29,11 +31,14 @@ from judge_streets import (
     CLEAN,
     DISTURBED,
     LABELS,
+    MODEL,
     MOST_POINTS,
     STREETS,
     SURVEYS,
+    Folders,
     Street,
-    make_street,
+    folders_of,
+    prepared,
     read_street,
     true_objects,
 )
@@ -48,8 +53,9 @@ from mlsroad_pipeline.algorithms.inventory.stem_features import STEM_FEATURES, f
 from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
 from mlsroad_pipeline.algorithms.models.judge_continuation import JudgedCandidates
 from mlsroad_pipeline.algorithms.models.object_judge import ObjectJudge
+from mlsroad_pipeline.datasets.models.bundle_files import load_bundle
 from mlsroad_pipeline.datasets.models.object_judges import CARD, FOLDER, JUDGE, write_judge_replay
-from mlsroad_pipeline.simulation.parameters.variety import expanded_surveys
+from mlsroad_pipeline.datasets.models.shipped_models import FOLDER as MODELS
 
 FOLDS = 5
 TREES = {
@@ -213,7 +219,7 @@ def card(figures: dict[str, dict[str, dict[str, float]]], n_streets: int, n_simu
         "",
         "Boosted trees that give the objects of an inventory their scores, and tell trunks from poles. MIT licence.",
         f"Trained on {n_streets} simulated streets of {len(STREETS)} kinds (of {n_simulated}: those with at most",
-        f"{MOST_POINTS:,} points), labelled by the shipped model `general`, which was not trained on them.",
+        f"{MOST_POINTS:,} points), labelled by the shipped model `pool`, which was not trained on them.",
         "Each street was used three times: as labelled, and twice with noise in its class probabilities and sheared.",
         "No recording was used.",
         f"Seeds {', '.join(str(c['seed']) for c in SURVEYS.values())}; scanners",
@@ -238,13 +244,13 @@ def variants_of(number: int) -> tuple[str, ...]:
     return (CLEAN, *DISTURBED, LABELS) if number % 4 == 0 else (CLEAN, *DISTURBED)
 
 
-def tables(names: list[str], folder: Path, what: str, make: Any) -> Iterator[pd.DataFrame]:
+def tables(names: list[str], folders: Folders, what: str, make: Any) -> Iterator[pd.DataFrame]:
     """Yield a table per street and variant; stored tables are read."""
     for i, name in enumerate(names):
         for variant in variants_of(i):
-            path = folder / f"{what}_{name}_{variant}.parquet"
+            path = folders.labelled / f"{what}_{name}_{variant}.parquet"
             if not path.exists():
-                street = read_street(name, folder, variant)
+                street = read_street(name, folders, variant)
                 table = pd.DataFrame() if street is None else make(street)
                 table.assign(variant=variant).to_parquet(path)
             yield pd.read_parquet(path)
@@ -256,11 +262,11 @@ def stem_version(judge: ObjectJudge) -> str:
     return hashlib.sha256(b"".join(np.ascontiguousarray(values).tobytes() for values in arrays)).hexdigest()[:8]
 
 
-def count_true(names: list[str], folder: Path) -> dict[str, dict[str, int]]:
+def count_true(names: list[str], folders: Folders) -> dict[str, dict[str, int]]:
     """Return the number of true objects per variant and kind."""
     counts: dict[str, dict[str, int]] = {variant: dict.fromkeys(KINDS, 0) for variant in (CLEAN, *DISTURBED, LABELS)}
     for i, name in enumerate(names):
-        street = read_street(name, folder)
+        street = read_street(name, folders)
         if street is not None:
             truth = true_objects(street)
             for kind, n in truth.loc[truth["counted"], "kind"].value_counts().items():
@@ -273,24 +279,22 @@ def main() -> None:
     """Simulate, train, print; write the judge if asked."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--folder", type=Path, default=Path("data/07_model_output/object_judges"))
+    parser.add_argument("--model", default=MODEL)
+    parser.add_argument("--thirds", type=int, default=3, choices=(1, 2, 3), help="thirds of the streets that are used")
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
-    folder = options.folder
-    folder.mkdir(parents=True, exist_ok=True)
-    surveys = {name: {**config, "streets": STREETS, "with_images": False} for name, config in SURVEYS.items()}
-    configs = {name: dict(config) for name, config in expanded_surveys(surveys).items() if config is not None}
-    for name, config in configs.items():
-        if not (folder / f"{name}.npz").exists():
-            make_street(name, config, folder)
-    names = list(configs)
-    judge = stem_judge(pd.concat(tables(names, folder, "stems", stem_table), ignore_index=True))
+    shipped = MODELS / options.model
+    bundle = load_bundle(shipped if shipped.is_dir() else Path(options.model))
+    folders = folders_of(options.folder, bundle)
+    names = prepared(folders, bundle, options.thirds)
+    judge = stem_judge(pd.concat(tables(names, folders, "stems", stem_table), ignore_index=True))
     what = f"candidates_{stem_version(judge)}"
-    candidates = pd.concat(tables(names, folder, what, lambda s: candidate_table(s, judge)), ignore_index=True)
-    judge, figures = kind_judge(candidates, judge, count_true(names, folder))
-    np.savez_compressed(folder / "judge.npz", **judge.to_arrays())
+    candidates = pd.concat(tables(names, folders, what, lambda s: candidate_table(s, judge)), ignore_index=True)
+    judge, figures = kind_judge(candidates, judge, count_true(names, folders))
+    np.savez_compressed(folders.labelled / JUDGE, **judge.to_arrays())
     if options.write:
         FOLDER.mkdir(exist_ok=True)
-        (FOLDER / JUDGE).write_bytes((folder / "judge.npz").read_bytes())
+        (FOLDER / JUDGE).write_bytes((folders.labelled / JUDGE).read_bytes())
         write_judge_replay(replay_of(candidates))
         used = candidates["street"].nunique()
         (FOLDER / CARD).write_text(card(figures, used, len(names)), encoding="utf-8")
