@@ -130,7 +130,7 @@ def main() -> None:
     print("| judge | kind | true | listed | found | precision | recall | F |\n|---|---|---|---|---|---|---|---|")
     report("shipped", candidates, shipped_scores(candidates, judge), truth)
     if options.judges is not None:
-        paths = sorted(options.judges.glob(f"candidates_{stem_version(judge)}_*.parquet"))
+        paths = sorted(options.judges.glob(f"*/candidates_{stem_version(judge)}_*.parquet"))
         tables = [pd.read_parquet(path) for path in paths]
         simulated = pd.concat([table for table in tables if len(table)], ignore_index=True)
         for weight in (0.0, options.weight):

@@ -1,6 +1,6 @@
-"""Train the judge of the inventory's objects on simulated streets labelled by the shipped model `pool`.
+"""Train the judge of the inventory's objects on simulated streets labelled by a shipped model.
 
-    python benchmarks/object_judges.py [--folder data/07_model_output/object_judges] [--model pool] [--write]
+    python benchmarks/object_judges.py [--folder data/07_model_output/object_judges] [--model general] [--write]
 
 Simulates the streets of `SURVEYS`, none of which the model was trained on, labels them with it, and makes the
 candidates of `algorithms/inventory` on each. Boosted trees classify whether an upright line is a trunk or a pole, and
@@ -146,16 +146,9 @@ def stem_judge(stems: pd.DataFrame) -> ObjectJudge:
     p = powers / powers.sum(axis=1, keepdims=True)
     for name, column, least in (("trunk", TRUNK, 0.5), ("pole", POLE, 0.6)):
         chosen, right = p[:, column] > least, target == column
-        line = {
-            "classifier": STEM,
-            "class": name,
-            "stems": len(target),
-            "precision": right[chosen].mean(),
-            "recall": chosen[right].mean(),
-        }
-        print(
-            json.dumps({k: v if isinstance(v, str | int) else round(float(v), 3) for k, v in line.items()}), flush=True
-        )
+        figures = {"precision": right[chosen].mean(), "recall": chosen[right].mean()}
+        line = {"classifier": STEM, "class": name, "stems": len(target)}
+        print(json.dumps(line | {k: round(float(v), 3) for k, v in figures.items()}), flush=True)
     typical = medians(table.to_numpy(np.float32))
     return ObjectJudge({STEM: STEM_FEATURES}, {STEM: fit(table, target, STEM)}, {STEM: (1.0, 0.0)}, {STEM: typical})
 
@@ -212,14 +205,14 @@ def replay_of(candidates: pd.DataFrame) -> dict[str, JudgedCandidates]:
     return found
 
 
-def card(figures: dict[str, dict[str, dict[str, float]]], n_streets: int, n_simulated: int) -> str:
+def card(figures: dict[str, dict[str, dict[str, float]]], n_streets: int, n_simulated: int, model: str) -> str:
     """Return the card of the judge."""
     lines = [
         "# Judge of objects",
         "",
         "Boosted trees that give the objects of an inventory their scores, and tell trunks from poles. MIT licence.",
         f"Trained on {n_streets} simulated streets of {len(STREETS)} kinds (of {n_simulated}: those with at most",
-        f"{MOST_POINTS:,} points), labelled by the shipped model `pool`, which was not trained on them.",
+        f"{MOST_POINTS:,} points), labelled by the shipped model `{model}`, which was not trained on them.",
         "Each street was used three times: as labelled, and twice with noise in its class probabilities and sheared.",
         "No recording was used.",
         f"Seeds {', '.join(str(c['seed']) for c in SURVEYS.values())}; scanners",
@@ -297,7 +290,7 @@ def main() -> None:
         (FOLDER / JUDGE).write_bytes((folders.labelled / JUDGE).read_bytes())
         write_judge_replay(replay_of(candidates))
         used = candidates["street"].nunique()
-        (FOLDER / CARD).write_text(card(figures, used, len(names)), encoding="utf-8")
+        (FOLDER / CARD).write_text(card(figures, used, len(names), options.model), encoding="utf-8")
         print(f"written: {FOLDER / JUDGE}, {FOLDER / CARD}")
 
 
