@@ -320,7 +320,7 @@ def _within(part: PiecedCloud, span: SceneSpan) -> tuple[PointCloud, NDArray[np.
     near = np.repeat((part.bins >= span.buffer_first) & (part.bins < span.buffer_stop), count)
     if span.step == 1:
         return part.cloud, core, near
-    # A hash of the row, since every so manieth row may be of one beam of the scanner.
+    # A hash of the row: every n-th row may be of one beam of the scanner.
     row = part.cloud["row"].astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
     kept = np.flatnonzero(near | ((row >> np.uint64(33)) % np.uint64(span.step) == 0))
     return part.cloud.select(kept), core[kept], near[kept]
