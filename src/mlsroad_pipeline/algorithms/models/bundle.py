@@ -341,21 +341,3 @@ def refuse_points(cloud: PointCloud, bundle: ModelBundle) -> NoReturn:
         Always.
     """
     raise ParameterError(f"{cloud.source}: model {bundle.slug!r} needs images; it cannot label points alone")
-
-
-def context_of(bundle: ModelBundle) -> float:
-    """Return the distance beyond a scene up to which points improve its labels.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        A model.
-
-    Returns
-    -------
-    float
-        The greatest context of its method and those of its members, metres.
-    """
-    members: Mapping[str, Any] = bundle.metadata.get("members", {})
-    slugs = {bundle.slug, *members, *(str(member.get("slug", "")) for member in members.values())}
-    return max((METHODS[slug].context for slug in slugs if slug in METHODS), default=0.0)

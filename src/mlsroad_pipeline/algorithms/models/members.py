@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
+from mlsroad_pipeline.algorithms.models.methods import METHODS
 
 
 def with_members(bundle: ModelBundle, members: Mapping[str, ModelBundle]) -> ModelBundle:
@@ -75,3 +77,21 @@ def member(bundle: ModelBundle, slug: str) -> ModelBundle:
     if described is None:
         raise ParameterError(f"model {bundle.slug!r} has no member {slug!r}; train it again with this version")
     return ModelBundle(slug, arrays_under(bundle.arrays, f"{slug}/"), described)
+
+
+def context_of(bundle: ModelBundle) -> float:
+    """Return the distance beyond a scene up to which points improve its labels.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        A model.
+
+    Returns
+    -------
+    float
+        The greatest context of its method and those of its members, metres.
+    """
+    members: Mapping[str, Any] = bundle.metadata.get("members", {})
+    slugs = {bundle.slug, *members, *(str(member.get("slug", "")) for member in members.values())}
+    return max((METHODS[slug].context for slug in slugs if slug in METHODS), default=0.0)
