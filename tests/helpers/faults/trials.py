@@ -170,6 +170,7 @@ def main() -> int:
     work, command = Path(sys.argv[1]), sys.argv[2]
     kinds, step = (sys.argv[3] if len(sys.argv) > 3 else ",".join(KINDS)).split(","), int((sys.argv[4:] or ["1"])[0])
     with Trials(work, command) as trials:
+        trials.run("warm")  # the first run makes the database of MLflow that later ones copy
         operations = trials.operations("whole")
         expected, places = results(trials.root / "whole"), distinct(operations)
         _say({"operations": len(operations), "distinct": len(places), "files": len(expected)})
