@@ -32,11 +32,11 @@ from mlsroad_pipeline.studies.yu2016.plan import StudyPlan, plan_study
 FIGURES = ("weighted_coverage", "coverage", "weighted_touching", "touching", "wanted")
 
 
-def stored(*names: str) -> tuple[StudyPlan, *tuple[SceneCollection, ...]]:
-    """Return the plan of the study and its stored results of these names."""
+def stored(*names: str, scale: str = "study") -> tuple[StudyPlan, *tuple[SceneCollection, ...]]:
+    """Return the plan of the study at a scale and its stored results of these names."""
     root = Path(__file__).parents[1]
     bootstrap_project(root)
-    with KedroSession.create(root) as session:
+    with KedroSession.create(root, runtime_params={"yu2016_study": {"scale": scale}}) as session:
         catalog = session.load_context().catalog
         [planned] = [node for node in create_pipeline().nodes if node.name == "plan_yu2016_study"]
         plan = plan_study(*(catalog.load(name) for name in planned.inputs))

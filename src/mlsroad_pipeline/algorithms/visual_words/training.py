@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
@@ -137,6 +138,33 @@ train_printed_detector = partial(train_detector, slug=PRINTED_SLUG)
 """`train_detector` for the method with the parameters of the paper."""
 
 
+class WordObjects(NamedTuple):
+    """Training objects in words of a vocabulary.
+
+    Attributes
+    ----------
+    counts : csr_array of shape (n, v)
+        Words of the objects.
+    labels : ndarray of int, shape (n,)
+        Class of each, an index in the wanted classes; -1 for all others.
+    sizes : ndarray of float32, shape (n, 4)
+        Sizes, see `measure_sizes`.
+    profiles : ndarray of float32, shape (n, p)
+        Profiles, see `measure_profiles`.
+    scenes : ndarray of int64, shape (n,)
+        Scene of each, an index.
+    weights : ndarray of float64, shape (n,)
+        Weight of each object in threshold selection, see `training_weights`.
+    """
+
+    counts: csr_array
+    labels: NDArray[np.integer]
+    sizes: NDArray[np.float32]
+    profiles: NDArray[np.float32]
+    scenes: NDArray[np.int64]
+    weights: NDArray[np.float64]
+
+
 def train_variant(
     groups: Sequence[Description],
     labels: Sequence[ObjectClasses],
@@ -170,6 +198,41 @@ def train_variant(
     detector : VisualWordsDetector
         The detector; scenes of its `held_out_` are indices in `labels`.
     """
+    vocabulary, objects = make_words(
+        groups, labels, intensity=intensity, parameters=parameters, detection=detection, n_threads=n_threads
+    )
+    detector = VisualWordsDetector(detection.classes, parameters=parameters.detector)
+    return vocabulary, detector.fit(
+        objects.counts, objects.labels, sizes=objects.sizes, profiles=objects.profiles, scenes=objects.scenes,
+        weights=objects.weights,
+    )  # fmt: skip
+
+
+def make_words(
+    groups: Sequence[Description],
+    labels: Sequence[ObjectClasses],
+    *,
+    intensity: bool,
+    parameters: VisualWordsParameters,
+    detection: DetectionParameters,
+    n_threads: int = 1,
+) -> tuple[Vocabulary, WordObjects]:
+    """Build the vocabulary of the training scenes, and count its words in the objects that they own.
+
+    Objects whose size no wanted class has are left out.
+
+    Parameters
+    ----------
+    groups, labels, intensity, parameters, detection, n_threads
+        See `train_variant`.
+
+    Returns
+    -------
+    vocabulary : Vocabulary
+        The words.
+    objects : WordObjects
+        The objects.
+    """
     own = np.concatenate([classes["own"] for classes in labels])
     label = np.concatenate([classes["label"] for classes in labels])
     sizes = np.concatenate([described["sizes"] for described in groups])
@@ -191,13 +254,10 @@ def train_variant(
     )
     counts = count_words(words, objects, n_objects=len(rows), stopped=vocabulary.stopped)
     profiles = np.concatenate([profiles_of(described, intensity=intensity) for described in groups])
-    detector = VisualWordsDetector(detection.classes, parameters=parameters.detector)
     truth = np.where(label[rows] < 0, IGNORE, label[rows])
     weights = np.ones(len(own))
     weights[own] = training_weights(labels, detection.factors)
-    return vocabulary, detector.fit(
-        counts, truth, sizes=sizes[rows], profiles=profiles[rows], scenes=scene[rows], weights=weights[rows]
-    )
+    return vocabulary, WordObjects(counts, truth, sizes[rows], profiles[rows], scene[rows], weights[rows])
 
 
 def _of_possible_size(
