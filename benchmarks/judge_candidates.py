@@ -14,6 +14,8 @@ from mlsroad_pipeline.algorithms.metrics.object_matching import REACH
 from mlsroad_pipeline.algorithms.models.object_judge import ObjectJudge
 
 RULES = candidate_rules(SCHEME, {})
+STRETCHED = 1.2
+"""Largest length of a moving vehicle as a multiple of its true length."""
 
 
 def scene_of(street: Street) -> CandidateScene:
@@ -57,9 +59,13 @@ def _with_truth(table: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
 
 
 def seen_in_part(table: pd.DataFrame, truth: pd.DataFrame) -> np.ndarray:
-    """Return which candidates are the largest piece of a counted vehicle, to which half of their points belong."""
-    counted = truth.loc[truth["counted"] & (truth["kind"] == "vehicle"), "instance"]
-    vehicle = (table["kind"] == "vehicle") & table["instance"].isin(counted)
+    """Return which candidates are the largest piece of a vehicle, to which half of their points belong.
+
+    Moving vehicles are among them unless their motion stretches them: simulated lorries and buses all move.
+    """
+    vehicles = truth[truth["enough"] & (truth["kind"] == "vehicle")].set_index("instance")
+    vehicle = (table["kind"] == "vehicle") & table["instance"].isin(vehicles.index)
     vehicle &= table["shared"] >= 0.5 * table["point_count"]
     largest = table["shared"].where(vehicle, -1).groupby(table["instance"]).transform("max")
-    return (vehicle & (table["shared"] == largest)).to_numpy()
+    longest = STRETCHED * table["instance"].map(vehicles["length"]) + 0.5
+    return (vehicle & (table["shared"] == largest) & (table["f: length"] <= longest)).to_numpy()

@@ -56,8 +56,11 @@ SURVEYS: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 MOST_POINTS = 2_500_000
 LEAST_POINTS = {"pole": 20, "sign": 10, "vehicle": 50, "tree": 100}
-CLEAN, LABELS, DISTURBED = "clean", "labels", ("disturbed_1", "disturbed_2")
-"""Variants of a street: as labelled; with classes and confidences alone; disturbed."""
+CLEAN, LABELS, DISTURBED, CUT = "clean", "labels", ("disturbed_1", "disturbed_2"), "cut"
+"""Variants of a street: as labelled; with classes and confidences alone; disturbed; with gaps that cut vehicles."""
+
+PERIOD, GAP = (8.0, 16.0), (0.2, 0.5)
+"""Of the gaps: distance of their middles, metres, and width as a share of it."""
 
 NOISE, FLATNESS, CUBE = 0.7, 0.3, 3.0
 """Standard deviations of the noise of log probabilities and of the logarithm of their factor; edge of the cubes, m."""
@@ -68,7 +71,7 @@ STRENGTH = {"boosted_trees": (0.3, 1.4), "pool": (0.4, 1.8)}
 SHEAR = 0.035
 """Standard deviation of the shear along each axis, metres per metre of height: 2 degrees."""
 
-MODEL = "general"
+MODEL = "pool"
 SCHEME = bundle_scheme(load_bundle(MODELS / MODEL))
 TRUE_KINDS = {name: kind for name, kind in KIND_OF_CLASS.items() if name != "cycas"}  # low vegetation of the scheme
 
@@ -165,8 +168,28 @@ def read_street(name: str, folders: Folders, variant: str = CLEAN) -> Street | N
         np.where(known, arrays["height"], 0.0).astype(np.float64), evidence, arrays["truth"], arrays["instance"],
         pd.read_pickle(folders.streets / f"{name}.pkl"),
     )  # fmt: skip
-    seed = zlib.crc32(f"{name} {variant}".encode())
-    return disturb(street, seed, folders.strength) if variant in DISTURBED else street
+    if variant == CUT:
+        return with_gaps(street, seed_of(name, variant))
+    return disturb(street, seed_of(name, variant), folders.strength) if variant in DISTURBED else street
+
+
+def seed_of(name: str, variant: str) -> int:
+    """Return the seed of a variant of a street."""
+    return zlib.crc32(f"{name} {variant}".encode())
+
+
+def with_gaps(street: Street, seed: int) -> Street:
+    """Return a street without the points between parallel upright planes, as behind obstacles and at its ends."""
+    rng = np.random.default_rng(seed)
+    turn, period, share, start = rng.uniform(0.0, np.pi), rng.uniform(*PERIOD), rng.uniform(*GAP), rng.uniform()
+    across = street.local[:, 0] * np.cos(turn) + street.local[:, 1] * np.sin(turn)
+    rows = np.flatnonzero((across / period + start) % 1.0 >= share)
+    known = street.evidence
+    evidence = ClassEvidence(known.probabilities, known.owner[rows], known.groups)
+    return street._replace(
+        local=street.local[rows], height=street.height[rows], evidence=evidence, truth=street.truth[rows],
+        instance=street.instance[rows],
+    )  # fmt: skip
 
 
 def disturb(street: Street, seed: int, strengths: tuple[float, float] = STRENGTH["boosted_trees"]) -> Street:
@@ -192,7 +215,10 @@ def disturb(street: Street, seed: int, strengths: tuple[float, float] = STRENGTH
 
 
 def true_objects(street: Street) -> pd.DataFrame:
-    """Return the true objects of the kinds with their places, and whether they count: not moving, enough points."""
+    """Return the true objects of the kinds with their places, and whether they count: not moving, enough points.
+
+    `enough` is true for moving ones with enough points too.
+    """
     table = street.objects
     counts = np.bincount(np.maximum(street.instance, 0), minlength=int(table["instance"].max()) + 1)
     kind = table["label"].map(lambda code: TRUE_KINDS.get(TAXONOMY_NAMES[code]))
@@ -204,6 +230,7 @@ def true_objects(street: Street) -> pd.DataFrame:
     counted = enough & ~table["moving"].to_numpy(bool)
     return pd.DataFrame({
         "kind": kind, "x": x, "y": y, "counted": counted, "instance": table["instance"], "length": table["length"],
+        "enough": enough,
     })[kind.notna().to_numpy()].reset_index(drop=True)  # fmt: skip
 
 

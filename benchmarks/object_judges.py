@@ -1,17 +1,18 @@
 """Train the judge of the inventory's objects on simulated streets labelled by a shipped model.
 
-    python benchmarks/object_judges.py [--folder data/07_model_output/object_judges] [--model general] [--write]
+    python benchmarks/object_judges.py [--folder data/07_model_output/object_judges] [--model pool] [--write]
 
 Simulates the streets of `SURVEYS`, none of which the model was trained on, labels them with it, and makes the
 candidates of `algorithms/inventory` on each. Boosted trees classify whether an upright line is a trunk or a pole, and
 whether a candidate is an object of its kind. A candidate is true if it lies within the reach of a true object (0.5 m
-for poles and signs, 1 m for vehicles and trees), one to one. Each street is used three times, as labelled and disturbed
-twice (`judge_streets.py`), and every fourth once more as a method would label it that gives a class and a confidence,
-but no probabilities. Scores are calibrated on folds of streets that the trees were not trained on. Prints precision,
-recall and calibration of these folds; with `--write` replaces the judge of the package and its card. `--model` is a
-shipped model with class probabilities, or the folder of a model. Streets are kept in `streets` of the folder, labels
-and tables in a folder per model: a second run continues where the first one stopped, and another model labels the same
-streets.
+for poles and signs, 1 m for vehicles and trees), one to one, or if it is the largest piece of a vehicle, moving or
+not. Each street is used three times, as labelled and disturbed twice (`judge_streets.py`), and every fourth once more
+as a method would label it that gives a class and a confidence, but no probabilities. Vehicles are also learned from
+each street with gaps, since scans often show the end of a car alone. Scores are calibrated on folds of streets that
+the trees were not trained on. Prints precision, recall and calibration of these folds; with `--write` replaces the
+judge of the package and its card. `--model` is a shipped model with class probabilities, or the folder of a model.
+Streets are kept in `streets` of the folder, labels and tables in a folder per model: a second run continues where the
+first one stopped, and another model labels the same streets.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ import pandas as pd
 from judge_candidates import RULES, candidate_table, scene_of
 from judge_streets import (
     CLEAN,
+    CUT,
     DISTURBED,
     LABELS,
     MODEL,
@@ -40,7 +42,9 @@ from judge_streets import (
     folders_of,
     prepared,
     read_street,
+    seed_of,
     true_objects,
+    with_gaps,
 )
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
@@ -66,7 +70,8 @@ TREES = {
 REPLAYED = 1500  # candidates of each kind that `mlsroad learn` trains on beside the answers
 ROUNDS = {STEM: 120, "pole": 200, "sign": 200, "vehicle": 200, "tree": 200}
 POLES = [TAXONOMY[name] for name, kind in KIND_OF_CLASS.items() if kind in ("pole", "sign")]
-GROUPS_OF_VARIANTS = {"as labelled": (CLEAN,), "disturbed": DISTURBED, "labels alone": (LABELS,)}
+GROUPS_OF_VARIANTS = {"as labelled": (CLEAN,), "disturbed": DISTURBED, "labels alone": (LABELS,), "with gaps": (CUT,)}
+CUT_KIND = "vehicle"
 TRUNKS = [TAXONOMY[name] for name in ("trunk", "tree", "palm")]
 
 
@@ -153,6 +158,12 @@ def stem_judge(stems: pd.DataFrame) -> ObjectJudge:
     return ObjectJudge({STEM: STEM_FEATURES}, {STEM: fit(table, target, STEM)}, {STEM: (1.0, 0.0)}, {STEM: typical})
 
 
+def learned_rows(candidates: pd.DataFrame, kind: str) -> pd.DataFrame:
+    """Return the candidates of a kind that its judge learns from; those of streets with gaps are vehicles alone."""
+    own = (candidates["kind"] == kind) & ~candidates["ignored"].astype(bool)
+    return candidates[own & ((kind == CUT_KIND) | (candidates["variant"] != CUT))]
+
+
 def kind_judge(
     candidates: pd.DataFrame, judge: ObjectJudge, n_true: dict[str, dict[str, int]]
 ) -> tuple[ObjectJudge, dict[str, dict[str, dict[str, float]]]]:
@@ -160,7 +171,7 @@ def kind_judge(
     parts = [dict(value) for value in (judge.features, judge.trees, judge.calibration, judge.typical)]
     figures: dict[str, dict[str, dict[str, float]]] = {group: {} for group in GROUPS_OF_VARIANTS}
     for kind in KINDS:
-        rows = candidates[(candidates["kind"] == kind) & ~candidates["ignored"]]
+        rows = learned_rows(candidates, kind)
         table = rows[list(FEATURE_COLUMNS)]
         target = rows["true"].to_numpy(float)
         scores = held_out_scores(table, target, rows["street"], kind)[:, 0]
@@ -171,6 +182,8 @@ def kind_judge(
         held = rows[["true"]].assign(score=1 / (1 + np.exp(-(a * scores + b))))
         for group, variants in GROUPS_OF_VARIANTS.items():
             mine = rows["variant"].isin(variants)
+            if not mine.any():
+                continue
             figures[group][kind] = held_out_figures(held[mine], sum(n_true[v].get(kind, 0) for v in variants))
             print(json.dumps({"classifier": kind, "streets": group, **figures[group][kind]}), flush=True)
     return ObjectJudge(*parts), figures
@@ -199,7 +212,7 @@ def replay_of(candidates: pd.DataFrame) -> dict[str, JudgedCandidates]:
     """Draw the candidates of each kind that `mlsroad learn` replays."""
     found = {}
     for kind in KINDS:
-        rows = candidates[(candidates["kind"] == kind) & ~candidates["ignored"].astype(bool)]
+        rows = learned_rows(candidates, kind)
         drawn = rows.sample(min(REPLAYED, len(rows)), random_state=2026)
         found[kind] = JudgedCandidates(drawn[list(FEATURE_COLUMNS)].to_numpy(np.float32), drawn["true"].to_numpy(bool))
     return found
@@ -213,7 +226,8 @@ def card(figures: dict[str, dict[str, dict[str, float]]], n_streets: int, n_simu
         "Boosted trees that give the objects of an inventory their scores, and tell trunks from poles. MIT licence.",
         f"Trained on {n_streets} simulated streets of {len(STREETS)} kinds (of {n_simulated}: those with at most",
         f"{MOST_POINTS:,} points), labelled by the shipped model `{model}`, which was not trained on them.",
-        "Each street was used three times: as labelled, and twice with noise in its class probabilities and sheared.",
+        "Each street was used three times: as labelled, and twice with noise in its class probabilities and sheared;",
+        "vehicles were also learned from each street with gaps that cut them.",
         "No recording was used.",
         f"Seeds {', '.join(str(c['seed']) for c in SURVEYS.values())}; scanners",
         f"{', '.join(sorted({preset for c in SURVEYS.values() for preset in c['presets']}))}.",
@@ -234,13 +248,15 @@ def card(figures: dict[str, dict[str, dict[str, float]]], n_streets: int, n_simu
 
 def variants_of(number: int) -> tuple[str, ...]:
     """Return the variants of a street that are used, by its number."""
-    return (CLEAN, *DISTURBED, LABELS) if number % 4 == 0 else (CLEAN, *DISTURBED)
+    return (CLEAN, *DISTURBED, CUT, LABELS) if number % 4 == 0 else (CLEAN, *DISTURBED, CUT)
 
 
-def tables(names: list[str], folders: Folders, what: str, make: Any) -> Iterator[pd.DataFrame]:
-    """Yield a table per street and variant; stored tables are read."""
+def tables(names: list[str], folders: Folders, what: str, make: Any, *, cut: bool = True) -> Iterator[pd.DataFrame]:
+    """Yield a table per street and variant, those with gaps if `cut`; stored tables are read."""
     for i, name in enumerate(names):
         for variant in variants_of(i):
+            if variant == CUT and not cut:
+                continue
             path = folders.labelled / f"{what}_{name}_{variant}.parquet"
             if not path.exists():
                 street = read_street(name, folders, variant)
@@ -257,14 +273,16 @@ def stem_version(judge: ObjectJudge) -> str:
 
 def count_true(names: list[str], folders: Folders) -> dict[str, dict[str, int]]:
     """Return the number of true objects per variant and kind."""
-    counts: dict[str, dict[str, int]] = {variant: dict.fromkeys(KINDS, 0) for variant in (CLEAN, *DISTURBED, LABELS)}
+    counts: dict[str, dict[str, int]] = {v: dict.fromkeys(KINDS, 0) for v in (CLEAN, *DISTURBED, CUT, LABELS)}
     for i, name in enumerate(names):
-        street = read_street(name, folders)
-        if street is not None:
-            truth = true_objects(street)
-            for kind, n in truth.loc[truth["counted"], "kind"].value_counts().items():
-                for variant in variants_of(i):
-                    counts[variant][str(kind)] += int(n)
+        whole = read_street(name, folders)
+        if whole is None:
+            continue
+        truth = {CLEAN: true_objects(whole), CUT: true_objects(with_gaps(whole, seed_of(name, CUT)))}
+        for variant in variants_of(i):
+            own = truth[CUT if variant == CUT else CLEAN]
+            for kind, n in own.loc[own["counted"], "kind"].value_counts().items():
+                counts[variant][str(kind)] += int(n)
     return counts
 
 
@@ -280,9 +298,10 @@ def main() -> None:
     bundle = load_bundle(shipped if shipped.is_dir() else Path(options.model))
     folders = folders_of(options.folder, bundle)
     names = prepared(folders, bundle, options.thirds)
-    judge = stem_judge(pd.concat(tables(names, folders, "stems", stem_table), ignore_index=True))
+    judge = stem_judge(pd.concat(tables(names, folders, "stems", stem_table, cut=False), ignore_index=True))
     what = f"candidates_{stem_version(judge)}"
-    candidates = pd.concat(tables(names, folders, what, lambda s: candidate_table(s, judge)), ignore_index=True)
+    found = [table for table in tables(names, folders, what, lambda s: candidate_table(s, judge)) if len(table)]
+    candidates = pd.concat(found, ignore_index=True)
     judge, figures = kind_judge(candidates, judge, count_true(names, folders))
     np.savez_compressed(folders.labelled / JUDGE, **judge.to_arrays())
     if options.write:
