@@ -23,7 +23,8 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.labeller impor
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.prediction import predict_superpoints
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.fusion.pool import NETWORK, members_of
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, label_softly
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.labelling import label_softly
 from mlsroad_pipeline.algorithms.stages import GroundParameters, StageParameters, find_ground
 from mlsroad_pipeline.datasets.models.shipped_models import load_shipped
 from mlsroad_pipeline.formats.las.format import LasFormat

@@ -35,7 +35,8 @@ from mlsroad_pipeline.algorithms.inventory.class_groups import (
 )
 from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scores
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, label_softly
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
+from mlsroad_pipeline.algorithms.models.labelling import label_softly
 from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle
 from mlsroad_pipeline.datasets.models.shipped_models import FOLDER as MODELS

@@ -69,7 +69,7 @@ def test_algorithms_load_no_orchestration_by_way_of_another_package():
 
 LABELLED = """
 import numpy as np
-from mlsroad_pipeline.algorithms.models.bundle import label_softly
+from mlsroad_pipeline.algorithms.models.labelling import label_softly
 from mlsroad_pipeline.datasets.models.shipped_models import load_shipped
 from mlsroad_pipeline.label.warm_up import run_stages, small_street
 run_stages()

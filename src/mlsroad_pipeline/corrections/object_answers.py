@@ -17,8 +17,9 @@ from mlsroad_pipeline.algorithms.inventory.candidate_table import (
 from mlsroad_pipeline.algorithms.inventory.class_groups import evidence_of_soft_labels
 from mlsroad_pipeline.algorithms.inventory.rules import KINDS, ObjectRule
 from mlsroad_pipeline.algorithms.metrics.object_matching import REACH
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, label_softly
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.judge_continuation import JudgedCandidates
+from mlsroad_pipeline.algorithms.models.labelling import label_softly
 from mlsroad_pipeline.corrections.answers import NamedClasses
 from mlsroad_pipeline.corrections.decisions import Decision
 from mlsroad_pipeline.corrections.states import ObjectState

@@ -23,7 +23,8 @@ from mlsroad_pipeline.algorithms.inventory.markings.scanner_passes import scanne
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.sightings import sightings_of_scene
 from mlsroad_pipeline.algorithms.inventory.wires import wire_points, wire_probability
-from mlsroad_pipeline.algorithms.models.bundle import Labeller, ModelBundle, SoftLabels, bundle_scheme, label_softly
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
+from mlsroad_pipeline.algorithms.models.labelling import Labeller, SoftLabels, label_softly
 from mlsroad_pipeline.algorithms.models.object_judge import ObjectJudge
 from mlsroad_pipeline.algorithms.scenes.cutting import OutlierParameters, join_pieces
 from mlsroad_pipeline.algorithms.scenes.tiling import SceneSpan

@@ -13,7 +13,8 @@ from mlsroad_pipeline.algorithms.core.labels import ImagePredictions, PointLabel
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 from mlsroad_pipeline.algorithms.image_labels.legend import Legend
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, label_cloud
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
+from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.algorithms.models.members import member
 from mlsroad_pipeline.algorithms.scenes.cutting import join_pieces
 from mlsroad_pipeline.algorithms.scenes.tiling import PiecedCloud, SceneSpan

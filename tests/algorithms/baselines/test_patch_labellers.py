@@ -11,7 +11,7 @@ from mlsroad_pipeline.algorithms.baselines.patch_svm import classifier as patch_
 from mlsroad_pipeline.algorithms.baselines.patch_svm.classifier import PatchSvm, PatchSvmParameters
 from mlsroad_pipeline.algorithms.baselines.patch_svm.training import fit_patch_svm
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.models.bundle import label_cloud
+from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.algorithms.patches.extraction import Patches, PatchParameters
 from mlsroad_pipeline.algorithms.patches.features import COLOURED, GEOMETRY, draw_training_patches, patch_features
 from mlsroad_pipeline.algorithms.patches.labelling import (

@@ -13,7 +13,7 @@ from mlsroad_pipeline.algorithms.fusion.labeller import (
     fuse_scene,
     fusion_sample,
 )
-from mlsroad_pipeline.algorithms.models.bundle import label_cloud
+from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
 
 SCHEME = ClassScheme("two", ("a", "b"), (("road",), ("building",)), (), (11, 6))

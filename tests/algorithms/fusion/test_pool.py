@@ -7,7 +7,8 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.fusion import pool
 from mlsroad_pipeline.algorithms.fusion.pool import FLOOR, members_of, pool_bundle
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, SoftLabels, label_cloud, label_softly
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.labelling import SoftLabels, label_cloud, label_softly
 
 HALVES, THIRDS = "tests_halves", "tests_thirds"
 

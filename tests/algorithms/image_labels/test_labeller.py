@@ -13,7 +13,7 @@ from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.algorithms.models import torch_training
-from mlsroad_pipeline.algorithms.models.bundle import label_cloud
+from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
 
 SCHEME = ClassScheme("two", ("a", "b"), (("road",), ("building",)), (), (11, 6))

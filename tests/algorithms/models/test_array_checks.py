@@ -7,7 +7,8 @@ from helpers.mutations import mutated_arrays
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.array_checks import check_model_arrays
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, label_cloud
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 
 GRAPH = {
     **{"table": np.zeros((4, 6), "f4"), "xyz": np.zeros((4, 3), "f4"), "heights": np.zeros(4, "f4")},

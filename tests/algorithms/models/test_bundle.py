@@ -1,19 +1,19 @@
 """Models as plain files."""
 
 import json
-import sys
-import types
 
 import numpy as np
 import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
-from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, label_cloud, missing_attributes
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, missing_attributes
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
 
-MODULE = "mlsroad_pipeline.algorithms.planted_labeller"
-METADATA = {"entry_point": f"{MODULE}:label", "classes": ["ground", "object"], "trained_on": "a street"}
+METADATA = {
+    "entry_point": "mlsroad_pipeline.algorithms.planted_labeller:label",
+    "classes": ["ground", "object"],
+    "trained_on": "a street",
+}
 
 
 @pytest.fixture
@@ -24,18 +24,6 @@ def bundle():
         "none": np.zeros((0, 4)),
     }
     return ModelBundle("planted", arrays, METADATA)
-
-
-@pytest.fixture
-def labeller(monkeypatch):
-    """Plant a module below the package whose function may be replaced."""
-    module = types.ModuleType(MODULE)
-    module.label = lambda cloud, bundle: (
-        (cloud.xyz[:, 2] > bundle.arrays["threshold"][0]).astype(int),
-        np.ones(len(cloud)),
-    )
-    monkeypatch.setitem(sys.modules, MODULE, module)
-    return module
 
 
 def test_files_give_back_the_model(bundle, tmp_path):
@@ -55,37 +43,6 @@ def test_the_same_model_gives_the_same_bytes(bundle, tmp_path):
         save_bundle(model, tmp_path / name)
     for file in ("arrays.npz", "model.json"):
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
-
-
-def test_the_named_function_labels_the_cloud(bundle, labeller):
-    cloud = PointCloud(np.array([[0, 0, 0.0], [0, 0, 1.0]]))
-    labels, confidence = label_cloud(bundle, cloud)
-    assert labels.dtype == np.int16
-    assert confidence.dtype == np.float32
-    np.testing.assert_array_equal(labels, [0, 1])
-
-
-def test_a_model_of_another_version_of_the_package_says_what_is_missing(bundle, labeller):
-    cloud = PointCloud(np.zeros((1, 3)))
-    with pytest.raises(ParameterError, match=f"needs {MODULE}:gone, which this version lacks"):
-        label_cloud(ModelBundle("planted", {}, {**METADATA, "entry_point": f"{MODULE}:gone"}), cloud)
-    missing = "mlsroad_pipeline.algorithms.no_such_module:label"
-    with pytest.raises(ParameterError, match=f"needs {missing}"):
-        label_cloud(ModelBundle("planted", {}, {**METADATA, "entry_point": missing}), cloud)
-
-
-@pytest.mark.parametrize(
-    ("result", "message"),
-    [
-        ((np.zeros(3, int), np.zeros(3)), r"labels \(3,\) and confidences \(3,\) for the 2 points of street.laz"),
-        ((np.array([0, 2]), np.zeros(2)), r"labels 0..2 of 2 classes"),
-        ((np.array([-2, 0]), np.zeros(2)), r"labels -2..0 of 2 classes"),
-    ],
-)
-def test_wrong_results_of_a_model_are_named(bundle, labeller, result, message):
-    labeller.label = lambda cloud, model: result
-    with pytest.raises(DataError, match=message):
-        label_cloud(bundle, PointCloud(np.zeros((2, 3)), source="street.laz"))
 
 
 @pytest.mark.parametrize(

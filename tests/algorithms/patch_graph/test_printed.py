@@ -6,7 +6,7 @@ import numpy as np
 from helpers.conf import base
 from references.patches import SCHEME, prepare, street
 
-from mlsroad_pipeline.algorithms.models.bundle import label_cloud
+from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
 from mlsroad_pipeline.algorithms.patch_graph.costs import CostWeights

@@ -9,7 +9,8 @@ from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, label_cloud
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.algorithms.recognition import cutting as recognition_objects
 from mlsroad_pipeline.algorithms.recognition import recogniser as recognisers
 from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet

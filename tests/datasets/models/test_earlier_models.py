@@ -10,7 +10,8 @@ from helpers.wiring import empty_store
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, _labeller, label_cloud
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.labelling import _labeller, label_cloud
 from mlsroad_pipeline.algorithms.models.members import member
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle

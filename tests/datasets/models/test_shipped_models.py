@@ -12,7 +12,8 @@ from helpers.yaml_files import read_yaml
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.models.bundle import label_cloud, model_source
+from mlsroad_pipeline.algorithms.models.bundle import model_source
+from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.datasets.models import shipped_models as module
 from mlsroad_pipeline.datasets.models.model_cards import model_card
 from mlsroad_pipeline.datasets.models.shipped_entry import ShippedParameters

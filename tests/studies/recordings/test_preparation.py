@@ -3,7 +3,7 @@
 import numpy as np
 from references.patches import SCHEME, street
 
-from mlsroad_pipeline.algorithms.models.bundle import label_cloud
+from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.algorithms.scenes.parts import TRAIN
 from mlsroad_pipeline.studies.recordings.plan import parameter_groups
 from mlsroad_pipeline.studies.recordings.preparation import Prepared, Setup, preparation_of

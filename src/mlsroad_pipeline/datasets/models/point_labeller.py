@@ -12,7 +12,8 @@ from mlflow.types import ColSpec, ParamSchema, Schema
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, MissingColumnError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, label_cloud
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle
 
 UNLABELLED = "unlabelled"

@@ -14,7 +14,8 @@ from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.evaluation.labelling import coarse_labels
 from mlsroad_pipeline.algorithms.metrics.calibration import auroc, brier_score, reliability_table
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
-from mlsroad_pipeline.algorithms.models.bundle import bundle_scheme, label_cloud
+from mlsroad_pipeline.algorithms.models.bundle import bundle_scheme
+from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.algorithms.scenes.parts import TEST
 from mlsroad_pipeline.execution.task import StoredResult
 from mlsroad_pipeline.studies.recordings.training import stored_model

@@ -12,7 +12,7 @@ from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import trainin
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.training import fit
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.metrics.calibration import reliability_table
-from mlsroad_pipeline.algorithms.models.bundle import label_cloud
+from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
 
 QUICK = BoostedTreesParameters(smoothing=0.0)

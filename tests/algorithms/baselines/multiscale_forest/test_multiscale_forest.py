@@ -11,7 +11,8 @@ from mlsroad_pipeline.algorithms.baselines.multiscale_forest.parameters import S
 from mlsroad_pipeline.algorithms.baselines.multiscale_forest.training import fit, training_spheres
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, label_cloud
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 
 QUICK = MultiscaleForestParameters(n_trees=15, n_scales=5, max_per_scene=300, max_features=0.2)
 

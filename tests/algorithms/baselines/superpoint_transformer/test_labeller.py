@@ -28,7 +28,8 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.training impor
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.training_graphs import training_graphs
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, label_cloud
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.algorithms.stages import (
     FeatureParameters,
     GroundParameters,

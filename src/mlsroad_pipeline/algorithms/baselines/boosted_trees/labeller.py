@@ -18,8 +18,9 @@ from mlsroad_pipeline.algorithms.features.voxel_scales import (
     voxel_feature_names,
 )
 from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, SoftLabels
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.grouped_decision import decide
+from mlsroad_pipeline.algorithms.models.labelling import SoftLabels
 from mlsroad_pipeline.algorithms.stages import GroundParameters, ground_of, inliers
 
 

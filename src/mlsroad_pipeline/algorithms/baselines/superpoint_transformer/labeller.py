@@ -19,7 +19,8 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.labels import PointLabels, unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_results import Ground, SupervoxelPartition, SupervoxelTable
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, SoftLabels
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.labelling import SoftLabels
 from mlsroad_pipeline.algorithms.stages import (
     StageParameters,
     build_supervoxels,

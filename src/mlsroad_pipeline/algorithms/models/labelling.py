@@ -1,0 +1,159 @@
+"""Labelling of points by a trained model, with the function of the model's method."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError, ParameterError
+from mlsroad_pipeline.algorithms.core.plain_text import printable
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.methods import METHODS, load_place
+
+Labeller = Callable[[PointCloud, ModelBundle], tuple[NDArray[np.integer], NDArray[np.floating]]]
+
+
+class SoftLabels(NamedTuple):
+    """Labels of a cloud of n points, with class probabilities where the method has them.
+
+    Attributes
+    ----------
+    labels : ndarray of int16, shape (n,)
+        Classes; -1 for none.
+    confidence : ndarray of float32, shape (n,)
+        0 to 1.
+    probabilities : ndarray of float32, shape (m, classes), or None
+        Class probabilities of m voxels or points.
+    owner : ndarray of int, shape (n,), or None
+        Row of `probabilities` of each point, -1 for none.
+    """
+
+    labels: NDArray[np.int16]
+    confidence: NDArray[np.float32]
+    probabilities: NDArray[np.float32] | None = None
+    owner: NDArray[np.integer] | None = None
+
+
+def label_cloud(
+    bundle: ModelBundle, cloud: PointCloud, *, labeller: Labeller | None = None
+) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+    """Label a cloud with a model.
+
+    The function is that of the method in `METHODS`. The stored entry point counts for other slugs alone, so that models
+    stored by earlier versions of the package keep working.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        The model.
+    cloud : PointCloud
+        Points that the model was not trained on.
+    labeller : callable, optional
+        Function to use instead, for models that need more than the points.
+
+    Returns
+    -------
+    labels : ndarray of int16, shape (n,)
+        Indices into `bundle.classes`; -1 for points without a class.
+    confidence : ndarray of float32, shape (n,)
+        0 to 1.
+
+    Raises
+    ------
+    ParameterError
+        If the function does not exist in this version of the package.
+    DataError
+        If it returns another number of labels, labels outside the classes, or confidences outside 0 to 1.
+    """
+    return _checked(bundle, cloud, *_applied(bundle, cloud, _labeller(bundle) if labeller is None else labeller))
+
+
+def label_softly(bundle: ModelBundle, cloud: PointCloud, *, labeller: Labeller | None = None) -> SoftLabels:
+    """Label a cloud with a model, and return the class probabilities if the method has any.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        The model.
+    cloud : PointCloud
+        Points that the model was not trained on.
+    labeller : callable, optional
+        Function to use instead, for models that need more than the points; it gives no probabilities.
+
+    Returns
+    -------
+    SoftLabels
+        Labels and confidences of `label_cloud`, and probabilities for methods with `label_softly` in `METHODS`.
+
+    Raises
+    ------
+    ParameterError
+        If the function does not exist in this version of the package.
+    DataError
+        If it returns another number of labels, or labels outside the classes.
+    """
+    place = _soft_place(bundle)
+    if labeller is not None or not place:
+        return SoftLabels(*label_cloud(bundle, cloud, labeller=labeller))
+    soft: SoftLabels = _applied(bundle, cloud, _loaded(bundle, place))
+    return SoftLabels(*_checked(bundle, cloud, *soft[:2]), *soft[2:])
+
+
+def _soft_place(bundle: ModelBundle) -> str:
+    """Return the place of the function that gives class probabilities, empty without one."""
+    if bundle.slug not in METHODS:
+        return str(bundle.metadata.get("soft_entry_point", ""))
+    method = METHODS[bundle.slug]
+    return method.place("label_softly") if method.label_softly else ""
+
+
+def _applied(bundle: ModelBundle, cloud: PointCloud, function: Callable[[PointCloud, ModelBundle], Any]) -> Any:
+    """Call a function of a method; arrays of unexpected types or shapes raise errors of many kinds."""
+    try:
+        return function(cloud, bundle)
+    except (MlsRoadError, MemoryError, OSError):
+        raise
+    except Exception as error:  # of NumPy, PyTorch, Numba
+        raise DataError(
+            f"{cloud.source}: model {bundle.slug!r} fails with {type(error).__name__}: {printable(error)[:200]}; its "
+            "arrays do not fit its method, or the method has a fault"
+        ) from error
+
+
+def _checked(
+    bundle: ModelBundle, cloud: PointCloud, labels: ArrayLike, confidence: ArrayLike
+) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+    """Return the result of a labeller with its types, or raise an error."""
+    labels, confidence = np.asarray(labels), np.asarray(confidence)
+    if labels.shape != (len(cloud),) or confidence.shape != (len(cloud),):
+        raise DataError(
+            f"model {bundle.slug!r} returned labels {labels.shape} and confidences {confidence.shape} "
+            f"for the {len(cloud)} points of {cloud.source}"
+        )
+    if not ((confidence >= 0) & (confidence <= 1)).all():
+        wrong = confidence[~((confidence >= 0) & (confidence <= 1))][0]
+        raise DataError(f"model {bundle.slug!r} returned a confidence of {wrong:g}: the model is damaged")
+    if len(labels) and not (labels.min() >= -1 and labels.max() < len(bundle.classes)):
+        raise DataError(
+            f"model {bundle.slug!r} returned labels {labels.min()}..{labels.max()} of {len(bundle.classes)} classes"
+        )
+    return labels.astype(np.int16), confidence.astype(np.float32)
+
+
+def _labeller(bundle: ModelBundle) -> Labeller:
+    if bundle.slug in METHODS:
+        own: Labeller = METHODS[bundle.slug].load("label_cloud")
+        return own
+    stored: Labeller = _loaded(bundle, bundle.metadata["entry_point"])
+    return stored
+
+
+def _loaded(bundle: ModelBundle, place: str) -> Any:
+    try:
+        return load_place(place)
+    except (ModuleNotFoundError, AttributeError) as error:
+        raise ParameterError(f"model {bundle.slug!r} needs {place}, which this version lacks: {error}") from error
