@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,23 +11,16 @@ from scipy.sparse import csr_array
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_column
-from mlsroad_pipeline.algorithms.detection.thresholds import best_threshold, choose_queries, detect_by_thresholds
-from mlsroad_pipeline.algorithms.visual_words.appearance import Appearance, appearance_of, appearance_similarity
+from mlsroad_pipeline.algorithms.detection.thresholds import detect_by_thresholds
+from mlsroad_pipeline.algorithms.models.bundle import arrays_under
+from mlsroad_pipeline.algorithms.visual_words.appearance import appearance_of
 from mlsroad_pipeline.algorithms.visual_words.bags import inverse_document_frequency, weigh_words
-from mlsroad_pipeline.algorithms.visual_words.queries import ClassQueries, DetectorParameters, HeldOut
+from mlsroad_pipeline.algorithms.visual_words.queries import ClassQueries, DetectorParameters
+from mlsroad_pipeline.algorithms.visual_words.query_fitting import TrainingObjects, fit_nearest, fit_weighted
 from mlsroad_pipeline.algorithms.visual_words.sizes import size_range, within_any_sizes
-from mlsroad_pipeline.algorithms.visual_words.weights import (
-    assign_folds,
-    held_out_scores,
-    learn_weights,
-    train_committee,
-    weigh,
-)
-
-logger = logging.getLogger(__name__)
+from mlsroad_pipeline.algorithms.visual_words.weights import weigh
 
 _DEFAULTS = DetectorParameters()
-_PARTS = ("data", "indices", "indptr", "sizes", "profiles", "weights", "offset", "threshold", "examples")
 
 
 class VisualWordsDetector:
@@ -47,8 +39,8 @@ class VisualWordsDetector:
         Second factor of equation 22 over the training objects.
     queries_ : dict of str to ClassQueries
         Queries and threshold of each class.
-    examples_ : list of ndarray of float32, shape (e, 4)
-        Least and greatest sizes of the examples of each class, to which `size_margin` is applied.
+    size_ranges_ : list of ndarray of float32, shape (e, 4)
+        Least and greatest sizes of the training objects of each class, to which `size_margin` is applied.
     f_scores_ : dict of str to float
         F-score of each class on the training objects. No object is compared with itself or, with "weighted", with
         others of its scene. Set by `fit` alone.
@@ -111,104 +103,22 @@ class VisualWordsDetector:
         self.inverse_frequency_ = inverse_document_frequency(counts)
         appearance = appearance_of(weigh_words(counts, self.inverse_frequency_), sizes, profiles)
         filled = np.asarray(counts.sum(axis=1)).ravel()
-        self.queries_: dict[str, ClassQueries] = {}
-        self.f_scores_: dict[str, float] = {}
-        self.examples_ = [size_range(appearance.sizes[(truth == k) & (filled > 0)]) for k in range(len(self.classes))]
-        fit = self._fit_weighted if self.parameters.decision == "weighted" else self._fit_nearest
-        fit(appearance, truth, filled, of_scene, np.ones(n) if weights is None else check_column(weights, n, "weights"))
-        return self
-
-    def _none(self, name: str, appearance: Appearance) -> None:
-        """Log a warning for a class without examples, and store no queries."""
-        logger.warning("No training object is a %s: the model never detects one", name)
-        nothing = appearance.select(np.zeros(0, np.int64))
-        self.queries_[name] = ClassQueries(nothing, np.zeros(0), 0.0, float("inf"))
-
-    def _fit_nearest(
-        self,
-        appearance: Appearance,
-        truth: NDArray,
-        filled: NDArray[np.float64],
-        _: NDArray,
-        weights: NDArray[np.float64],
-    ) -> None:
-        """Select few queries of each class greedily."""
-        possible = self.possible(appearance.sizes)
-        for number, name in enumerate(self.classes):
-            mine = np.flatnonzero((truth == number) & (filled > 0))
-            if len(mine) == 0:
-                self._none(name, appearance)
-                continue
-            order = mine[np.argsort(-filled[mine], kind="stable")][: self.parameters.candidates]
-            alike = self._similarity(appearance.select(order), appearance) * possible
-            most = self.parameters.max_queries
-            chosen = choose_queries(alike, order, truth == number, max_queries=most)[0]
-            alike[np.arange(len(order)), order] = 0.0  # no object is compared with itself
-            nearest = alike[chosen].max(axis=0, initial=0.0)
-            self.f_scores_[name], level = best_threshold(nearest, truth == number, weights)
-            self.queries_[name] = ClassQueries(appearance.select(order[chosen]), np.zeros(0), 0.0, level)
-
-    def _fit_weighted(
-        self,
-        appearance: Appearance,
-        truth: NDArray,
-        filled: NDArray[np.float64],
-        scenes: NDArray,
-        weights: NDArray[np.float64],
-    ) -> None:
-        """Train the weighted vote of each class, and choose thresholds on held-out scores."""
-        p = self.parameters
-        wanted, others = self._candidates(appearance.sizes, truth, filled > 0)
-        every = np.sort(np.concatenate([wanted, others]))
-        rows = np.sort(np.concatenate([wanted, self._counterexamples(appearance, wanted, others)]))
-        known, kinds = appearance.select(rows), truth[rows]
-        alike = self._similarity(known, known)
-        folds = np.stack([assign_folds(scenes[every], p.folds, p.seed + r) for r in range(p.rounds)])
-        own = folds[:, np.searchsorted(every, rows)]
-        committees = [train_committee(alike, kinds == k, own, penalty=p.penalty) for k in range(len(self.classes))]
-        scores = held_out_scores(
-            committees, lambda here: self._similarity(known, appearance.select(every[here])), folds
+        self.size_ranges_ = [
+            size_range(appearance.sizes[(truth == k) & (filled > 0)]) for k in range(len(self.classes))
+        ]
+        objects = TrainingObjects(
+            appearance,
+            labels=truth,
+            n_words=filled,
+            scenes=of_scene,
+            weights=np.ones(n) if weights is None else check_column(weights, n, "weights"),
+            possible=self.possible(appearance.sizes),
         )
-        self.held_out_ = HeldOut(scores, truth[every], scenes[every])
-        for number, name in enumerate(self.classes):
-            mine = kinds == number
-            if not mine.any():
-                self._none(name, appearance)
-                continue
-            if mine.all():
-                raise DataError(f"all training objects are a {name}: the weighted decision needs others too")
-            vote = committees[number].mean() or learn_weights(alike, mine, p.penalty)
-            self.f_scores_[name], threshold = best_threshold(scores[:, number], truth[every] == number, weights[every])
-            if not (scores[truth[every] == number, number] > 0).any():
-                threshold = 0.5
-            self.queries_[name] = ClassQueries(known.select(vote.chosen), vote.values, vote.offset, threshold)
-
-    def _candidates(
-        self, sizes: NDArray[np.float32], truth: NDArray, filled: NDArray[np.bool_]
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the objects of wanted classes, and other objects of possible sizes."""
-        others = np.flatnonzero(filled & (truth < 0))
-        near = self.possible(sizes)[others]
-        # Where no other object has a possible size, all others are used.
-        return np.flatnonzero(filled & (truth >= 0)), others[near] if near.any() else others
-
-    def _counterexamples(
-        self, appearance: Appearance, wanted: NDArray[np.int64], others: NDArray[np.int64]
-    ) -> NDArray[np.int64]:
-        """Return the counterexamples: half are the most similar to an example, half are drawn from the rest."""
-        most = self.parameters.max_others
-        if len(others) <= most:
-            return others
-        alike = self._similarity(appearance.select(wanted), appearance.select(others)).max(axis=0, initial=0.0)
-        order = np.argsort(-alike, kind="stable")
-        near, rest = order[: (most + 1) // 2], order[(most + 1) // 2 :]
-        drawn = np.random.default_rng(self.parameters.seed).permutation(rest)[: most // 2]
-        return others[np.concatenate([near, drawn])]
-
-    def _similarity(self, queries: Appearance, objects: Appearance) -> NDArray[np.float64]:
-        """Return the similarity of every object to every query."""
-        p = self.parameters
-        return appearance_similarity(queries, objects, size_share=p.size_share, profile_share=p.profile_share)
+        if self.parameters.decision == "weighted":
+            self.queries_, self.f_scores_, self.held_out_ = fit_weighted(objects, self.classes, self.parameters)
+        else:
+            self.queries_, self.f_scores_ = fit_nearest(objects, self.classes, self.parameters)
+        return self
 
     def possible(self, sizes: ArrayLike) -> NDArray[np.bool_]:
         """Return which objects have a size that a class may have; others are never detected.
@@ -223,7 +133,7 @@ class VisualWordsDetector:
         ndarray of bool, shape (n,)
             One flag per object.
         """
-        return within_any_sizes(np.asarray(sizes, dtype=np.float32), self.examples_, self.parameters.size_margin)
+        return within_any_sizes(np.asarray(sizes, dtype=np.float32), self.size_ranges_, self.parameters.size_margin)
 
     def score(
         self, counts: csr_array, sizes: ArrayLike | None = None, profiles: ArrayLike | None = None
@@ -255,7 +165,7 @@ class VisualWordsDetector:
         rows = np.flatnonzero(self.possible(appearance.sizes) & (np.asarray(counts.sum(axis=1)).ravel() > 0))
         possible = appearance.select(rows)
         for number, queries in enumerate(self.queries_.values()):
-            alike = self._similarity(queries.appearance, possible)
+            alike = self.parameters.similarity(queries.appearance, possible)
             if len(queries.weights):
                 scores[rows, number] = weigh(alike, queries.weights, queries.offset)
             else:
@@ -311,19 +221,8 @@ class VisualWordsDetector:
             "profile_share": np.array(p.profile_share),
             "size_margin": np.array(p.size_margin),
         }
-        for number, (queries, examples) in enumerate(zip(self.queries_.values(), self.examples_, strict=True)):
-            bags = queries.appearance.bags
-            parts = {
-                "data": bags.data,
-                "indices": bags.indices,
-                "indptr": bags.indptr,
-                "sizes": queries.appearance.sizes,
-                "profiles": queries.appearance.profiles,
-                "weights": queries.weights,
-                "offset": np.array(queries.offset),
-                "threshold": np.array(queries.threshold),
-                "examples": examples,
-            }
+        for number, (queries, ranges) in enumerate(zip(self.queries_.values(), self.size_ranges_, strict=True)):
+            parts = {**queries.to_arrays(), "examples": ranges}
             arrays |= {f"queries.{number}.{name}": part for name, part in parts.items()}
         return arrays
 
@@ -345,14 +244,9 @@ class VisualWordsDetector:
         parameters = DetectorParameters(size_share=size, profile_share=profile, size_margin=margin)
         detector = cls([str(name) for name in arrays["classes"]], parameters=parameters)
         detector.inverse_frequency_ = arrays["inverse_frequency"]
-        detector.queries_, detector.examples_ = {}, []
+        detector.queries_, detector.size_ranges_ = {}, []
         for number, name in enumerate(detector.classes):
-            own = {part: arrays[f"queries.{number}.{part}"] for part in _PARTS}
-            shape = (len(own["indptr"]) - 1, len(detector.inverse_frequency_))
-            bags = csr_array((own["data"], own["indices"], own["indptr"]), shape=shape)
-            appearance = Appearance(bags, own["sizes"], own["profiles"])
-            detector.queries_[name] = ClassQueries(
-                appearance, own["weights"], float(own["offset"]), float(own["threshold"])
-            )
-            detector.examples_.append(own["examples"])
+            own = arrays_under(arrays, f"queries.{number}.")
+            detector.queries_[name] = ClassQueries.from_arrays(own, n_words=len(detector.inverse_frequency_))
+            detector.size_ranges_.append(own["examples"])
         return detector

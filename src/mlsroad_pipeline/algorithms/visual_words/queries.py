@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.visual_words.appearance import Appearance
+from mlsroad_pipeline.algorithms.visual_words.appearance import Appearance, appearance_similarity
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,26 @@ class DetectorParameters:
         if not self.penalty > 0:
             raise ParameterError(f"penalty must be above 0, got {self.penalty!r}")
 
+    def similarity(self, queries: Appearance, objects: Appearance) -> NDArray[np.float64]:
+        """Return the similarity of objects to queries with these weights of sizes and profiles.
+
+        Parameters
+        ----------
+        queries, objects : Appearance
+            q queries and n objects.
+
+        Returns
+        -------
+        ndarray of float64, shape (q, n)
+            In [0, 1].
+
+        Raises
+        ------
+        DataError
+            If vocabularies or profiles differ.
+        """
+        return appearance_similarity(queries, objects, size_share=self.size_share, profile_share=self.profile_share)
+
 
 @dataclass(frozen=True)
 class HeldOut:
@@ -126,3 +148,38 @@ class ClassQueries:
     weights: NDArray[np.float64]
     offset: float
     threshold: float
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """Return the queries as named arrays for `from_arrays`."""
+        bags = self.appearance.bags
+        return {
+            "data": bags.data,
+            "indices": bags.indices,
+            "indptr": bags.indptr,
+            "sizes": self.appearance.sizes,
+            "profiles": self.appearance.profiles,
+            "weights": self.weights,
+            "offset": np.array(self.offset),
+            "threshold": np.array(self.threshold),
+        }
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, Any], *, n_words: int) -> ClassQueries:
+        """Return the queries of arrays of `to_arrays`.
+
+        Parameters
+        ----------
+        arrays : mapping of str to ndarray
+            Result of `to_arrays`; others are not used.
+        n_words : int
+            Size of the vocabulary.
+
+        Returns
+        -------
+        ClassQueries
+            The same queries.
+        """
+        shape = (len(arrays["indptr"]) - 1, n_words)
+        bags = csr_array((arrays["data"], arrays["indices"], arrays["indptr"]), shape=shape)
+        appearance = Appearance(bags, arrays["sizes"], arrays["profiles"])
+        return cls(appearance, arrays["weights"], float(arrays["offset"]), float(arrays["threshold"]))
