@@ -25,8 +25,10 @@ from mlsroad_pipeline.algorithms.evaluation.labelling import coarse_labels
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scores
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
+from mlsroad_pipeline.algorithms.scenes.binning import cut_range
 from mlsroad_pipeline.algorithms.scenes.corridor import main_axis
-from mlsroad_pipeline.algorithms.scenes.tiling import assemble_scene, cut_range, plan_scenes
+from mlsroad_pipeline.algorithms.scenes.joining import assemble_scene
+from mlsroad_pipeline.algorithms.scenes.spans import plan_scenes
 from mlsroad_pipeline.datasets.models.shipped_models import load_shipped
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.store import SceneStore

@@ -10,7 +10,7 @@ from helpers.conf import base, context_of, from_command_line, parameters_of
 from helpers.wiring import last_line, make_project
 from kedro.io import DatasetError
 
-from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
+from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.surveys.plan import plan_comparison, plan_labelling
 
 

@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.image_labels.training_parameters import Trainin
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
 from mlsroad_pipeline.algorithms.recognition.cutting import RecognitionParameters
-from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters, OutlierParameters
+from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters, OutlierParameters
 from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
 from mlsroad_pipeline.algorithms.stages import FeatureParameters, GroundParameters, SupervoxelParameters

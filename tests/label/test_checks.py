@@ -7,7 +7,7 @@ import pytest
 from helpers.formats import make_labels
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
+from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.label.checks import _check_exports, check_file
 from mlsroad_pipeline.label.targets import planned_paths

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from helpers.formats import make_labels, make_las
 
-from mlsroad_pipeline.algorithms.scenes.cutting import corridor_to_arrays
+from mlsroad_pipeline.algorithms.scenes.corridor import corridor_to_arrays
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart
 from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.label.writer import write_labelled

@@ -11,8 +11,9 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.members import member, with_members
+from mlsroad_pipeline.algorithms.scenes.binning import BinnedCloud
 from mlsroad_pipeline.algorithms.scenes.corridor import MainAxis
-from mlsroad_pipeline.algorithms.scenes.tiling import PiecedCloud, SceneSpan
+from mlsroad_pipeline.algorithms.scenes.spans import SceneSpan
 from mlsroad_pipeline.label import scene_with_images
 from mlsroad_pipeline.label.images import images_to_label, views_of_scene
 from mlsroad_pipeline.surveys.files import SurveyFile
@@ -163,7 +164,7 @@ def test_images_within_reach_of_a_scene_are_chosen(survey, network):
 def test_points_around_are_those_before_and_behind_the_buffers(monkeypatch):
     xyz = np.column_stack([np.arange(40.0), np.zeros(40), np.zeros(40)])
     cloud = PointCloud(xyz, {}, np.array([7.0, 0, 0]))
-    piece = PiecedCloud(cloud, np.arange(40, dtype=np.int32), np.arange(41, dtype=np.int64)).to_arrays()
+    piece = BinnedCloud(cloud, np.arange(40, dtype=np.int32), np.arange(41, dtype=np.int64)).to_arrays()
     span = SceneSpan("s", 15, 20, 13, 22, 5, 9)
     found = scene_with_images.points_around([piece], span, 6, np.array([5.0, 0, 0]))
     assert found.dtype == np.float32 and (found[:, 0] - 2).tolist() == [9, 10, 11, 12, 22, 23, 24, 25]

@@ -12,7 +12,7 @@ from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.methods import methods_of
-from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
+from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.formats.options import WriteOptions
 from mlsroad_pipeline.formats.ply.format import PlyFormat

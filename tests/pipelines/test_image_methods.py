@@ -13,7 +13,7 @@ from helpers.wiring import TINY, contents, copied_run, label, run, session_of, s
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.fusion.two_methods import TwoMethodFusion, spread_confidence
-from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
+from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.datasets.models.model_registry_dataset import load_registered_bundle
 from mlsroad_pipeline.surveys.drive_images import LabelledImages, images_of_drives
 from mlsroad_pipeline.surveys.parameters import SurveyParameters

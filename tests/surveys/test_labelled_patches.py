@@ -8,8 +8,7 @@ from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.patch_graph.training_scenes import cut_scenes
 from mlsroad_pipeline.algorithms.patches.training import join_training_scenes
-from mlsroad_pipeline.algorithms.scenes.corridor import MainAxis
-from mlsroad_pipeline.algorithms.scenes.cutting import corridor_to_arrays
+from mlsroad_pipeline.algorithms.scenes.corridor import MainAxis, corridor_to_arrays
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.surveys.labelled_patches import label_patches_along
 

@@ -10,7 +10,7 @@ from helpers.formats import make_las
 from helpers.plain_clouds import write
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
-from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
+from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.config import ParameterConfigLoader
 from mlsroad_pipeline.execution.path_parameters import check_paths, with_text_of_paths
 from mlsroad_pipeline.formats.options import ReadOptions

@@ -11,7 +11,7 @@ from helpers.las_rules import broken_rules
 from helpers.plain_clouds import write
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
+from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
+from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.surveys.files import Survey
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import plan_labelling

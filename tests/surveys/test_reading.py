@@ -5,8 +5,7 @@ import pytest
 from references.inventory import scanned_street
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.scenes.corridor import MainAxis
-from mlsroad_pipeline.algorithms.scenes.cutting import corridor_from_arrays, corridor_to_arrays
+from mlsroad_pipeline.algorithms.scenes.corridor import MainAxis, corridor_from_arrays, corridor_to_arrays
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.formats.las.format import LasFormat

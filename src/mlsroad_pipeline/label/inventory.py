@@ -17,7 +17,7 @@ from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import paved_c
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.sections import line_lengths, section_table
 from mlsroad_pipeline.algorithms.models.bundle import bundle_scheme, model_source
-from mlsroad_pipeline.algorithms.scenes.cutting import corridor_from_arrays
+from mlsroad_pipeline.algorithms.scenes.corridor import corridor_from_arrays
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.corrections.inventory_columns import corrected_table
 from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory, line_vertices

@@ -21,7 +21,7 @@ from mlsroad_pipeline.algorithms.inventory.sightings import Sightings, with_sigh
 from mlsroad_pipeline.algorithms.inventory.wires import join_wires
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.object_judge import ObjectJudge
-from mlsroad_pipeline.algorithms.scenes.cutting import CorridorArrays, corridor_from_arrays
+from mlsroad_pipeline.algorithms.scenes.corridor import CorridorArrays, corridor_from_arrays
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.datasets.models.object_judges import judge_of
 from mlsroad_pipeline.execution.task import StoredResult

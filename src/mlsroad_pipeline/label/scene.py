@@ -26,8 +26,9 @@ from mlsroad_pipeline.algorithms.inventory.wires import wire_points, wire_probab
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.labelling import Labeller, SoftLabels, label_softly
 from mlsroad_pipeline.algorithms.models.object_judge import ObjectJudge
-from mlsroad_pipeline.algorithms.scenes.cutting import OutlierParameters, join_pieces
-from mlsroad_pipeline.algorithms.scenes.tiling import SceneSpan
+from mlsroad_pipeline.algorithms.scenes.joining import join_pieces
+from mlsroad_pipeline.algorithms.scenes.parameters import OutlierParameters
+from mlsroad_pipeline.algorithms.scenes.spans import SceneSpan
 from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground, inliers
 from mlsroad_pipeline.datasets.models.object_judges import judge_of
 from mlsroad_pipeline.label.confidence import count_confidences

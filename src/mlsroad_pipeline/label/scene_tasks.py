@@ -9,8 +9,9 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.models.methods import needs_images
-from mlsroad_pipeline.algorithms.scenes.corridor import Corridor
-from mlsroad_pipeline.algorithms.scenes.cutting import BinCounts, IngestParameters, corridor_from_arrays
+from mlsroad_pipeline.algorithms.scenes.binning import BinCounts
+from mlsroad_pipeline.algorithms.scenes.corridor import Corridor, corridor_from_arrays
+from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile

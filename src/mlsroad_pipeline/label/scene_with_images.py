@@ -16,8 +16,9 @@ from mlsroad_pipeline.algorithms.image_labels.legend import Legend
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.algorithms.models.members import member
-from mlsroad_pipeline.algorithms.scenes.cutting import join_pieces
-from mlsroad_pipeline.algorithms.scenes.tiling import PiecedCloud, SceneSpan
+from mlsroad_pipeline.algorithms.scenes.binning import BinnedCloud
+from mlsroad_pipeline.algorithms.scenes.joining import join_pieces
+from mlsroad_pipeline.algorithms.scenes.spans import SceneSpan
 from mlsroad_pipeline.label.images import FUSION, IMAGE_LABELS
 from mlsroad_pipeline.label.scene import LabelledScene, LabelSettings, label_new_scene
 from mlsroad_pipeline.surveys.images import read_picture
@@ -121,7 +122,7 @@ def points_around(
 ) -> NDArray[np.float32]:
     """Return the points up to `reach` bins before and behind a scene that are not in its buffers."""
     before, behind = (span.first - reach, span.buffer_first), (span.buffer_stop, span.stop + reach)
-    parts = [PiecedCloud.from_arrays(piece).between(*side) for piece in pieces for side in (before, behind)]
+    parts = [BinnedCloud.from_arrays(piece).between(*side) for piece in pieces for side in (before, behind)]
     step = -(-sum(map(len, parts)) // MAX_OCCLUDERS) or 1
     thinned = [part.cloud.xyz[::step] + (part.cloud.origin - origin) for part in parts if len(part)]
     return np.concatenate([np.zeros((0, 3)), *thinned]).astype(np.float32)

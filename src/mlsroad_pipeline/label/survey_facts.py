@@ -13,7 +13,9 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.quality.scene_facts import scene_facts
 from mlsroad_pipeline.algorithms.quality.tables import quality_table
 from mlsroad_pipeline.algorithms.quality.training_facts import median_facts, unusual_facts
-from mlsroad_pipeline.algorithms.scenes.cutting import BinCounts, IngestParameters, OutlierParameters, join_pieces
+from mlsroad_pipeline.algorithms.scenes.binning import BinCounts
+from mlsroad_pipeline.algorithms.scenes.joining import join_pieces
+from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters, OutlierParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.formats.options import NEW_SURVEY, ReadOptions
 from mlsroad_pipeline.surveys.files import Survey

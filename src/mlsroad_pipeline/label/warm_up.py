@@ -33,7 +33,7 @@ from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
 from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk
-from mlsroad_pipeline.algorithms.scenes.tiling import cut_range
+from mlsroad_pipeline.algorithms.scenes.binning import cut_range
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.algorithms.stages import (
     FeatureParameters,

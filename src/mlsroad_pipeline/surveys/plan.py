@@ -11,7 +11,7 @@ from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.scene_key import TRAIN, SceneKey
-from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
+from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart, split_config
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.surveys.files import Survey, SurveyFile, check_name, files_to_label

@@ -15,14 +15,13 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud, concatenate
 from mlsroad_pipeline.algorithms.inventory.sightings import visit_columns
 from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk
 from mlsroad_pipeline.algorithms.quality.tables import chunk_to_arrays
-from mlsroad_pipeline.algorithms.scenes.corridor import Corridor
-from mlsroad_pipeline.algorithms.scenes.cutting import (
+from mlsroad_pipeline.algorithms.scenes.binning import CutPoints, cut_points
+from mlsroad_pipeline.algorithms.scenes.corridor import (
+    Corridor,
     CorridorArrays,
-    CutPoints,
     axis_of_samples,
     corridor_from_arrays,
     corridor_to_arrays,
-    cut_points,
 )
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart
 from mlsroad_pipeline.algorithms.scenes.trajectory_estimation import SHARED, measured_times, trajectory_from_windows

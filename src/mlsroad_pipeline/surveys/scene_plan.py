@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
-from mlsroad_pipeline.algorithms.scenes.cutting import BinCounts, IngestParameters
-from mlsroad_pipeline.algorithms.scenes.tiling import SceneSpan, plan_scenes
+from mlsroad_pipeline.algorithms.scenes.binning import BinCounts
+from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
+from mlsroad_pipeline.algorithms.scenes.spans import SceneSpan, plan_scenes
 from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan
 from mlsroad_pipeline.surveys.reading import FileFacts
 

@@ -11,7 +11,7 @@ from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
-from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
+from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
 from mlsroad_pipeline.datasets.models.own_segmentation import own_model
 from mlsroad_pipeline.execution.collection import SceneCollection

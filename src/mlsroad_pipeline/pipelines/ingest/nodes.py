@@ -9,7 +9,8 @@ from typing import Any
 import pandas as pd
 
 from mlsroad_pipeline.algorithms.quality.tables import quality_table
-from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters, join_pieces
+from mlsroad_pipeline.algorithms.scenes.joining import join_pieces
+from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
 from mlsroad_pipeline.surveys.parameters import SurveyParameters

@@ -12,7 +12,7 @@ from kedro.pipeline import Node, Pipeline
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.algorithms.models.methods import needs_images
-from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
+from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.datasets.models.own_segmentation import segmentation_name
 from mlsroad_pipeline.datasets.models.registered_models import PREFIX, configured_store
 from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel

@@ -5,9 +5,11 @@ import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.scenes import tiling
+from mlsroad_pipeline.algorithms.scenes import spans
+from mlsroad_pipeline.algorithms.scenes.binning import BinnedCloud, cut_range
 from mlsroad_pipeline.algorithms.scenes.corridor import MainAxis, main_axis
-from mlsroad_pipeline.algorithms.scenes.tiling import PiecedCloud, assemble_scene, cut_range, plan_scenes
+from mlsroad_pipeline.algorithms.scenes.joining import assemble_scene
+from mlsroad_pipeline.algorithms.scenes.spans import plan_scenes
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 UTM = np.array([583_000.0, 4_477_000.0, 120.0])
@@ -110,7 +112,7 @@ def test_context_surrounds_the_buffers_and_is_thinned_where_it_has_many_points(f
             assert np.array_equal(near[name], core[name])
         stations, _ = path.locate(scene.xyz, origin=scene.origin)
         assert stations.min() >= span.first * 2.0 - 6.0 - 12.0 and (~scene["near"]).any()
-    monkeypatch.setattr(tiling, "CONTEXT_POINTS", 100)
+    monkeypatch.setattr(spans, "CONTEXT_POINTS", 100)
     small = cut_all(files, path, 333)
     shuffled = [small[i] for i in rng.permutation(len(small))]
     whole = plan_scenes(histogram(pieces), **PLAN, context=12.0)
@@ -126,7 +128,7 @@ def test_pieces_survive_storage(files, path, tmp_path):
     piece = cut_all(files, path, 10_000)[1]
     np.savez(tmp_path / "piece.npz", **piece.to_arrays())
     with np.load(tmp_path / "piece.npz") as stored:
-        back = PiecedCloud.from_arrays(stored)
+        back = BinnedCloud.from_arrays(stored)
     same(back.cloud, piece.cloud)
     np.testing.assert_array_equal(back.bins, piece.bins)
     np.testing.assert_array_equal(back.indptr, piece.indptr)

@@ -1,0 +1,119 @@
+"""Joining of a scene from slices of ranges of rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud, concatenate
+from mlsroad_pipeline.algorithms.geometry.outliers import keep_inliers
+from mlsroad_pipeline.algorithms.scenes.binning import BinnedCloud
+from mlsroad_pipeline.algorithms.scenes.parameters import OutlierParameters
+from mlsroad_pipeline.algorithms.scenes.spans import SceneSpan
+
+
+def join_pieces(
+    pieces: Sequence[Mapping[str, NDArray]], span: SceneSpan, outliers: OutlierParameters, source: str
+) -> PointCloud:
+    """Join a scene from stored pieces.
+
+    Parameters
+    ----------
+    pieces : sequence of mapping
+        Stored pieces with bins of the scene.
+    span : SceneSpan
+        Bins of the scene.
+    outliers : OutlierParameters
+        Parameters of the statistical outlier filter.
+    source : str
+        Name of the scene in messages, with the files that its points come from.
+
+    Returns
+    -------
+    PointCloud
+        Core, buffers and context, float32 relative to an origin at the south-western corner of the scene, with the
+        columns of `assemble_scene` and, with the filter, `outlier`.
+
+    Raises
+    ------
+    DataError
+        If the pieces have no point of the scene, repeat a point or have different coordinate systems.
+    """
+    parts = [BinnedCloud.from_arrays(piece).between(*span.reach) for piece in pieces]
+    filled = [part for part in parts if len(part)]
+    corner = np.floor(np.min([part.cloud.xyz.min(axis=0) + part.cloud.origin for part in filled], axis=0))
+    joined = assemble_scene([_single_precision(part, corner) for part in filled], span)
+    scene = replace(joined, source=source)
+    if outliers.enabled:
+        inlier = keep_inliers(scene.xyz, n_neighbors=outliers.k, std_ratio=outliers.ratio)
+        scene = scene.with_columns(outlier=~inlier)
+    return scene
+
+
+def _single_precision(piece: BinnedCloud, origin: NDArray[np.float64]) -> BinnedCloud:
+    """Return points in float32, relative to another origin."""
+    xyz = np.empty(piece.cloud.xyz.shape, dtype=np.float32)
+    for axis in range(3):
+        xyz[:, axis] = piece.cloud.xyz[:, axis] + (piece.cloud.origin[axis] - origin[axis])
+    return replace(piece, cloud=replace(piece.cloud, xyz=xyz, origin=origin))
+
+
+def assemble_scene(pieces: Sequence[BinnedCloud], span: SceneSpan) -> PointCloud:
+    """Join a scene from ranges of rows.
+
+    Parameters
+    ----------
+    pieces : sequence of BinnedCloud
+        Ranges with bins of the scene, in any order.
+    span : SceneSpan
+        Bins of the scene.
+
+    Returns
+    -------
+    PointCloud
+        Points of core, buffers and context, ordered by (file, row), with the bool column `core` and, with a context,
+        `near` (core and buffers), relative to the origin of the first piece. Columns that some files lack are left out.
+
+    Raises
+    ------
+    DataError
+        If no piece has a point in the scene, a point occurs twice, or files have different coordinate systems.
+    """
+    parts, cores, nears = [], [], []
+    for piece in pieces:
+        cloud, core, near = _within(piece.between(*span.reach), span)
+        if len(cloud) > 0:
+            parts.append(cloud)
+            cores.append(core)
+            nears.append(near)
+    if not parts:
+        raise DataError(f"{span.id}: none of {len(pieces)} pieces has points in bins {span.first} to {span.stop - 1}")
+    # Origin and column order are those of the first piece, so pieces are sorted first.
+    rank = sorted(range(len(parts)), key=lambda i: (int(parts[i]["file"][0]), int(parts[i]["row"].min())))
+    scene = concatenate([parts[i] for i in rank])
+    scene = scene.with_columns(core=np.concatenate([cores[i] for i in rank]))
+    if span.context:
+        scene = scene.with_columns(near=np.concatenate([nears[i] for i in rank]))
+    order = np.lexsort((scene["row"], scene["file"]))
+    file, row = scene["file"][order], scene["row"][order]
+    twice = np.flatnonzero((np.diff(file) == 0) & (np.diff(row) == 0))
+    if len(twice):
+        raise DataError(f"{span.id}: row {row[twice[0]]} of file {file[twice[0]]} occurs in two pieces")
+    return replace(scene.select(order), source=span.id)
+
+
+def _within(part: BinnedCloud, span: SceneSpan) -> tuple[PointCloud, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return the points of a scene in a range of rows, and which of them are in the core, and in core and buffers."""
+    count = np.diff(part.indptr)
+    core = np.repeat((part.bins >= span.first) & (part.bins < span.stop), count)
+    near = np.repeat((part.bins >= span.buffer_first) & (part.bins < span.buffer_stop), count)
+    if span.step == 1:
+        return part.cloud, core, near
+    # A hash of the row: every n-th row may be of one beam of the scanner.
+    row = part.cloud["row"].astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+    kept = np.flatnonzero(near | ((row >> np.uint64(33)) % np.uint64(span.step) == 0))
+    return part.cloud.select(kept), core[kept], near[kept]
