@@ -104,14 +104,14 @@ def import_corrections(
                     system=system_of(folder),
                     many_deleted=many_deleted,
                 )
-                found, how = _new_ones(found, store), ""
+                found, matched = _new_ones(found, store), ""
             elif path.suffix.lower() in (".laz", ".las"):
-                found, how = _edited_points(path, folder, file, store)
+                found, matched = _edited_points(path, folder, file, store)
             else:
                 raise ParameterError(f"{path}: corrections are read from .gpkg, .laz and .las")
             store.add_all(found, who=_user() if who is None else who)
         console = output_console()
-        console.print(f"{len(found)} new corrections from {path}{how}.", markup=False)
+        console.print(f"{len(found)} new corrections from {path}{matched}.", markup=False)
         for action in dict.fromkeys(correction.action for correction in found):
             console.print(f"  {action:12} {sum(correction.action == action for correction in found)}", markup=False)
 
@@ -142,8 +142,8 @@ def _edited_points(path: Path, folder: Path, file: str | None, store: Correction
     output.check_unedited([name])
     names = names_of_codes(clouds[name], output)
     painted = painted_before(name, store.states().painted, names, clouds[name])
-    found, how = corrections_of_points(path, clouds[name], name, names, painted)
-    return found, f", points matched {how}"
+    found, matched = corrections_of_points(path, clouds[name], name, names, painted)
+    return found, f", points matched {matched}"
 
 
 def _alike(path: Path, name: str) -> bool:

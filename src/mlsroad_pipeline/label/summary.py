@@ -84,10 +84,10 @@ def segmentation_source(bundle: ModelBundle) -> dict[str, str] | None:
     """Return the name and the class map of the segmentation of a model that uses images, None for other models."""
     if not needs_images(bundle.slug):
         return None
-    how = member(bundle, "image_labels").metadata.get("segmentation")
-    if how is None:  # a network that an earlier version trained
+    segmentation = member(bundle, "image_labels").metadata.get("segmentation")
+    if segmentation is None:  # a network that an earlier version trained
         return {"name": "trained network", "classes": f"scheme {bundle_scheme(bundle).name!r}"}
-    return {"name": str(how["name"]), "classes": str(how["classes"]["source"])}
+    return {"name": str(segmentation["name"]), "classes": str(segmentation["classes"]["source"])}
 
 
 def summarise_labels(

@@ -11,7 +11,15 @@ import numpy as np
 from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.scenes.parts import NEITHER, TEST, TRAIN, HalfPlane, Pose, near, parts_beyond
+from mlsroad_pipeline.algorithms.scenes.parts import (
+    NEITHER,
+    TEST,
+    TRAIN,
+    HalfPlane,
+    Pose,
+    parts_beyond,
+    within_distance,
+)
 from mlsroad_pipeline.formats.kitti import read_labels
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
@@ -67,7 +75,7 @@ def read_scene(
         return cloud.with_columns(part=parts_beyond(plane.distance(xy), gap))
     part = np.full(len(cloud), TEST if is_test else TRAIN, np.uint8)
     for block in test_blocks:
-        part[near(world, read_points(Path(block), None, coding, read).world_xyz(), gap)] = NEITHER
+        part[within_distance(world, read_points(Path(block), None, coding, read).world_xyz(), gap)] = NEITHER
     return cloud.with_columns(part=part)
 
 

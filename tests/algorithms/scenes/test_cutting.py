@@ -105,7 +105,7 @@ def test_context_surrounds_the_buffers_and_is_thinned_where_it_has_many_points(f
     pieces = cut_all(files, path, 900)
     plain = plan_scenes(histogram(pieces), **PLAN)
     for span, before in zip(plan_scenes(histogram(pieces), **PLAN, context=12.0), plain, strict=True):
-        assert span.step == 1
+        assert span.context_step == 1
         scene, core = assemble_scene(pieces, span), assemble_scene(pieces, before)
         near = scene.select(scene["near"])
         for name in ("file", "row", "core"):
@@ -121,7 +121,7 @@ def test_context_surrounds_the_buffers_and_is_thinned_where_it_has_many_points(f
         same(assemble_scene(shuffled, span), scene)
         outer, most = int((~scene["near"]).sum()), max(span.n_core // 4, 100)
         assert int(scene["near"].sum()) == span.n_points and 0.3 * most < outer < 1.3 * most
-    assert max(span.step for span in whole) > 1
+    assert max(span.context_step for span in whole) > 1
 
 
 def test_pieces_survive_storage(files, path, tmp_path):

@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.scenes.parts import NEITHER, TEST, TRAIN, HalfPlane, Pose, near, parts_beyond
+from mlsroad_pipeline.algorithms.scenes.parts import (
+    NEITHER,
+    TEST,
+    TRAIN,
+    HalfPlane,
+    Pose,
+    parts_beyond,
+    within_distance,
+)
 
 
 def test_distance_from_a_plane_is_that_along_its_normal():
@@ -26,5 +34,5 @@ def test_near_is_that_of_all_distances():
     rng = np.random.default_rng(0)
     points, others = rng.uniform(0, 9, (300, 3)), rng.uniform(4, 20, (200, 3))
     expected = (np.linalg.norm(points[:, None] - others, axis=2) <= 1.5).any(axis=1)
-    assert (near(points, others, 1.5) == expected).all()
+    assert (within_distance(points, others, 1.5) == expected).all()
     assert 20 < expected.sum() < 280

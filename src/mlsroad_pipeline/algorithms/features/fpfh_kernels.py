@@ -36,8 +36,8 @@ def _atan2(y: Any, x: Any) -> Any:
     """Return the angle of (x, y), 0 for (0, 0), by a polynomial that vectorises."""
     ax, ay = abs(x), abs(y)
     steep = ay > ax
-    big = max(ax, ay)
-    t = min(ax, ay) / (big if big > _ZERO else _ONE)
+    larger = max(ax, ay)
+    t = min(ax, ay) / (larger if larger > _ZERO else _ONE)
     s = t * t
     p = _C4 + s * (_C5 + s * (_C6 + s * (_C7 + s * _C8)))
     a = t * (_C0 + s * (_C1 + s * (_C2 + s * (_C3 + s * p))))

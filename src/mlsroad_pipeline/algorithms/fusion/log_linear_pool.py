@@ -126,7 +126,7 @@ class LogLinearPool:
         DataError
             If there is no labeller, shapes differ, a row is partly NaN, or no point is labelled.
         """
-        how = PoolParameters() if parameters is None else parameters
+        settings = PoolParameters() if parameters is None else parameters
         truth = np.asarray(reference)
         tables = _checked(probabilities, None if not len(probabilities) else (len(truth), _width(probabilities[0])))
         known = np.flatnonzero(truth >= 0)
@@ -136,14 +136,14 @@ class LogLinearPool:
         if int(truth[known].max()) >= n_classes:
             raise DataError(f"labels must be below {n_classes}, got {int(truth[known].max())}")
         count = np.bincount(truth[known], minlength=n_classes)
-        prior = np.divide(1.0, count, out=np.zeros(n_classes), where=count > 0) ** how.balance * (count > 0)
-        chosen, stands_for = _sample(truth[known], how.n_points)
+        prior = np.divide(1.0, count, out=np.zeros(n_classes), where=count > 0) ** settings.balance * (count > 0)
+        chosen, stands_for = _sample(truth[known], settings.n_points)
         known = known[chosen]
-        features, seen = _features(tables[:, known], how.floor)
+        features, seen = _features(tables[:, known], settings.floor)
         weight = prior[truth[known]] * stands_for
-        problem = _Problem(features, seen, truth[known], weight, _start(count, len(tables), how))
-        penalty = problem.chosen_penalty(how.penalties, how.n_folds)
-        return cls(*problem.solve(penalty), floor=how.floor, penalty=penalty)
+        problem = _Problem(features, seen, truth[known], weight, _start(count, len(tables), settings))
+        penalty = problem.chosen_penalty(settings.penalties, settings.n_folds)
+        return cls(*problem.solve(penalty), floor=settings.floor, penalty=penalty)
 
     def predict_proba(self, probabilities: Sequence[ArrayLike]) -> NDArray[np.float64]:
         """Pool the probabilities of all labellers.
@@ -230,11 +230,11 @@ def _logits(
     return out
 
 
-def _start(count: NDArray[np.int64], n_labellers: int, how: PoolParameters) -> NDArray[np.float64]:
+def _start(count: NDArray[np.int64], n_labellers: int, settings: PoolParameters) -> NDArray[np.float64]:
     """Return the initial weights, towards which the penalty shrinks."""
-    prior = _log_prior(count, how.floor)
+    prior = _log_prior(count, settings.floor)
     share = np.ones(n_labellers)
-    if how.start == "first":
+    if settings.start == "first":
         share[1:] = 0.0
     weights = np.einsum("k,cd->kcd", share, np.eye(len(count)))
     return np.concatenate([prior, weights.ravel(), np.outer(share, -prior).ravel()])

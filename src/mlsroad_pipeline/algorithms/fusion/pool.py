@@ -182,7 +182,7 @@ def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
         pooled += weight * np.log(np.maximum(probabilities[owner[first]], FLOOR))
     pooled = np.exp(pooled - pooled.max(axis=1, keepdims=True))
     pooled /= pooled.sum(axis=1, keepdims=True)
-    best, sure = decide(pooled, next(iter(members.values())).arrays.get("groups"))
+    best, probability = decide(pooled, next(iter(members.values())).arrays.get("groups"))
     combination = np.where(known, rows, -1).astype(np.int32)
-    label[known], confidence[known] = best[rows[known]], sure[rows[known]]
+    label[known], confidence[known] = best[rows[known]], probability[rows[known]]
     return SoftLabels(label, confidence, pooled.astype(np.float32), combination)

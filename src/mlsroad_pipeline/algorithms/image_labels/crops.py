@@ -46,7 +46,7 @@ class Crops:
     ) -> None:
         if not len(samples):
             raise DataError("training needs at least one image")
-        self._samples, self._n_classes, self._how = samples, n_classes, parameters
+        self._samples, self._n_classes, self._parameters = samples, n_classes, parameters
         self._filling = np.array(filling, dtype=np.uint8)
         self._rows = np.linspace(0, len(samples) - 1, min(_COUNTED, len(samples))).round().astype(int)
         self._count = np.stack([self._class_count(int(row)) for row in self._rows])
@@ -86,9 +86,9 @@ class Crops:
             Labels; -1 outside the image.
         """
         order: list[int] = []
-        for _ in range(self._how.n_steps):
+        for _ in range(self._parameters.n_steps):
             crops = []
-            for _ in range(self._how.batch_size):
+            for _ in range(self._parameters.batch_size):
                 label = self._draw_class(rng)
                 if label is not None:
                     row = int(rng.choice(self._rows, p=self._image_weights(label)))
@@ -100,7 +100,7 @@ class Crops:
 
     def _draw_class(self, rng: np.random.Generator) -> int | None:
         """Draw a class to place a crop around, uniformly over the classes present, or None."""
-        if rng.random() >= self._how.class_crops:
+        if rng.random() >= self._parameters.class_crops:
             return None
         present = np.flatnonzero(self._count.any(axis=0))
         return int(rng.choice(present)) if len(present) else None
@@ -116,20 +116,20 @@ class Crops:
     ) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
         """Return a scaled and possibly mirrored part of an image; pixels outside the image are ignored."""
         image, labels = self._sample(row)
-        how = self._how
-        scale = float(np.exp(rng.uniform(*np.log(how.scale))))
-        size = [min(side, max(1, round(how.crop / scale))) for side in labels.shape]
+        parameters = self._parameters
+        scale = float(np.exp(rng.uniform(*np.log(parameters.scale))))
+        size = [min(side, max(1, round(parameters.crop / scale))) for side in labels.shape]
         top, left = _place(labels, size, label, rng)
-        shape = [min(how.crop, max(1, round(part * scale))) for part in size]
+        shape = [min(parameters.crop, max(1, round(part * scale))) for part in size]
         window = np.s_[top : top + size[0], left : left + size[1]]
         picture = Picture.fromarray(np.ascontiguousarray(image[window]))
         marks = Picture.fromarray((labels[window] + 1).astype(np.uint8))
-        out = np.empty((how.crop, how.crop, 3), dtype=np.uint8)
+        out = np.empty((parameters.crop, parameters.crop, 3), dtype=np.uint8)
         out[:] = self._filling
-        target = np.full((how.crop, how.crop), -1, dtype=np.int64)
+        target = np.full((parameters.crop, parameters.crop), -1, dtype=np.int64)
         out[: shape[0], : shape[1]] = np.asarray(picture.resize(shape[::-1], Picture.Resampling.BILINEAR))
         target[: shape[0], : shape[1]] = np.asarray(marks.resize(shape[::-1], Picture.Resampling.NEAREST)) - np.int64(1)
-        if how.flip and rng.random() < 0.5:
+        if parameters.flip and rng.random() < 0.5:
             out, target = out[:, ::-1], target[:, ::-1]
         return out, target
 

@@ -55,24 +55,24 @@ def train_network(
     ParameterError
         If the number of classes of `network` differs from `n_classes`, or a GPU is requested and none is available.
     """
-    how = TrainingParameters() if parameters is None else parameters
-    crops = Crops(samples, n_classes, how, np.round(MEAN).astype(int).tolist())
-    torch.manual_seed(how.random_state)
-    model = PSPNet(n_classes, backbone=how.backbone, dropout=how.dropout) if network is None else network
+    training = TrainingParameters() if parameters is None else parameters
+    crops = Crops(samples, n_classes, training, np.round(MEAN).astype(int).tolist())
+    torch.manual_seed(training.random_state)
+    model = PSPNet(n_classes, backbone=training.backbone, dropout=training.dropout) if network is None else network
     if model.n_classes != n_classes:
         raise ParameterError(f"the network has {model.n_classes} classes, not {n_classes}")
     chosen = find_device(device)
     model.to(chosen).to(memory_format=torch.channels_last).train()  # type: ignore[call-overload]  # not in its types
-    weights = _class_weights(crops.shares, how.class_balance).to(chosen)
-    optimisers = _optimisers(model, how)
-    schedules = [torch.optim.lr_scheduler.LambdaLR(each, lambda step: _share(step, how)) for each in optimisers]
+    weights = _class_weights(crops.shares, training.class_balance).to(chosen)
+    optimisers = _optimisers(model, training)
+    schedules = [torch.optim.lr_scheduler.LambdaLR(each, lambda step: _share(step, training)) for each in optimisers]
     losses = []
-    with limited_threads(how.n_threads):
-        for images, labels in _ahead(crops.batches(np.random.default_rng(how.random_state))):
+    with limited_threads(training.n_threads):
+        for images, labels in _ahead(crops.batches(np.random.default_rng(training.random_state))):
             pixels = network_input(images).to(chosen)
-            with torch.autocast(chosen.type, torch.bfloat16, enabled=_in_bfloat16(how.precision, chosen)):
+            with torch.autocast(chosen.type, torch.bfloat16, enabled=_in_bfloat16(training.precision, chosen)):
                 main, auxiliary = model(pixels)
-            loss = _loss(main.float(), auxiliary.float(), torch.from_numpy(labels).to(chosen), weights, how)
+            loss = _loss(main.float(), auxiliary.float(), torch.from_numpy(labels).to(chosen), weights, training)
             model.zero_grad()
             loss.backward()
             for optimiser, schedule in zip(optimisers, schedules, strict=True):
@@ -91,9 +91,9 @@ def _ahead(batches: Iterator[Batch]) -> Iterator[Batch]:
             yield batch
 
 
-def _share(step: int, how: TrainingParameters) -> float:
+def _share(step: int, training: TrainingParameters) -> float:
     """Return the learning rate of a step as a share of the highest."""
-    return min(1.0, (step + 1) / how.warm_up) * float(1 - step / how.n_steps) ** how.power
+    return min(1.0, (step + 1) / training.warm_up) * float(1 - step / training.n_steps) ** training.power
 
 
 def _in_bfloat16(precision: str, device: torch.device) -> bool:
@@ -110,40 +110,47 @@ def _class_weights(shares: NDArray[np.float64], balance: float) -> Tensor:
     return torch.from_numpy((weights / max((weights * shares).sum(), 1e-12)).astype(np.float32))
 
 
-def _optimisers(model: PSPNet, how: TrainingParameters) -> list[torch.optim.Optimizer]:
-    if how.optimiser == "sgd":
+def _optimisers(model: PSPNet, training: TrainingParameters) -> list[torch.optim.Optimizer]:
+    if training.optimiser == "sgd":
         descent = torch.optim.SGD(
-            model.parameters(), how.learning_rate, momentum=how.momentum, weight_decay=how.weight_decay, nesterov=True
+            model.parameters(),
+            training.learning_rate,
+            momentum=training.momentum,
+            weight_decay=training.weight_decay,
+            nesterov=True,
         )
         return [descent]
     # Weight decay applies to kernels only, not to biases and normalisation.
     kernels = [weight for weight in model.parameters() if weight.ndim > 1]
     others = [weight for weight in model.parameters() if weight.ndim <= 1]
-    if how.optimiser == "adamw":
-        return [_adamw(kernels, others, how)]
+    if training.optimiser == "adamw":
+        return [_adamw(kernels, others, training)]
     # Muon is for hidden layers; the input and output layers use AdamW.
     ends = {id(weight) for layer in model.end_layers() for weight in layer.parameters()}
     inner = [weight for weight in kernels if id(weight) not in ends]
     outer = [weight for weight in kernels if id(weight) in ends]
-    slower = replace(how, learning_rate=_BESIDE * how.learning_rate)
-    return [Muon(inner, how.learning_rate, how.momentum, how.weight_decay), _adamw(outer, others, slower)]
+    slower = replace(training, learning_rate=_BESIDE * training.learning_rate)
+    return [
+        Muon(inner, training.learning_rate, training.momentum, training.weight_decay),
+        _adamw(outer, others, slower),
+    ]
 
 
-def _adamw(kernels: list[nn.Parameter], others: list[nn.Parameter], how: TrainingParameters) -> torch.optim.AdamW:
-    groups = [{"params": kernels, "weight_decay": how.weight_decay}, {"params": others, "weight_decay": 0.0}]
-    return torch.optim.AdamW(groups, how.learning_rate, fused=True)
+def _adamw(kernels: list[nn.Parameter], others: list[nn.Parameter], training: TrainingParameters) -> torch.optim.AdamW:
+    groups = [{"params": kernels, "weight_decay": training.weight_decay}, {"params": others, "weight_decay": 0.0}]
+    return torch.optim.AdamW(groups, training.learning_rate, fused=True)
 
 
-def _loss(main: Tensor, auxiliary: Tensor, labels: Tensor, weights: Tensor, how: TrainingParameters) -> Tensor:
+def _loss(main: Tensor, auxiliary: Tensor, labels: Tensor, weights: Tensor, training: TrainingParameters) -> Tensor:
     target = _thinned(labels, main)
     main = main.contiguous()  # one plane per class, as below
     logarithms = functional.log_softmax(main, dim=1)
     loss = functional.nll_loss(logarithms, target, weights, ignore_index=-1)
-    if how.overlap_weight:
-        loss = loss + how.overlap_weight * overlap_loss(logarithms.exp(), target)
-    if how.auxiliary_weight:
+    if training.overlap_weight:
+        loss = loss + training.overlap_weight * overlap_loss(logarithms.exp(), target)
+    if training.auxiliary_weight:
         rest = functional.cross_entropy(auxiliary, _thinned(labels, auxiliary), weights, ignore_index=-1)
-        loss = loss + how.auxiliary_weight * rest
+        loss = loss + training.auxiliary_weight * rest
     return loss
 
 

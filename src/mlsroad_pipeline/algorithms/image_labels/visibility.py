@@ -261,41 +261,43 @@ def _unhidden(seen: NDArray[np.float64], distance: NDArray[np.float64]) -> NDArr
     return np.logical_not((same & (distance[None, :] < distance[:, None])).any(axis=1))
 
 
-def _by_hull(seen: NDArray[np.float64], how: HiddenPointRemoval) -> NDArray[np.bool_]:
+def _by_hull(seen: NDArray[np.float64], parameters: HiddenPointRemoval) -> NDArray[np.bool_]:
     if len(seen) == 0:
         return np.zeros(0, dtype=np.bool_)
-    cells = np.floor(seen / how.voxel_size).astype(np.int64)
+    cells = np.floor(seen / parameters.voxel_size).astype(np.int64)
     cells -= cells.min(axis=0)
     extent = cells.max(axis=0) + 1
     _, voxel, count = np.unique(
         (cells[:, 0] * extent[1] + cells[:, 1]) * extent[2] + cells[:, 2], return_inverse=True, return_counts=True
     )
     centroids = np.column_stack([np.bincount(voxel, seen[:, axis]) / count for axis in range(3)])
-    radius = float(np.sqrt((centroids**2).sum(axis=1)).max()) * 10.0**how.exponent
+    radius = float(np.sqrt((centroids**2).sum(axis=1)).max()) * 10.0**parameters.exponent
     visible: NDArray[np.bool_] = hidden_point_removal(centroids, np.zeros(3), radius=radius)[voxel]
     return visible
 
 
 def _by_buffer(
     xyz: NDArray[np.floating], rows: NDArray[np.int64], pixels: NDArray[np.float64], depth: NDArray[np.float64],
-    camera: Camera, how: DepthBuffer,
+    camera: Camera, parameters: DepthBuffer,
 ) -> NDArray[np.bool_]:  # fmt: skip
-    focal = 1.0 / how.resolution
+    focal = 1.0 / parameters.resolution
     scale = focal / np.sqrt(camera.K[0, 0] * camera.K[1, 1])
     width, height = (int(np.ceil(side * scale)) for side in (camera.width, camera.height))
     u, v = ((pixels.T + 0.5) * scale - 0.5).astype(np.float32)
     z = depth.astype(np.float32)
-    relief = ground_relief(xyz, rows, camera.centre, how.ground_cell, how.ground_height, how.relief)
-    spacing = how.spacing
+    relief = ground_relief(
+        xyz, rows, camera.centre, parameters.ground_cell, parameters.ground_height, parameters.relief
+    )
+    spacing = parameters.spacing
     if spacing is None:
         spacing = typical_spacing(u, v, z, focal=focal, width=width, height=height) or SPACING_OF_FEW
-    shown = nearest_discs(u, v, z, focal, how.disc * spacing, width, height)
-    hidden = behind_discs(u, v, z, relief, *shown, focal, how.slack, how.relative_slack, how.angle)
-    if how.gap > 0:
-        shown = nearest_discs(u, v, z, focal, how.gap_disc * spacing, width, height)
+    shown = nearest_discs(u, v, z, focal, parameters.disc * spacing, width, height)
+    hidden = behind_discs(u, v, z, relief, *shown, focal, parameters.slack, parameters.relative_slack, parameters.angle)
+    if parameters.gap > 0:
+        shown = nearest_discs(u, v, z, focal, parameters.gap_disc * spacing, width, height)
         hide_in_gaps(
-            u, v, z, relief, *shown, focal, how.gap * spacing, how.gap_slack, how.relative_slack, how.gap_angle,
-            how.gap_directions, hidden,
+            u, v, z, relief, *shown, focal, parameters.gap * spacing, parameters.gap_slack, parameters.relative_slack,
+            parameters.gap_angle, parameters.gap_directions, hidden,
         )  # fmt: skip
     return np.logical_not(hidden)
 

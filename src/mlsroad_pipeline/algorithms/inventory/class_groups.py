@@ -128,10 +128,10 @@ def evidence_of_labels(
         The confidence in steps of 0.02 is the probability of the label; the others share the rest equally.
     """
     n_classes, steps = len(scheme), 50
-    sure = np.round(np.clip(np.nan_to_num(confidence.astype(np.float64)), 0.0, 1.0) * steps).astype(np.int64)
+    level = np.round(np.clip(np.nan_to_num(confidence.astype(np.float64)), 0.0, 1.0) * steps).astype(np.int64)
     own = np.repeat(np.arange(n_classes), steps + 1)
     p = np.tile(np.arange(steps + 1) / steps, n_classes)
     table = np.repeat(((1.0 - p) / max(n_classes - 1, 1))[:, None], n_classes, axis=1)
     table[np.arange(len(own)), own] = p
-    owner = np.where(labels < 0, -1, labels.astype(np.int64) * (steps + 1) + sure)
+    owner = np.where(labels < 0, -1, labels.astype(np.int64) * (steps + 1) + level)
     return ClassEvidence(table.astype(np.float32), owner, group_shares(scheme))

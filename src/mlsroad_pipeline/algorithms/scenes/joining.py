@@ -111,9 +111,9 @@ def _within(part: BinnedCloud, span: SceneSpan) -> tuple[PointCloud, NDArray[np.
     count = np.diff(part.indptr)
     core = np.repeat((part.bins >= span.first) & (part.bins < span.stop), count)
     near = np.repeat((part.bins >= span.buffer_first) & (part.bins < span.buffer_stop), count)
-    if span.step == 1:
+    if span.context_step == 1:
         return part.cloud, core, near
     # A hash of the row: every n-th row may be of one beam of the scanner.
     row = part.cloud["row"].astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
-    kept = np.flatnonzero(near | ((row >> np.uint64(33)) % np.uint64(span.step) == 0))
+    kept = np.flatnonzero(near | ((row >> np.uint64(33)) % np.uint64(span.context_step) == 0))
     return part.cloud.select(kept), core[kept], near[kept]

@@ -99,7 +99,7 @@ def parts_beyond(distance: ArrayLike, gap: float) -> NDArray[np.uint8]:
     return np.where(values > gap / 2, TEST, np.where(values < -gap / 2, TRAIN, NEITHER)).astype(np.uint8)
 
 
-def near(xyz: NDArray[np.float64], others: NDArray[np.float64], reach: float) -> NDArray[np.bool_]:
+def within_distance(xyz: NDArray[np.float64], others: NDArray[np.float64], reach: float) -> NDArray[np.bool_]:
     """Return which points lie within a distance of any other point.
 
     Parameters

@@ -30,7 +30,7 @@ class SceneSpan:
         Number of points in the core, and in core and buffers.
     context : int, default 0
         Bins of further context on both sides of the buffers.
-    step : int, default 1
+    context_step : int, default 1
         One of so many points of the context is taken.
     """
 
@@ -42,7 +42,7 @@ class SceneSpan:
     n_core: int
     n_points: int
     context: int = 0
-    step: int = 1
+    context_step: int = 1
 
     @property
     def reach(self) -> tuple[int, int]:
@@ -136,6 +136,6 @@ def plan_scenes(
     for i, (a, b) in enumerate(cores):
         n_core, n_points = between(a, b), between(a - margin, b + margin)
         n_outer = between(a - margin - outer, b + margin + outer) - n_points
-        step = max(-(-n_outer // max(n_core // 4, CONTEXT_POINTS)), 1)
-        spans.append(SceneSpan(f"scene_{i:05d}", a, b, a - margin, b + margin, n_core, n_points, outer, step))
+        context_step = max(-(-n_outer // max(n_core // 4, CONTEXT_POINTS)), 1)
+        spans.append(SceneSpan(f"scene_{i:05d}", a, b, a - margin, b + margin, n_core, n_points, outer, context_step))
     return spans

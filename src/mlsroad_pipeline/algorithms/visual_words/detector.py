@@ -165,11 +165,11 @@ class VisualWordsDetector:
         rows = np.flatnonzero(self.possible(appearance.sizes) & (np.asarray(counts.sum(axis=1)).ravel() > 0))
         possible = appearance.select(rows)
         for number, queries in enumerate(self.queries_.values()):
-            alike = self.parameters.similarity(queries.appearance, possible)
+            similarities = self.parameters.similarity(queries.appearance, possible)
             if len(queries.weights):
-                scores[rows, number] = weigh(alike, queries.weights, queries.offset)
+                scores[rows, number] = weigh(similarities, queries.weights, queries.offset)
             else:
-                scores[rows, number] = alike.max(axis=0, initial=0.0)
+                scores[rows, number] = similarities.max(axis=0, initial=0.0)
         return scores
 
     def detect(

@@ -80,11 +80,11 @@ def fit_nearest(
             queries[name] = _no_queries(name, objects.appearance)
             continue
         order = mine[np.argsort(-objects.n_words[mine], kind="stable")][: parameters.candidates]
-        alike = parameters.similarity(objects.appearance.select(order), objects.appearance) * objects.possible
+        similarities = parameters.similarity(objects.appearance.select(order), objects.appearance) * objects.possible
         most = parameters.max_queries
-        chosen = choose_queries(alike, order, objects.labels == number, max_queries=most)[0]
-        alike[np.arange(len(order)), order] = 0.0  # no object is compared with itself
-        nearest = alike[chosen].max(axis=0, initial=0.0)
+        chosen = choose_queries(similarities, order, objects.labels == number, max_queries=most)[0]
+        similarities[np.arange(len(order)), order] = 0.0  # no object is compared with itself
+        nearest = similarities[chosen].max(axis=0, initial=0.0)
         f_scores[name], level = best_threshold(nearest, objects.labels == number, objects.weights)
         queries[name] = ClassQueries(objects.appearance.select(order[chosen]), np.zeros(0), 0.0, level)
     return queries, f_scores
@@ -123,10 +123,10 @@ def fit_weighted(
     every = np.sort(np.concatenate([wanted, others]))
     rows = np.sort(np.concatenate([wanted, _counterexamples(objects, wanted, others, p)]))
     known, kinds, truth = objects.appearance.select(rows), objects.labels[rows], objects.labels[every]
-    alike = p.similarity(known, known)
+    similarities = p.similarity(known, known)
     folds = np.stack([assign_folds(objects.scenes[every], p.folds, p.seed + r) for r in range(p.rounds)])
     own = folds[:, np.searchsorted(every, rows)]
-    committees = [train_committee(alike, kinds == k, own, penalty=p.penalty) for k in range(len(classes))]
+    committees = [train_committee(similarities, kinds == k, own, penalty=p.penalty) for k in range(len(classes))]
     scores = held_out_scores(
         committees, lambda here: p.similarity(known, objects.appearance.select(every[here])), folds
     )
@@ -139,7 +139,7 @@ def fit_weighted(
             continue
         if mine.all():
             raise DataError(f"all training objects are a {name}: the weighted decision needs others too")
-        vote = committees[number].mean() or learn_weights(alike, mine, p.penalty)
+        vote = committees[number].mean() or learn_weights(similarities, mine, p.penalty)
         f_scores[name], threshold = best_threshold(scores[:, number], truth == number, objects.weights[every])
         if not (scores[truth == number, number] > 0).any():
             threshold = 0.5
@@ -173,8 +173,8 @@ def _counterexamples(
     if len(others) <= most:
         return others
     examples, rest_of = objects.appearance.select(wanted), objects.appearance.select(others)
-    alike = parameters.similarity(examples, rest_of).max(axis=0, initial=0.0)
-    order = np.argsort(-alike, kind="stable")
+    similarities = parameters.similarity(examples, rest_of).max(axis=0, initial=0.0)
+    order = np.argsort(-similarities, kind="stable")
     near, rest = order[: (most + 1) // 2], order[(most + 1) // 2 :]
     drawn = np.random.default_rng(parameters.seed).permutation(rest)[: most // 2]
     return others[np.concatenate([near, drawn])]

@@ -31,12 +31,12 @@ class Weights(NamedTuple):
     offset: float
 
 
-def weigh(alike: NDArray[np.float64], weights: NDArray[np.float64], offset: float) -> NDArray[np.float64]:
+def weigh(similarities: NDArray[np.float64], weights: NDArray[np.float64], offset: float) -> NDArray[np.float64]:
     """Return the score of objects: the logistic function of the weighted sum of their similarities to queries.
 
     Parameters
     ----------
-    alike : ndarray of float64, shape (q, n)
+    similarities : ndarray of float64, shape (q, n)
         Similarity of each object to each query.
     weights : ndarray of float64, shape (q,)
         Weights of the queries.
@@ -48,15 +48,15 @@ def weigh(alike: NDArray[np.float64], weights: NDArray[np.float64], offset: floa
     ndarray of float64, shape (n,)
         In (0, 1).
     """
-    return np.asarray(expit(weights @ alike + offset), dtype=np.float64)
+    return np.asarray(expit(weights @ similarities + offset), dtype=np.float64)
 
 
-def learn_weights(alike: NDArray[np.float64], truth: NDArray[np.bool_], penalty: float) -> Weights:
+def learn_weights(similarities: NDArray[np.float64], truth: NDArray[np.bool_], penalty: float) -> Weights:
     """Fit a support vector machine; its support vectors are the queries.
 
     Parameters
     ----------
-    alike : ndarray of float64, shape (n, n)
+    similarities : ndarray of float64, shape (n, n)
         Similarity of the training objects to each other.
     truth : ndarray of bool, shape (n,)
         Whether each is of the class; both values occur.
@@ -70,7 +70,7 @@ def learn_weights(alike: NDArray[np.float64], truth: NDArray[np.bool_], penalty:
     """
     from sklearn.svm import SVC  # noqa: PLC0415  not needed for detection
 
-    machine = SVC(C=penalty, kernel="precomputed").fit(alike, truth)
+    machine = SVC(C=penalty, kernel="precomputed").fit(similarities, truth)
     return Weights(
         machine.support_.astype(np.int64), machine.dual_coef_[0].astype(np.float64), float(machine.intercept_[0])
     )
@@ -105,13 +105,13 @@ class Committee:
 
 
 def train_committee(
-    alike: NDArray[np.float64], truth: NDArray[np.bool_], folds: NDArray[np.integer], *, penalty: float
+    similarities: NDArray[np.float64], truth: NDArray[np.bool_], folds: NDArray[np.integer], *, penalty: float
 ) -> Committee:
     """Fit one machine per fold of each round to all other folds.
 
     Parameters
     ----------
-    alike : ndarray of float64, shape (n, n)
+    similarities : ndarray of float64, shape (n, n)
         Similarity of the training objects to each other.
     truth : ndarray of bool, shape (n,)
         Whether each is of the class.
@@ -132,7 +132,7 @@ def train_committee(
         rest = np.flatnonzero(folds[r] != f)
         mine = truth[rest]
         if mine.any() and not mine.all():
-            learned = learn_weights(alike[np.ix_(rest, rest)], mine, penalty)
+            learned = learn_weights(similarities[np.ix_(rest, rest)], mine, penalty)
             weights[r, f, rest[learned.chosen]], offsets[r, f] = learned.values, learned.offset
             present[r, f] = True
     return Committee(weights, offsets, present)
@@ -162,12 +162,12 @@ def held_out_scores(
     scores = np.zeros((folds.shape[1], len(committees)))
     for start in range(0, folds.shape[1], _CHUNK):
         rows = np.arange(start, min(start + _CHUNK, folds.shape[1]))
-        alike = across(rows)
+        similarities = across(rows)
         for label, each in enumerate(committees):
             total, count = np.zeros(len(rows)), np.zeros(len(rows))
             for r, f in np.argwhere(each.present):
                 here = folds[r, rows] == f
-                total[here] += each.weights[r, f] @ alike[:, here] + each.offsets[r, f]
+                total[here] += each.weights[r, f] @ similarities[:, here] + each.offsets[r, f]
                 count += here
             known = count > 0
             scores[rows[known], label] = expit(total[known] / count[known])

@@ -114,8 +114,8 @@ def _add_outlines(space: Modelspace, table: pd.DataFrame) -> None:
         if shape is None:
             continue
         corners = shapely.get_coordinates(shape)[:-1]
-        look = {"layer": f"{layer_name(row['kind'], row['class'])}_footprint", "elevation": row["z"]}
-        outline = space.add_lwpolyline(corners, format="xy", close=True, dxfattribs=look)
+        attributes = {"layer": f"{layer_name(row['kind'], row['class'])}_footprint", "elevation": row["z"]}
+        outline = space.add_lwpolyline(corners, format="xy", close=True, dxfattribs=attributes)
         outline.set_xdata(APPLICATION, [(1071, row["object_id"])])
 
 

@@ -130,8 +130,8 @@ def _write_layers(path: Path, layers: Sequence[_Layer]) -> None:
             warnings.filterwarnings("ignore", message=".*crs.* was not provided", category=UserWarning)
             # Version 1.2 is sufficient, and older releases of QGIS 3 warn about later ones.
             options = {} if path.exists() else {"VERSION": "1.2"}
-            how: dict[str, Any] = {"driver": "GPKG", "geometry_type": layer.kind, "append": path.exists()}
-            pyogrio.write_dataframe(layer.rows, path, layer=layer.name, dataset_options=options, **how)
+            layer_options: dict[str, Any] = {"driver": "GPKG", "geometry_type": layer.kind, "append": path.exists()}
+            pyogrio.write_dataframe(layer.rows, path, layer=layer.name, dataset_options=options, **layer_options)
 
 
 def _layers(inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> list[_Layer]:

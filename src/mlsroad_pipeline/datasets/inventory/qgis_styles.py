@@ -122,11 +122,11 @@ _TRAJECTORY: _Symbols = (
 
 
 def _line(colour: str) -> _Symbols:
-    look = {
+    symbol = {
         "line_color": f"{colour},255", "line_width": "0.4", "line_width_unit": "MM", "line_style": "solid",
         "capstyle": "round", "joinstyle": "round",
     }  # fmt: skip
-    return (("SimpleLine", look, {}),)
+    return (("SimpleLine", symbol, {}),)
 
 
 _ALL = ""  # a filter that passes all objects

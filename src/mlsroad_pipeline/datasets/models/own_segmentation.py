@@ -29,13 +29,13 @@ def own_model(
 
     legend = read_class_map(parameters.classes, scheme)
     arrays: dict[str, Any] = {}
-    how: dict[str, Any] = {"source": "masks"}
+    description: dict[str, Any] = {"source": "masks"}
     if parameters.weights is not None:
-        arrays, how = _of_weights(parameters, legend)
-    how["name"] = segmentation_name(parameters)
+        arrays, description = _of_weights(parameters, legend)
+    description["name"] = segmentation_name(parameters)
     return make_model(
-        arrays, {**how, "classes": legend.to_json()}, parameters=parameters, scheme=scheme, cameras=cameras,
-        trained_on={"segmentation": how["name"], "classes": parameters.classes, **(trained_on or {})},
+        arrays, {**description, "classes": legend.to_json()}, parameters=parameters, scheme=scheme, cameras=cameras,
+        trained_on={"segmentation": description["name"], "classes": parameters.classes, **(trained_on or {})},
     )  # fmt: skip
 
 
@@ -79,20 +79,20 @@ def _of_weights(parameters: ImageLabelsParameters, legend: Legend) -> tuple[dict
     if path.suffix.lower() == ".onnx":
         arrays: dict[str, Any] = {"onnx": _content(path)}
         count = _onnx_classes(arrays["onnx"], parameters, legend, str(path))
-        how: dict[str, Any] = {"source": "onnx"}
+        description: dict[str, Any] = {"source": "onnx"}
     else:
         from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import to_arrays  # noqa: PLC0415  torch
         from mlsroad_pipeline.datasets.models.pspnet_checkpoint import load_published  # noqa: PLC0415
 
         network = load_published(path)
         count, arrays = network.n_classes, to_arrays(network)
-        how = {"source": "network", "backbone": network.backbone, "n_classes": count}
+        description = {"source": "network", "backbone": network.backbone, "n_classes": count}
     if count != legend.n_scores:
         raise DataError(
             f"{path}: has {count} classes, {legend.source} names {legend.n_scores} from 0: set image_labels.classes to "
             "the class map of the network"
         )
-    return arrays, how
+    return arrays, description
 
 
 def _content(path: Path) -> np.ndarray:

@@ -72,7 +72,7 @@ def _plan(element: PlyElement, path: Path) -> NDArray[np.int64]:
 
 @njit(cache=True, nogil=True)
 def _walk(
-    data: NDArray[np.uint8], at: int, count: int, plan: NDArray[np.int64], big: bool, out: NDArray[np.uint8]
+    data: NDArray[np.uint8], at: int, count: int, plan: NDArray[np.int64], big_endian: bool, out: NDArray[np.uint8]
 ) -> tuple[int, int]:
     """Walk over records, copy their scalars to `out` where it has rows; return the end and the number of records."""
     end = len(data)
@@ -91,7 +91,7 @@ def _walk(
                 continue
             n_items = 0
             for i in range(width):
-                n_items = n_items << 8 | data[at + (i if big else width - 1 - i)]
+                n_items = n_items << 8 | data[at + (i if big_endian else width - 1 - i)]
             if plan[p, 1] and n_items >= 1 << (8 * width - 1):
                 return at, row
             at += width + n_items * plan[p, 2]

@@ -168,8 +168,8 @@ def write_labelled_files(
     names = code_names(bundle, parameters.scheme, classes["schemes"])
     tasks = {}
     for output in planned_outputs(plan, pieces, results, joined, run, parameters):
-        how = output.parameters(plan.options, run, parameters, codes=codes, class_names=names)
-        tasks[output.file.key] = SceneTask(write_file, output.inputs, how, outputs=output.paths)
+        settings = output.parameters(plan.options, run, parameters, codes=codes, class_names=names)
+        tasks[output.file.key] = SceneTask(write_file, output.inputs, settings, outputs=output.paths)
     return tasks
 
 

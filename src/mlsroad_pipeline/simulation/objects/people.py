@@ -124,23 +124,23 @@ def _person(
 def _luggage(rng: np.random.Generator, bones: Skeleton, build: Build, bag: str) -> list[Mesh]:
     """Return the luggage of a person."""
     h = build.height / 1.7
-    stuff = cloth("person", rng)
+    textile = cloth("person", rng)
     chest = 0.4 * bones.hips.mean(axis=0) + 0.6 * bones.shoulders.mean(axis=0)
     if bag == "backpack":
         size = rng.uniform([0.14, 0.26, 0.34], [0.24, 0.36, 0.55]) * h
-        return [box(size, chest - [0.1 * h * build.girth + size[0] / 2, 0, 0], stuff, taper=0.85)]
+        return [box(size, chest - [0.1 * h * build.girth + size[0] / 2, 0, 0], textile, taper=0.85)]
     if bag == "shoulder":
         size = rng.uniform([0.22, 0.08, 0.18], [0.38, 0.14, 0.3]) * h
         side = float(rng.choice([-1.0, 1.0]))
         centre = bones.hips.mean(axis=0) + np.array([0, side * (0.2 * h * build.girth + size[1] / 2), 0.06])
         top = bones.shoulders[int(side > 0)] + [0, 0, 0.05]
         strap = np.stack([centre + np.array([0, 0, size[2] / 2]), top])
-        return [box(size, centre, stuff, taper=rng.uniform(0.7, 1.0)), tubes(strap[None], 0.012, stuff, sides=3)]
+        return [box(size, centre, textile, taper=rng.uniform(0.7, 1.0)), tubes(strap[None], 0.012, textile, sides=3)]
     if bag == "hand":
         size = rng.uniform([0.25, 0.1, 0.25], [0.42, 0.22, 0.42]) * h
         hand = bones.wrists[0] - [0, 0, 0.08 * h]
-        return [box(size, hand - [0, 0, 0.1 * h + size[2] / 2], stuff, taper=0.9),
-                tubes(np.stack([hand, hand - [0, 0, 0.12 * h]])[None], 0.01, stuff, sides=3)]  # fmt: skip
+        return [box(size, hand - [0, 0, 0.1 * h + size[2] / 2], textile, taper=0.9),
+                tubes(np.stack([hand, hand - [0, 0, 0.12 * h]])[None], 0.01, textile, sides=3)]  # fmt: skip
     return []
 
 
@@ -182,10 +182,10 @@ def _sitting(rng: np.random.Generator) -> Mesh:
     head = middle + (SPINE * h + 1.75 * build.head) * up + [0.03, 0, 0]
     feet = np.tile([1.0, 0.0, 0.0], (2, 1))
     body = clothe(rng, Skeleton(hips, knees, ankles, shoulders, elbows, wrists, feet, head), build, "person")
-    stuff = cloth("person", rng)
+    textile = cloth("person", rng)
     corner = 0.14 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) + [-0.2, 0, 0]
-    legs = tubes(np.stack([1.1 * corner, corner + np.array([0, 0, seat - 0.02])], 1), 0.012, stuff, sides=4)
-    return join([body, legs, box([0.36, 0.36, 0.03], [-0.2, 0, seat - 0.02], stuff)])
+    legs = tubes(np.stack([1.1 * corner, corner + np.array([0, 0, seat - 0.02])], 1), 0.012, textile, sides=4)
+    return join([body, legs, box([0.36, 0.36, 0.03], [-0.2, 0, seat - 0.02], textile)])
 
 
 def conversation(rng: np.random.Generator) -> list[Mesh]:

@@ -152,8 +152,8 @@ def _load(rng: np.random.Generator, label: str, span: tuple[float, float], half:
         y = rng.uniform(-1, 1) * max(half - 0.75 * size[1], 0.01)
         hue = rng.uniform(0.05, 0.5, 3)
         skin_of_box = tinted((float(hue[0]), float(hue[1]), float(hue[2])), label, 0.35, rng)
-        thing = np.column_stack([rounded(size[0], size[1], 0.05), np.zeros(12)])
-        body = loft([thing, thing * rng.uniform(0.7, 1.0) + [0, 0, size[2]]], skin_of_box)
+        outline = np.column_stack([rounded(size[0], size[1], 0.05), np.zeros(12)])
+        body = loft([outline, outline * rng.uniform(0.7, 1.0) + [0, 0, size[2]]], skin_of_box)
         parts.append(body.moved([x, y, floor], yaw=rng.uniform(-0.3, 0.3)))
     return parts
 

@@ -79,13 +79,13 @@ def score_points(
 ) -> dict[str, NDArray]:
     """Return the confusion matrix and the calibration of labelled points with a known class."""
     known = truth != IGNORE
-    right, sure = (predicted == truth)[known], np.clip(confidence[known].astype(np.float64), 0, 1)
-    table = reliability_table(sure, right)
+    right, score = (predicted == truth)[known], np.clip(confidence[known].astype(np.float64), 0, 1)
+    table = reliability_table(score, right)
     return {
         "matrix": confusion_matrix(truth, predicted, n_classes),
         "bin_counts": table.counts,
         "bin_hits": table.hits,
         "bin_confidences": table.confidences,
-        "auroc": np.array(auroc(sure, right)),
-        "brier_score": np.array(brier_score(sure, right)),
+        "auroc": np.array(auroc(score, right)),
+        "brier_score": np.array(brier_score(score, right)),
     }

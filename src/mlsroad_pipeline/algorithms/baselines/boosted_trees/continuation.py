@@ -226,13 +226,13 @@ def _confident(
     """Return voxels of the survey with a high predicted probability; each predicted class has the same weight."""
     member = groups[None, :] == np.arange(int(groups.max()) + 1)[:, None]
     of_group = probabilities @ member.T
-    best, sure = of_group.argmax(axis=1), of_group.max(axis=1, initial=0.0)
+    best, probability = of_group.argmax(axis=1), of_group.max(axis=1, initial=0.0)
     chosen, weights = [np.zeros(0, np.int64)], [np.zeros(0)]
     for group in range(len(member)):
         rows = np.flatnonzero(best == group)
         if len(rows) < own.min_child_samples:
             continue
-        rows = rows[sure[rows] >= np.quantile(sure[rows], 1.0 - own.confident)]
+        rows = rows[probability[rows] >= np.quantile(probability[rows], 1.0 - own.confident)]
         rows = rng.permutation(rows)[: own.per_class]
         chosen.append(rows)
         weights.append(np.full(len(rows), 1.0 / max(len(rows), 1)))

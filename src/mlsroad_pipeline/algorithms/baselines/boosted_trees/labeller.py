@@ -160,8 +160,8 @@ def _label_softly(scene: PointCloud, ground: Ground, bundle: ModelBundle) -> Sof
         return SoftLabels(label, confidence)
     features = describe_scene(scene, ground, voxel_size=parameters_of(bundle).voxel_size)
     probabilities = voxel_probabilities(features, bundle)
-    best, sure = decide(probabilities, bundle.arrays.get("groups"))
-    label[keep], confidence[keep] = best[features.owner], sure[features.owner]
+    best, probability = decide(probabilities, bundle.arrays.get("groups"))
+    label[keep], confidence[keep] = best[features.owner], probability[features.owner]
     owner = np.full(len(scene), -1, dtype=np.int32)
     owner[keep] = features.owner
     return SoftLabels(label, confidence, probabilities.astype(np.float32), owner)

@@ -89,8 +89,8 @@ def _choose_models(
     for exponent in p.exponents:
         for least in p.least_shares:
             gate = np.where((share >= least) & (share > 0), share**exponent, 0.0)
-            alike = (overlap * gate[:, None]).T
-            queries, _, f_score = choose_queries(alike, mine, truth, max_queries=p.max_models)
+            similarities = (overlap * gate[:, None]).T
+            queries, _, f_score = choose_queries(similarities, mine, truth, max_queries=p.max_models)
             if f_score > reached:
                 reached, best = f_score, (queries, (least, exponent))
     return best

@@ -85,8 +85,8 @@ def label_scene(scene: PointCloud, bundle: ModelBundle) -> PointLabels:
     if keep.any():
         parameters = MultiscaleForestParameters(**bundle.metadata["parameters"][SLUG])
         pyramid = spheres_of(scene, parameters, columns=bundle.metadata["attributes"])
-        best, sure = _classify(pyramid, bundle)
-        label[keep], confidence[keep] = best[pyramid.owner], sure[pyramid.owner]
+        best, probability = _classify(pyramid, bundle)
+        label[keep], confidence[keep] = best[pyramid.owner], probability[pyramid.owner]
     return {"label": label, "confidence": confidence}
 
 
@@ -96,13 +96,13 @@ def _classify(pyramid: SpherePyramid, bundle: ModelBundle) -> tuple[NDArray[np.i
         bundle.prepared[SLUG] = FlatForest.from_arrays(bundle.arrays)
     forest: FlatForest = bundle.prepared[SLUG]
     columns, classes = bundle.arrays["columns"], bundle.arrays["trained_classes"]
-    best, sure = np.empty(len(pyramid), np.int16), np.empty(len(pyramid), np.float32)
+    best, probability = np.empty(len(pyramid), np.int16), np.empty(len(pyramid), np.float32)
     for first in range(0, len(pyramid), _BLOCK):
         voxels = np.arange(first, min(first + _BLOCK, len(pyramid)))
         probabilities = forest.predict_proba(pyramid.describe(voxels)[:, columns])
         best[voxels] = classes[probabilities.argmax(axis=1)]
-        sure[voxels] = probabilities.max(axis=1)
-    return best, sure
+        probability[voxels] = probabilities.max(axis=1)
+    return best, probability
 
 
 def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:

@@ -140,10 +140,10 @@ class ObjectMatcher:
         ndarray of float32, shape (n, c)
             Similarity to the most similar prototype of each class, 0 to 1.
         """
-        alike = object_similarity(parts, self.prototypes, self.geometry, intensity=self.intensity)
-        out = np.zeros((len(alike), len(self.thresholds)), np.float32)
+        similarities = object_similarity(parts, self.prototypes, self.geometry, intensity=self.intensity)
+        out = np.zeros((len(similarities), len(self.thresholds)), np.float32)
         for k in range(len(self.thresholds)):
-            out[:, k] = alike[:, self.kinds == k].max(axis=1, initial=0.0)
+            out[:, k] = similarities[:, self.kinds == k].max(axis=1, initial=0.0)
         return out
 
     def to_arrays(self) -> dict[str, NDArray]:

@@ -47,16 +47,16 @@ def fit_object_matching(
     thresholds, reached = [], []
     for k in range(n_classes):
         mine = examples.candidates(k, p.candidates, rng)
-        alike = object_similarity(
+        similarities = object_similarity(
             sample, select_objects(sample, mine), geometry, intensity=intensity, n_threads=n_threads
         )
-        queries = choose_queries(alike.T, mine, truth == k, max_queries=p.max_prototypes)[0]
+        queries = choose_queries(similarities.T, mine, truth == k, max_queries=p.max_prototypes)[0]
         chosen.append(mine[queries])
         # The threshold is chosen on all objects, see `TrainingObjects.sample`.
         models = select_objects(sample, np.sort(chosen[k]))
-        alike = object_similarity(parts, models, geometry, intensity=intensity, n_threads=n_threads)
-        alike[drawn[np.sort(chosen[k])], np.arange(len(queries))] = 0.0
-        f_score, threshold = best_threshold(alike.max(axis=1, initial=0.0), labels == k, weights)
+        similarities = object_similarity(parts, models, geometry, intensity=intensity, n_threads=n_threads)
+        similarities[drawn[np.sort(chosen[k])], np.arange(len(queries))] = 0.0
+        f_score, threshold = best_threshold(similarities.max(axis=1, initial=0.0), labels == k, weights)
         thresholds.append(threshold)
         reached.append(f_score)
     every = np.concatenate(chosen)

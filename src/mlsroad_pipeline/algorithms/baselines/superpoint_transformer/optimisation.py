@@ -102,16 +102,16 @@ def train_network(
     labelled = [graph for graph in graphs if graph.levels[0].histogram.sum() > 0]
     if not labelled:
         raise DataError("no labelled points in the training scenes: check the split 'train' and the class scheme")
-    how = parameters.training
+    training = parameters.training
     run = _Run(labelled, n_classes, parameters)
     name = f"training_{run.identity[:12]}"
     if checkpoints is not None and (state := checkpoints.load(name)) is not None:
         run.restore(state, checkpoints.locate(name))
     saved = time.monotonic()
-    with limited_threads(how.n_threads):
-        for inputs in _ahead(run, len(run.losses), how.n_steps):
+    with limited_threads(training.n_threads):
+        for inputs in _ahead(run, len(run.losses), training.n_steps):
             run.step(inputs)
-            if checkpoints is not None and time.monotonic() - saved > how.checkpoint_seconds:
+            if checkpoints is not None and time.monotonic() - saved > training.checkpoint_seconds:
                 checkpoints.save(name, run.state())
                 saved = time.monotonic()
     if checkpoints is not None:
@@ -171,21 +171,21 @@ class _Run:
 
     def step(self, inputs: Inputs) -> None:
         """Take one gradient step."""
-        how = self.parameters.training
+        training = self.parameters.training
         for group in self.optimizer.param_groups:
-            group["lr"] = learning_rate(len(self.losses), how.n_steps, how.learning_rate)
+            group["lr"] = learning_rate(len(self.losses), training.n_steps, training.learning_rate)
         batch = to_tensors(inputs, self.device)
         weights = torch.from_numpy(self.class_weights).to(self.device)
         scores = self.network(batch)
-        loss = sum_losses(scores, [level.histogram for level in batch.levels], weights, how.level_weights)
+        loss = sum_losses(scores, [level.histogram for level in batch.levels], weights, training.level_weights)
         self.optimizer.zero_grad()
         loss.backward()
-        nn.utils.clip_grad_norm_(self.network.parameters(), how.clip)
+        nn.utils.clip_grad_norm_(self.network.parameters(), training.clip)
         self.optimizer.step()
         self.losses.append(float(loss.detach()))
         if len(self.losses) % 100 == 0:
             recent = np.mean(self.losses[-100:])
-            logger.info("step %d of %d: loss %.3f", len(self.losses), how.n_steps, recent)
+            logger.info("step %d of %d: loss %.3f", len(self.losses), training.n_steps, recent)
 
     def state(self) -> dict[str, Any]:
         """Return the state as tensors and plain values."""
@@ -268,9 +268,9 @@ def sum_losses(
     return total
 
 
-def _optimizer(network: nn.Module, how: TrainingParameters) -> torch.optim.AdamW:
+def _optimizer(network: nn.Module, training: TrainingParameters) -> torch.optim.AdamW:
     """Return AdamW; biases and normalisation have no weight decay."""
     kernels = [weight for weight in network.parameters() if weight.ndim > 1]
     others = [weight for weight in network.parameters() if weight.ndim <= 1]
-    groups = [{"params": kernels, "weight_decay": how.weight_decay}, {"params": others, "weight_decay": 0.0}]
-    return torch.optim.AdamW(groups, how.learning_rate)
+    groups = [{"params": kernels, "weight_decay": training.weight_decay}, {"params": others, "weight_decay": 0.0}]
+    return torch.optim.AdamW(groups, training.learning_rate)
