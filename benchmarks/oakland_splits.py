@@ -43,8 +43,8 @@ from mlsroad_pipeline.algorithms.patch_graph.labeller import ground_classes
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
 from mlsroad_pipeline.algorithms.patch_graph.refinement import RefinementParameters, refine
 from mlsroad_pipeline.algorithms.patches.extraction import Patches, PatchParameters
-from mlsroad_pipeline.algorithms.patches.labelling import PatchStages
 from mlsroad_pipeline.algorithms.patches.training import join_training_scenes
+from mlsroad_pipeline.algorithms.patches.types import PatchStages
 from mlsroad_pipeline.algorithms.patches.voting import vote_on_points
 from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
 from mlsroad_pipeline.studies.luo2016.runs import cut_patches, train_and_score

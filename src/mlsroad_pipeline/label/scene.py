@@ -96,12 +96,11 @@ class LabelCounts(TypedDict):
 
 
 class LabelledScene(TypedDict):
-    """Stored parts of a labelled scene; `objects`, `fragments` and `evidence` are those of `SceneObjects`.
+    """Stored parts of a labelled scene.
 
-    `kerbs` are the steps of `kerb_steps`, `wires` the points of `wire_points`, `markings` the stripes of
-    `marking_stripes`.
-
-    The counts are those of the labels of the points, before they get the classes of their objects.
+    `objects`, `fragments` and `evidence` are those of `SceneObjects`, `kerbs` the steps of `kerb_steps`, `wires` the
+    points of `wire_points`, `markings` the stripes of `marking_stripes`. The counts are those of the labels of the
+    model; points of an object are written with the class of the object.
     """
 
     labels: CoreLabels
@@ -130,40 +129,44 @@ def label_new_scene(
     ground = find_ground(scene, settings.ground if trained is None else GroundParameters(**trained))
     soft = label_softly(bundle, scene.with_columns(**ground), labeller=labeller)
     scene, ground, soft = _without_context(scene, ground, soft)
-    label, confidence = soft.labels, soft.confidence
-    core = scene["core"]
-    n_classes = len(settings.codes)
-    stored = np.where(label < 0, n_classes, label).astype(np.uint8)
-    stored[~inliers(scene)] = n_classes + 1
-    core_label, core_confidence = label[core], confidence[core].astype(np.float32)
-    evidence = evidence_of_soft_labels(*soft, scheme=bundle_scheme(bundle))
+    label, height, core, scheme = soft.labels, ground["height"], scene["core"], bundle_scheme(bundle)
+    evidence = evidence_of_soft_labels(*soft, scheme=scheme)
     judge = judge_of(bundle) if settings.judge else None
-    extracted = _objects(scene, soft, evidence, settings.rules, judge, height=ground["height"], name=name)
+    extracted = _objects(scene, soft, evidence, settings.rules, judge, height=height, name=name)
+    n_classes = len(settings.codes)
     return {
-        "labels": {
-            "file": scene["file"][core],
-            "row": scene["row"][core],
-            "label": stored[core],
-            "confidence": core_confidence,
-            "part": extracted.part,
-        },
+        "labels": _core_labels(scene, soft, extracted.part, n_classes),
         "spans": _spans(scene["file"][core], scene["row"][core]),
-        "counts": {
-            "counts": np.bincount(np.where(core_label < 0, n_classes, core_label), minlength=n_classes + 1),
-            "confidences": count_confidences(core_label, core_confidence, n_classes),
-        },
+        "counts": _counts(label[core], soft.confidence[core], n_classes),
         "objects": extracted.objects,
         "fragments": extracted.fragments,
         "evidence": extracted.evidence,
         "sightings": sightings_of_scene(extracted.part, scene, core),
         "sample": scene_sample(scene.xyz, scene.origin, label, core),
-        "kerbs": _kerbs(scene, label, ground["height"], bundle_scheme(bundle), settings.kerbs),
-        "wires": wire_points(
-            *(scene.xyz, ground["height"], wire_probability(evidence)),
-            core=core,
-            origin=scene.origin,
-        ),
-        "markings": _markings(scene, label, ground["height"], bundle_scheme(bundle), settings.least_contrast),
+        "kerbs": _kerbs(scene, label, height, scheme, settings.kerbs),
+        "wires": wire_points(scene.xyz, height, wire_probability(evidence), core=core, origin=scene.origin),
+        "markings": _markings(scene, label, height, scheme, settings.least_contrast),
+    }
+
+
+def _core_labels(scene: PointCloud, soft: SoftLabels, part: NDArray[np.int32], n_classes: int) -> CoreLabels:
+    """Return the labels of the core; those of outliers and of points without a class have numbers of their own."""
+    core = scene["core"]
+    label = np.where(soft.labels < 0, n_classes, soft.labels).astype(np.uint8)
+    label[~inliers(scene)] = n_classes + 1
+    return {
+        "file": scene["file"][core],
+        "row": scene["row"][core],
+        "label": label[core],
+        "confidence": soft.confidence[core],
+        "part": part,
+    }
+
+
+def _counts(label: NDArray[np.int16], confidence: NDArray[np.float32], n_classes: int) -> LabelCounts:
+    return {
+        "counts": np.bincount(np.where(label < 0, n_classes, label), minlength=n_classes + 1),
+        "confidences": count_confidences(label, confidence, n_classes),
     }
 
 

@@ -16,8 +16,9 @@ from mlsroad_pipeline.algorithms.models.methods import METHODS, Method
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
 from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
-from mlsroad_pipeline.algorithms.patches.labelling import PatchStages, label_patch_scene
+from mlsroad_pipeline.algorithms.patches.labelling import label_patch_scene
 from mlsroad_pipeline.algorithms.patches.training import PatchTraining, join_training_scenes, number_surveys
+from mlsroad_pipeline.algorithms.patches.types import PatchStages
 from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
 from mlsroad_pipeline.execution.collection import SceneCollection

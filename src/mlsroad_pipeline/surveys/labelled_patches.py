@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.patches.labelling import PatchLabels, ScenePatches, label_patches
+from mlsroad_pipeline.algorithms.patches.labelling import label_patches
+from mlsroad_pipeline.algorithms.patches.types import PatchLabels, ScenePatches
 from mlsroad_pipeline.algorithms.scenes.corridor import CorridorArrays, corridor_from_arrays
 
 

@@ -14,13 +14,9 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.algorithms.patches.extraction import Patches, PatchParameters
 from mlsroad_pipeline.algorithms.patches.features import COLOURED, GEOMETRY, draw_training_patches, patch_features
-from mlsroad_pipeline.algorithms.patches.labelling import (
-    PatchStages,
-    build_patches,
-    label_patch_scene,
-    label_patches,
-)
+from mlsroad_pipeline.algorithms.patches.labelling import build_patches, label_patch_scene, label_patches
 from mlsroad_pipeline.algorithms.patches.training import PatchTraining, bundle_model, join_training_scenes
+from mlsroad_pipeline.algorithms.patches.types import PatchStages
 from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
 

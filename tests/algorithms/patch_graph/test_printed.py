@@ -12,8 +12,9 @@ from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParamet
 from mlsroad_pipeline.algorithms.patch_graph.costs import CostWeights
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
 from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
-from mlsroad_pipeline.algorithms.patches.labelling import PatchStages, label_patches
+from mlsroad_pipeline.algorithms.patches.labelling import label_patches
 from mlsroad_pipeline.algorithms.patches.training import PatchTraining, join_training_scenes
+from mlsroad_pipeline.algorithms.patches.types import PatchStages
 from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
 

@@ -21,8 +21,9 @@ from mlsroad_pipeline.algorithms.patch_graph import labeller
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
 from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
-from mlsroad_pipeline.algorithms.patches.labelling import PatchStages, label_patches
+from mlsroad_pipeline.algorithms.patches.labelling import label_patches
 from mlsroad_pipeline.algorithms.patches.training import PatchTraining, join_training_scenes, number_surveys
+from mlsroad_pipeline.algorithms.patches.types import PatchStages
 from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
 
 STAGES = PatchStages(GroundParameters(), PatchParameters())

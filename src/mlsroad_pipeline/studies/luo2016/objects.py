@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.class_balance import majority_labels
-from mlsroad_pipeline.algorithms.patches.labelling import ScenePatches
+from mlsroad_pipeline.algorithms.patches.types import ScenePatches
 
 LEAST_POINTS = 100
 """Fewest points of an object that is counted; most objects with fewer are cut off at an end of the street."""

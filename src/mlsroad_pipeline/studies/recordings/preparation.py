@@ -28,8 +28,9 @@ from mlsroad_pipeline.algorithms.detrended_forest.training import fit as fit_for
 from mlsroad_pipeline.algorithms.detrended_forest.training import training_rows
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
-from mlsroad_pipeline.algorithms.patches.labelling import PatchStages, build_patches, label_patches
+from mlsroad_pipeline.algorithms.patches.labelling import build_patches, label_patches
 from mlsroad_pipeline.algorithms.patches.training import PatchTraining, join_training_scenes
+from mlsroad_pipeline.algorithms.patches.types import PatchStages
 from mlsroad_pipeline.algorithms.scenes.parts import TRAIN
 from mlsroad_pipeline.algorithms.stages import (
     GroundParameters,

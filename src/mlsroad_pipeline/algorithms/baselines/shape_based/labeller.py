@@ -22,7 +22,8 @@ from mlsroad_pipeline.algorithms.core.validation import check_at_least
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.flat_forest import FlatForest
 from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
-from mlsroad_pipeline.algorithms.patches.labelling import ScenePatches, prepare_cloud
+from mlsroad_pipeline.algorithms.patches.labelling import prepare_cloud
+from mlsroad_pipeline.algorithms.patches.types import ScenePatches
 from mlsroad_pipeline.algorithms.patches.voting import vote_on_points
 from mlsroad_pipeline.algorithms.stages import inliers
 

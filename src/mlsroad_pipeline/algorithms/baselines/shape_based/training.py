@@ -24,7 +24,8 @@ from mlsroad_pipeline.algorithms.core.stage_results import Ground
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.class_balance import majority_labels
 from mlsroad_pipeline.algorithms.models.flat_forest import FlatForest
-from mlsroad_pipeline.algorithms.patches.labelling import PatchStages, ScenePatches, label_patches
+from mlsroad_pipeline.algorithms.patches.labelling import label_patches
+from mlsroad_pipeline.algorithms.patches.types import PatchStages, ScenePatches
 
 logger = logging.getLogger(__name__)
 
