@@ -32,7 +32,7 @@ from mlsroad_pipeline.algorithms.patch_graph.transfer import (
     match_patches,
     train_graph,
 )
-from mlsroad_pipeline.algorithms.patches.extraction import Patches, join_patches
+from mlsroad_pipeline.algorithms.patches.table import Patches, join_patches
 from mlsroad_pipeline.algorithms.patches.voting import vote_on_points
 
 PRINTED = SearchParameters(promise=float("inf"), tolerance=0.0, exhaustive_budget=0, n_probes=0)

@@ -42,7 +42,8 @@ from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphClassif
 from mlsroad_pipeline.algorithms.patch_graph.labeller import ground_classes
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
 from mlsroad_pipeline.algorithms.patch_graph.refinement import RefinementParameters, refine
-from mlsroad_pipeline.algorithms.patches.extraction import Patches, PatchParameters
+from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
+from mlsroad_pipeline.algorithms.patches.table import Patches
 from mlsroad_pipeline.algorithms.patches.training import join_training_scenes
 from mlsroad_pipeline.algorithms.patches.types import PatchStages
 from mlsroad_pipeline.algorithms.patches.voting import vote_on_points

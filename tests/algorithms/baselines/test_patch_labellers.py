@@ -12,9 +12,10 @@ from mlsroad_pipeline.algorithms.baselines.patch_svm.classifier import PatchSvm,
 from mlsroad_pipeline.algorithms.baselines.patch_svm.training import fit_patch_svm
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
-from mlsroad_pipeline.algorithms.patches.extraction import Patches, PatchParameters
+from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
 from mlsroad_pipeline.algorithms.patches.features import COLOURED, GEOMETRY, draw_training_patches, patch_features
 from mlsroad_pipeline.algorithms.patches.labelling import build_patches, label_patch_scene, label_patches
+from mlsroad_pipeline.algorithms.patches.table import Patches
 from mlsroad_pipeline.algorithms.patches.training import PatchTraining, bundle_model, join_training_scenes
 from mlsroad_pipeline.algorithms.patches.types import PatchStages
 from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground

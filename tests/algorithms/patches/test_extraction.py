@@ -6,7 +6,8 @@ from references.patches import leaves, votes
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.patches.extraction import Patches, PatchParameters, extract_patches, join_patches
+from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters, extract_patches
+from mlsroad_pipeline.algorithms.patches.table import Patches, join_patches
 from mlsroad_pipeline.algorithms.patches.voting import vote_on_points
 
 ORIGIN = np.array([389_300.0, 5_819_700.0, 34.0])

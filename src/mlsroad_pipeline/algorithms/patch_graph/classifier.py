@@ -20,7 +20,7 @@ from mlsroad_pipeline.algorithms.patch_graph.transfer import (
     match_patches,
     train_graph,
 )
-from mlsroad_pipeline.algorithms.patches.extraction import Patches
+from mlsroad_pipeline.algorithms.patches.table import Patches
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphClassif
 from mlsroad_pipeline.algorithms.patch_graph.refinement import ValidationScene
 from mlsroad_pipeline.algorithms.patch_graph.training_scenes import cut_scenes
 from mlsroad_pipeline.algorithms.patch_graph.transfer import class_probabilities, match_patches
-from mlsroad_pipeline.algorithms.patches.extraction import Patches
+from mlsroad_pipeline.algorithms.patches.table import Patches
 
 logger = logging.getLogger(__name__)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.patch_graph.costs import block_costs, bounded_cost
 from mlsroad_pipeline.algorithms.patch_graph.moves import insert, largest, slot_of
 from mlsroad_pipeline.algorithms.patch_graph.patch_index import PatchIndex
-from mlsroad_pipeline.algorithms.patches.extraction import UNKNOWN
+from mlsroad_pipeline.algorithms.patches.table import UNKNOWN
 
 _BLOCK = 1024  # patches that fit the cache of a core
 

@@ -20,7 +20,7 @@ from mlsroad_pipeline.algorithms.patch_graph.iterations import (
     make_chooser,
 )
 from mlsroad_pipeline.algorithms.patch_graph.patch_index import PatchIndex, build_patch_index
-from mlsroad_pipeline.algorithms.patches.extraction import Patches
+from mlsroad_pipeline.algorithms.patches.table import Patches
 
 __all__ = [
     "CostWeights",

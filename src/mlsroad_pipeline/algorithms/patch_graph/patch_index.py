@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.geometry.cell_grid import build_cell_grids
 from mlsroad_pipeline.algorithms.patch_graph.costs import CostWeights, weigh_descriptors
-from mlsroad_pipeline.algorithms.patches.extraction import Patches
+from mlsroad_pipeline.algorithms.patches.table import Patches
 
 _CELLS_PER_RADIUS = 4
 

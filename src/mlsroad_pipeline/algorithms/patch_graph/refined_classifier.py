@@ -24,7 +24,7 @@ from mlsroad_pipeline.algorithms.patch_graph.refinement import (
     choose_parameters,
     refine,
 )
-from mlsroad_pipeline.algorithms.patches.extraction import Patches
+from mlsroad_pipeline.algorithms.patches.table import Patches
 
 
 @dataclass(frozen=True)

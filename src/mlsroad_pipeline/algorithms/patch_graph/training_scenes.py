@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
-from mlsroad_pipeline.algorithms.patches.extraction import Patches
 from mlsroad_pipeline.algorithms.patches.labelling import main_axis_stations
+from mlsroad_pipeline.algorithms.patches.table import Patches
 
 
 def cut_scenes(patches: Patches, length: float) -> Patches:

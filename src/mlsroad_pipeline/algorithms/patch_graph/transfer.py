@@ -20,7 +20,7 @@ from mlsroad_pipeline.algorithms.patch_graph.iterations import (
 )
 from mlsroad_pipeline.algorithms.patch_graph.matching import check_matches, match_with_each_other
 from mlsroad_pipeline.algorithms.patch_graph.patch_index import PatchIndex, build_patch_index
-from mlsroad_pipeline.algorithms.patches.extraction import UNKNOWN, Patches
+from mlsroad_pipeline.algorithms.patches.table import UNKNOWN, Patches
 
 _ARRAYS = ("matches", "labels", "rows", "objective", "coloured")
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.models.class_balance import draw_per_class
-from mlsroad_pipeline.algorithms.patches.extraction import Patches
+from mlsroad_pipeline.algorithms.patches.table import Patches
 
 GEOMETRY, COLOURED = "geometry", "geometry+rgb"
 """Feature sets without and with colour."""

@@ -24,7 +24,8 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, missing_attributes
 from mlsroad_pipeline.algorithms.models.class_balance import majority_labels
-from mlsroad_pipeline.algorithms.patches.extraction import Patches, PatchParameters, extract_patches
+from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters, extract_patches
+from mlsroad_pipeline.algorithms.patches.table import Patches
 from mlsroad_pipeline.algorithms.patches.types import PatchClassifier, PatchLabels, ScenePatches
 from mlsroad_pipeline.algorithms.patches.voting import vote_on_points
 from mlsroad_pipeline.algorithms.stages import GroundParameters, ground_of, inliers

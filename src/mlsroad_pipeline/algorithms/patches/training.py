@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.core.validation import check_arrays
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.patches.extraction import Patches, join_patches
+from mlsroad_pipeline.algorithms.patches.table import Patches, join_patches
 from mlsroad_pipeline.algorithms.patches.types import PatchClassifier, PatchLabels, PatchStages, ScenePatches
 
 logger = logging.getLogger(__name__)

@@ -9,7 +9,8 @@ from typing import NotRequired, Protocol, Self, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.patches.extraction import Patches, PatchParameters
+from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
+from mlsroad_pipeline.algorithms.patches.table import Patches
 from mlsroad_pipeline.algorithms.stages import GroundParameters
 
 

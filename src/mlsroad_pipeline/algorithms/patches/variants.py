@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.models.bundle import arrays_under
-from mlsroad_pipeline.algorithms.patches.extraction import Patches
 from mlsroad_pipeline.algorithms.patches.features import COLOURED, GEOMETRY, patch_features
+from mlsroad_pipeline.algorithms.patches.table import Patches
 
 
 class PatchVariants:

@@ -21,8 +21,9 @@ from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphClassifier
 from mlsroad_pipeline.algorithms.patch_graph.labeller import ground_classes
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import refine_classifier
-from mlsroad_pipeline.algorithms.patches.extraction import Patches, PatchParameters
+from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
 from mlsroad_pipeline.algorithms.patches.labelling import build_patches, label_patches
+from mlsroad_pipeline.algorithms.patches.table import Patches
 from mlsroad_pipeline.algorithms.patches.training import join_training_scenes
 from mlsroad_pipeline.algorithms.patches.types import PatchLabels, PatchStages, ScenePatches
 from mlsroad_pipeline.algorithms.patches.voting import vote_on_points

@@ -12,7 +12,7 @@ from mlsroad_pipeline.algorithms.baselines.max_margin_markov.graph import build_
 from mlsroad_pipeline.algorithms.baselines.max_margin_markov.network import MarkovNetwork, clique_shares
 from mlsroad_pipeline.algorithms.baselines.max_margin_markov.training import MarginParameters, fit_max_margin
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.patches.extraction import Patches, join_patches
+from mlsroad_pipeline.algorithms.patches.table import Patches, join_patches
 
 QUICK = MarginParameters(n_rounds=15, site_depth=4, batch_patches=1000, fit_rows=2000)
 

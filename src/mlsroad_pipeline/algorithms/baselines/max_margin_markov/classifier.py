@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.baselines.max_margin_markov.graph import build_markov_graph
 from mlsroad_pipeline.algorithms.baselines.max_margin_markov.network import MarkovNetwork
-from mlsroad_pipeline.algorithms.patches.extraction import Patches
 from mlsroad_pipeline.algorithms.patches.labelling import label_patch_cloud
+from mlsroad_pipeline.algorithms.patches.table import Patches
 
 SLUG = "max_margin_markov"
 

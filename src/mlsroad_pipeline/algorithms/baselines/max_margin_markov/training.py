@@ -21,7 +21,7 @@ from mlsroad_pipeline.algorithms.baselines.max_margin_markov.graph import Markov
 from mlsroad_pipeline.algorithms.baselines.max_margin_markov.network import PARTS, MarkovNetwork, clique_shares
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
-from mlsroad_pipeline.algorithms.patches.extraction import Patches
+from mlsroad_pipeline.algorithms.patches.table import Patches
 from mlsroad_pipeline.algorithms.patches.training import train_model
 
 _EXPONENTS = {"balanced": 1.0, "sqrt": 0.5, "none": 0.0}

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.validation import check_at_least
 from mlsroad_pipeline.algorithms.models.flat_forest import FlatForest
-from mlsroad_pipeline.algorithms.patches.extraction import Patches
 from mlsroad_pipeline.algorithms.patches.features import draw_training_patches, patch_features, variants_of
 from mlsroad_pipeline.algorithms.patches.labelling import label_patch_cloud
+from mlsroad_pipeline.algorithms.patches.table import Patches
 from mlsroad_pipeline.algorithms.patches.training import train_model
 from mlsroad_pipeline.algorithms.patches.variants import PatchVariants
 

@@ -16,8 +16,8 @@ from mlsroad_pipeline.algorithms.baselines.patch_svm.classifier import SLUG, Pat
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.models.kernel_machine import Choice
 from mlsroad_pipeline.algorithms.models.kernel_machine_training import choose_machine, fit_machine, standardise
-from mlsroad_pipeline.algorithms.patches.extraction import Patches
 from mlsroad_pipeline.algorithms.patches.features import draw_training_patches, patch_features, variants_of
+from mlsroad_pipeline.algorithms.patches.table import Patches
 from mlsroad_pipeline.algorithms.patches.training import train_model
 
 logger = logging.getLogger(__name__)
