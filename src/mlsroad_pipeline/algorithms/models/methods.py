@@ -40,7 +40,7 @@ class Method:
     label_cloud : str, default "recognition.recogniser:label_cloud"
         Function that labels a cloud from raw coordinates on: ``(cloud, bundle)`` to labels and confidences.
     label_softly : str, optional
-        Function that labels a cloud and returns class probabilities too: see `bundle.SoftLabels`.
+        Function that labels a cloud and returns class probabilities too: see `labelling.SoftLabels`.
     group : str, optional
         Parameter group in the configuration; the slug by default.
     needs_images : bool, default False
