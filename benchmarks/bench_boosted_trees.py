@@ -26,10 +26,11 @@ from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import Boost
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import sample_voxels
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.training import fit
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
 from mlsroad_pipeline.algorithms.detrended_forest.labeller import label_cloud as label_by_forest
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
-from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
+from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.datasets.models.shipped_models import load_shipped
 from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.formats.options import ReadOptions

@@ -22,10 +22,11 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.inputs import 
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.labeller import parameters_of, prepare
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.prediction import predict_superpoints
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters, StageParameters
 from mlsroad_pipeline.algorithms.fusion.pool import NETWORK, members_of
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.labelling import label_softly
-from mlsroad_pipeline.algorithms.stages import GroundParameters, StageParameters, find_ground
+from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.datasets.models.shipped_models import load_shipped
 from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.formats.options import ReadOptions

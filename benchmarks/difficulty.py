@@ -20,9 +20,10 @@ from sklearn.ensemble import RandomForestClassifier
 from transfer import CONF
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.features.eigen import EIGEN_FEATURES, compute_eigen_features
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scores
-from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
+from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.simulation import PRESETS, simulate_survey
 from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS
 

@@ -12,16 +12,14 @@ import yaml
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.metrics.confusion import scores
-from mlsroad_pipeline.algorithms.stages import (
+from mlsroad_pipeline.algorithms.core.stage_parameters import (
     FeatureParameters,
     GroundParameters,
     StageParameters,
     SupervoxelParameters,
-    build_supervoxels,
-    describe_supervoxels,
-    find_ground,
 )
+from mlsroad_pipeline.algorithms.metrics.confusion import scores
+from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_supervoxels, find_ground
 
 CONF = Path(__file__).resolve().parents[1] / "conf"
 

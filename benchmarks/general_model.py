@@ -26,12 +26,12 @@ from kedro.framework.startup import bootstrap_project
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG, BoostedTreesParameters
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.training import fit
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.evaluation.labelling import coarse_labels
 from mlsroad_pipeline.algorithms.metrics.calibration import ReliabilityTable
 from mlsroad_pipeline.algorithms.metrics.confusion import scores
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
-from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.pipelines.boosted_trees.nodes import load_lightgbm
 from mlsroad_pipeline.studies.recordings.scoring import score_points, unmixed
 from mlsroad_pipeline.studies.recordings.sources import Source, sources_of

@@ -21,10 +21,10 @@ from matplotlib.axes import Axes
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.metrics.instances import find_overlaps
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters, segment_scene
-from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.simulation import PRESETS
 from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS
 from mlsroad_pipeline.studies.yu2016.objects import TOUCHING

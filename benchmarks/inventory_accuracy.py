@@ -23,6 +23,7 @@ import pandas as pd
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects, measure_points
 from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
 from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, ObjectRule
@@ -33,7 +34,7 @@ from mlsroad_pipeline.algorithms.metrics.measure_errors import (
     summarise_errors,
 )
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
+from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle
 from mlsroad_pipeline.label.output_codes import output_codes
 from mlsroad_pipeline.label.scene import LabelSettings, label_new_scene, object_rules

@@ -40,13 +40,14 @@ from mlsroad_pipeline.algorithms.baselines.boosted_trees.segments import (
     order_of_questions,
 )
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.features.voxel_scales import VoxelFeatures, smooth_by_cells
 from mlsroad_pipeline.algorithms.metrics.confusion import scores
 from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.grouped_decision import decide
 from mlsroad_pipeline.algorithms.scenes.parts import TEST, TRAIN
-from mlsroad_pipeline.algorithms.stages import GroundParameters, ground_of, inliers
+from mlsroad_pipeline.algorithms.stages import ground_of, inliers
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
 from mlsroad_pipeline.datasets.models.replay import read_replay
 from mlsroad_pipeline.datasets.models.shipped_models import load_shipped

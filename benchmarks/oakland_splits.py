@@ -37,6 +37,7 @@ from mlsroad_pipeline.algorithms.baselines.patch_svm.classifier import PatchSvmP
 from mlsroad_pipeline.algorithms.baselines.shape_based.labeller import ShapeParameters
 from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scores
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphClassifier, PatchGraphParameters
 from mlsroad_pipeline.algorithms.patch_graph.labeller import ground_classes
@@ -47,7 +48,7 @@ from mlsroad_pipeline.algorithms.patches.table import Patches
 from mlsroad_pipeline.algorithms.patches.training import join_training_scenes
 from mlsroad_pipeline.algorithms.patches.types import PatchStages
 from mlsroad_pipeline.algorithms.patches.voting import vote_on_points
-from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
+from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.studies.luo2016.runs import cut_patches, train_and_score
 from mlsroad_pipeline.studies.parameters import changed
 

@@ -27,18 +27,16 @@ import yaml
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.detrended_forest.labeller import label_scene
-from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters, fit, training_rows
-from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scores
-from mlsroad_pipeline.algorithms.stages import (
+from mlsroad_pipeline.algorithms.core.stage_parameters import (
     FeatureParameters,
     GroundParameters,
     StageParameters,
     SupervoxelParameters,
-    build_supervoxels,
-    describe_supervoxels,
-    find_ground,
 )
+from mlsroad_pipeline.algorithms.detrended_forest.labeller import label_scene
+from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters, fit, training_rows
+from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scores
+from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_supervoxels, find_ground
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.simulation import PRESETS, SimulationParameters, simulate_survey

@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.detection.regions import RegionParameters
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters, segment_scene
-from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.algorithms.visual_words.descriptions import GroupParameters, describe_objects, groups_of
 from mlsroad_pipeline.algorithms.visual_words.groups import join_groups
 from mlsroad_pipeline.algorithms.visual_words.vocabulary import VocabularyParameters, build_vocabulary

@@ -9,6 +9,7 @@ from helpers.conf import CONF, base
 from helpers.yaml_files import read_yaml
 from numpydoc.docscrape import ClassDoc
 
+from mlsroad_pipeline.algorithms.core.stage_parameters import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters
 from mlsroad_pipeline.algorithms.fusion.log_linear_pool import PoolParameters
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import TrainingParameters
@@ -18,7 +19,6 @@ from mlsroad_pipeline.algorithms.recognition.cutting import RecognitionParameter
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters, OutlierParameters
 from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
-from mlsroad_pipeline.algorithms.stages import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.datasets.models.shipped_entry import ShippedParameters
 from mlsroad_pipeline.label.object_scoring import ScoreParameters
 from mlsroad_pipeline.studies.luo2016.parameters import StudyParameters

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.algorithms.features.accumulation_images import compute_images
 from mlsroad_pipeline.algorithms.features.eigen import compute_eigen_features
 from mlsroad_pipeline.algorithms.features.fpfh import compute_fpfh
@@ -28,14 +29,7 @@ from mlsroad_pipeline.algorithms.segmentation.normalized_cut import segment
 from mlsroad_pipeline.algorithms.segmentation.spacing import cluster_by_spacing
 from mlsroad_pipeline.algorithms.segmentation.two_step import segment_two_step
 from mlsroad_pipeline.algorithms.segmentation.yang_dong import segment_yang_dong
-from mlsroad_pipeline.algorithms.stages import (
-    FeatureParameters,
-    GroundParameters,
-    SupervoxelParameters,
-    build_supervoxels,
-    describe_supervoxels,
-    find_ground,
-)
+from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_supervoxels, find_ground
 from mlsroad_pipeline.algorithms.supervoxels.vccs import segment_supervoxels
 
 DIRECTED = ("nx", "ny", "direction_x", "direction_y")

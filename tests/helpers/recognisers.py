@@ -2,6 +2,7 @@
 
 from mlsroad_pipeline.algorithms.baselines.pointnet.parameters import PointNetParameters
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.detection.detector import DetectionStages
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
@@ -11,7 +12,6 @@ from mlsroad_pipeline.algorithms.recognition.descriptor_machine import Descripto
 from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
 from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
-from mlsroad_pipeline.algorithms.stages import GroundParameters
 
 SCHEME = ClassScheme(
     "test", ("pole", "car", "bin", "other"), (("light_pole",), ("car",), ("bin",), ("road", "tree")), ("unlabelled",), (64, 66, 67, 1)

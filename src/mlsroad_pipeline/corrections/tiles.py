@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import describe_scene, parameters_of
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.features.voxel_scales import VoxelFeatures
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
+from mlsroad_pipeline.algorithms.stages import find_ground
 
 TILE, MARGIN = 30.0, 15.0
 """Edge of the tiles that are learned from, and width of the surroundings that are read with them, metres."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
 from mlsroad_pipeline.algorithms.inventory.candidate_labels import candidate_rules
 from mlsroad_pipeline.algorithms.inventory.class_groups import ClassEvidence, evidence_of_soft_labels
@@ -29,7 +30,7 @@ from mlsroad_pipeline.algorithms.models.object_judge import ObjectJudge
 from mlsroad_pipeline.algorithms.scenes.joining import join_pieces
 from mlsroad_pipeline.algorithms.scenes.parameters import OutlierParameters
 from mlsroad_pipeline.algorithms.scenes.spans import SceneSpan
-from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground, inliers
+from mlsroad_pipeline.algorithms.stages import find_ground, inliers
 from mlsroad_pipeline.datasets.models.object_judges import judge_of
 from mlsroad_pipeline.label.confidence import count_confidences
 from mlsroad_pipeline.label.picture_sample import PictureSample, scene_sample

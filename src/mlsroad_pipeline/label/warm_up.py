@@ -20,6 +20,7 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters imp
 )
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.weights import weight_shapes
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
 from mlsroad_pipeline.algorithms.features.voxel_scales import (
     compute_voxel_features,
@@ -35,14 +36,7 @@ from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
 from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk
 from mlsroad_pipeline.algorithms.scenes.binning import cut_range
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
-from mlsroad_pipeline.algorithms.stages import (
-    FeatureParameters,
-    GroundParameters,
-    SupervoxelParameters,
-    build_supervoxels,
-    describe_supervoxels,
-    find_ground,
-)
+from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_supervoxels, find_ground
 from mlsroad_pipeline.label.scene import label_pieces
 from mlsroad_pipeline.label.written_file import write_file
 from mlsroad_pipeline.surveys.reading import read_and_cut

@@ -11,6 +11,7 @@ from kedro.pipeline import Node, Pipeline
 from matplotlib.figure import Figure
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS, Method
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
@@ -19,7 +20,6 @@ from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
 from mlsroad_pipeline.algorithms.patches.labelling import label_patch_scene
 from mlsroad_pipeline.algorithms.patches.training import PatchTraining, join_training_scenes, number_surveys
 from mlsroad_pipeline.algorithms.patches.types import PatchStages
-from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.pipelines.per_scene import PerScene, fix_arguments

@@ -6,6 +6,7 @@ from typing import Any
 
 from kedro.pipeline import Node, Pipeline
 
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.detection.detector import DetectionStages
 from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
@@ -13,7 +14,6 @@ from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.recognition.cutting import RecognitionParameters
 from mlsroad_pipeline.algorithms.recognition.recogniser import recognise_objects, train_and_recognise
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
-from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, scene_tasks

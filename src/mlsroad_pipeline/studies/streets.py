@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
-from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
+from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters, simulation_parameters
 from mlsroad_pipeline.simulation.runtime.survey import Survey, simulate_survey

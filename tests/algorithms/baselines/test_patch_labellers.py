@@ -11,6 +11,7 @@ from mlsroad_pipeline.algorithms.baselines.patch_svm import classifier as patch_
 from mlsroad_pipeline.algorithms.baselines.patch_svm.classifier import PatchSvm, PatchSvmParameters
 from mlsroad_pipeline.algorithms.baselines.patch_svm.training import fit_patch_svm
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
 from mlsroad_pipeline.algorithms.patches.features import COLOURED, GEOMETRY, draw_training_patches, patch_features
@@ -18,7 +19,7 @@ from mlsroad_pipeline.algorithms.patches.labelling import build_patches, label_p
 from mlsroad_pipeline.algorithms.patches.table import Patches
 from mlsroad_pipeline.algorithms.patches.training import PatchTraining, bundle_model, join_training_scenes
 from mlsroad_pipeline.algorithms.patches.types import PatchStages
-from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
+from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
 
 SVM = PatchSvmParameters(costs=[1.0, 10.0], gammas=[0.1], cv_per_class=60, max_per_class=100)

@@ -8,6 +8,7 @@ import pytest
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.inventory.extraction import measure_points
 from mlsroad_pipeline.algorithms.inventory.measures import MEASURES
 from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, ObjectRule
@@ -17,7 +18,7 @@ from mlsroad_pipeline.algorithms.metrics.measure_errors import (
     measurement_errors,
     summarise_errors,
 )
-from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
+from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.simulation import PRESETS, simulate_survey
 from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS
 

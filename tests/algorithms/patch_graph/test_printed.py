@@ -6,6 +6,7 @@ import numpy as np
 from helpers.conf import base
 from references.patches import SCHEME, prepare, street
 
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
@@ -15,7 +16,6 @@ from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
 from mlsroad_pipeline.algorithms.patches.labelling import label_patches
 from mlsroad_pipeline.algorithms.patches.training import PatchTraining, join_training_scenes
 from mlsroad_pipeline.algorithms.patches.types import PatchStages
-from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
 
 

@@ -16,6 +16,7 @@ from mlsroad_pipeline.algorithms.baselines.shape_based import labeller as shape_
 from mlsroad_pipeline.algorithms.baselines.shape_based import training as shape_training
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.algorithms.patch_graph import labeller
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
@@ -24,7 +25,7 @@ from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
 from mlsroad_pipeline.algorithms.patches.labelling import label_patches
 from mlsroad_pipeline.algorithms.patches.training import PatchTraining, join_training_scenes, number_surveys
 from mlsroad_pipeline.algorithms.patches.types import PatchStages
-from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
+from mlsroad_pipeline.algorithms.stages import find_ground
 
 STAGES = PatchStages(GroundParameters(), PatchParameters())
 SVM = PatchSvmParameters(costs=[10.0], gammas=[0.1], cv_per_class=40, max_per_class=80)

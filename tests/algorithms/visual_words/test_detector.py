@@ -233,9 +233,9 @@ def test_bad_input(rng):
 def test_a_scene_without_objects_and_a_cloud_without_any(rng):
     from mlsroad_pipeline.algorithms.core.classes import ClassScheme
     from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+    from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
     from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters, object_classes
     from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters, segment_scene
-    from mlsroad_pipeline.algorithms.stages import GroundParameters
     from mlsroad_pipeline.algorithms.visual_words.descriptions import describe_objects
     from mlsroad_pipeline.algorithms.visual_words.labeller import detect_scene, label_cloud
     from mlsroad_pipeline.algorithms.visual_words.training import (

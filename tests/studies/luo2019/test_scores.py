@@ -9,11 +9,11 @@ from sklearn.metrics import f1_score, precision_score, recall_score
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 from mlsroad_pipeline.algorithms.recognition.disturbances import Disturbance
 from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
-from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.simulation.parameters.presets import PRESETS
 from mlsroad_pipeline.studies.luo2019 import paper as luo2019_paper
 from mlsroad_pipeline.studies.luo2019 import scores as luo2019

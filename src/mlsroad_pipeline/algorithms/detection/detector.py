@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import IGNORE
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.core.stage_results import GroundMask
 from mlsroad_pipeline.algorithms.detection.thresholds import detect_by_thresholds
 from mlsroad_pipeline.algorithms.detection.types import Description, Detections, ObjectLabels, Segments
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters, segment_scene
-from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
+from mlsroad_pipeline.algorithms.stages import find_ground
 
 WITH_INTENSITY, GEOMETRY = "geometry+intensity", "geometry"
 """Variants of a model: trained with intensity, and without for surveys that have none."""

@@ -14,17 +14,12 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.labels import PointLabels, unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import StageParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground, SupervoxelPartition, SupervoxelTable
 from mlsroad_pipeline.algorithms.detrended_forest.labelling import label_points, smooth_probabilities
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under, missing_attributes
 from mlsroad_pipeline.algorithms.models.flat_forest import FlatForest
-from mlsroad_pipeline.algorithms.stages import (
-    StageParameters,
-    build_supervoxels,
-    describe_supervoxels,
-    ground_of,
-    inliers,
-)
+from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_supervoxels, ground_of, inliers
 
 SLUG = "detrended_forest"
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import StageParameters
 from mlsroad_pipeline.algorithms.core.stage_results import SupervoxelPartition, SupervoxelTable
 from mlsroad_pipeline.algorithms.core.validation import check_at_least
 from mlsroad_pipeline.algorithms.detrended_forest.classifier import DetrendedForestClassifier
@@ -23,7 +24,7 @@ from mlsroad_pipeline.algorithms.features.radiometry import COLOUR_FEATURES, INT
 from mlsroad_pipeline.algorithms.features.supervoxel_features import SupervoxelFeatures
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.class_balance import majority_labels
-from mlsroad_pipeline.algorithms.stages import StageParameters, inliers
+from mlsroad_pipeline.algorithms.stages import inliers
 
 _ATTRIBUTES = {"rgb": COLOUR_FEATURES, "intensity": INTENSITY_FEATURES}
 

@@ -21,6 +21,7 @@ from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.labels import PointLabels, unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, missing_attributes
 from mlsroad_pipeline.algorithms.models.class_balance import majority_labels
@@ -28,7 +29,7 @@ from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters, extr
 from mlsroad_pipeline.algorithms.patches.table import Patches
 from mlsroad_pipeline.algorithms.patches.types import PatchClassifier, PatchLabels, ScenePatches
 from mlsroad_pipeline.algorithms.patches.voting import vote_on_points
-from mlsroad_pipeline.algorithms.stages import GroundParameters, ground_of, inliers
+from mlsroad_pipeline.algorithms.stages import ground_of, inliers
 
 logger = logging.getLogger(__name__)
 

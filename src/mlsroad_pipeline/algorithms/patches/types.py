@@ -9,9 +9,9 @@ from typing import NotRequired, Protocol, Self, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
 from mlsroad_pipeline.algorithms.patches.table import Patches
-from mlsroad_pipeline.algorithms.stages import GroundParameters
 
 
 class ScenePatches(TypedDict):

@@ -8,14 +8,14 @@ from typing import Any
 from joblib import cpu_count
 from matplotlib.figure import Figure
 
-from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters, fit
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.stages import (
+from mlsroad_pipeline.algorithms.core.stage_parameters import (
     FeatureParameters,
     GroundParameters,
     StageParameters,
     SupervoxelParameters,
 )
+from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters, fit
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.pipelines.training_facts import with_training_facts

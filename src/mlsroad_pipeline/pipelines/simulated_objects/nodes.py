@@ -8,9 +8,9 @@ from typing import Any
 
 import pandas as pd
 
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
-from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.studies.luo2019.paper import OBJECTS

@@ -11,14 +11,14 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters imp
     SLUG,
     SuperpointTransformerParameters,
 )
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.methods import METHODS
-from mlsroad_pipeline.algorithms.stages import (
+from mlsroad_pipeline.algorithms.core.stage_parameters import (
     FeatureParameters,
     GroundParameters,
     StageParameters,
     SupervoxelParameters,
 )
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.pipelines.training_facts import with_training_facts

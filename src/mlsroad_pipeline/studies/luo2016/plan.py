@@ -14,12 +14,12 @@ from mlsroad_pipeline.algorithms.baselines.patch_forest.classifier import PatchF
 from mlsroad_pipeline.algorithms.baselines.patch_svm.classifier import PatchSvmParameters
 from mlsroad_pipeline.algorithms.baselines.shape_based.labeller import ShapeParameters
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
 from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
 from mlsroad_pipeline.algorithms.patches.types import PatchStages
-from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.studies.luo2016.parameters import (

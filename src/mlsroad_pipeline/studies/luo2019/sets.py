@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.metrics.instances import find_overlaps
 from mlsroad_pipeline.algorithms.recognition.cutting import RecognitionParameters, cut_objects
 from mlsroad_pipeline.algorithms.recognition.object_set import ObjectArrays, ObjectSet
@@ -20,7 +21,6 @@ from mlsroad_pipeline.algorithms.segmentation.stage import (
     reference_objects,
     segment_scene,
 )
-from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
 from mlsroad_pipeline.studies.luo2019 import paper as luo2019_paper
 from mlsroad_pipeline.studies.luo2019.set_parameters import BY_HAND, CutParameters, ObjectSetParameters

@@ -24,6 +24,7 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.training_graph
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters, StageParameters
 from mlsroad_pipeline.algorithms.detrended_forest.training import fit as fit_forest
 from mlsroad_pipeline.algorithms.detrended_forest.training import training_rows
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
@@ -32,13 +33,7 @@ from mlsroad_pipeline.algorithms.patches.labelling import build_patches, label_p
 from mlsroad_pipeline.algorithms.patches.training import PatchTraining, join_training_scenes
 from mlsroad_pipeline.algorithms.patches.types import PatchStages
 from mlsroad_pipeline.algorithms.scenes.parts import TRAIN
-from mlsroad_pipeline.algorithms.stages import (
-    GroundParameters,
-    StageParameters,
-    build_supervoxels,
-    describe_supervoxels,
-    find_ground,
-)
+from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_supervoxels, find_ground
 from mlsroad_pipeline.studies.recordings.parameters import OWN
 from mlsroad_pipeline.studies.recordings.streets import ignoring, scenes_in
 

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.stage_parameters import StageParameters
 from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters
 from mlsroad_pipeline.algorithms.features.eigen import SHAPE_FEATURES
 from mlsroad_pipeline.algorithms.features.height import GROUND_HEIGHT_FEATURES, OWN_HEIGHT_FEATURES
 from mlsroad_pipeline.algorithms.features.orientation import ORIENTATION_FEATURES
 from mlsroad_pipeline.algorithms.features.radiometry import INTENSITY_FEATURES
-from mlsroad_pipeline.algorithms.stages import StageParameters
 from mlsroad_pipeline.studies.parameters import ScaledStudy
 
 PAPER_FEATURES = (

@@ -8,17 +8,17 @@ from itertools import cycle
 from typing import Any
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
-from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters
-from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
-from mlsroad_pipeline.algorithms.fusion.labeller import FusionParameters
-from mlsroad_pipeline.algorithms.fusion.log_linear_pool import PoolParameters
-from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
-from mlsroad_pipeline.algorithms.stages import (
+from mlsroad_pipeline.algorithms.core.stage_parameters import (
     FeatureParameters,
     GroundParameters,
     StageParameters,
     SupervoxelParameters,
 )
+from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters
+from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
+from mlsroad_pipeline.algorithms.fusion.labeller import FusionParameters
+from mlsroad_pipeline.algorithms.fusion.log_linear_pool import PoolParameters
+from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters

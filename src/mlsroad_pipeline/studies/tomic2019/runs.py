@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.detrended_forest.labeller import prepare, supervoxel_probabilities
 from mlsroad_pipeline.algorithms.detrended_forest.nearest import nearest_supervoxels
 from mlsroad_pipeline.algorithms.detrended_forest.training import fit as fit_forest
@@ -30,12 +31,7 @@ from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLa
 from mlsroad_pipeline.algorithms.image_labels.visibility import visibility_method
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.stages import (
-    GroundParameters,
-    build_supervoxels,
-    describe_supervoxels,
-    find_ground,
-)
+from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_supervoxels, find_ground
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
 from mlsroad_pipeline.simulation.runtime.survey import Survey, simulate_survey
 from mlsroad_pipeline.studies.streets import cut_street, survey_path, timed

@@ -10,11 +10,11 @@ from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.detector import Bo
 from mlsroad_pipeline.algorithms.baselines.hough_forest.detector import HoughForestParameters
 from mlsroad_pipeline.algorithms.baselines.object_matching.detector import ObjectMatchingParameters
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.detection.detector import DetectionStages
 from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters
 from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
-from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import Deferred, SceneTask

@@ -11,9 +11,10 @@ from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import Boost
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import training_voxels
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.training import fit
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.metrics.calibration import reliability_table
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
-from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
+from mlsroad_pipeline.algorithms.stages import find_ground
 
 QUICK = BoostedTreesParameters(smoothing=0.0)
 WRONG = 0.3

@@ -13,9 +13,10 @@ from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import sample_
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.training import fit
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
-from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
+from mlsroad_pipeline.algorithms.stages import find_ground
 
 QUICK = BoostedTreesParameters(rounds=15, min_child_samples=5, checkpoint_rounds=15)
 

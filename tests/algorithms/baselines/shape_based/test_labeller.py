@@ -22,10 +22,11 @@ from mlsroad_pipeline.algorithms.baselines.shape_based.training import fit, trai
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
 from mlsroad_pipeline.algorithms.patches.labelling import build_patches
 from mlsroad_pipeline.algorithms.patches.types import PatchStages
-from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
+from mlsroad_pipeline.algorithms.stages import find_ground
 
 
 def column(x, y, top, *, step=0.2, bottom=0.4):

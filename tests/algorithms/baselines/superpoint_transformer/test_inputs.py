@@ -18,7 +18,7 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters imp
     AugmentationParameters,
     HierarchyParameters,
 )
-from mlsroad_pipeline.algorithms.stages import (
+from mlsroad_pipeline.algorithms.core.stage_parameters import (
     FeatureParameters,
     GroundParameters,
     StageParameters,

@@ -28,14 +28,14 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.training impor
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.training_graphs import training_graphs
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.labelling import label_cloud
-from mlsroad_pipeline.algorithms.stages import (
+from mlsroad_pipeline.algorithms.core.stage_parameters import (
     FeatureParameters,
     GroundParameters,
     StageParameters,
     SupervoxelParameters,
 )
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.datasets.models.torch_checkpoints import TorchCheckpoints
 
 STAGES = StageParameters(

@@ -9,6 +9,7 @@ from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG,
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.labels import PointLabels, unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
 from mlsroad_pipeline.algorithms.features.voxel_scales import (
     VoxelFeatures,
@@ -21,7 +22,7 @@ from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.grouped_decision import decide
 from mlsroad_pipeline.algorithms.models.labelling import SoftLabels
-from mlsroad_pipeline.algorithms.stages import GroundParameters, ground_of, inliers
+from mlsroad_pipeline.algorithms.stages import ground_of, inliers
 
 
 def describe_scene(scene: PointCloud, ground: Ground, *, voxel_size: float = 0.2, n_threads: int = 1) -> VoxelFeatures:

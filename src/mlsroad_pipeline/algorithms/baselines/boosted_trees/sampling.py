@@ -17,10 +17,11 @@ from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG,
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
 from mlsroad_pipeline.algorithms.features.voxel_scales import voxel_feature_names
 from mlsroad_pipeline.algorithms.models.class_balance import draw_per_class, majority_labels
-from mlsroad_pipeline.algorithms.stages import GroundParameters, ground_of, inliers
+from mlsroad_pipeline.algorithms.stages import ground_of, inliers
 
 
 class TrainingVoxels(TypedDict):

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG, BoostedTreesParameters
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import TrainingVoxels, join_voxels
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.features.voxel_scales import intensity_columns, voxel_feature_names
 from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.checkpoints import Checkpoints
-from mlsroad_pipeline.algorithms.stages import GroundParameters
 
 _LEAST_SHARE = 1e-15
 """Share of a class without training voxels; LightGBM's value."""

@@ -18,17 +18,11 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.prediction imp
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.labels import PointLabels, unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import StageParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground, SupervoxelPartition, SupervoxelTable
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.labelling import SoftLabels
-from mlsroad_pipeline.algorithms.stages import (
-    StageParameters,
-    build_supervoxels,
-    describe_supervoxels,
-    find_ground,
-    ground_of,
-    inliers,
-)
+from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_supervoxels, find_ground, ground_of, inliers
 
 
 def prepare(

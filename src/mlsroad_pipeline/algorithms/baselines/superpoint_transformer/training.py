@@ -17,9 +17,9 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters imp
 )
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.stage_parameters import StageParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.checkpoints import Checkpoints
-from mlsroad_pipeline.algorithms.stages import StageParameters
 
 
 def fit(

@@ -15,8 +15,8 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.labeller impor
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import SuperpointTransformerParameters
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import StageParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground, SupervoxelPartition, SupervoxelTable
-from mlsroad_pipeline.algorithms.stages import StageParameters
 
 
 def training_graphs(
