@@ -33,7 +33,7 @@ from mlsroad_pipeline.datasets.models.shipped_models import (
     save_entry,
     shipped_models,
 )
-from mlsroad_pipeline.label.model_choice import explain_choice
+from mlsroad_pipeline.label.models.selection import explain_choice
 from mlsroad_pipeline.simulation import simulate_survey
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 

@@ -89,8 +89,8 @@ def _one_model(outputs: list[LabelledOutput], place: Place) -> tuple[ModelBundle
     from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
     from mlsroad_pipeline.commands.session import model_store
     from mlsroad_pipeline.corrections.learning import check_learnable
-    from mlsroad_pipeline.label.chosen_model import load_choice
-    from mlsroad_pipeline.label.model_choice import named_choice
+    from mlsroad_pipeline.label.models.choice import load_choice
+    from mlsroad_pipeline.label.models.selection import named_choice
 
     for output in outputs:
         check_learnable(output)

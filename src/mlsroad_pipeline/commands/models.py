@@ -9,7 +9,7 @@ import typer
 from mlsroad_pipeline.commands.options import Verbose, expanded
 
 if TYPE_CHECKING:
-    from mlsroad_pipeline.label.available_models import AvailableModel
+    from mlsroad_pipeline.label.models.available import AvailableModel
 
 
 def models(
@@ -24,9 +24,9 @@ def models(
     from mlsroad_pipeline.commands.console import collected_warnings, output_console, print_warnings
     from mlsroad_pipeline.commands.errors import one_line_errors
     from mlsroad_pipeline.commands.session import find_place, model_store
-    from mlsroad_pipeline.label.available_models import available_models, unusual_properties_of
-    from mlsroad_pipeline.label.model_choice import choose
-    from mlsroad_pipeline.label.survey_facts import facts_of_survey
+    from mlsroad_pipeline.label.models.available import available_models, unusual_properties_of
+    from mlsroad_pipeline.label.models.selection import choose
+    from mlsroad_pipeline.label.models.survey_facts import facts_of_survey
 
     console = output_console()
     with one_line_errors(verbose=verbose):

@@ -19,8 +19,8 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.members import member, with_members
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
 from mlsroad_pipeline.datasets.models.own_segmentation import own_model, with_own_segmentation
-from mlsroad_pipeline.label.model_choice import named_choice
-from mlsroad_pipeline.label.model_request import ModelRequest, image_request
+from mlsroad_pipeline.label.models.request import ModelRequest, image_request
+from mlsroad_pipeline.label.models.selection import named_choice
 from mlsroad_pipeline.label.summary import segmentation_source
 
 SCHEME = ClassScheme("two", ("ground", "thing"), (("road", "sidewalk"), ("car", "tree")), (), (2, 6))

@@ -12,9 +12,9 @@ from helpers.wiring import empty_store
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.datasets.models.model_registry_dataset import register_bundle
 from mlsroad_pipeline.datasets.models.registered_models import MlflowStore, configured_store
-from mlsroad_pipeline.label.chosen_model import load_choice
-from mlsroad_pipeline.label.model_choice import choose
-from mlsroad_pipeline.label.survey_facts import SurveyFacts
+from mlsroad_pipeline.label.models.choice import load_choice
+from mlsroad_pipeline.label.models.selection import choose
+from mlsroad_pipeline.label.models.survey_facts import SurveyFacts
 
 CLASSES = {"classes": ["ground", "object"], "trained_on": "a planted street"}
 
@@ -74,8 +74,9 @@ def test_process_without_tracking_has_no_store_and_imports_no_mlflow():
     code = (
         "import sys\n"
         "from mlsroad_pipeline.datasets.models.registered_models import configured_store\n"
-        "from mlsroad_pipeline.label.chosen_model import load_choice\n"
-        "from mlsroad_pipeline.label.model_choice import SurveyFacts, choose\n"
+        "from mlsroad_pipeline.label.models.choice import load_choice\n"
+        "from mlsroad_pipeline.label.models.selection import choose\n"
+        "from mlsroad_pipeline.label.models.survey_facts import SurveyFacts\n"
         "assert configured_store() is None\n"
         "print(load_choice(choose(SurveyFacts(300.0, 0.9))).slug, 'mlflow' in sys.modules)"
     )

@@ -27,8 +27,9 @@ from mlsroad_pipeline.label.devices import check_device
 from mlsroad_pipeline.label.exports import export_inventory
 from mlsroad_pipeline.label.images import LabelImages, images_of_survey, images_to_label
 from mlsroad_pipeline.label.inventory import OBJECTS, inventory_of, objects_task
-from mlsroad_pipeline.label.model_choice import named_choice
-from mlsroad_pipeline.label.model_request import ModelRequest, image_request
+from mlsroad_pipeline.label.models.request import ModelRequest, image_request
+from mlsroad_pipeline.label.models.selection import named_choice
+from mlsroad_pipeline.label.models.survey_facts import facts_of_pieces, unusual_properties, unusual_warnings
 from mlsroad_pipeline.label.output_codes import code_names, output_codes
 from mlsroad_pipeline.label.photos import write_photos
 from mlsroad_pipeline.label.planned_outputs import planned_outputs
@@ -37,7 +38,6 @@ from mlsroad_pipeline.label.runs import open_run
 from mlsroad_pipeline.label.scene import LabelSettings, object_rules
 from mlsroad_pipeline.label.scene_tasks import label_tasks
 from mlsroad_pipeline.label.summary import LabelSummary, summarise_labels
-from mlsroad_pipeline.label.survey_facts import facts_of_pieces, unusual_properties, unusual_warnings
 from mlsroad_pipeline.label.written_file import write_file
 from mlsroad_pipeline.pipelines.label.report import label_report_sections
 from mlsroad_pipeline.pipelines.label.report_pictures import report_pictures

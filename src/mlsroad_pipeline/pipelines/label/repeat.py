@@ -19,8 +19,8 @@ from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel
 from mlsroad_pipeline.execution.output_lock import OutputInUseError, lock_output
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.run_identity import FINISHED
-from mlsroad_pipeline.label.chosen_model import ModelChoice, StoredModel
-from mlsroad_pipeline.label.model_choice import named_choice
+from mlsroad_pipeline.label.models.choice import ModelChoice, StoredModel
+from mlsroad_pipeline.label.models.selection import named_choice
 from mlsroad_pipeline.label.runs import finished_record
 from mlsroad_pipeline.label.summary import LabelSummary, moved_summary
 from mlsroad_pipeline.surveys.parameters import LabelParameters

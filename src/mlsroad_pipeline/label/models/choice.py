@@ -1,4 +1,4 @@
-"""The model that labels a survey, and the reason of its choice."""
+"""Chosen model of a run of `label`, with the reason of the choice; loading of its bundle."""
 
 from __future__ import annotations
 

@@ -15,9 +15,9 @@ from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLa
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.datasets.models.own_segmentation import own_model, with_device, with_own_segmentation
 from mlsroad_pipeline.datasets.models.registered_models import configured_store
-from mlsroad_pipeline.label.chosen_model import ModelChoice, load_choice
-from mlsroad_pipeline.label.model_choice import shipped_choice
-from mlsroad_pipeline.label.survey_facts import facts_of_quality
+from mlsroad_pipeline.label.models.choice import ModelChoice, load_choice
+from mlsroad_pipeline.label.models.selection import shipped_choice
+from mlsroad_pipeline.label.models.survey_facts import facts_of_quality
 
 logger = logging.getLogger(__name__)
 

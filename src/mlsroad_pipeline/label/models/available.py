@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from mlsroad_pipeline.algorithms.quality.training_facts import unusual_facts
 from mlsroad_pipeline.datasets.models.registered_models import MlflowStore, ModelStore
 from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel, shipped_models
-from mlsroad_pipeline.label.survey_facts import SurveyFacts
+from mlsroad_pipeline.label.models.survey_facts import SurveyFacts
 
 
 @dataclass(frozen=True)

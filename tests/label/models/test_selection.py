@@ -10,10 +10,10 @@ import pytest
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.datasets.models.registered_models import RegisteredVersion
 from mlsroad_pipeline.datasets.models.shipped_models import shipped_models
-from mlsroad_pipeline.label import model_choice
-from mlsroad_pipeline.label.available_models import AvailableModel, available_models, unusual_properties_of
-from mlsroad_pipeline.label.model_choice import choose, explain_choice, named_choice, shipped_choice
-from mlsroad_pipeline.label.survey_facts import SurveyFacts, facts_of_quality
+from mlsroad_pipeline.label.models import selection
+from mlsroad_pipeline.label.models.available import AvailableModel, available_models, unusual_properties_of
+from mlsroad_pipeline.label.models.selection import choose, explain_choice, named_choice, shipped_choice
+from mlsroad_pipeline.label.models.survey_facts import SurveyFacts, facts_of_quality
 
 DENSE, SPARSE = SurveyFacts(300.0, 0.9), SurveyFacts(8.0, 0.9)
 
@@ -181,7 +181,7 @@ def planted(monkeypatch, **facts):
     """Plant a registry of shipped models with facts of their training data."""
     entry = shipped_models()["dense"]
     models = {name: replace(entry, name=name, training_facts=value) for name, value in facts.items()}
-    monkeypatch.setattr(model_choice, "shipped_models", lambda: models)
+    monkeypatch.setattr(selection, "shipped_models", lambda: models)
     return models
 
 

@@ -1,4 +1,4 @@
-"""Choice of the model that labels a survey: a shipped one, unless a registered one is named or is the champion.
+"""Selection of the model that labels a survey: a named one, the champion, or a shipped one by the survey.
 
 No function needs a Kedro session.
 """
@@ -15,8 +15,8 @@ from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.quality.training_facts import distance_from_training, unusual_facts
 from mlsroad_pipeline.datasets.models.registered_models import ModelStore, RegisteredVersion
 from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel, shipped_models
-from mlsroad_pipeline.label.chosen_model import ModelChoice, StoredModel
-from mlsroad_pipeline.label.survey_facts import (
+from mlsroad_pipeline.label.models.choice import ModelChoice, StoredModel
+from mlsroad_pipeline.label.models.survey_facts import (
     SCAN_BELOW,
     SCAN_CONCENTRATION,
     SPARSE_BELOW,

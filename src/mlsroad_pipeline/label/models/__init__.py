@@ -1,0 +1,1 @@
+"""Choice of the model that labels a survey."""
