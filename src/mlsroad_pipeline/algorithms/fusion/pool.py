@@ -115,7 +115,7 @@ def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int1
     Parameters
     ----------
     cloud : PointCloud
-        Points; what the members use of them.
+        Points; columns that no member uses are ignored.
     bundle : ModelBundle
         A model of `pool_bundle`.
 
@@ -141,7 +141,7 @@ def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
     Parameters
     ----------
     cloud : PointCloud
-        Points; what the members use of them.
+        Points; columns that no member uses are ignored.
     bundle : ModelBundle
         A model of `pool_bundle`.
 
