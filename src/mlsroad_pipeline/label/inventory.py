@@ -71,7 +71,7 @@ def objects_task(
             "labels": labels,
             "judge": judge_digest(),
             "least_score": parameters.least_score,
-            "least_length": parameters.least_kerb,
+            "least_kerb": parameters.least_kerb,
             "least_marking": parameters.least_marking,
             "join_drives": parameters.join_drives,
             "method": bundle.slug,

@@ -27,6 +27,8 @@ from mlsroad_pipeline.datasets.models.object_judges import judge_of
 from mlsroad_pipeline.execution.task import StoredResult
 from mlsroad_pipeline.label.point_labels import ObjectClasses
 
+_MOST_FILES = 1 << 24  # of a drive
+
 
 class _StoredObjects(Sequence[SceneObjects]):
     """Objects of the scenes of a drive, loaded one scene at a time."""
@@ -50,9 +52,6 @@ class _StoredObjects(Sequence[SceneObjects]):
             return [self[i] for i in range(len(self))[index]]
         objects, fragments, evidence = self._handles[index]
         return SceneObjects(objects.key, objects.load(), fragments.load(), evidence=evidence.load())
-
-
-_MOST_FILES = 1 << 24  # of a drive
 
 
 class JoinedObjects(TypedDict):
@@ -91,7 +90,7 @@ def join_objects(
     labels: Mapping[str, int],
     judge: str,
     least_score: float,
-    least_length: float,
+    least_kerb: float,
     least_marking: float,
     method: str,
     model_version: str,
@@ -104,13 +103,10 @@ def join_objects(
         scenes = _StoredObjects(objects[drive], fragments[drive], evidence[drive])
         trajectory = corridor if isinstance(corridor, Trajectory) else None
         drives.append((scenes, trajectory))
-        edges = join_kerbs([stored.load() for stored in kerbs[drive]], trajectory, least_length=least_length)
-        cables = join_wires([stored.load() for stored in wires[drive]], trajectory)
-        stripes = [stored.load() for stored in markings[drive]]
-        paint = join_markings(stripes, trajectory, kerbs=edges, least_length=least_marking)
-        lines.append(numbered([edges, cables, paint]))
-    judges = judge_of(model) if judge else None
-    joined, numbers = join_inventories(drives, rules, judge=judges, least_score=least_score, join_drives=join_drives)
+        stored = kerbs[drive], wires[drive], markings[drive]
+        lines.append(_lines_of_drive(*stored, trajectory, least_kerb=least_kerb, least_marking=least_marking))
+    scorer = judge_of(model) if judge else None
+    joined, numbers = join_inventories(drives, rules, judge=scorer, least_score=least_score, join_drives=join_drives)
     table = with_sightings(joined, numbers, _sightings(sightings, list(corridors)))
     classes: ObjectClasses = {
         "label": np.append(0, table["class"].map(labels)).astype(np.uint8),
@@ -124,6 +120,23 @@ def join_objects(
         "classes": classes,
         "lines": join_drive_lines(lines, comparable=comparable),
     }
+
+
+def _lines_of_drive(
+    kerbs: Sequence[StoredResult],
+    wires: Sequence[StoredResult],
+    markings: Sequence[StoredResult],
+    trajectory: Trajectory | None,
+    *,
+    least_kerb: float,
+    least_marking: float,
+) -> pd.DataFrame:
+    """Return the kerbs, wires and markings of a drive; shorter kerbs and markings are left out, metres."""
+    kerb_lines = join_kerbs([stored.load() for stored in kerbs], trajectory, least_length=least_kerb)
+    wire_lines = join_wires([stored.load() for stored in wires], trajectory)
+    stripes = [stored.load() for stored in markings]
+    marking_lines = join_markings(stripes, trajectory, kerbs=kerb_lines, least_length=least_marking)
+    return numbered([kerb_lines, wire_lines, marking_lines])
 
 
 def join_inventories(

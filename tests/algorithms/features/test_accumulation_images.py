@@ -5,7 +5,7 @@ import pytest
 from references.accumulation import images, normalised
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.features.accumulation_images import compute_images, join_objects
+from mlsroad_pipeline.algorithms.features.accumulation_images import compute_images, concatenate_objects
 
 SIZES = (16, 8, 16)
 
@@ -166,6 +166,6 @@ def test_bad_objects_are_named(objects):
     with pytest.raises(DataError, match="object 2 needs at least 1 points, got 0"):
         compute_images([*objects[:2], np.zeros((0, 3))])
     with pytest.raises(DataError, match=r"object 0 must have shape \(n, 3\), got \(4, 2\)"):
-        join_objects([np.zeros((4, 2))])
+        concatenate_objects([np.zeros((4, 2))])
     with pytest.raises(ParameterError, match=r"sizes must be three numbers of at least 1, got \(16, 0, 16\)"):
         compute_images(objects, sizes=(16, 0, 16))

@@ -20,7 +20,7 @@ _SLICES = N_PARTS - 1
 Images = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 
 
-def join_objects(objects: Sequence[ArrayLike]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def concatenate_objects(objects: Sequence[ArrayLike]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Concatenate the points of objects.
 
     Parameters
@@ -110,8 +110,8 @@ def compute_images(
     ParameterError
         If a size or `n_threads` is below 1, or the window is not two lengths above 0.
     """
-    xyz, indptr = join_objects(objects)
-    each = np.ones(len(xyz)) if weights is None else join_values(weights, indptr, "weights")
+    xyz, indptr = concatenate_objects(objects)
+    each = np.ones(len(xyz)) if weights is None else concatenate_values(weights, indptr, "weights")
     if relative:
         counts = np.diff(indptr)
         each = each / np.repeat(counts, counts)
@@ -121,7 +121,7 @@ def compute_images(
     )  # fmt: skip
 
 
-def join_values(values: Sequence[ArrayLike], indptr: NDArray[np.int64], name: str) -> NDArray[np.float64]:
+def concatenate_values(values: Sequence[ArrayLike], indptr: NDArray[np.int64], name: str) -> NDArray[np.float64]:
     """Concatenate one value per point of objects.
 
     Parameters

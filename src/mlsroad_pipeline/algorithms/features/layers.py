@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.validation import check_at_least
-from mlsroad_pipeline.algorithms.features.accumulation_images import join_objects
+from mlsroad_pipeline.algorithms.features.accumulation_images import concatenate_objects
 
 N_FEATURES = 10
 """Features per layer."""
@@ -41,7 +41,7 @@ def describe_layers(objects: Sequence[ArrayLike], *, n_layers: int = 10) -> NDAr
         If `n_layers` is below 1.
     """
     check_at_least(n_layers, 1, "n_layers")
-    xyz, indptr = join_objects(objects)
+    xyz, indptr = concatenate_objects(objects)
     out = np.zeros((len(objects), n_layers, N_FEATURES))
     _describe(xyz, indptr, out)
     return out.reshape(len(objects), -1).astype(np.float32)

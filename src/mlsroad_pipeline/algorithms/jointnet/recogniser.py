@@ -12,7 +12,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.features.accumulation_images import join_objects, join_values
+from mlsroad_pipeline.algorithms.features.accumulation_images import concatenate_objects, concatenate_values
 from mlsroad_pipeline.algorithms.jointnet.inputs import Points, encode
 from mlsroad_pipeline.algorithms.jointnet.measure_regression import MeasureRegression, train_regression
 from mlsroad_pipeline.algorithms.jointnet.network import JointNet
@@ -228,7 +228,7 @@ class JointNetRecogniser:
 
 
 def _points(objects: Sequence[ArrayLike], intensities: Sequence[ArrayLike] | None) -> Points:
-    xyz, indptr = join_objects(objects)
+    xyz, indptr = concatenate_objects(objects)
     known = np.full(len(objects), intensities is not None)
-    values = np.zeros(len(xyz)) if intensities is None else join_values(intensities, indptr, "intensities")
+    values = np.zeros(len(xyz)) if intensities is None else concatenate_values(intensities, indptr, "intensities")
     return Points(xyz, indptr, values, known)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.features.accumulation_images import join_objects, join_values
+from mlsroad_pipeline.algorithms.features.accumulation_images import concatenate_objects, concatenate_values
 
 
 class Recogniser(Protocol):
@@ -129,8 +129,8 @@ class ObjectSet:
         DataError
             If an object is empty or not finite, or there is not one class per object.
         """
-        xyz, indptr = join_objects(objects)
-        intensity = None if intensities is None else join_values(intensities, indptr, "intensities")
+        xyz, indptr = concatenate_objects(objects)
+        intensity = None if intensities is None else concatenate_values(intensities, indptr, "intensities")
         return cls(
             xyz,
             indptr,
