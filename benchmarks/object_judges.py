@@ -218,14 +218,16 @@ def replay_of(candidates: pd.DataFrame) -> dict[str, JudgedCandidates]:
     return found
 
 
-def card(figures: dict[str, dict[str, dict[str, float]]], n_streets: int, n_simulated: int, model: str) -> str:
+def card(
+    figures: dict[str, dict[str, dict[str, float]]], n_streets: int, n_simulated: int, options: argparse.Namespace
+) -> str:
     """Return the card of the judge."""
     lines = [
         "# Judge of objects",
         "",
         "Boosted trees that give the objects of an inventory their scores, and tell trunks from poles. MIT licence.",
         f"Trained on {n_streets} simulated streets of {len(STREETS)} kinds (of {n_simulated}: those with at most",
-        f"{MOST_POINTS:,} points), labelled by the shipped model `{model}`, which was not trained on them.",
+        f"{MOST_POINTS:,} points), labelled by the shipped model `{options.model}`, which was not trained on them.",
         "Each street was used three times: as labelled, and twice with noise in its class probabilities and sheared;",
         "vehicles were also learned from each street with gaps that cut them.",
         "No recording was used.",
@@ -243,7 +245,8 @@ def card(figures: dict[str, dict[str, dict[str, float]]], n_streets: int, n_simu
             names = ("precision_at_0.4", "recall_at_0.4", "f_at_0.4", "calibration_error")
             shown += [f"{row[name]:.2f}" for name in names]
             lines.append(f"| {group} | {kind} | {' | '.join(shown)} |")
-    return "\n".join([*lines, "", "Made by `python benchmarks/object_judges.py --write`.", ""])
+    command = f"python benchmarks/object_judges.py --model {options.model} --thirds {options.thirds} --write"
+    return "\n".join([*lines, "", f"Made by `{command}`.", ""])
 
 
 def variants_of(number: int) -> tuple[str, ...]:
@@ -309,7 +312,7 @@ def main() -> None:
         (FOLDER / JUDGE).write_bytes((folders.labelled / JUDGE).read_bytes())
         write_judge_replay(replay_of(candidates))
         used = candidates["street"].nunique()
-        (FOLDER / CARD).write_text(card(figures, used, len(names), options.model), encoding="utf-8")
+        (FOLDER / CARD).write_text(card(figures, used, len(names), options), encoding="utf-8")
         print(f"written: {FOLDER / JUDGE}, {FOLDER / CARD}")
 
 
