@@ -33,6 +33,16 @@ def test_a_failed_stage_names_its_first_scenes():
     assert [f"/data/{i}.laz" in text for i in range(5)] == [True, True, True, False, False]
 
 
+def test_an_own_error_that_names_its_file_stands_alone():
+    source = "/data/empty.laz"
+    own = SceneFailure("survey.empty_laz", source, f"ReadError: {source} is empty (0 bytes)")
+    assert describe(SceneError("files", (own,), 1)) == f"{source} is empty (0 bytes)"
+    elsewhere = SceneFailure("survey.empty_laz", source, "ReadError: no point is left")
+    foreign = SceneFailure("survey.empty_laz", source, f"ValueError: {source} (las.py:3, in read)")
+    for failure in (elsewhere, foreign):
+        assert describe(SceneError("files", (failure,), 1)) == str(failure)
+
+
 def test_an_error_of_the_system_names_the_file():
     full = OSError(errno.ENOSPC, "No space left on device", "/out/a.laz")
     assert describe(caused(RuntimeError("writer"), full)).startswith("/out/a.laz: No space left on device: free some")

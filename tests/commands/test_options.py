@@ -7,7 +7,7 @@ import typer
 from omegaconf import OmegaConf
 
 from mlsroad_pipeline.commands import session
-from mlsroad_pipeline.commands.options import default_output, expanded, merged, nested, survey_of
+from mlsroad_pipeline.commands.options import default_output, expanded, merged, nested, results_folder, survey_of
 
 
 @pytest.fixture
@@ -147,3 +147,10 @@ def test_datasets_of_local_files_refuse_addresses(kind, name):
     config = {"type": f"mlsroad_pipeline.datasets.{kind}", "filepath": f"s3://bucket/{name}"}
     with pytest.raises(DatasetError, match=f"filepath is 's3://bucket/{name}', an address"):
         AbstractDataset.from_config("data", config)
+
+
+def test_a_labelled_survey_stands_for_the_folder_of_its_results(tmp_path):
+    survey, results = str(tmp_path / "street.laz"), str(tmp_path / "street_mlsroad")
+    assert results_folder(survey) == survey  # not labelled
+    (tmp_path / "street_mlsroad" / ".mlsroad").mkdir(parents=True)
+    assert results_folder(survey) == results_folder(results) == results

@@ -10,7 +10,7 @@ from helpers.formats import make_labels, make_las
 from helpers.las_rules import broken_rules
 from helpers.plain_clouds import write
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart
 from mlsroad_pipeline.formats.options import ReadOptions
@@ -147,6 +147,15 @@ def test_systems_without_lengths_are_refused_before_any_point(tmp_path, crs, mes
     assert any(text.startswith("label refuses it: ") for text in files[0].warnings)
     wanted = LabelParameters(str(path), str(tmp_path / "out"), read={"reproject": "EPSG:25833"})
     check_headers(plan_labelling(wanted, IngestParameters()), wanted)
+
+
+def test_a_named_trajectory_must_lie_beside_a_file(tmp_path):
+    path = write(tmp_path / "a.laz", [[1, 2, 3], [4, 5, 6]])
+    wanted = LabelParameters(str(path), str(tmp_path / "out"), trajectory="path.csv")
+    with pytest.raises(ParameterError, match=rf"^label\.trajectory: {tmp_path}/path\.csv does not exist; "):
+        plan_labelling(wanted, IngestParameters())
+    (tmp_path / "path.csv").write_text("gps_time,x,y,z\n0,1,2,3\n1,2,2,3\n", encoding="utf-8")
+    assert plan_labelling(wanted, IngestParameters()).files[0].source.trajectory == str(tmp_path / "path.csv")
 
 
 def test_trajectory_has_the_units_of_the_points(tmp_path, line_scanner):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +19,9 @@ from mlsroad_pipeline.execution.progress import reporting_to
 
 PACKAGE_LOGGER = "mlsroad_pipeline"
 
+LINE_INTERVAL = 60.0
+"""Seconds between two lines of progress where no terminal shows a bar."""
+
 
 def _bar(console: Console, title: TextColumn, share: TextColumn) -> Progress:
     """Return a bar with the time spent and the time left; it disappears at the end, and needs a terminal."""
@@ -25,6 +29,23 @@ def _bar(console: Console, title: TextColumn, share: TextColumn) -> Progress:
     return Progress(
         *(title, BarColumn(), share, *times), console=console, transient=True, disable=not console.is_terminal
     )
+
+
+class _Lines:
+    """Lines of progress for a log file; a terminal has a bar instead."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._begin = self._last = time.monotonic()
+
+    def show(self, title: str, share: float, done: str) -> None:
+        """Print what is done and the time left, at most every `LINE_INTERVAL` seconds."""
+        now = time.monotonic()
+        if self._console.is_terminal or now - self._last < LINE_INTERVAL or not 0 < share < 1:
+            return
+        self._last = now
+        left = (now - self._begin) * (1 - share) / share
+        self._console.print(f"{title}: {done}, about {left:.0f} s left", markup=False)
 
 
 class Stages:
@@ -35,13 +56,15 @@ class Stages:
     stages : mapping of str to tuple
         Name of a stage to its description and its usual share of the time; the shares add up to 1.
     console : Console
-        Terminal; without one, nothing is drawn.
+        Terminal; without one, lines are printed.
     """
 
     def __init__(self, stages: Mapping[str, tuple[str, float]], console: Console) -> None:
         self._stages = stages
         self._bar = _bar(console, TextColumn("{task.description}"), TextColumn("{task.percentage:>3.0f} %"))
-        self._task: TaskID = self._bar.add_task("Starting", total=1.0)
+        self._title = "Starting"
+        self._task: TaskID = self._bar.add_task(self._title, total=1.0)
+        self._lines = _Lines(console)
         self._done = 0.0
 
     @contextmanager
@@ -52,14 +75,15 @@ class Stages:
 
     def start(self, stage: str, n_scenes: int) -> _Stage:
         """Start a stage; stages that are not listed leave the bar where it is."""
-        description, share = self._stages.get(stage, (stage, 0.0))
-        self._bar.update(self._task, description=description)
+        self._title, share = self._stages.get(stage, (stage, 0.0))
+        self._bar.update(self._task, description=self._title)
         return _Stage(self, share, n_scenes)
 
     def advance(self, share: float) -> None:
         """Move the bar by a share of the time."""
         self._done += share
         self._bar.update(self._task, completed=min(self._done, 1.0))
+        self._lines.show(self._title, self._done, f"{100 * self._done:.0f} %")
 
 
 class _Stage:
@@ -79,10 +103,16 @@ class _Stage:
 @contextmanager
 def survey_progress(console: Console, length: float) -> Iterator[Callable[[float], None]]:
     """Draw a bar over a street of a length in metres; the function that is yielded moves it to a distance."""
+    lines = _Lines(console)
     bar = _bar(console, TextColumn("Simulating"), TextColumn("{task.completed:.0f} of {task.total:.0f} m"))
     task = bar.add_task("", total=length)
+
+    def move(distance: float) -> None:
+        bar.update(task, completed=distance)
+        lines.show("Simulating", distance / length, f"{distance:.0f} of {length:.0f} m")
+
     with bar:
-        yield lambda distance: bar.update(task, completed=distance)
+        yield move
 
 
 class _Collector(logging.Handler):

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mlsroad_pipeline.commands.options import Verbose, check_exist, expanded
+from mlsroad_pipeline.commands.options import Verbose, check_exist, expanded, results_folder
 
 if TYPE_CHECKING:
     from mlsroad_pipeline.corrections import Correction, CorrectionStore, Decision
 
 corrections = typer.Typer(no_args_is_help=True, help="List, import and export the corrections of a labelled survey.")
 
-Out = Annotated[str, typer.Argument(metavar="OUT", help="Folder of results of label.")]
+Out = Annotated[str, typer.Argument(metavar="OUT", help="Folder of results of label, or the labelled survey.")]
 
 
 def _user() -> str:
@@ -28,16 +28,19 @@ def _user() -> str:
 @corrections.command("list")
 def list_corrections(out: Out, verbose: Verbose = False) -> None:
     """List the decisions about a labelled survey, and those that match no object any more."""
+    from mlsroad_pipeline.algorithms.core.exceptions import ReadError
     from mlsroad_pipeline.commands.console import count_table, output_console
     from mlsroad_pipeline.commands.errors import one_line_errors
     from mlsroad_pipeline.corrections import has_corrections, open_corrections
     from mlsroad_pipeline.corrections.answers import files_of, unmatched_strokes
 
     with one_line_errors(verbose=verbose):
-        folder = expanded([out])[0]
+        folder = results_folder(expanded([out])[0])
         check_exist([folder])
         console = output_console()
         if not has_corrections(folder):
+            if not Path(folder, "inventory.gpkg").is_file():
+                raise ReadError(f"{folder} holds no results of label: label the survey first (mlsroad label FILE)")
             console.print(f"{folder} has no corrections.", markup=False)
             return
         with open_corrections(folder) as store:
@@ -92,7 +95,7 @@ def import_corrections(
     from mlsroad_pipeline.corrections.expected_values import known_names, system_of
 
     with one_line_errors(verbose=verbose):
-        path, folder = (Path(place) for place in expanded([edited, out]))
+        path, folder = Path(expanded([edited])[0]), Path(results_folder(expanded([out])[0]))
         check_exist([str(path), str(folder)])
         with open_corrections(folder) as store:
             if path.suffix.lower() == ".gpkg":
@@ -171,7 +174,7 @@ def export_corrections(
     from mlsroad_pipeline.corrections.inventory_columns import write_corrected
 
     with one_line_errors(verbose=verbose):
-        folder = Path(expanded([out])[0])
+        folder = Path(results_folder(expanded([out])[0]))
         check_exist([str(folder)])
         target = folder / "corrected.gpkg" if output is None else Path(expanded([output])[0])
         if target.suffix.lower() != ".gpkg":

@@ -12,10 +12,11 @@ from pathlib import Path
 
 import typer
 
+from mlsroad_pipeline.algorithms.core import exceptions
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
 from mlsroad_pipeline.algorithms.core.plain_text import printable, without_password
 from mlsroad_pipeline.commands.console import error_console
-from mlsroad_pipeline.execution.task import SceneError
+from mlsroad_pipeline.execution.task import SceneError, SceneFailure
 
 FAILED, INTERRUPTED = 1, 130
 """Exit codes; 2 is that of a wrong command line."""
@@ -48,7 +49,7 @@ def _described(error: BaseException) -> str:
     chain = list(_chain(error))
     own = next((cause for cause in chain if isinstance(cause, MlsRoadError)), None)
     if isinstance(own, SceneError):
-        failures = [printable(failure) for failure in own.failures[:MAX_FAILURES]]
+        failures = [printable(_failure(failure)) for failure in own.failures[:MAX_FAILURES]]
         more = len(own.failures) - len(failures)
         return "; ".join(failures) + (f"; and {more} more scenes" if more > 0 else "")
     if own is not None:
@@ -63,6 +64,13 @@ def _described(error: BaseException) -> str:
     if lines and (parameter := _PARAMETER.search(lines[-1])):
         return printable(parameter[1])
     return f"{type(first).__name__}: {printable(lines[-1]) if lines else 'no message'} (--verbose shows the traceback)"
+
+
+def _failure(failure: SceneFailure) -> str:
+    """Return the message alone of an own error that names the file; scene, file, type and message otherwise."""
+    kind, _, message = failure.cause.partition(": ")
+    own = isinstance(found := getattr(exceptions, kind, None), type) and issubclass(found, MlsRoadError)
+    return message if own and failure.source and failure.source in message else str(failure)
 
 
 def _check_working_folder() -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mlsroad_pipeline.commands.options import Verbose, Workers, check_exist, expanded, literal
+from mlsroad_pipeline.commands.options import Verbose, Workers, check_exist, expanded, literal, results_folder
 
 if TYPE_CHECKING:
     from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 
 def learn(
-    outputs: Annotated[list[str], typer.Argument(metavar="OUT...", help="Folders of results of label, corrected.")],
+    outputs: Annotated[
+        list[str], typer.Argument(metavar="OUT...", help="Folders of results of label, corrected, or their surveys.")
+    ],
     label: Annotated[
         bool, typer.Option("--label/--no-label", help="Label the surveys again with the new model.")
     ] = True,
@@ -38,7 +40,7 @@ def learn(
     from mlsroad_pipeline.execution.output_lock import lock_output, release_output
 
     with one_line_errors(verbose=verbose):
-        places = expanded(outputs)
+        places = [results_folder(place) for place in expanded(outputs)]
         check_exist(places)
         place = find_place()
         configure(place)

@@ -16,6 +16,9 @@ from mlsroad_pipeline.execution.path_parameters import local_path, with_text_of_
 SUFFIX = "_mlsroad"
 """Ending of the folder of results beside a survey."""
 
+RECORDS = ".mlsroad"
+"""Folder of the records of runs in a folder of results."""
+
 Surveys = Annotated[
     list[str],
     typer.Argument(metavar="FILE...", help="Files, folders or globs of point clouds; several form one survey."),
@@ -80,6 +83,12 @@ def default_output(places: Sequence[str]) -> Path:
     folders = [_folder(Path(place)) for place in places]
     common = Path(os.path.commonpath(folders))
     return common / f"{common.name or 'survey'}{SUFFIX}"
+
+
+def results_folder(place: str) -> str:
+    """Return a folder of results of `label`; for a labelled survey the folder that its results have by default."""
+    beside = default_output([place])
+    return str(beside) if not Path(place, RECORDS).is_dir() and (beside / RECORDS).is_dir() else place
 
 
 def _folder(place: Path) -> Path:

@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.inventory.lines import LINE_KINDS
 from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import paved_classes
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.sections import line_lengths, section_table
-from mlsroad_pipeline.algorithms.models.bundle import bundle_scheme, model_source
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
 from mlsroad_pipeline.algorithms.scenes.corridor import corridor_from_arrays
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.corrections.inventory_columns import corrected_table
@@ -59,8 +59,6 @@ def objects_task(
     }
     parts["sightings"] = Deferred(tuple(results.part("sightings").values()))
     source, scheme = model_source(bundle), bundle_scheme(bundle)
-    if parameters.markings is not None and not paved_classes(scheme).any():
-        logger.warning("No road markings are listed: the model has no class of paved ground")
     labels = {name: label for label, name in enumerate(scheme.classes)}
     version = f"{source['name']} {source['version']}".strip() if "source" in source else ""
     return SceneTask(
@@ -89,6 +87,18 @@ def survey_crs(plan: SurveyPlan, files: SceneCollection) -> str | None:
     if other is not None:
         raise DataError(f"{one} and {other} have different coordinate reference systems: label them in separate runs")
     return crs
+
+
+def marking_warnings(
+    plan: SurveyPlan, files: SceneCollection, bundle: ModelBundle, parameters: LabelParameters
+) -> list[str]:
+    """Return a warning for each reason that the inventory has no road markings."""
+    if parameters.markings is None:
+        return []
+    has_paved = paved_classes(bundle_scheme(bundle)).any()
+    reasons = [] if has_paved else ["the model has no class of paved ground"]
+    reasons += [] if has_intensity(plan, files) else ["the survey has no intensity"]
+    return [f"No road markings are listed: {reason}" for reason in reasons]
 
 
 def has_intensity(plan: SurveyPlan, files: SceneCollection) -> bool:
@@ -123,8 +133,6 @@ def inventory_of(
         logger.warning("label.sections is not used: the survey has no path with stations")
     sections = None if trajectory is None else section_table(objects, trajectory.length, sections=given)
     lines = joined.part("lines")[OBJECTS].load()
-    if parameters.markings is not None and not has_intensity(plan, files):
-        logger.warning("No road markings are listed: the survey has no intensity")
     if sections is not None and trajectory is not None:
         for kind in LINE_KINDS:
             of_kind = line_vertices(lines[lines["kind"] == kind])

@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
@@ -144,8 +145,19 @@ def plan_labelling(parameters: LabelParameters, ingest: IngestParameters) -> Sur
     listing = files_to_label(
         Survey.at(parameters.survey), str(parameters.output), trajectory=parameters.trajectory, text=text
     )
+    _check_named_trajectory(parameters.trajectory, listing.files)
     plan = plan_survey({"survey": listing.files}, {}, options=options, labels=False, ingest=ingest)
     return replace(plan, skipped=listing.skipped)
+
+
+def _check_named_trajectory(name: str | None, files: Sequence[SurveyFile]) -> None:
+    """Raise ParameterError for a trajectory that was named, and lies beside no file of the survey."""
+    if name in (None, LabelParameters.trajectory) or any(file.trajectory is not None for file in files):
+        return
+    folder = Path(files[0].path).parent
+    raise ParameterError(
+        f"label.trajectory: {folder / str(name)} does not exist; name a file beside the points, or null for none"
+    )
 
 
 def training_keys(keys: Iterable[str]) -> list[str]:

@@ -26,7 +26,7 @@ from mlsroad_pipeline.label.checks import check_headers, check_outputs
 from mlsroad_pipeline.label.devices import check_device
 from mlsroad_pipeline.label.exports import export_inventory
 from mlsroad_pipeline.label.images import LabelImages, images_of_survey, images_to_label
-from mlsroad_pipeline.label.inventory import OBJECTS, inventory_of, objects_task
+from mlsroad_pipeline.label.inventory import OBJECTS, inventory_of, marking_warnings, objects_task
 from mlsroad_pipeline.label.models.request import ModelRequest, image_request
 from mlsroad_pipeline.label.models.selection import named_choice
 from mlsroad_pipeline.label.models.survey_facts import facts_of_pieces, unusual_properties, unusual_warnings
@@ -106,7 +106,9 @@ def warn_of_survey(
         trajectory=parameters.trajectory is not None,
         missing_of=partial(missing_attributes, model.load()),
     )
-    warnings += unusual_warnings(unusual_properties(model.load(), facts))
+    bundle = model.load()
+    warnings += marking_warnings(plan, files, bundle, parameters)
+    warnings += unusual_warnings(unusual_properties(bundle, facts))
     for warning in warnings:
         logger.warning(warning)
     return warnings
