@@ -1,5 +1,7 @@
 """Checks before the labelling: paths of results, and what LAZ and copies cannot hold."""
 
+from contextlib import nullcontext
+
 import laspy
 import numpy as np
 import plyfile
@@ -9,7 +11,7 @@ from helpers.formats import make_labels
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.formats.options import ReadOptions
-from mlsroad_pipeline.label.checks import _check_exports, check_file
+from mlsroad_pipeline.label.checks import _check_exports, check_file, check_whole_numbers
 from mlsroad_pipeline.label.targets import planned_paths
 from mlsroad_pipeline.label.writer import write_labelled
 from mlsroad_pipeline.surveys.files import Survey
@@ -113,6 +115,18 @@ def test_coordinates_beyond_32_bits_are_named(tmp_path):
     ):
         check(path, high=2_147_484.0)
     check(las(tmp_path / "b.las"), high=1e9)  # it keeps its own scale
+
+
+@pytest.mark.parametrize(
+    ("size", "refused"),
+    [((40_000.0, 300.0, 12.0), False), ((40_000.0, 300.0, 12_000.0), True), ((140_000.0, 300.0, 900.0), True)],
+)
+def test_whole_numbers_that_cannot_be_metres_are_refused(size, refused):
+    row = {f"{end}_{axis}": value for end in ("min", "max") for axis, value in zip("xyz", size, strict=True)}
+    row |= {f"min_{axis}": 0.0 for axis in "xyz"}
+    expected = pytest.raises(DataError, match=r"^a\.xyz: .* set label\.read\.units=millimetre")
+    with expected if refused else nullcontext():
+        check_whole_numbers(row, "a.xyz")
 
 
 def test_waveforms_are_an_error_with_copc_alone(tmp_path):

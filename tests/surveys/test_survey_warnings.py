@@ -51,6 +51,23 @@ def test_each_problem_is_one_sentence(street, changes, message):
     assert len(found) == 1 and message in found[0], found
 
 
+@pytest.mark.parametrize(
+    ("place", "crs", "message"),
+    [
+        ((690_000, 5_335_000), "EPSG:25832", None),  # Munich
+        ((1_000_000, 5_350_000), "EPSG:25832", None),  # Vienna, in the zone beside its own
+        ((5_335_000, 690_000), "EPSG:25832", "outside the area of ETRS89 / UTM zone 32N, at longitude "),
+        ((690_000, 5_335_000), "EPSG:28992", "outside the area of Amersfoort / RD New, at "),
+        ((5e9, 5_335_000), "EPSG:25832", "outside the area of ETRS89 / UTM zone 32N, at no place on the earth"),
+        ((690_000, 5_335_000), "+proj=utm +zone=32 +datum=WGS84 +type=crs", None),  # has no area
+        ((1_860_000, 5_750_000), "EPSG:2193", None),  # New Zealand; the area goes over the date line
+    ],
+)
+def test_points_outside_the_area_of_their_system_are_named(street, place, crs, message):
+    found = file_warnings(facts(street + [*place, 0], crs=parse_crs(crs)))
+    assert [message in text for text in found] == [True] if message else found == []
+
+
 def test_points_in_two_places_are_counted(street):
     found = file_warnings(facts(np.concatenate([street, street + [9000, 0, 0]])))
     assert any("the points lie in 2 places more than 500 m apart" in text for text in found)

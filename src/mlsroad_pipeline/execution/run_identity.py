@@ -96,7 +96,8 @@ def _keys(*mappings: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _short(value: Any) -> str:
-    text = repr(value[0] if isinstance(value, list) and len(value) == 1 else value)
+    one = value[0] if isinstance(value, list) and len(value) == 1 else value
+    text = "null" if one is None else repr(one)
     return text if len(text) <= 80 else f"{text[:77]}..."
 
 

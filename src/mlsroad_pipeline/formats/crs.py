@@ -138,6 +138,39 @@ def is_geographic(crs: str | None) -> bool:
         return False
 
 
+def place_outside(crs: str, x: float, y: float, *, margin: float = 15.0) -> str | None:
+    """Return longitude and latitude of a place if they lie outside the area that a system is defined for.
+
+    Parameters
+    ----------
+    crs : str
+        The system as WKT.
+    x, y : float
+        Easting and northing of the place, metres.
+    margin : float, default 15.0
+        Distance beyond the area that is accepted, degrees; Norway is mapped in one zone up to 13 degrees beyond it.
+
+    Returns
+    -------
+    str or None
+        The place; None if it lies inside, or the area is unknown.
+    """
+    try:
+        system = pyproj.CRS.from_user_input(crs)
+        area, geodetic = system.area_of_use, system.geodetic_crs
+        if area is None or geodetic is None or not system.is_projected:
+            return None
+        longitude, latitude = _transformer(crs, geodetic.to_wkt()).transform(x, y)
+    except pyproj.exceptions.ProjError:
+        return None
+    if not np.isfinite([longitude, latitude]).all():
+        return "no place on the earth"
+    half = ((area.east - area.west) % 360 or 360) / 2
+    beside = abs((longitude - area.west - half + 180) % 360 - 180) - half
+    inside = beside <= margin and area.south - margin <= latitude <= area.north + margin
+    return None if inside else f"longitude {longitude:.4f}, latitude {latitude:.4f}"
+
+
 def reproject(
     world: NDArray[np.float64], source: str | None, target: str, *, name: Path
 ) -> tuple[NDArray[np.float64], str]:

@@ -21,14 +21,14 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.formats.crs_units import crs_units
 from mlsroad_pipeline.formats.las.copc import POINT_FORMATS
 from mlsroad_pipeline.formats.las.header import LasHeader
-from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.label.inventory import read_sections, survey_crs
 from mlsroad_pipeline.label.writer import keeps_units, result_header
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan
 from mlsroad_pipeline.surveys.reading import options_in_use
-from mlsroad_pipeline.surveys.survey_warnings import looks_like_degrees
+from mlsroad_pipeline.surveys.survey_warnings import LONG, looks_like_degrees
 
 NO_LENGTHS = {"geographic": "coordinates in degrees", "geocentric": "geocentric coordinates, without heights"}
 """Kinds of systems that points are not labelled in."""
@@ -38,6 +38,9 @@ NONE_LABELLED = "all points are flagged withheld: none is labelled, and label re
 
 LIMIT = 2**31 - 1
 """Largest coordinate of LAS in steps of its scale."""
+
+HIGH = 2000.0
+"""Range of heights in metres above which whole numbers are taken for another unit."""
 
 
 def check_headers(plan: SurveyPlan, parameters: LabelParameters) -> None:
@@ -111,6 +114,8 @@ def check_outputs(plan: SurveyPlan, files: SceneCollection, quality: pd.DataFram
     for file in plan.files:
         if crs is None:
             _check_degrees(rows[file.source.name], file.source.path)
+        if facts[file.key]["whole_numbers"][0] and plan.options.units == BY_CRS:
+            check_whole_numbers(rows[file.source.name], file.source.path)
         check_file(file, plan, rows[file.source.name], copc=parameters.copc, factors=facts[file.key]["factors"])
 
 
@@ -152,7 +157,18 @@ def _check_degrees(row: Mapping[Any, Any], path: str) -> None:
     if looks_like_degrees(low, high):
         raise DataError(
             f"{path}: its coordinates look like degrees, {low[0]:.6f} to {high[0]:.6f}: set label.crs=EPSG:4326 and "
-            "label.read.reproject to a system in metres, or label.read.units if they are not"
+            "label.read.reproject to a system in metres (x is the longitude: label.read.columns exchanges x and y), or "
+            "label.read.units if they are not degrees"
+        )
+
+
+def check_whole_numbers(row: Mapping[Any, Any], path: str) -> None:
+    """Raise DataError for whole numbers over an extent that no file has in metres."""
+    extent = np.array([row[f"max_{axis}"] - row[f"min_{axis}"] for axis in "xyz"])
+    if extent[:2].max() > LONG or extent[2] > HIGH:
+        raise DataError(
+            f"{path}: its coordinates are whole numbers over {extent[:2].max():,.0f} in plan and {extent[2]:,.0f} in "
+            "height: set label.read.units=millimetre or centimetre, or metre if they are metres"
         )
 
 

@@ -142,6 +142,8 @@ def inventory_of(
 
 def read_sections(path: Path) -> pd.DataFrame:
     """Read a table of road sections: `section`, `from_station`, `to_station`; errors name the file."""
+    if not path.is_file():
+        raise ReadError(f"label.sections: {path} does not exist")
     try:
         table = pd.read_csv(path)
         for name in ("from_station", "to_station"):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.quality.places import count_places
 from mlsroad_pipeline.algorithms.quality.report import QualityReport
-from mlsroad_pipeline.formats.crs import is_geographic
+from mlsroad_pipeline.formats.crs import is_geographic, place_outside
 from mlsroad_pipeline.formats.crs_units import SAME_UNIT, crs_units
 
 BYTE = 255.5 / 65535
@@ -21,6 +21,9 @@ BYTE = 255.5 / 65535
 
 BOUNDS_TOLERANCE = 0.01
 """Largest difference in metres between stated bounds and the points that is not reported."""
+
+LOCAL = 1e5
+"""Largest coordinate in metres that may be of a local system although the file states another."""
 
 LONG = 1e5
 """Extent in metres above which coordinates are probably wrong."""
@@ -119,9 +122,26 @@ def _crs_warnings(facts: SurveyFacts) -> list[str]:
                 f"its coordinate reference system has the unit {other[0]}, but coordinates are read as metres; "
                 "set units"
             )
+    found += _place_warnings(facts)
     if facts.in_metres and facts.whole_numbers:
         found.append("coordinates are whole numbers: perhaps millimetres or centimetres; set units")
     return found
+
+
+def _place_warnings(facts: SurveyFacts) -> list[str]:
+    """Return a warning for points outside the area of their system; local coordinates have none."""
+    middle = (np.array(facts.quality.low) + np.array(facts.quality.high))[:2] / 2
+    units = None if facts.crs is None else crs_units(facts.crs)
+    metres = units is not None and units.flat is not None and abs(units.flat[1] - 1.0) <= SAME_UNIT
+    if facts.crs is None or not metres or not np.isfinite(middle).all() or np.abs(middle).max() <= LOCAL:
+        return []
+    place = place_outside(facts.crs, float(middle[0]), float(middle[1]))
+    if place is None:
+        return []
+    return [
+        f"its points lie outside the area of {crs_label(facts.crs)}, at {place}: a wrong system, or x and y exchanged"
+        " (read.columns)"
+    ]
 
 
 def _trajectory_warnings(facts: SurveyFacts) -> list[str]:

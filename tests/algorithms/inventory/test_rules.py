@@ -43,6 +43,7 @@ def test_changes_apply_by_kind_and_by_class():
     [
         ({"tolerance": 0.0}, "tolerance must be a number > 0, got 0.0"),
         ({"resolution": 0.5}, "resolution must be at most tolerance"),
+        ({"min_points": "x"}, "min_points must be a number, got 'x'"),
         ({"min_points": 0}, "min_points must be at least 1, got 0"),
         ({"min_height": 9.0, "max_height": 3.0}, "heights must be 0 <= 9.0"),
         ({"min_width": 9.0, "max_width": 3.0}, "widths must be 0 <= 9.0"),

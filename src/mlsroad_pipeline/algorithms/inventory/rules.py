@@ -122,6 +122,9 @@ class ObjectRule:
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise ParameterError(f"kind must be one of {KINDS}, got {self.kind!r}")
+        for name, value in vars(self).items():
+            if name != "kind" and isinstance(value, str):
+                raise ParameterError(f"{name} must be a number, got {value!r}")
         if not self.labels:
             raise ParameterError(f"a rule for {self.kind} objects needs at least one label")
         check_at_least(self.min_points, 1, "min_points")
