@@ -7,7 +7,16 @@ from typing import Annotated, Any
 
 import typer
 
-from mlsroad_pipeline.commands.options import Params, Verbose, check_exist, expanded, literal, merged, nested
+from mlsroad_pipeline.commands.options import (
+    Params,
+    Verbose,
+    check_exist,
+    expanded,
+    literal,
+    merged,
+    nested,
+    results_folder,
+)
 
 SCORES = "object_scores.json"
 """File that marks a folder of scores."""
@@ -51,6 +60,7 @@ def score(  # typer reads the options from the signature
     changed = nested(params or [], given=given)
     with one_line_errors(verbose=verbose):
         places = expanded([inventory, truth, *(cloud or [])])
+        places[0] = results_folder(places[0])
         check_exist(places)
         folder = _folder_of_scores(Path(places[0]), output, overwrite=overwrite)
         values: dict[str, Any] = {
