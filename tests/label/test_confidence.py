@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.label.confidence import confidence_table, confidence_warnings, count_confidences
+from mlsroad_pipeline.label.confidence import (
+    confidence_table,
+    confidence_warnings,
+    count_confidences,
+    ground_warnings,
+)
 
 CLASSES = ["road", "tree", "sign", "wire"]
 
@@ -50,3 +55,18 @@ def test_a_survey_without_labelled_points_has_no_warning():
     table = confidence_table(counts_of([-1, -1], [0, 0]), CLASSES)
     assert table["points"].tolist() == [0]
     assert confidence_warnings(table) == []
+
+
+@pytest.mark.parametrize(("n_ground", "warned"), [(0, True), (499, True), (500, False), (10_000, False)])
+def test_a_survey_without_ground_is_warned_of(n_ground, warned):
+    label = np.where(np.arange(10_000) < n_ground, 0, 1)
+    is_ground = np.array([True, False, False, False])
+    found = ground_warnings(counts_of(label, np.full(10_000, 0.95)), is_ground)
+    assert [text.split(" of the points are ground")[0] for text in found] == [f"{n_ground / 10_000:.1%}"] * warned
+
+
+def test_few_points_and_schemes_without_ground_have_no_warning_of_ground():
+    few = counts_of([1] * 500, [0.9] * 500)
+    many = counts_of([1] * 5000, [0.9] * 5000)
+    assert ground_warnings(few, np.array([True, False, False, False])) == []
+    assert ground_warnings(many, np.zeros(4, bool)) == []

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
+from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import ground_classes
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.methods import needs_images
-from mlsroad_pipeline.label.confidence import confidence_table, confidence_warnings
+from mlsroad_pipeline.label.confidence import confidence_table, confidence_warnings, ground_warnings
 from mlsroad_pipeline.label.images import effect_without_images
 from mlsroad_pipeline.label.scene import LabelCounts
 from mlsroad_pipeline.label.summary import summed_counts
@@ -18,8 +19,12 @@ def label_warnings(
     bundle: ModelBundle, counts: Mapping[str, LabelCounts], written: Mapping[str, WrittenFile]
 ) -> list[str]:
     """Return the warnings about the labels and the images."""
-    confidences = confidence_table(summed_counts(written)["confidences"], bundle_scheme(bundle).classes)
-    return [*confidence_warnings(confidences), *image_warnings(bundle, counts)]
+    scheme, confidences = bundle_scheme(bundle), summed_counts(written)["confidences"]
+    return [
+        *confidence_warnings(confidence_table(confidences, scheme.classes)),
+        *ground_warnings(confidences, ground_classes(scheme)),
+        *image_warnings(bundle, counts),
+    ]
 
 
 def image_warnings(bundle: ModelBundle, counts: Mapping[str, LabelCounts]) -> list[str]:
