@@ -14,8 +14,8 @@ from mlsroad_pipeline.algorithms.metrics.object_matching import REACH
 from mlsroad_pipeline.algorithms.models.object_judge import ObjectJudge
 
 RULES = candidate_rules(SCHEME, {})
-STRETCHED = 1.2
-"""Largest length of a moving vehicle as a multiple of its true length."""
+SHORTEST, STRETCHED = 0.4, 1.2
+"""Least length of a vehicle seen in part, and largest one of a moving vehicle, as multiples of its true length."""
 
 
 def scene_of(street: Street) -> CandidateScene:
@@ -55,17 +55,21 @@ def _with_truth(table: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
         gap = np.hypot(*(where[rows, None] - rest[["x", "y"]].to_numpy()).transpose(2, 0, 1))
         reach = REACH[kind] + (rest["length"].to_numpy() / 2 if kind == "vehicle" else 0.0)
         ignored[rows[(gap <= reach).any(axis=1)]] = True
-    return table.assign(true=true | seen_in_part(table, truth), ignored=ignored & ~true)
+    part, crumb = seen_in_part(table, truth)
+    true |= part & ~crumb
+    return table.assign(true=true, ignored=(ignored | crumb) & ~true)
 
 
-def seen_in_part(table: pd.DataFrame, truth: pd.DataFrame) -> np.ndarray:
-    """Return which candidates are the largest piece of a vehicle, to which half of their points belong.
+def seen_in_part(table: pd.DataFrame, truth: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
+    """Return which candidates are the largest piece of a vehicle, and which of these are too short to count.
 
-    Moving vehicles are among them unless their motion stretches them: simulated lorries and buses all move.
+    Half of the points of the piece belong to the vehicle. Moving vehicles are among them unless their motion stretches
+    them: simulated lorries and buses all move.
     """
     vehicles = truth[truth["enough"] & (truth["kind"] == "vehicle")].set_index("instance")
     vehicle = (table["kind"] == "vehicle") & table["instance"].isin(vehicles.index)
     vehicle &= table["shared"] >= 0.5 * table["point_count"]
     largest = table["shared"].where(vehicle, -1).groupby(table["instance"]).transform("max")
-    longest = STRETCHED * table["instance"].map(vehicles["length"]) + 0.5
-    return (vehicle & (table["shared"] == largest) & (table["f: length"] <= longest)).to_numpy()
+    whole = table["instance"].map(vehicles["length"])
+    piece = vehicle & (table["shared"] == largest) & (table["f: length"] <= STRETCHED * whole + 0.5)
+    return piece.to_numpy(), (piece & (table["f: length"] < SHORTEST * whole)).to_numpy()

@@ -10,7 +10,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.formats.options import WriteOptions
-from mlsroad_pipeline.surveys.truth_tables import Truth, counted_objects, point_counts, read_truth
+from mlsroad_pipeline.surveys.truth_tables import Truth, counted_objects, instances_of_objects, point_counts, read_truth
 
 
 def written(folder, text, name="truth.csv"):
@@ -71,6 +71,20 @@ def test_a_simulated_street_has_places_and_points_of_its_clouds(tmp_path):
     assert counts.tolist() == [9, 3, 0]
     assert counted_objects(truth, counts, {"vehicle": 9, "sign": 4})["counted"].tolist() == [True, False, False]
     assert point_counts(truth, []) is None
+
+
+def test_the_true_object_of_a_listed_one_has_more_than_half_of_its_points(tmp_path):
+    pd.DataFrame(SIMULATED).to_csv(tmp_path / "objects.csv", index=False)
+    truth = read_truth(tmp_path)
+    columns = {
+        "object_id": np.array([1, 1, 1, 2, 2, 0, 3], np.uint32), "instance": np.array([7, 7, 8, 8, 9, 7, 9], np.int32)
+    }  # fmt: skip
+    for name, part in (("a.laz", slice(0, 4)), ("b.laz", slice(4, 7))):
+        own = {key: values[part] for key, values in columns.items()}
+        cloud = PointCloud(np.zeros((len(own["instance"]), 3)), own)
+        LasFormat().write(tmp_path / name, cloud, WriteOptions(like="none"))
+    assert instances_of_objects(truth, [tmp_path / "a.laz", tmp_path / "b.laz"]).to_dict() == {1: 7, 3: 9}
+    assert instances_of_objects(truth, []).empty
 
 
 def test_boxes_of_pandaset(tmp_path):

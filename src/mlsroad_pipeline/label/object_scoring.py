@@ -21,7 +21,13 @@ from mlsroad_pipeline.algorithms.metrics.object_scores import (
     summarise_measures,
 )
 from mlsroad_pipeline.datasets.inventory.inventory_dataset import RoadInventoryDataset
-from mlsroad_pipeline.surveys.truth_tables import Truth, counted_objects, point_counts, read_truth
+from mlsroad_pipeline.surveys.truth_tables import (
+    Truth,
+    counted_objects,
+    instances_of_objects,
+    point_counts,
+    read_truth,
+)
 
 INVENTORIES = ("inventory.parquet", "inventory.gpkg")
 """Inventory files of a folder of results, the first that exists is read."""
@@ -115,6 +121,7 @@ def score_inventory(parameters: ScoreParameters) -> ScoredInventory:
     kinds = set(KINDS) if truth.source == "simulated" else kinds
     listed = objects[objects["kind"].isin(kinds) & (objects["score"] >= parameters.least_score)]
     listed = _placed(listed.reset_index(drop=True), truth)
+    listed["inside"] &= ~_of_uncounted(listed, true, instances_of_objects(truth, clouds))
     matched = match_objects(listed, true, reach=parameters.reach)
     complete = listed[~listed["kind"].isin(list(parameters.recall_only))]
     errors = errors_of_measures(matched)
@@ -134,6 +141,15 @@ def _placed(objects: pd.DataFrame, truth: Truth) -> pd.DataFrame:
     if truth.region is None:
         return objects.assign(inside=np.ones(len(objects), bool))
     return objects.assign(inside=shapely.contains_xy(truth.region, objects["x"], objects["y"]))
+
+
+def _of_uncounted(objects: pd.DataFrame, true: pd.DataFrame, instance: pd.Series) -> pd.Series:
+    """Return which objects consist of the points of a true object of their kind that does not count, as if moving."""
+    if instance.empty:
+        return pd.Series(False, index=objects.index)
+    spare = true[~true["counted"].astype(bool)].drop_duplicates("instance").set_index("instance")["kind"]
+    kind = objects["object_id"].map(instance).map(spare)
+    return kind.notna() & (kind == objects["kind"])
 
 
 def score_record(scored: ScoredInventory, parameters: ScoreParameters) -> dict[str, Any]:

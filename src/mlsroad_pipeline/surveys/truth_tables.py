@@ -229,6 +229,26 @@ def _in_boxes(objects: pd.DataFrame, xyz: NDArray[np.float64]) -> NDArray[np.int
     return counts
 
 
+def instances_of_objects(truth: Truth, clouds: Sequence[Path]) -> pd.Series:
+    """Return the true object to which more than half of the points of each listed object belong, by `object_id`.
+
+    Empty without clouds that have both `instance` and `object_id`.
+    """
+    pairs = [pd.DataFrame({"object_id": [], "instance": []}, dtype=np.int64)]
+    for path in clouds if "instance" in truth.objects else ():
+        form = get_format(path)
+        info = form.info(path, ReadOptions())
+        if not {"instance", "object_id"} <= set(info.columns):
+            continue
+        for start in range(0, info.n_points, CHUNK):
+            cloud = form.read(path, ReadOptions(only=("instance", "object_id")), start=start, stop=start + CHUNK)
+            numbers = pd.DataFrame({name: cloud[name].astype(np.int64) for name in ("object_id", "instance")})
+            pairs.append(numbers[numbers["object_id"] > 0])
+    points = pd.concat(pairs).value_counts().reset_index(name="n")
+    share = points["n"] / points.groupby("object_id")["n"].transform("sum")
+    return points[share > 0.5].set_index("object_id")["instance"]
+
+
 def counted_objects(truth: Truth, counts: pd.Series | None, least: Mapping[str, int]) -> pd.DataFrame:
     """Return the true objects, of which those with too few points do not count; a user's table counts as it is."""
     objects = truth.objects
