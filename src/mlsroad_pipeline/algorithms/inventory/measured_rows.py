@@ -17,6 +17,7 @@ from mlsroad_pipeline.algorithms.inventory.object_features import object_feature
 from mlsroad_pipeline.algorithms.inventory.object_voxels import Voxels
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.trunks import split_trees
+from mlsroad_pipeline.algorithms.inventory.vehicle_rows import split_row
 
 EITHER = ("pole", "sign")
 """Kinds that are both judged for the points of either: the post of a sign resembles a pole, and so does its back."""
@@ -82,7 +83,10 @@ class Evidence:
 
 
 def _parts(voxels: Voxels, first: int, stop: int, rule: ObjectRule) -> list[NDArray[np.int64]]:
-    """Return the voxels of the parts of an object: the single trees of a group."""
+    """Return the voxels of the parts of an object: the single trees of a group, the vehicles of a row."""
+    if rule.kind == "vehicle" and voxels.count[first:stop].sum() >= rule.min_points:
+        label = split_row(voxels.select(np.arange(first, stop)))
+        return [first + np.flatnonzero(label == i) for i in range(int(label.max()) + 1)]
     if rule.split_spacing is None or voxels.count[first:stop].sum() < rule.min_points:
         return [np.arange(first, stop)]
     label = split_trees(voxels.select(np.arange(first, stop)), spacing=rule.split_spacing, depth=rule.split_depth)
