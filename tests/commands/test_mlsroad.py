@@ -210,6 +210,14 @@ def test_verbose_shows_the_traceback(forked, folder):
     assert done.stderr.strip().splitlines()[-1].startswith("Error: ")
 
 
+def test_inspect_of_files_that_cannot_be_read_is_an_error(forked, tmp_path):
+    for name in ("a.laz", "b.laz"):
+        (tmp_path / name).write_bytes(b"")
+    done = forked("inspect", tmp_path / "a.laz", tmp_path / "b.laz", "-o", tmp_path / "quality", cwd=tmp_path)
+    assert done.returncode == 1
+    assert done.stderr.strip() == f"Error: {tmp_path / 'a.laz'} is empty (0 bytes) (and 1 more)"
+
+
 def test_inspect_says_where_its_report_is(forked, folder, tmp_path):
     done = forked("inspect", folder / "street", "-o", tmp_path / "quality", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")

@@ -22,6 +22,7 @@ from mlsroad_pipeline.commands.options import (
 
 def inspect(files: Surveys, output: Output = None, params: Params = None, verbose: Verbose = False) -> None:
     """Report the quality of point clouds: extent, density, attributes, coordinate system, gaps, warnings."""
+    from mlsroad_pipeline.algorithms.core.exceptions import ReadError
     from mlsroad_pipeline.commands.console import collected_warnings, output_console
     from mlsroad_pipeline.commands.errors import one_line_errors
     from mlsroad_pipeline.commands.session import configure, find_place, run_pipeline
@@ -36,7 +37,11 @@ def inspect(files: Surveys, output: Output = None, params: Params = None, verbos
         configure(place)
         with collected_warnings(verbose=verbose):
             run = run_pipeline("inspect", merged(parameters, changed), place=place)
-        print_facts(output_console(), run.catalog.load("inspection"), folder / "inspection.html")
+        facts = run.catalog.load("inspection")
+        if not facts["files"] and facts["warnings"]:
+            said = [row["warning"].removeprefix("cannot be read: ") for row in facts["warnings"]]
+            raise ReadError(said[0] + (f" (and {len(said) - 1} more)" if len(said) > 1 else ""))
+        print_facts(output_console(), facts, folder / "inspection.html")
 
 
 def print_facts(console: Any, facts: dict[str, Any], report: Path) -> None:

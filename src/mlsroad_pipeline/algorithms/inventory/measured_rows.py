@@ -85,8 +85,8 @@ class Evidence:
 def _parts(voxels: Voxels, first: int, stop: int, rule: ObjectRule) -> list[NDArray[np.int64]]:
     """Return the voxels of the parts of an object: the single trees of a group, the vehicles of a row."""
     if rule.kind == "vehicle" and voxels.count[first:stop].sum() >= rule.min_points:
-        label = split_row(voxels.select(np.arange(first, stop)))
-        return [first + np.flatnonzero(label == i) for i in range(int(label.max()) + 1)]
+        vehicle = split_row(voxels.select(np.arange(first, stop)))
+        return [first + np.flatnonzero(vehicle == i) for i in range(int(vehicle.max()) + 1)]
     if rule.split_spacing is None or voxels.count[first:stop].sum() < rule.min_points:
         return [np.arange(first, stop)]
     label = split_trees(voxels.select(np.arange(first, stop)), spacing=rule.split_spacing, depth=rule.split_depth)

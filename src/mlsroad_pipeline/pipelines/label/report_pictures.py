@@ -67,10 +67,9 @@ def _busiest(
     if len(sample["xyz"]) < 2:
         return {}
     above, side = scene_pictures(sample["xyz"].astype(np.float64), sample["label"], palette)
-    return {
-        f"Scene {key}{', the one with most objects,' if len(objects) else ''} from above.": above,
-        f"Scene {key} from the side: what lies beyond its middle.": side,
-    }
+    which = "" if len(samples) == 1 else f"Part of the survey{' with most objects' if len(objects) else ''}, "
+    captions = (f"{which}from above.", f"{which}from the side: what lies beyond its middle.")
+    return {text[0].upper() + text[1:]: picture for text, picture in zip(captions, (above, side), strict=True)}
 
 
 def _extremes(samples: SceneCollection, objects: pd.DataFrame, palette: NDArray[np.uint8]) -> dict[str, list[Picture]]:
