@@ -47,6 +47,7 @@ def test_every_disturbed_operation_heals(trials, kind):
 def test_trials_that_reach_no_operation_fail(tmp_path, monkeypatch, capsys, wrong, status):
     (tmp_path / "whole").mkdir()
     monkeypatch.setattr(Trials, "__init__", lambda self, work, command: setattr(self, "root", work))
+    monkeypatch.setattr(Trials, "run", lambda self, output: (0, 1, 0))
     monkeypatch.setattr(Trials, "operations", lambda self, output: ["write /whole/a"])
     monkeypatch.setattr(Trials, "close", lambda self: None)
     monkeypatch.setattr("helpers.faults.trials.tries", lambda *_: iter([{"kind": "fail", "at": 1, "wrong": wrong}]))
