@@ -31,7 +31,7 @@ from mlsroad_pipeline.algorithms.visual_words.queries import HeldOut
 from mlsroad_pipeline.algorithms.visual_words.training import make_words
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.studies.yu2016.keys import street_key
-from mlsroad_pipeline.studies.yu2016.objects import describe_street
+from mlsroad_pipeline.studies.yu2016.objects import DESCRIPTIONS, describe_street
 from mlsroad_pipeline.studies.yu2016.parameters import CUT, WORDS
 from mlsroad_pipeline.studies.yu2016.plan import StudyPlan
 
@@ -69,8 +69,12 @@ def score_vocabulary(
         groups = [described.part("parts")[f"{WORDS}.{key}"].load() for key in keys]
     else:
         groups = [
-            describe_street(streets.part("points")[key].load(), segmented.part("objects")[f"{CUT}.{key}"].load(),
-                            kind=WORDS, parameters=words)["parts"]
+            describe_street(
+                streets.part("points")[key].load(),
+                segmented.part("objects")[f"{CUT}.{key}"].load(),
+                kind=DESCRIPTIONS[WORDS],
+                parameters=words.groups,
+            )["parts"]
             for key in keys
         ]  # fmt: skip
     labels = [segmented.part("classes")[f"{CUT}.{key}"].load() for key in keys]
