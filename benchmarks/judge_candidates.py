@@ -55,9 +55,9 @@ def _with_truth(table: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
         gap = np.hypot(*(where[rows, None] - rest[["x", "y"]].to_numpy()).transpose(2, 0, 1))
         reach = REACH[kind] + (rest["length"].to_numpy() / 2 if kind == "vehicle" else 0.0)
         ignored[rows[(gap <= reach).any(axis=1)]] = True
-    part, crumb = seen_in_part(table, truth)
-    true |= part & ~crumb
-    return table.assign(true=true, ignored=(ignored | crumb) & ~true)
+    piece, short = seen_in_part(table, truth)
+    true |= piece & ~short
+    return table.assign(true=true, ignored=(ignored | short) & ~true)
 
 
 def seen_in_part(table: pd.DataFrame, truth: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
