@@ -68,6 +68,12 @@ def test_points_outside_the_area_of_their_system_are_named(street, place, crs, m
     assert [message in text for text in found] == [True] if message else found == []
 
 
+@pytest.mark.parametrize(("offset", "warned"), [([5e9, 0, 0], True), ([33_389_300, 5_819_700, 0], False)])
+def test_coordinates_beyond_any_map_system_are_named(street, offset, warned):
+    found = file_warnings(facts(street + offset, crs=None))
+    assert any("reach 5e+09 m, farther than those of any map system" in text for text in found) == warned
+
+
 def test_points_in_two_places_are_counted(street):
     found = file_warnings(facts(np.concatenate([street, street + [9000, 0, 0]])))
     assert any("the points lie in 2 places more than 500 m apart" in text for text in found)

@@ -25,6 +25,9 @@ BOUNDS_TOLERANCE = 0.01
 LOCAL = 1e5
 """Largest coordinate in metres that may be of a local system although the file states another."""
 
+FAR = 1e8
+"""Largest coordinate of a map system, metres: eastings with a number of the zone before them reach 6.1e7."""
+
 LONG = 1e5
 """Extent in metres above which coordinates are probably wrong."""
 
@@ -123,6 +126,11 @@ def _crs_warnings(facts: SurveyFacts) -> list[str]:
                 "set units"
             )
     found += _place_warnings(facts)
+    far = np.abs([facts.quality.low, facts.quality.high])[:, :2].max()
+    if FAR < far < np.inf:
+        found.append(
+            f"its coordinates reach {far:.3g} m, farther than those of any map system: check the export, or units"
+        )
     if facts.in_metres and facts.whole_numbers:
         found.append("coordinates are whole numbers: perhaps millimetres or centimetres; set units")
     return found
