@@ -127,10 +127,8 @@ def _crs_warnings(facts: SurveyFacts) -> list[str]:
             )
     found += _place_warnings(facts)
     far = np.abs([facts.quality.low, facts.quality.high])[:, :2].max()
-    if FAR < far < np.inf:
-        found.append(
-            f"its coordinates reach {far:.3g} m, farther than those of any map system: check the export, or units"
-        )
+    if facts.crs is None and FAR < far < np.inf:
+        found.append(f"its coordinates reach {far:.3g} m, farther than those of any map system: check export and units")
     if facts.in_metres and facts.whole_numbers:
         found.append("coordinates are whole numbers: perhaps millimetres or centimetres; set units")
     return found
