@@ -144,7 +144,7 @@ def _placed(objects: pd.DataFrame, truth: Truth) -> pd.DataFrame:
 
 
 def _of_uncounted(objects: pd.DataFrame, true: pd.DataFrame, instance: pd.Series) -> pd.Series:
-    """Return which objects consist of the points of a true object of their kind that does not count, as if moving."""
+    """Return which objects have most of their points from a true object of their kind that does not count."""
     if instance.empty:
         return pd.Series(False, index=objects.index)
     spare = true[~true["counted"].astype(bool)].drop_duplicates("instance").set_index("instance")["kind"]
