@@ -5,9 +5,11 @@ import itertools
 import numpy as np
 import pytest
 from references.patch_graph import planted_patches
+from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphClassifier, PatchGraphParameters
+from mlsroad_pipeline.algorithms.patch_graph.masts import connected, separate_masts
 from mlsroad_pipeline.algorithms.patch_graph.object_cliques import GroundClasses, object_cliques
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters, RefinedPatchGraphClassifier
 from mlsroad_pipeline.algorithms.patch_graph.refinement import RefinementParameters, edge_weights, refine
@@ -95,3 +97,54 @@ def test_models_without_cliques_still_load_and_wrong_weights_are_named():
         GridParameters(clique_weight=(0.5,), clique_truncation=0.6)
     with pytest.raises(ParameterError, match="clique_weight must list at least one value"):
         GridParameters(clique_weight=())
+
+
+def lamp_in_a_tree():
+    """Return positions, edges and true classes (3 lamp, 2 tree) of a mast that stands 1.5 m from a trunk, in its crown."""
+    z = np.arange(0.1, 8.0, 0.2)
+    mast = np.column_stack([np.zeros((len(z), 2)), z])
+    trunk = mast[z < 4] + [1.5, 0, 0]
+    x, y, z = (
+        axis.ravel() for axis in np.meshgrid(np.arange(-1, 4, 0.25), np.arange(-1, 1, 0.25), np.arange(3, 6, 0.25))
+    )
+    crown = np.column_stack([x, y, z])[np.hypot(x, y) > 0.1]
+    positions = np.concatenate([mast, trunk, crown])
+    classes = np.repeat([3, 2, 2], [len(mast), len(trunk), len(crown)])
+    pairs = cKDTree(positions).query_pairs(0.26, output_type="ndarray").astype(np.int32)
+    return positions, pairs, classes
+
+
+def test_a_lamp_in_a_tree_is_kept_if_its_mast_has_a_clique_of_its_own():
+    positions, edges, classes = lamp_in_a_tree()
+    votes = np.full((len(classes), 4), 0.02)
+    votes[np.arange(len(classes)), classes] = 0.9
+    mast = np.flatnonzero(classes == 3)
+    votes[mast], votes[mast[::5]] = [0.05, 0.05, 0.2, 0.7], [0.05, 0.05, 0.8, 0.1]  # a fifth looks like a tree
+    votes /= votes.sum(axis=1, keepdims=True)
+    whole = RefinementParameters(0.1, 0.0, clique_weight=1.0)
+    lost, _ = refine(votes, None, edges, parameters=whole, ground=GROUND, positions=positions)
+    assert (lost[mast] == 2).mean() > 0.9
+    divided = RefinementParameters(0.1, 0.0, clique_weight=1.0, mast_radius=0.2)
+    kept, _ = refine(votes, None, edges, parameters=divided, ground=GROUND, positions=positions)
+    assert (kept[mast] == 3).mean() > 0.9 and (kept[classes == 2] == 2).all()
+    with pytest.raises(ParameterError, match="mast_radius needs the positions"):
+        refine(votes, None, edges, parameters=divided, ground=GROUND)
+
+
+def test_columns_around_masts_leave_a_lamp_that_stands_alone_whole():
+    positions, edges, classes = lamp_in_a_tree()
+    lamp = classes == 3
+    alone = np.flatnonzero(lamp)
+    arm = positions[alone[-1]] + np.column_stack([np.arange(0.2, 2.0, 0.2), np.zeros(9), np.zeros(9)])
+    places = np.concatenate([positions[alone], arm])
+    pairs = cKDTree(places).query_pairs(0.26, output_type="ndarray").astype(np.int32)
+    every = np.ones(len(places), np.bool_)
+    component = connected(len(places), pairs, every)
+    assert len(np.unique(component)) == 1
+    assert (separate_masts(component, places, pairs, every, radius=0.3) == component).all()
+    # In the tree the column is the mast and what the crown has within the radius, and nothing else.
+    every = np.ones(len(positions), np.bool_)
+    component = connected(len(positions), edges, every)
+    divided = separate_masts(component, positions, edges, every, radius=0.3)
+    column = np.hypot(positions[:, 0], positions[:, 1]) <= 0.3
+    assert len(np.unique(divided[column])) == 1 and not np.isin(divided[~column], divided[column]).any()

@@ -73,7 +73,7 @@ def label_held_out(
                 n_threads=n_threads,
             )  # fmt: skip
             votes = class_probabilities(transfer.graph.labels[matched.matches], transfer.n_classes)
-            labelled[place] = ValidationScene(votes, scene.rgb, inside, scene.label)
+            labelled[place] = ValidationScene(votes, scene.rgb, inside, scene.label, scene.positions)
         return list(labelled.values())
     for number, rows in _held_out(fold):
         others = PatchGraphClassifier.fit(
@@ -83,7 +83,7 @@ def label_held_out(
         for place in np.intersect1d(whole.scene[rows], drawn).tolist():
             scene, inside = _piece(whole, edges, place)
             votes = others.predict_proba(scene, inside)
-            labelled[place] = ValidationScene(votes, scene.rgb, inside, scene.label)
+            labelled[place] = ValidationScene(votes, scene.rgb, inside, scene.label, scene.positions)
     return [labelled[place] for place in sorted(labelled)]
 
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.energy.robust_potts import Cliques
+from mlsroad_pipeline.algorithms.patch_graph.masts import connected, separate_masts
 
 LEAST_PATCHES = 4
 """Fewest patches of a clique."""
@@ -40,6 +40,8 @@ def object_cliques(
     ground: GroundClasses,
     weight: float,
     truncation: float,
+    positions: NDArray[np.floating] | None = None,
+    mast_radius: float = 0.0,
 ) -> Cliques:
     """Return a clique for each connected component of the patches that are neither grass nor road.
 
@@ -57,23 +59,35 @@ def object_cliques(
         Maximum cost of a clique per patch.
     truncation : float
         Share of deviating patches at which the maximum is reached, at most 0.5.
+    positions : ndarray of shape (n, 3), optional
+        x, y and height above ground of the patches, metres; needed for columns around masts.
+    mast_radius : float, default 0.0
+        Radius of the columns that separate masts from what they touch (`separate_masts`), metres; 0 for none.
 
     Returns
     -------
     Cliques
         Components of at least `LEAST_PATCHES` patches; uniform labels cost nothing.
+
+    Raises
+    ------
+    ParameterError
+        If columns are asked for without positions.
     """
     n = len(labels)
     rows = np.flatnonzero((labels != ground.grass) & (labels != ground.road))
     above = np.zeros(n, np.bool_)
     above[rows] = True
-    inside = edges[above[edges].all(axis=1)]
-    graph = coo_array((np.ones(len(inside), np.int8), (inside[:, 0], inside[:, 1])), shape=(n, n))
-    component = connected_components(graph, directed=False)[1][rows]
+    number = connected(n, edges, above).astype(np.int64)
+    if mast_radius > 0:
+        if positions is None:
+            raise ParameterError("mast_radius needs the positions of the patches")
+        number = separate_masts(number, positions, edges, above, radius=mast_radius)
+    component = np.unique(number[rows], return_inverse=True)[1]
     sizes = np.bincount(component)
     ordered = np.argsort(component, kind="stable")
     large = sizes >= LEAST_PATCHES
-    members = rows[ordered][large[component[ordered]]]
+    members = rows[ordered][large[component[ordered]]].astype(np.int32)
     counts = sizes[large]
     return Cliques(
         np.concatenate([[0], np.cumsum(counts)]),

@@ -56,6 +56,8 @@ class GridParameters:
         Weights of the cliques of separate objects; see `RefinementParameters`.
     clique_truncation : float, default 0.3
         Share of deviating patches at which a clique has its maximum cost.
+    mast_radius : float, default 0.0
+        Radius of the columns around masts; see `RefinementParameters`.
 
     Raises
     ------
@@ -73,6 +75,7 @@ class GridParameters:
     n_folds: int = 3
     clique_weight: tuple[float, ...] = (0.0,)
     clique_truncation: float = 0.3
+    mast_radius: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("smoothness", "colour_decay", "clique_weight"):
@@ -81,7 +84,14 @@ class GridParameters:
                 raise ParameterError(f"patch_graph_mrf.{name} must list at least one value")
         for weight, decay, clique in product(self.smoothness, self.colour_decay, self.clique_weight):
             RefinementParameters(
-                weight, decay, self.ground_penalty, self.floor, self.smooth_ground, clique, self.clique_truncation
+                weight,
+                decay,
+                self.ground_penalty,
+                self.floor,
+                self.smooth_ground,
+                clique,
+                self.clique_truncation,
+                self.mast_radius,
             )
         check_at_least(self.max_patches, 1, "patch_graph_mrf.max_patches")
         if self.criterion not in CRITERIA:
@@ -159,7 +169,9 @@ class RefinedPatchGraphClassifier:
             If the columns differ in length or an edge has an invalid index.
         """
         colours = patches.rgb if self.transfer.graph.coloured else None
-        return refine(probabilities, colours, edges, parameters=self.parameters, ground=self.ground)
+        return refine(
+            probabilities, colours, edges, parameters=self.parameters, ground=self.ground, positions=patches.positions
+        )
 
     def to_arrays(self) -> dict[str, NDArray]:
         """Return the learned parameters as named arrays."""
@@ -238,7 +250,7 @@ def refine_classifier(
     )  # fmt: skip
     base = RefinementParameters(
         ground_penalty=grid.ground_penalty, floor=grid.floor, smooth_ground=grid.smooth_ground,
-        clique_truncation=grid.clique_truncation,
+        clique_truncation=grid.clique_truncation, mast_radius=grid.mast_radius,
     )  # fmt: skip
     parameters, tried = choose_parameters(
         scenes, smoothness=grid.smoothness, colour_decay=grid.colour_decay, clique_weight=grid.clique_weight,

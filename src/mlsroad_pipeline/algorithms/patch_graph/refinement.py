@@ -45,6 +45,9 @@ class RefinementParameters:
     clique_truncation : float, default 0.3
         Share of deviating patches at which a clique has its maximum cost. Smaller values keep the minority in objects
         that touch.
+    mast_radius : float, default 0.0
+        Radius of columns around masts that are cliques of their own (see `separate_masts`), metres; 0 for none. A
+        radius keeps lamps that stand in trees.
 
     Raises
     ------
@@ -59,9 +62,10 @@ class RefinementParameters:
     smooth_ground: bool = False
     clique_weight: float = 0.0
     clique_truncation: float = 0.3
+    mast_radius: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("smoothness", "colour_decay", "ground_penalty", "clique_weight"):
+        for name in ("smoothness", "colour_decay", "ground_penalty", "clique_weight", "mast_radius"):
             if not np.isfinite(getattr(self, name)) or getattr(self, name) < 0:
                 raise ParameterError(f"{name} must be a finite number >= 0, got {getattr(self, name)!r}")
         if not 0 < self.floor < 1:
@@ -121,6 +125,7 @@ def refine(
     *,
     parameters: RefinementParameters | None = None,
     ground: GroundClasses | None = None,
+    positions: NDArray[np.floating] | None = None,
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """Refine labels by minimising the energy of equations 9 to 11, with object cliques if chosen, by alpha-expansion.
 
@@ -136,6 +141,8 @@ def refine(
         Parameters of the energy.
     ground : GroundClasses, optional
         Labels of grass and road; none by default.
+    positions : ndarray of shape (n, 3), optional
+        x, y and height above ground of the patches, metres; needed with a `mast_radius`.
 
     Returns
     -------
@@ -149,6 +156,8 @@ def refine(
     ------
     DataError
         If the columns differ in length or an edge has an invalid index.
+    ParameterError
+        If there is a `mast_radius` without positions.
     """
     chosen = parameters or RefinementParameters()
     if rgb is not None:
@@ -160,7 +169,7 @@ def refine(
     if chosen.clique_weight > 0:
         cliques = object_cliques(
             initial, edges, unary.shape[1], ground=ground or GroundClasses(), weight=chosen.clique_weight,
-            truncation=chosen.clique_truncation,
+            truncation=chosen.clique_truncation, positions=positions, mast_radius=chosen.mast_radius,
         )  # fmt: skip
         labels, _ = robust_potts.minimize(unary, edges[kept], weights[kept], cliques, initial=initial)
         unary = unary - clique_support(cliques, labels, unary.shape)
@@ -198,12 +207,15 @@ class ValidationScene:
         Pairs of adjacent patches.
     labels : ndarray of int16, shape (n,)
         True classes of the patches.
+    positions : ndarray of shape (n, 3), optional
+        x, y and height above ground of the patches, metres.
     """
 
     probabilities: NDArray[np.floating]
     rgb: NDArray[np.float32] | None
     edges: NDArray[np.int32]
     labels: NDArray[np.int16]
+    positions: NDArray[np.floating] | None = None
 
 
 def choose_parameters(
@@ -259,7 +271,10 @@ def choose_parameters(
         parameters = replace(rest, smoothness=weight, colour_decay=decay, clique_weight=clique)
         total = np.zeros((scenes[0].probabilities.shape[1],) * 2, np.int64)
         for scene in scenes:
-            labels, _ = refine(scene.probabilities, scene.rgb, scene.edges, parameters=parameters, ground=ground)
+            labels, _ = refine(
+                scene.probabilities, scene.rgb, scene.edges, parameters=parameters, ground=ground,
+                positions=scene.positions,
+            )  # fmt: skip
             total += confusion_matrix(scene.labels, labels, len(total))[:, : len(total)]
         tried.append(parameters)
         grid.append({"smoothness": weight, "colour_decay": decay, "clique_weight": clique, **_quality(total)})

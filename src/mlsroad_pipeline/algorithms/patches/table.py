@@ -81,6 +81,11 @@ class Patches:
         """Return the number of patches."""
         return len(self.height)
 
+    @property
+    def positions(self) -> NDArray[np.float64]:
+        """x, y and height above ground of the patches, shape (n, 3), metres."""
+        return np.column_stack([self.centroid[:, :2], self.height])
+
     def take(self, rows: NDArray) -> Patches:
         """Return the patches selected by an index array or a boolean mask."""
         return Patches.from_arrays({name: values[rows] for name, values in self.to_arrays().items()})
