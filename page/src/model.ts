@@ -115,11 +115,15 @@ export class Model {
     const places = [...this.objects.map((object) => object.place), ...path.map(([x, y, z]) => [x - origin[0], y - origin[1], z - origin[2]])];
     if (places.length < 2) return [low, high];
     const room = 15;
-    // Single places far off do not count: of each side 2 % are left out.
-    const sorted = [0, 1].map((axis) => places.map((place) => place[axis]).sort((a, b) => a - b));
+    // Single places far off do not count: if the outer 2 % of each side double the extent, they are left out.
     const skipped = Math.floor(0.02 * places.length);
-    const least = [0, 1].map((axis) => Math.max(low[axis], sorted[axis][skipped] - room));
-    const most = [0, 1].map((axis) => Math.min(high[axis], sorted[axis][places.length - 1 - skipped] + room));
+    const ranges = [0, 1].map((axis) => {
+      const sorted = places.map((place) => place[axis]).sort((a, b) => a - b);
+      const [all, most] = [0, skipped].map((n) => [sorted[n], sorted[places.length - 1 - n]]);
+      return all[1] - all[0] > 2 * (most[1] - most[0] + room) ? most : all;
+    });
+    const least = ranges.map(([first], axis) => Math.max(low[axis], first - room));
+    const most = ranges.map(([, last], axis) => Math.min(high[axis], last + room));
     return [[least[0], least[1], low[2]], [most[0], most[1], high[2]]];
   }
 

@@ -68,6 +68,13 @@ def test_a_value_that_is_no_yaml_is_a_wrong_command_line(value):
         nested([f"label.scheme={value}"])
 
 
+@pytest.mark.parametrize("value", ["{x:1}", "[{a: 2}, {x:1}]", "{a: {x:1}}"])
+def test_a_missing_blank_after_a_colon_is_named(value):
+    with pytest.raises(typer.BadParameter, match="'x:1' needs a blank after its colon"):
+        nested([f"label.read.columns={value}"])
+    assert nested(["label.read.columns={x: 1, 'a:b': 2}"])["label"]["read"]["columns"] == {"x": 1, "a:b": 2}
+
+
 def test_the_survey_and_the_output_are_no_parameters():
     with pytest.raises(typer.BadParameter, match="label.survey is given as FILE"):
         nested(["label.survey=b.laz"], given={"label.survey": "FILE"})

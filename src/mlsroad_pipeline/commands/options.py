@@ -98,6 +98,20 @@ def _folder(place: Path) -> Path:
     return place if place.is_dir() else place.parent
 
 
+def _key_with_value(values: Any) -> str | None:
+    """Return a key such as ``a:1``, which YAML reads where the blank after the colon is missing."""
+    if isinstance(values, list):
+        return next((found for item in values if (found := _key_with_value(item))), None)
+    if not isinstance(values, dict):
+        return None
+    for key, value in values.items():
+        if value is None and ":" in str(key):
+            return str(key)
+        if found := _key_with_value(value):
+            return found
+    return None
+
+
 def nested(pairs: Sequence[str], *, given: Mapping[str, str] | None = None) -> dict[str, Any]:
     """Return ``a.b=value`` options as nested parameters; values are read as YAML scalars, as `kedro run` does.
 
@@ -120,6 +134,9 @@ def nested(pairs: Sequence[str], *, given: Mapping[str, str] | None = None) -> d
             raise typer.BadParameter(f"{pair!r} is no YAML value: {reason}", param_hint="--params") from error
     values = OmegaConf.to_container(OmegaConf.from_dotlist(list(pairs)), resolve=False)
     assert isinstance(values, dict)
+    if joined := _key_with_value(values):
+        message = f"{joined!r} needs a blank after its colon, or quotes if it is text"
+        raise typer.BadParameter(message, param_hint="--params")
     return with_text_of_paths({str(key): value for key, value in values.items()}, pairs)
 
 

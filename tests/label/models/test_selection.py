@@ -113,7 +113,7 @@ def test_method_with_a_shipped_model_alone_takes_it():
         ({"method": "forest"}, r"^label.method 'forest' is no method \(methods: detrended_forest, patch_graph, "),
         (
             {"method": "shot"},
-            "none is registered; `kedro run --pipelines=all_methods --to-outputs=shot.registered_model`",
+            "the package ships none and none is registered; `kedro run --pipelines=all_methods --to-outputs=shot.registered_model`",
         ),
         (
             {"model": 1},

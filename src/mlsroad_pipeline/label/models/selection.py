@@ -95,7 +95,10 @@ def named_choice(
         return ModelChoice(own[-1], f"it is the highest version of label.method={method}")
     if method is not None and method not in {item.method for item in shipped.values()}:
         command = f"kedro run --pipelines=all_methods --to-outputs={method}.registered_model"
-        raise ParameterError(f"label.method {method!r} has no model: none is registered; `{command}` trains one")
+        raise ParameterError(
+            f"label.method {method!r} has no model: the package ships none and none is registered; `{command}`, in a "
+            "clone of the project, trains one"
+        )
     return None
 
 
