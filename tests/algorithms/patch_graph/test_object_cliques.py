@@ -8,8 +8,9 @@ from references.patch_graph import planted_patches
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphClassifier, PatchGraphParameters
-from mlsroad_pipeline.algorithms.patch_graph.masts import connected, separate_masts
+from mlsroad_pipeline.algorithms.patch_graph.masts import separate_masts
 from mlsroad_pipeline.algorithms.patch_graph.object_cliques import GroundClasses, object_cliques
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters, RefinedPatchGraphClassifier
 from mlsroad_pipeline.algorithms.patch_graph.refinement import RefinementParameters, edge_weights, refine
@@ -139,12 +140,12 @@ def test_columns_around_masts_leave_a_lamp_that_stands_alone_whole():
     places = np.concatenate([positions[alone], arm])
     pairs = cKDTree(places).query_pairs(0.26, output_type="ndarray").astype(np.int32)
     every = np.ones(len(places), np.bool_)
-    component = connected(len(places), pairs, every)
+    component = connected_components(pairs, n_nodes=len(places))
     assert len(np.unique(component)) == 1
     assert (separate_masts(component, places, pairs, every, radius=0.3) == component).all()
     # In the tree the column is the mast and what the crown has within the radius, and nothing else.
     every = np.ones(len(positions), np.bool_)
-    component = connected(len(positions), edges, every)
+    component = connected_components(edges, n_nodes=len(positions))
     divided = separate_masts(component, positions, edges, every, radius=0.3)
     column = np.hypot(positions[:, 0], positions[:, 1]) <= 0.3
     assert len(np.unique(divided[column])) == 1 and not np.isin(divided[~column], divided[column]).any()

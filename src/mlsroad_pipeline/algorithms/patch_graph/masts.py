@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+
+from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
 
 BAND = (1.0, 2.5)
 """Heights above ground at which masts are looked for, metres: above plants and below crowns."""
@@ -15,29 +15,6 @@ WIDTH, EXTENT = 0.7, 1.0
 
 LEAST_IN_BAND = 4
 """Fewest patches of a mast in that band."""
-
-
-def connected(n: int, edges: NDArray[np.int32], inside: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Return the connected component of each patch, over edges whose ends both lie inside.
-
-    Parameters
-    ----------
-    n : int
-        Number of patches.
-    edges : ndarray of int32, shape (m, 2)
-        Pairs of adjacent patches.
-    inside : ndarray of bool, shape (n,)
-        Patches to connect; each other patch is a component of its own.
-
-    Returns
-    -------
-    ndarray of int32, shape (n,)
-        Numbers of the components.
-    """
-    pairs = edges[inside[edges].all(axis=1)]
-    graph = coo_array((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    found: NDArray[np.int32] = connected_components(graph, directed=False)[1]
-    return found
 
 
 def separate_masts(
@@ -56,7 +33,7 @@ def separate_masts(
     Parameters
     ----------
     component : ndarray of int, shape (n,)
-        Component of each patch, see `connected`.
+        Connected component of each patch.
     positions : ndarray of shape (n, 3)
         x, y and height above ground of the patches, metres.
     edges : ndarray of int32, shape (m, 2)
@@ -74,7 +51,7 @@ def separate_masts(
     n, height = len(component), positions[:, 2]
     divided = component.astype(np.int64)
     band = above & (height >= BAND[0]) & (height <= BAND[1])
-    clusters = connected(n, edges, band)
+    clusters = connected_components(edges[band[edges].all(axis=1)], n_nodes=n)
     members = _groups(component, above)
     for mast in _groups(clusters, band).values():
         extent = np.ptp(positions[mast], axis=0)

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.energy.robust_potts import Cliques
-from mlsroad_pipeline.algorithms.patch_graph.masts import connected, separate_masts
+from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
+from mlsroad_pipeline.algorithms.patch_graph.masts import separate_masts
 
 LEAST_PATCHES = 4
 """Fewest patches of a clique."""
@@ -78,7 +79,7 @@ def object_cliques(
     rows = np.flatnonzero((labels != ground.grass) & (labels != ground.road))
     above = np.zeros(n, np.bool_)
     above[rows] = True
-    number = connected(n, edges, above).astype(np.int64)
+    number = connected_components(edges[above[edges].all(axis=1)], n_nodes=n).astype(np.int64)
     if mast_radius > 0:
         if positions is None:
             raise ParameterError("mast_radius needs the positions of the patches")
