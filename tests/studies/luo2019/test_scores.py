@@ -73,6 +73,9 @@ def test_means_over_classes_agree_with_scikit_learn(rng):
     assert found["recall"] == pytest.approx(recall_score(label, predicted, **given))
     assert found["accuracy"] == pytest.approx((label == predicted).mean())
     assert np.isnan(luo2019.mean_figures(np.zeros((2, 2)))["f1"])
+    weighted = luo2019.weighted_f1(confusion_matrix(label, predicted, 6)[:, :6])
+    assert weighted == pytest.approx(f1_score(label, predicted, average="weighted", zero_division=0))
+    assert np.isnan(luo2019.weighted_f1(np.zeros((2, 2))))
 
 
 def test_an_interval_draws_the_same_streets_for_both_methods(rng):

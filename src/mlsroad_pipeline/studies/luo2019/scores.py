@@ -74,6 +74,14 @@ def mean_f1(matrices: NDArray[np.number]) -> NDArray[np.float64]:
     return np.where(present > 0, f1.sum(axis=-1) / np.maximum(present, 1), np.nan)
 
 
+def weighted_f1(matrix: NDArray[np.integer]) -> float:
+    """Return the mean F1 weighted by the number of objects of each class."""
+    counts = np.asarray(matrix, dtype=np.float64)
+    support = counts.sum(axis=1)
+    f1 = 2 * np.diagonal(counts) / np.maximum(support + counts.sum(axis=0), 1e-12)
+    return float(f1 @ support / support.sum()) if support.any() else float("nan")
+
+
 def mean_figures(matrix: NDArray[np.integer]) -> dict[str, float]:
     """Return means over the classes that have objects, and accuracy (equations 14 to 17)."""
     counts = np.asarray(matrix, dtype=np.float64)
