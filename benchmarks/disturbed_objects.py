@@ -4,7 +4,10 @@
     python benchmarks/disturbed_objects.py data/05_model_input/simulated_objects --methods jointnet spin_image
 
 Each method is trained once on the training objects of a set; `jointnet` and its sub-networks for 30 epochs, as in the
-study.
+study. `--changes` changes parameters of the methods, `--recognise train` recognises the training objects instead:
+
+    python benchmarks/disturbed_objects.py FOLDER --methods jointnet --recognise train
+        --changes '{"inputs": {"measures": false}, "training": {"epochs": 12, "n_members": 1}}'
 """
 
 from __future__ import annotations
@@ -43,14 +46,19 @@ def main() -> None:
     parser.add_argument("--methods", nargs="+", default=["jointnet", "hierarchy_descriptor", "spin_image", "shot"])
     parser.add_argument("--sets", nargs="+", default=["hdr9", "smd6"])
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--changes", type=json.loads, default={})
+    parser.add_argument("--recognise", choices=["train", "validation", "test"], default="test")
     options = parser.parse_args()
     for name in options.sets:
-        train, test = (objects_of(options.folder, f"{name}.{split}") for split in ("train", "test"))
-        print(f"{name}: {len(train['label'])} training objects, {len(test['label'])} test objects", flush=True)
+        train, test = (objects_of(options.folder, f"{name}.{split}") for split in ("train", options.recognise))
+        print(f"{name}: {len(train['label'])} training objects, {len(test['label'])} objects to recognise", flush=True)
         n_classes = 1 + max(int(part["label"].max()) for part in (train, test))
         for method in options.methods:
             start = time.process_time()
-            changes = SHORT if method == "jointnet" or method.endswith("_net") else {}
+            short = SHORT if method == "jointnet" or method.endswith("_net") else {}
+            changes = short | options.changes
+            if short:
+                changes["training"] = short["training"] | options.changes.get("training", {})
             found = train_and_recognise(
                 {"train": train}, test, method=method, settings=[parameters_of(method, options.seed, changes)],
                 conditions=LEVELS, disturbance=Disturbance(), wrong_labels=0.0, n_classes=n_classes, seed=2019,
