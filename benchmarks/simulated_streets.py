@@ -3,12 +3,14 @@
     python benchmarks/simulated_streets.py [--seeds 21 22 23] [--forest-seeds 2019] [--kind town]
     python benchmarks/simulated_streets.py --cross-validate
     python benchmarks/simulated_streets.py --seeds 21 --picture NEW.jpg
+    python benchmarks/simulated_streets.py --seeds 51 52 53 --model pool
 
 The first trains on the streets `train*` of conf/base/parameters_simulation.yml and labels its street `test` drawn with
 each of the seeds. The second leaves one training street out at a time and labels it: parameters are chosen by it,
 without a look at the test street. Both are done with the features of conf/base and without their detrended part, with
-the same seeds. A street is one scene; `kedro run` cuts it into scenes of 30 m with buffers. Prints a table with the F1
-of each class of tomic2019, a JSON line per row, and the mean over the streets with its standard deviation.
+the same seeds. The last labels the streets with a model of the package, without training. A street is one scene; `kedro
+run` cuts it into scenes of 30 m with buffers. Prints a table with the F1 of each class of tomic2019, a JSON line per
+row, and the mean over the streets with its standard deviation.
 """
 
 from __future__ import annotations
@@ -26,7 +28,11 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.detrended_forest.labeller import label_scene
 from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters, fit, training_rows
+from mlsroad_pipeline.algorithms.evaluation.labelling import coarse_labels
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scores
+from mlsroad_pipeline.algorithms.models.bundle import bundle_scheme
+from mlsroad_pipeline.algorithms.models.labelling import label_cloud
+from mlsroad_pipeline.datasets.models.shipped_models import load_shipped
 from mlsroad_pipeline.reporting.clouds.cloud_figures import cloud_figure, labelling_pictures
 from mlsroad_pipeline.reporting.clouds.view import oblique_view
 from mlsroad_pipeline.reporting.html.parts import figure_pixels
@@ -76,8 +82,11 @@ class Trial:
     def label(self, name: str, bundle: Any, cloud: PointCloud, seed: int) -> tuple[np.ndarray, np.ndarray]:
         """Label a street, print the scores and return truth and prediction."""
         truth = self.scored.encode(cloud["label"], source=name)
-        predicted = label_scene(**prepare(cloud, self.stages), bundle=bundle)["label"]
-        found = self.scheme.coarsen(self.scored)[predicted]
+        return self.score(name, truth, label_scene(**prepare(cloud, self.stages), bundle=bundle)["label"], seed)
+
+    def score(self, name: str, truth: np.ndarray, predicted: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
+        """Print the scores of labels and return truth and prediction."""
+        found = coarse_labels(predicted, self.scheme, self.scored)
         matrix = confusion_matrix(truth, found, len(self.scored))
         report(f"{self.name} {name}", seed, matrix, self.scored)
         self.found.append(matrix)
@@ -91,6 +100,27 @@ class Trial:
             spread = values.std(ddof=1) if len(values) > 1 else float("nan")
             print(f"{self.name}: {figure} {values.mean():.4f} +- {spread:.4f} over {len(values)} streets")
         report(f"{self.name} all", 0, np.sum(self.found, axis=0), self.scored)
+
+
+class Shipped(Trial):
+    """Scores of a model of the package; its training streets have other seeds.
+
+    Parameters
+    ----------
+    name : str
+        The model.
+    """
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name, detrend=False)
+        self.bundle = load_shipped(name)
+        self.scheme = bundle_scheme(self.bundle)
+
+    def label_with(self, name: str, cloud: PointCloud) -> tuple[np.ndarray, np.ndarray]:
+        """Label a street, print the scores and return truth and prediction."""
+        truth = self.scored.encode(cloud["label"], source=name)
+        unknown = cloud.without_columns([c for c in ("label", "instance") if c in cloud])
+        return self.score(name, truth, label_cloud(self.bundle, unknown)[0], 0)
 
 
 def draw(path: Path, cloud: PointCloud, truth: np.ndarray, predicted: np.ndarray, scheme: ClassScheme) -> None:
@@ -112,8 +142,18 @@ def main() -> None:
     parser.add_argument("--forest-seeds", type=int, nargs="+", default=[configured("detrended_forest")["seed"]])
     parser.add_argument("--kind", help="kind of the streets to label, such as town, in place of the test street's")
     parser.add_argument("--cross-validate", action="store_true", help="leave one training street out at a time")
+    parser.add_argument("--model", help="a model of the package, such as pool, in place of training")
     parser.add_argument("--picture", type=Path, help="where to paint the first street that is labelled")
     options = parser.parse_args()
+    if options.model:
+        shipped = Shipped(options.model)
+        for seed in options.seeds:
+            street = simulate("test", seed, options.kind)
+            truth, found = shipped.label_with(f"street {seed}", street)
+            if options.picture and not options.picture.exists():
+                draw(options.picture, street, truth, found, shipped.scored)
+        shipped.summary()
+        return
     names = [name for name in configured("simulation")["surveys"] if name.startswith("train")]
     streets = {name: simulate(name) for name in names}
     tests = dict(streets)
