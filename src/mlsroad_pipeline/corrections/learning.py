@@ -18,7 +18,7 @@ from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.fusion.pool import SLUG as POOL
-from mlsroad_pipeline.algorithms.fusion.pool import TREES, members_of, pool_bundle
+from mlsroad_pipeline.algorithms.fusion.pool import TREES, members_of, with_trees
 from mlsroad_pipeline.algorithms.inventory.candidate_labels import candidate_rules
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
@@ -214,7 +214,7 @@ def learn_from(
         entry = dict(trees.metadata["learned"][-1])
     model = trees
     if bundle.slug == POOL:
-        model = pool_bundle({**members_of(bundle), TREES: trees}, bundle.metadata["weights"])
+        model = with_trees(bundle, trees)
     rated = [found for part in parts for found in part.objects]
     model = with_judge(model, continue_judge(judge_of(bundle), joined_answers(rated), read_judge_replay()))
     own = {name: value for name, value in model.metadata.items() if name not in ("shipped", "registered", "stored")}

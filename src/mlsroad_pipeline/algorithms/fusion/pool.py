@@ -7,16 +7,17 @@ points and describe them in different ways, so their errors differ.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.classes import IGNORE
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.labels import unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under, bundle_scheme
 from mlsroad_pipeline.algorithms.models.grouped_decision import decide
 from mlsroad_pipeline.algorithms.models.labelling import SoftLabels, label_softly
 
@@ -37,9 +38,10 @@ def pool_bundle(members: Mapping[str, ModelBundle], weights: Mapping[str, float]
     Parameters
     ----------
     members : mapping of str to ModelBundle
-        Name to model, at least two; all with the classes of the first in the same order, and with class probabilities.
-        The groups of classes of the first, the facts about its training data and its ground filter are those of the
-        pool. Colour and intensity are used if all members use them.
+        Name to model, at least two, all with class probabilities. The others have the classes of the first in the same
+        order, or finer ones, whose probabilities are summed. The groups of classes of the first, the facts about its
+        training data and its ground filter are those of the pool. Colour and intensity are used if all members use
+        them.
     weights : mapping of str to float
         Name to weight, from 0 to 1; their sum is 1. A larger weight follows the member more.
 
@@ -51,12 +53,11 @@ def pool_bundle(members: Mapping[str, ModelBundle], weights: Mapping[str, float]
     Raises
     ------
     ParameterError
-        If the members differ in their classes, or the weights do not belong to them or have another sum.
+        If the classes of a member do not nest in those of the first, or the weights do not belong to the members or
+        have another sum.
     """
     first = next(iter(members.values()))
-    for name, member in members.items():
-        if member.classes != first.classes:
-            raise ParameterError(f"pool: {name!r} has other classes than the first member")
+    merged = {name: _merged(name, one, first) for name, one in members.items() if one.classes != first.classes}
     if set(weights) != set(members) or abs(sum(weights.values()) - 1.0) > 1e-6 or min(weights.values()) < 0:
         raise ParameterError(f"pool: the weights of {', '.join(members)} must be from 0 to 1 with the sum 1: {weights}")
     arrays = {f"{name}/{key}": values for name, member in members.items() for key, values in member.arrays.items()}
@@ -70,8 +71,38 @@ def pool_bundle(members: Mapping[str, ModelBundle], weights: Mapping[str, float]
         "attributes": sorted(set(attributes) & set(first.metadata.get("attributes", ()))),
         "weights": {name: float(weights[name]) for name in members},
         "members": {name: {**member.metadata, "slug": member.slug} for name, member in members.items()},
+        **({"merged": merged} if merged else {}),
     }
     return ModelBundle(SLUG, arrays, metadata)
+
+
+def with_trees(bundle: ModelBundle, trees: ModelBundle) -> ModelBundle:
+    """Return a pool of trees and a network with other trees.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        The shipped pool, or one with the same members.
+    trees : ModelBundle
+        The trees. Their classes are those of the pool; those of the network are the same or finer.
+
+    Returns
+    -------
+    ModelBundle
+        The pool, with the weights of `bundle`.
+    """
+    return pool_bundle({**members_of(bundle), TREES: trees}, bundle.metadata["weights"])
+
+
+def _merged(name: str, member: ModelBundle, first: ModelBundle) -> list[int]:
+    """Return the class of the first member that holds each class of another one."""
+    try:
+        table = bundle_scheme(member).coarsen(bundle_scheme(first))
+    except ParameterError as error:
+        raise ParameterError(f"pool: {name!r} has other classes than the first member: {error}") from error
+    if (table == IGNORE).any():
+        raise ParameterError(f"pool: {name!r} has classes that the first member ignores")
+    return [int(label) for label in table]
 
 
 def members_of(bundle: ModelBundle) -> dict[str, ModelBundle]:
@@ -169,7 +200,8 @@ def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
                 raise DataError(f"model {bundle.slug!r}: member {name!r} gives no class probabilities")
             return SoftLabels(label, confidence)
         known &= soft.owner >= 0
-        parts.append((soft.probabilities, soft.owner, float(bundle.metadata["weights"][name])))
+        summed = _summed(soft.probabilities, bundle.metadata.get("merged", {}).get(name), len(bundle.classes))
+        parts.append((summed, soft.owner, float(bundle.metadata["weights"][name])))
     if not known.any():
         return SoftLabels(label, confidence)
     for probabilities, owner, _ in parts:
@@ -186,3 +218,10 @@ def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
     combination = np.where(known, rows, -1).astype(np.int32)
     label[known], confidence[known] = best[rows[known]], probability[rows[known]]
     return SoftLabels(label, confidence, pooled.astype(np.float32), combination)
+
+
+def _summed(probabilities: NDArray[np.float32], table: Sequence[int] | None, n_classes: int) -> NDArray[np.float32]:
+    """Return probabilities of the classes of a pool; `table` has the class that holds each class of a member."""
+    if table is None:
+        return probabilities
+    return probabilities @ (np.array(table)[:, None] == np.arange(n_classes)).astype(np.float32)

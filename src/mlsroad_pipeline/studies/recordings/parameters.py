@@ -33,7 +33,8 @@ class StudyParameters:
     scheme : str
         Class scheme of training and scoring. Its class ``other`` is counted, but no part of means.
     models : sequence of str
-        Models of the package to score.
+        Models of the package to score. ``pool`` has the other protocols too: with trees of the protocol and the network
+        of the package, which was trained on simulated streets alone.
     method : str, optional
         Method or model to run alone; None runs all labellers that need no images.
     source : str, optional

@@ -9,12 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG as TREES
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
+from mlsroad_pipeline.algorithms.fusion.pool import SLUG as POOL
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS, methods_of
 from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
@@ -52,6 +54,11 @@ class Run(NamedTuple):
         """Return the key in the store."""
         return ".".join(self)
 
+    @property
+    def trained(self) -> str:
+        """Return the method that is trained: the trees of the pool, whose network is that of the package."""
+        return TREES if self.method == POOL else self.method
+
     @classmethod
     def parse(cls, key: str) -> Run:
         """Return the run of a key."""
@@ -77,7 +84,8 @@ class StudyPlan:
         """Return the runs that are requested."""
         chosen = self.study
         methods = {slug: PROTOCOLS[1:] for slug in methods_of("labelling")}
-        every: dict[str, tuple[str, ...]] = {**{name: (SHIPPED,) for name in chosen.models}, **methods}
+        models = {name: PROTOCOLS if name == POOL else (SHIPPED,) for name in chosen.models}
+        every: dict[str, tuple[str, ...]] = {**models, **methods}
         for what, name, known in (("method", chosen.method, every), ("source", chosen.source, self.sources)):
             if name is not None and name not in known:
                 raise ParameterError(f"recordings_study.{what} {name!r} is none of {', '.join(known)}")
@@ -93,7 +101,7 @@ class StudyPlan:
         if not found:
             raise ParameterError(
                 f"recordings_study.method {chosen.method!r} has no protocol {chosen.protocol!r}: models of the package "
-                f"have {SHIPPED!r} alone, labellers the others"
+                f"have {SHIPPED!r}, labellers the others, {POOL!r} all"
             )
         return found
 
@@ -221,7 +229,7 @@ def prepare_scenes(plan: StudyPlan, scenes: SceneCollection) -> dict[str, SceneT
     """Create one task per training scene and kind of preparation."""
     tasks = {}
     for run in plan.trained_runs():
-        preparation = preparation_of(run.method)
+        preparation = preparation_of(run.trained)
         for key in plan.training_scenes(run):
             source = plan.sources.get(key.partition(".")[0])
             parameters = {
@@ -237,12 +245,12 @@ def train_models(plan: StudyPlan, prepared: SceneCollection) -> dict[str, SceneT
     """Create one task per method and training data."""
     tasks = {}
     for run in plan.trained_runs():
-        preparation, uses = preparation_of(run.method), plan.training_scenes(run)
+        preparation, uses = preparation_of(run.trained), plan.training_scenes(run)
         keys = [f"{preparation.kind}.{key}" for key in uses]
         parameters = {
-            "method": run.method,
+            "method": run.trained,
             "uses": {f"{preparation.kind}.{key}": (use, *plan.source_of(key)) for key, use in uses.items()},
-            "parameters": plan.parameters_of(run.method),
+            "parameters": plan.parameters_of(run.trained),
             "scheme": plan.scheme,
             "trained_on": {"training": plan.training_set(run), "scenes": len(uses)},
         }
@@ -253,7 +261,7 @@ def train_models(plan: StudyPlan, prepared: SceneCollection) -> dict[str, SceneT
 
 def model_key(plan: StudyPlan, run: Run) -> str:
     """Return the key of the model of a run."""
-    return f"{run.method}.{plan.training_set(run)}"
+    return f"{run.trained}.{plan.training_set(run)}"
 
 
 def score_runs(
@@ -267,6 +275,8 @@ def score_runs(
         stems = list(source.paths(plan.root))
         model: Any = of_package[run.method] if run.protocol == SHIPPED else models[model_key(plan, run)]
         inputs = {"scenes": Deferred(tuple(scenes[f"{run.source}.{stem}"] for stem in stems)), "model": model}
+        if run.method == POOL and run.protocol != SHIPPED:
+            inputs["pool"] = of_package[POOL]
         parameters = {
             "scheme": plan.scheme,
             "mixed": {name: tuple(others) for name, others in source.mixed.items()},

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.evaluation.labelling import coarse_labels
+from mlsroad_pipeline.algorithms.fusion.pool import with_trees
 from mlsroad_pipeline.algorithms.metrics.calibration import auroc, brier_score, reliability_table
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 from mlsroad_pipeline.algorithms.models.bundle import bundle_scheme
@@ -24,6 +25,7 @@ from mlsroad_pipeline.studies.recordings.training import stored_model
 def score_source(
     scenes: Sequence[StoredResult],
     model: Mapping[str, Any],
+    pool: Mapping[str, Any] | None = None,
     *,
     scheme: ClassScheme,
     mixed: Mapping[str, Sequence[str]],
@@ -31,10 +33,11 @@ def score_source(
 ) -> dict[str, dict[str, NDArray]]:
     """Label all scenes of a recording, and score all points and those of the test part.
 
-    A prediction of a class that a mixed class of the recording holds counts as that class. The first scene is labelled
-    twice, because the first call loads compiled code; its time is that of the second call.
+    The model replaces the trees of `pool`, if that is given. A prediction of a class that a mixed class of the
+    recording holds counts as that class. The first scene is labelled twice, because the first call loads compiled code;
+    its time is that of the second call.
     """
-    bundle = stored_model(model)
+    bundle = stored_model(model) if pool is None else with_trees(stored_model(pool), stored_model(model))
     trained = bundle_scheme(bundle)
     truths, labels, confidences, parts = [], [], [], []
     wall = used = 0.0
