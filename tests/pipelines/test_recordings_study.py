@@ -112,3 +112,16 @@ def test_one_run_alone_computes_nothing_else_and_keeps_the_rest(project, table, 
     assert len(both) == len(table) and len(again) == len(table) + 2
     page = (project / "data/08_reporting/recordings_study/pictures/scans.html").read_text(encoding="utf-8")
     assert page.count("data:image/") == 2 and "sparse, shipped" in page
+
+
+def test_the_pool_is_scored_with_trees_that_it_shares_with_their_own_runs(project, caplog):
+    caplog.set_level("INFO")
+    chosen = {"source": "scans", "protocol": "own"}
+    pooled = benchmark(project, method="pool", **chosen)
+    assert stage_counts(caplog.messages)["models"] == (1, 0)
+    caplog.clear()
+    both = benchmark(project, method="boosted_trees", **chosen)
+    assert stage_counts(caplog.messages)["models"] == (0, 1)
+    rows = both[both["method"].isin(["pool", "boosted_trees"])].set_index("method")
+    assert rows["train_cpu_seconds"].nunique() == 1 and rows["mean_iou"].between(0.2, 1).all()
+    assert rows["calibration_error"].nunique() == 2 and len(both) == len(pooled) + 1

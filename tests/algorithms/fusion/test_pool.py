@@ -1,12 +1,15 @@
 """Pool of trained labellers with one weight each."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.fusion import pool
-from mlsroad_pipeline.algorithms.fusion.pool import FLOOR, members_of, pool_bundle
+from mlsroad_pipeline.algorithms.fusion.pool import FLOOR, NETWORK, TREES, members_of, pool_bundle, with_trees
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.labelling import SoftLabels, label_cloud, label_softly
 
@@ -70,6 +73,42 @@ def test_members_come_back_as_they_were():
     np.testing.assert_array_equal(found["two"].arrays["values"], np.arange(3.0))
     assert dict(found["one"].metadata) == dict(first.metadata)
     assert bundle.metadata["training_facts"] == {"density": [1.0, 2.0]}
+
+
+def scheme(name, **members):
+    config = {"classes": {c: {"members": taxa, "asprs": 1} for c, taxa in members.items()}, "ignore": ["outlier"]}
+    return dataclasses.asdict(ClassScheme.from_config(name, config))
+
+
+GROUND, PLANTS = ["road", "sidewalk"], ["tree", "hedge"]
+COARSE = scheme("coarse", ground=GROUND, plant=PLANTS)
+FINE = scheme("fine", hedge=["hedge"], ground=GROUND, tree=["tree"])
+
+
+def test_probabilities_of_finer_classes_are_summed(cloud, planted):
+    planted[HALVES] = (np.array([[0.6, 0.4], [0.1, 0.9]]), np.array([0, 0, 0, 1, 1, -1]))
+    trees = member(HALVES, ("ground", "plant"), scheme=COARSE)
+    network = member(THIRDS, ("hedge", "ground", "tree"), scheme=FINE)
+    soft = label_softly(pool_bundle({"one": trees, "two": network}, {"one": 0.5, "two": 0.5}), cloud)
+    table, owner = planted[THIRDS]
+    for point in range(5):
+        hedge, ground, tree = table[owner[point]]
+        wanted = np.sqrt(planted[HALVES][0][planted[HALVES][1][point]] * [ground, hedge + tree])
+        np.testing.assert_allclose(soft.probabilities[soft.owner[point]], wanted / wanted.sum(), rtol=1e-5)
+    assert soft.labels[-1] == -1
+    with pytest.raises(ParameterError, match="'two' has other classes than the first member: class 'plant'"):
+        pool_bundle({"one": network, "two": trees}, {"one": 0.5, "two": 0.5})
+    ignoring = {**COARSE, "ignored": [*COARSE["ignored"], "hedge"], "members": [GROUND, ["tree"]]}
+    with pytest.raises(ParameterError, match="'two' has classes that the first member ignores"):
+        pool_bundle({"one": member(HALVES, ("ground", "plant"), scheme=ignoring), "two": network}, {"one": 1, "two": 0})
+
+
+def test_other_trees_keep_network_and_weights():
+    bundle = pool_bundle({TREES: member(HALVES), NETWORK: member(THIRDS)}, {TREES: 0.7, NETWORK: 0.3})
+    changed = with_trees(bundle, member(HALVES, trained_on={"survey": "own"}))
+    assert list(members_of(changed)) == [TREES, NETWORK] and members_of(changed)[NETWORK].slug == THIRDS
+    assert changed.metadata["weights"] == {TREES: 0.7, NETWORK: 0.3}
+    assert changed.metadata["trained_on"] == {"survey": "own"}
 
 
 def test_members_that_do_not_fit_are_refused(cloud, planted):

@@ -40,10 +40,11 @@ def plan(tmp_path):
 def test_every_labeller_that_needs_no_images_is_run_on_every_recording_by_every_protocol(plan):
     runs = plan().runs()
     trained = len(methods_of("labelling")) * len(TOY) * (len(PROTOCOLS) - 1)
-    assert len(set(runs)) == len(runs) == trained + 4 * len(TOY)
+    assert len(set(runs)) == len(runs) == trained + (len(PROTOCOLS) + 3) * len(TOY)
     assert {run.method for run in runs if run.protocol == SHIPPED} == {"general", "dense", "pool", "sparse"}
     assert all(preparation_of(slug).kind for slug in methods_of("labelling"))
-    assert all(not METHODS[run.method].needs_images for run in runs if run.protocol != SHIPPED)
+    assert all(not METHODS[run.trained].needs_images for run in runs if run.protocol != SHIPPED)
+    assert {run.protocol for run in runs if run.method == "pool"} == set(PROTOCOLS)
     assert [Run.parse(run.key) for run in runs] == runs
 
 
@@ -88,6 +89,13 @@ def test_models_of_different_training_data_have_different_keys(plan):
         assert all(other == scenes[0] for other in scenes)
     distinct = {(key.partition(".")[0], tuple(sorted(scenes[0].items()))) for key, scenes in by_key.items()}
     assert len(distinct) == len(by_key)
+
+
+def test_the_pool_has_the_trees_of_its_protocol(plan):
+    for run in plan(method="pool").trained_runs():
+        trees = Run("boosted_trees", run.protocol, run.source)
+        assert model_key(plan(), run) == model_key(plan(), trees)
+        assert plan().training_scenes(run) == plan().training_scenes(trees)
 
 
 def test_a_model_depends_on_the_parameters_of_the_stages_its_own_and_those_that_it_refines(plan):
