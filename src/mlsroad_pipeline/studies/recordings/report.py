@@ -58,9 +58,9 @@ def study_sections(plan: StudyPlan, tables: StudyTables, figures: Sequence[Figur
     return [
         FactsSection("Benchmark", {"class scheme": plan.scheme.name, "means": NOTE}),
         TableSection("Recordings", sources),
-        TableSection("Mean IoU", mean_table(plan, shown)),
+        TableSection("Mean IoU", mean_table(plan, shown).round(3)),
         *(
-            TableSection(source.title, _of_source(shown, name))
+            TableSection(source.title, _of_source(shown, name).round(3))
             for name, source in plan.sources.items()
             if name in set(shown["source"])
         ),
@@ -73,7 +73,7 @@ def _of_source(shown: pd.DataFrame, name: str) -> pd.DataFrame:
     overall = own[["method", "protocol", *(c for c in _FIGURES if c in own)]].rename(columns=_FIGURES)
     per_class = own[[c for c in own if str(c).startswith("iou_")]]
     per_class = per_class.rename(columns=lambda c: f"IoU {str(c).removeprefix('iou_')}")
-    return pd.concat([overall, per_class], axis=1).round(3)
+    return pd.concat([overall, per_class], axis=1)
 
 
 def mean_table(plan: StudyPlan, shown: pd.DataFrame) -> pd.DataFrame:
@@ -84,7 +84,7 @@ def mean_table(plan: StudyPlan, shown: pd.DataFrame) -> pd.DataFrame:
     order = wide["protocol"].map(PROTOCOLS.index)
     wide = wide.assign(order=order).sort_values(["order", "method"]).drop(columns="order")
     titles = {name: plan.sources[name].title for name in names}
-    return wide.rename(columns=titles).rename_axis(columns=None).reset_index(drop=True).round(3)
+    return wide.rename(columns=titles).rename_axis(columns=None).reset_index(drop=True)
 
 
 def markdown_tables(plan: StudyPlan, benchmark: pd.DataFrame) -> str:
