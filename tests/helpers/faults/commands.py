@@ -25,6 +25,17 @@ TRAINING = ("simulate", "ingest", "ground_removal", "supervoxelise", "features")
 """Pipelines before the training."""
 
 
+COPY = """
+import pathlib, shutil, sqlite3, sys
+project, output = sys.argv[1:]
+shutil.copytree(project, output, ignore=shutil.ignore_patterns("mlartifacts"))
+with sqlite3.connect(output + "/mlflow.db") as store:
+    store.execute("UPDATE experiments SET artifact_location = replace(artifact_location, ?, ?)", (project, output))
+pathlib.Path(output, "copied").touch()
+"""
+"""Program that copies a project, in whose tracking store the artifacts of new runs lie in the copy; it is not disturbed."""
+
+
 def squares(n: int) -> dict[str, np.ndarray]:
     """Return the first squares."""
     return {"values": np.arange(n) ** 2}
@@ -128,9 +139,8 @@ def train(work: Path, output: Path) -> None:
 
     if not (output / "copied").exists():
         shutil.rmtree(output, ignore_errors=True)
-        undisturbed = {name: value for name, value in os.environ.items() if name != "LD_PRELOAD"}
-        subprocess.run(["cp", "-r", str(work / "project"), str(output)], check=True, env=undisturbed)
-        (output / "copied").touch()
+        copied = {name: value for name, value in os.environ.items() if name != "LD_PRELOAD"}
+        subprocess.run([sys.executable, "-c", COPY, str(work / "project"), str(output)], check=True, env=copied)
     run(output, "detrended_forest", **TINY)
 
 
