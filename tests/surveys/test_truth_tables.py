@@ -73,6 +73,16 @@ def test_a_simulated_street_has_places_and_points_of_its_clouds(tmp_path):
     assert point_counts(truth, []) is None
 
 
+def test_a_plate_on_a_lamp_is_a_sign_that_does_not_count(tmp_path):
+    table = pd.DataFrame(SIMULATED)
+    lamp = table.iloc[1].to_dict() | {"label": TAXONOMY["light_pole"], "design": "lamp_with_sign", "instance": 9}
+    pd.concat([table, pd.DataFrame([lamp])]).to_csv(tmp_path / "objects.csv", index=False)
+    objects = read_truth(tmp_path).objects
+    assert objects["kind"].tolist() == ["vehicle", "sign", "vehicle", "pole", "sign"]
+    assert objects[["instance", "x", "counted"]].iloc[3:].values.tolist() == [[9, 10.0, True], [9, 10.2, False]]
+    assert objects["name"].iloc[4] == "plate on light_pole lamp_with_sign"
+
+
 def test_the_true_object_of_a_listed_one_has_more_than_half_of_its_points(tmp_path):
     pd.DataFrame(SIMULATED).to_csv(tmp_path / "objects.csv", index=False)
     truth = read_truth(tmp_path)

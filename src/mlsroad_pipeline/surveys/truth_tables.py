@@ -123,6 +123,10 @@ def _simulated(table: pd.DataFrame) -> pd.DataFrame:
         counted=~table["moving"].astype(bool) & (table["label"] != TAXONOMY["cycas"]),
     )
     out.loc[~vehicle, ["length", "width"]] = np.nan  # sides of the model's box, which are other measures
+    # A plate on a lamp or signal has no instance of its own, so its points are unknown: a listed sign there is ignored.
+    held = out[(kind != "sign") & out["panel_x"].notna()]
+    held = held.assign(kind="sign", name="plate on " + held["name"], counted=False)
+    out = pd.concat([out, held.assign(x=held["panel_x"], y=held["panel_y"])], ignore_index=True)
     return out.drop(columns=["box_x", "box_y", "panel_x", "panel_y", "panel_azimuth", "label", "moving"])
 
 

@@ -103,6 +103,16 @@ def test_probabilities_of_finer_classes_are_summed(cloud, planted):
         pool_bundle({"one": member(HALVES, ("ground", "plant"), scheme=ignoring), "two": network}, {"one": 1, "two": 0})
 
 
+def test_merged_classes_of_another_member_are_an_error(cloud, planted):
+    planted[HALVES] = (np.array([[0.6, 0.4]]), np.zeros(6, int))
+    trees = member(HALVES, ("ground", "plant"), scheme=COARSE)
+    network = member(THIRDS, ("hedge", "ground", "tree"), scheme=FINE)
+    bundle = pool_bundle({"one": trees, "two": network}, {"one": 0.5, "two": 0.5})
+    bundle.metadata["merged"]["two"].pop()
+    with pytest.raises(DataError, match="2 merged classes for 3 of the member"):
+        label_softly(bundle, cloud)
+
+
 def test_other_trees_keep_network_and_weights():
     bundle = pool_bundle({TREES: member(HALVES), NETWORK: member(THIRDS)}, {TREES: 0.7, NETWORK: 0.3})
     changed = with_trees(bundle, member(HALVES, trained_on={"survey": "own"}))

@@ -20,12 +20,24 @@ from mlsroad_pipeline.algorithms.inventory.axes import fit_axis
 from mlsroad_pipeline.algorithms.inventory.boxes import convex_hull, oriented_box, polygon_area, vehicle_box
 from mlsroad_pipeline.algorithms.inventory.circles import fit_circle
 from mlsroad_pipeline.algorithms.inventory.extraction import measure_points
+from mlsroad_pipeline.algorithms.inventory.fragments import join_voxels, voxelise
 from mlsroad_pipeline.algorithms.inventory.measures import MEASURES
 from mlsroad_pipeline.algorithms.inventory.panels import fit_panel
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
+from mlsroad_pipeline.algorithms.inventory.trunks import find_trunks
 
 UTM = np.array([583_000.0, 4_477_000.0, 120.0])
 RULES = {kind: ObjectRule.of_kind(kind, 1) for kind in ("pole", "sign", "vehicle", "tree")}
+
+
+def voxels_of(points):
+    """Return the voxels of an object above a flat ground."""
+    n = len(points)
+    table, _ = voxelise(
+        points, group=np.zeros(n, np.int32), core=np.ones(n, bool), confidence=np.ones(n),
+        height_above_ground=points[:, 2], origin=np.zeros(3), resolution=RULES["tree"].resolution,
+    )  # fmt: skip
+    return join_voxels(table.assign(object=0, scene=0), resolution=RULES["tree"].resolution)[0]
 
 
 def turned(xy, degrees):
@@ -240,6 +252,27 @@ def test_a_tree_has_crown_and_trunk():
     assert row["diameter"] == pytest.approx(0.3, abs=0.02)
     area = shapely.from_wkt(row["footprint"]).area
     assert area == pytest.approx(np.pi / 4 * row["crown_diameter"] ** 2, rel=0.02)
+
+
+def test_a_hanging_branch_is_not_the_base_of_a_bush(rng):
+    angle, radius = rng.uniform(0, 2 * np.pi, 4000), 0.9 * np.sqrt(rng.random(4000))
+    bush = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), rng.uniform(0, 4, 4000)])
+    branch = rng.normal(0, 0.05, (300, 3)) + np.column_stack(
+        [np.full(300, 1.9), np.zeros(300), np.linspace(0.3, 3, 300)]
+    )
+    points = np.concatenate([bush, branch]) + [5, 5, 0]
+    assert [round(trunk.x) for trunk in find_trunks(voxels_of(points))] == [7]
+    row = measure_points(points, RULES["tree"], height_above_ground=points[:, 2])
+    assert np.hypot(row["x"] - 5, row["y"] - 5) < 0.15
+
+
+def test_low_branches_mark_the_base_where_the_trunk_is_hidden(rng):
+    crown = rng.normal(0, 1.0, (3000, 3)) + [0, 0, 6]
+    crown = crown[crown[:, 0] > -0.5]  # the far side is not seen
+    skirt = rng.normal(0, [0.2, 0.2, 0.3], (300, 3)) + [0, 0, 2.5]
+    points = np.concatenate([crown[crown[:, 2] > 4], skirt])
+    row = measure_points(points, RULES["tree"], height_above_ground=points[:, 2])
+    assert np.hypot(row["x"], row["y"]) < 0.1
 
 
 @pytest.mark.parametrize("kind", list(RULES))

@@ -224,4 +224,6 @@ def _summed(probabilities: NDArray[np.float32], table: Sequence[int] | None, n_c
     """Return probabilities of the classes of a pool; `table` has the class that holds each class of a member."""
     if table is None:
         return probabilities
+    if len(table) != probabilities.shape[1]:
+        raise DataError(f"model {SLUG!r}: {len(table)} merged classes for {probabilities.shape[1]} of the member")
     return probabilities @ (np.array(table)[:, None] == np.arange(n_classes)).astype(np.float32)
