@@ -163,19 +163,21 @@ def _say(row: dict[str, Any]) -> None:
 
 
 def main() -> int:
-    """Disturb every distinct operation, or every n-th: ``python -m helpers.faults.trials FOLDER COMMAND [KINDS] [n]``.
+    """Disturb every distinct operation, or every n-th: ``python -m helpers.faults.trials FOLDER COMMAND [KINDS] [n] [FIRST]``.
 
-    Return 1 if a trial failed, or if no run reached the operation to disturb.
+    FIRST leaves out the operations before it, to go on with trials that were ended. Return 1 if a trial failed, or if
+    no run reached the operation to disturb.
     """
     work, command = Path(sys.argv[1]), sys.argv[2]
-    kinds, step = (sys.argv[3] if len(sys.argv) > 3 else ",".join(KINDS)).split(","), int((sys.argv[4:] or ["1"])[0])
+    kinds = (sys.argv[3] if len(sys.argv) > 3 else ",".join(KINDS)).split(",")
+    step, first = (int((sys.argv[place:] or ["1"])[0]) for place in (4, 5))
     with Trials(work, command) as trials:
         trials.run("warm")  # the first run makes the database of MLflow that later ones copy
         operations = trials.operations("whole")
         expected, places = results(trials.root / "whole"), distinct(operations)
         _say({"operations": len(operations), "distinct": len(places), "files": len(expected)})
         failed = done = 0
-        for trial in tries(trials, expected, ((at, kind) for kind in kinds for at in places[::step])):
+        for trial in tries(trials, expected, ((at, kind) for kind in kinds for at in places[::step] if at >= first)):
             if trial["wrong"] == [UNREACHED]:  # MLflow writes less often in some runs
                 continue
             done += 1
