@@ -23,7 +23,8 @@ _SHAFT_SLAB = (0.3, 2.5)  # heights for the diameter of a pole, metres
 _TRUNK_SLAB = (0.8, 1.8)  # about breast height, 1.3 m
 _TRUNK_TOP = 2.5  # largest height for the axis of a trunk, metres
 _STEEL, _BARK = 0.015, 0.03  # largest distance of points from the circle of a pole and of a trunk, metres
-_TRUNK_OFFSET = 0.6  # largest distance of a trunk from the mean of the foot of its tree, metres
+_TRUNK_OFFSET = 0.6  # distance from the mean of the foot at which a trunk needs the following share, metres
+_TRUNK_SHARE, _LOW = 0.12, 2.1  # least share of a trunk in the voxels up to a height in metres
 _CLEAR = 0.45  # largest distance of points of the slab from the axis, metres
 _SIDE_STEP = 0.25  # length of the segments of a vehicle's sides, metres
 _TWO_POSTS = 0.5  # minimum extent along the panel of the points of two posts, metres
@@ -255,8 +256,11 @@ def _sides_seen(local: NDArray[np.float64], length: float, width: float) -> floa
 
 def _tree(geometry: _Geometry, trunk: Trunk | None) -> ObjectMeasures:
     base = geometry.xyz[geometry.foot, :2].mean(axis=0)
-    if trunk is not None and np.hypot(trunk.x - base[0], trunk.y - base[1]) <= _TRUNK_OFFSET:
-        base = np.array([trunk.x, trunk.y])  # farther away it is a hanging branch or another tree
+    if trunk is not None:
+        beside = np.hypot(trunk.x - base[0], trunk.y - base[1]) > _TRUNK_OFFSET
+        low = np.count_nonzero(geometry.xyz[:, 2] < geometry.base + _LOW)
+        if not (beside and len(trunk.voxels) < _TRUNK_SHARE * low):  # else one of many hanging branches
+            base = np.array([trunk.x, trunk.y])
     middle = (geometry.hull.max(axis=0) + geometry.hull.min(axis=0)) / 2
     diameter = np.nan
     axis = fit_axis(geometry.xyz[geometry.xyz[:, 2] <= geometry.base + _TRUNK_TOP])
