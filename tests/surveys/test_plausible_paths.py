@@ -188,3 +188,12 @@ def test_a_glob_that_leaves_its_folder_is_an_error(tmp_path):
         ParameterError, match=r"leaves its folder by '\.\.' after a wildcard: .*s\.txt; name the folder"
     ):
         Survey.at(pattern).files()
+
+
+def test_only_the_table_of_a_simulated_street_is_left_out_without_a_word(tmp_path, rng):
+    make_las(root_file(tmp_path / "in", "a.las"), rng, version="1.2", point_format=1, n=50, extras=False)
+    table = tmp_path / "in" / "objects.csv"
+    for head, skipped in (("instance,label,x,y,z", []), ("x,y,z", ["objects.csv"])):
+        table.write_text(f"{head}\n1,2,3,4,5\n")
+        listing = Survey.at(tmp_path / "in").listing()
+        assert [file.name for file in listing.files] == ["a.las"] and list(listing.skipped) == skipped

@@ -12,6 +12,7 @@ from pathlib import Path
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart, check_splits_along, check_splits_sectors
+from mlsroad_pipeline.formats.content import first_bytes
 from mlsroad_pipeline.formats.registry import format_of_name
 from mlsroad_pipeline.surveys.discovery import broken_links, find_point_files, find_split_files
 from mlsroad_pipeline.surveys.probing import copies_beside, no_points_reason
@@ -28,6 +29,9 @@ TABLES = ("text", "Parquet", "NPZ")
 
 TABLE = "is a table beside point clouds of another format: skipped"
 """Reason for which a table is left out."""
+
+TRUTH = b"instance,label,"
+"""Start of the table of true objects beside a simulated street, which `score` reads."""
 
 
 @dataclass(frozen=True)
@@ -117,9 +121,10 @@ class Survey:
         """Return all files of points, and those left out of folders and globs.
 
         Tables (`TABLES`) beside point clouds of another format are left out, since surveys are delivered with
-        trajectories, lists of objects and calibrations; a glob of such files includes them. Results of `label` below a
-        folder are left out, and files without points (`no_points_reason`; `text` is passed on). A file that is named
-        itself is never left out.
+        trajectories, lists of objects and calibrations; a glob of such files includes them. The table of true
+        objects of a simulated street is no part of the survey, as its trajectory. Results of `label` below a
+        folder are left out, and files without points (`no_points_reason`; `text` is passed on). A file that is
+        named itself is never left out.
         """
         paths: list[Path] = []
         reasons: dict[Path, str] = {}
@@ -132,7 +137,7 @@ class Survey:
             below = [path for path in below if path not in results]
             if Path(root).is_dir():
                 tables = _tables_beside(below)
-                reasons |= {path: TABLE for path in tables if path.name != trajectory}
+                reasons |= {path: TABLE for path in tables if path.name != trajectory and not _is_truth(path)}
                 below = [path for path in below if path not in tables]
             copies = {path: f"{reason}: skipped" for path, reason in copies_beside(below).items()}
             reasons |= {path: reason for path, reason in copies.items() if path.absolute() not in named}
@@ -206,6 +211,10 @@ def _in_results(paths: Sequence[Path], root: Path) -> set[Path]:
         return known[folder]
 
     return {path for path in paths if holds(path.parent)}
+
+
+def _is_truth(path: Path) -> bool:
+    return path.name == "objects.csv" and first_bytes(path, len(TRUTH)) == TRUTH
 
 
 def _tables_beside(paths: Sequence[Path]) -> set[Path]:
