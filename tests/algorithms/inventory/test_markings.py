@@ -217,6 +217,15 @@ def test_without_a_path_lane_lines_are_long_or_dashed():
     assert [marking.pattern for marking in found] == ["solid", "", "dashed", "dashed"]
 
 
+def test_short_lines_side_by_side_are_no_lane_lines():
+    place = np.append(ORIGIN, np.zeros(3))
+    for n, kind in ((3, "lane_line"), (4, "other_marking")):
+        lines = [traced(10.0 + 0.3 * k, 0.5 * k, 2.5) + place for k in range(n)]  # narrower than bars
+        assert [marking.kind for marking in markings_of(lines, PATH)] == [kind] * n
+    long = [traced(10.0, 0.5 * k, 6.5) + place for k in range(4)]
+    assert {marking.kind for marking in markings_of(long, PATH)} == {"lane_line"}
+
+
 def test_joining_many_lines_is_quick():
     lines = [traced(12.0 * k, y, 6.0, width=w) for k in range(300) for y, w in ((0, 0.12), (7, 0.12), (3, 0.4))]
     start = time.process_time()

@@ -33,6 +33,7 @@ _ACROSS, _NEAR_PATH, _NEAR_LINE = 0.5, 12.0, 3.0  # cosine; metres
 _DASH, _DASH_GAP, _DASH_OFF, _DASH_WAY = 7.0, (0.6, 13.0), 0.35, 0.98  # metres; cosine
 _DASH_RATIO = 2.5  # of the lengths of a dash and the next one
 _LONG = 6.0  # metres: longer ones are lane lines, whatever their direction
+_CROWD, _BESIDE = 3, 2.0  # least number of other short lines, largest distance of their middles, metres
 
 
 @dataclass
@@ -103,10 +104,10 @@ def markings_of(
         Marking(line[:, :3], w, contrast, _score(line)) for line, (w, contrast) in zip(lines, medians, strict=True)
     ]
     crossings, rest = (_likely(part, trajectory, kerbs) for part in _crossings(traced))
-    dashes = _dashes(rest)
+    dashes, crowded = _dashes(rest), _crowded(rest, traced)
     at_lane = _Ends(rest)
-    for marking, dash, (turned, far) in zip(rest, dashes, _to_path(rest, trajectory), strict=True):
-        marking.kind = _kind(marking, at_lane, dash=dash, turned=turned, far=far)
+    for marking, dash, crowd, (turned, far) in zip(rest, dashes, crowded, _to_path(rest, trajectory), strict=True):
+        marking.kind = _kind(marking, at_lane, dash=dash, crowd=crowd, turned=turned, far=far)
         if marking.kind == LANE_LINE:
             marking.pattern = DASHED if dash else SOLID
     return [*crossings, *rest]
@@ -202,13 +203,23 @@ def _dashes(markings: list[Marking]) -> NDArray[np.bool_]:
     return found
 
 
-def _kind(marking: Marking, ends: _Ends, *, dash: bool, turned: float, far: float) -> str:
+def _crowded(markings: list[Marking], traced: list[Marking]) -> NDArray[np.bool_]:
+    """Return which short lines have several others beside them, as pieces of a crossing between wide scan lines."""
+    middles = np.array([line.middle for line in traced if line.length <= _LONG]).reshape(-1, 2)
+    if not len(middles) or not markings:
+        return np.zeros(len(markings), dtype=bool)
+    near = cKDTree(middles).query_ball_point([marking.middle for marking in markings], _BESIDE, return_length=True)
+    short = np.array([marking.length <= _LONG for marking in markings])
+    return np.asarray(short & (near > _CROWD))
+
+
+def _kind(marking: Marking, ends: _Ends, *, dash: bool, crowd: bool, turned: float, far: float) -> str:
     near, (low, high) = far < _NEAR_PATH, _STOP_LENGTH
     may_stop = marking.width >= _STOP_WIDTH and low <= marking.length <= high
     if may_stop and (turned < _ACROSS if near else ends.meet(marking)):
         return STOP_LINE
     is_lane = turned > np.sqrt(1 - _ACROSS**2) or dash or marking.length >= _LONG
-    return LANE_LINE if is_lane else OTHER
+    return LANE_LINE if is_lane and not crowd else OTHER
 
 
 def _to_path(markings: list[Marking], trajectory: Trajectory | None) -> list[tuple[float, float]]:
