@@ -3,12 +3,14 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.formats import make_las
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.formats import files
 from mlsroad_pipeline.formats.files import atomic_file
 from mlsroad_pipeline.formats.registry import format_of_name, get_format, known_extensions
 
@@ -95,14 +97,29 @@ def test_atomic_file_removes_the_part_of_a_killed_process_and_not_that_of_a_livi
     )
     subprocess.run([sys.executable, "-c", script, str(target)], check=False)
     (killed,) = tmp_path.iterdir()
-    os.utime(killed, (0, 0))
     with atomic_file(target) as stream:
         assert not killed.exists()
         (mine,) = tmp_path.iterdir()
-        os.utime(mine, (0, 0))
         with atomic_file(target) as other:  # of another process, or of another container with the same process number
             other.write(b"second")
         assert mine.exists()
         stream.write(b"first")
     assert [path.name for path in tmp_path.iterdir()] == [target.name]
     assert target.read_bytes() == b"first"
+
+
+def test_a_part_that_is_removed_before_it_is_locked_is_made_again(tmp_path, monkeypatch):
+    lock, seen = files._lock, []
+
+    def removed_by_another(stream):
+        if not seen:
+            Path(stream.name).unlink()  # another process takes it for the part of a killed one
+        seen.append(Path(stream.name))
+        return lock(stream)
+
+    monkeypatch.setattr(files, "_lock", removed_by_another)
+    with atomic_file(tmp_path / "a.las") as stream:
+        stream.write(b"whole")
+    assert len(set(seen)) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["a.las"]
+    assert (tmp_path / "a.las").read_bytes() == b"whole"

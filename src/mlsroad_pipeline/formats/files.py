@@ -6,7 +6,6 @@ import fcntl
 import glob
 import logging
 import os
-import time
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,9 +22,6 @@ logger = logging.getLogger(__name__)
 
 LAZ_CHUNK = 50_000
 """Points of a chunk in LAZ files that LASzip, lazrs and PDAL write."""
-
-_SECONDS_TO_LOCK = 60.0
-"""Age from which an unfinished file without a lock is that of a killed process."""
 
 FileKey = tuple[str, int, int]
 """Path, size and modification time: the key of cached properties of a file."""
@@ -168,10 +164,9 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     _remove_parts_of_killed_runs(path)
-    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.part")
+    temporary, opened = _open_part(path)
     try:
-        with temporary.open("w+b") as stream:
-            _lock(stream)
+        with opened as stream:
             yield stream
             stream.flush()
             os.fsync(stream.fileno())
@@ -180,24 +175,36 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
         temporary.unlink(missing_ok=True)
 
 
+def _open_part(path: Path) -> tuple[Path, BinaryIO]:
+    """Create and lock an unfinished file of `path`; another process may remove one before it is locked."""
+    while True:
+        part = path.with_name(f".{path.name}.{uuid.uuid4().hex}.part")
+        stream = part.open("w+b")
+        try:
+            if _lock(stream) and part.exists():
+                return part, stream
+        except OSError:  # a network file system without locks: nobody removes the part there
+            return part, stream
+        stream.close()
+
+
 def _lock(stream: BinaryIO) -> bool:
-    """Lock a file until it is closed; return whether that was possible. Some network file systems have no locks."""
+    """Lock a file until it is closed; return whether no other process has locked it."""
     try:
         fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
+    except BlockingIOError:
         return False
     return True
 
 
 def _remove_parts_of_killed_runs(path: Path) -> None:
-    """Remove unfinished files of `path` that no process has locked; the newest may not be locked yet."""
+    """Remove unfinished files of `path` that no process has locked."""
     for part in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
         try:
-            if time.time() - part.stat().st_mtime > _SECONDS_TO_LOCK:
-                with part.open("r+b") as stream:
-                    if _lock(stream):
-                        part.unlink()
-        except FileNotFoundError:  # another process removed it
+            with part.open("r+b") as stream:
+                if _lock(stream):
+                    part.unlink()
+        except OSError:  # another process removed it, or the file system has no locks
             continue
 
 

@@ -1,5 +1,8 @@
 """Scores, figures and reports as files."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -35,6 +38,20 @@ def test_scores_on_disk_keep_the_contract(table, tmp_path):
     assert lines[1] == "m,test,road,precision,0.8888888888888888,10"
     assert "m,test,None,f1,,0" in lines
     assert [path.name for path in tmp_path.iterdir()] == ["m.csv"]
+
+
+def test_the_next_save_removes_the_part_of_a_killed_one(table, tmp_path):
+    path = tmp_path / "m.csv"
+    script = (
+        "import os, sys; from mlsroad_pipeline.datasets.reports.scores_dataset import ScoresDataset\n"
+        "os.replace = lambda *_: os.kill(os.getpid(), 9)\n"
+        "ScoresDataset(filepath=sys.argv[1]).write_bytes(b'half')"
+    )
+    subprocess.run([sys.executable, "-c", script, str(path)], check=False)
+    (left,) = tmp_path.iterdir()
+    assert left.name.startswith(".m.csv.")
+    ScoresDataset(filepath=str(path)).save(table)
+    assert [found.name for found in tmp_path.iterdir()] == ["m.csv"]
 
 
 def test_broken_scores_are_refused_on_both_ways_and_named(table, tmp_path):
@@ -77,7 +94,7 @@ def test_a_failed_write_leaves_the_old_file(table, tmp_path, monkeypatch):
     def fail(*_):
         raise OSError("disk full")
 
-    monkeypatch.setattr("mlsroad_pipeline.datasets.reports.report_file.os.replace", fail)
+    monkeypatch.setattr("mlsroad_pipeline.formats.files.os.replace", fail)
     with pytest.raises(DatasetError, match="disk full"):
         dataset.save(table.head(4))
     assert (tmp_path / "m.csv").read_bytes() == before

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import uuid
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -12,7 +10,8 @@ import fsspec
 from fsspec.implementations.local import LocalFileSystem
 from kedro.io import AbstractDataset, DatasetError
 
-from mlsroad_pipeline.execution.store_files import sync_file, sync_folder
+from mlsroad_pipeline.execution.store_files import sync_folder
+from mlsroad_pipeline.formats.files import atomic_file
 
 Saved = TypeVar("Saved")
 Loaded = TypeVar("Loaded")
@@ -55,21 +54,15 @@ class ReportFileDataset(AbstractDataset[Saved, Loaded], Generic[Saved, Loaded]):
         return content
 
     def write_bytes(self, content: bytes) -> None:
-        """Replace the file atomically: locally by a rename, elsewhere by a single put."""
+        """Replace the file atomically, locally by a rename, elsewhere by a single put; remove parts of killed runs."""
         filesystem, path = fsspec.core.url_to_fs(self._filepath, **self._options)
         if not isinstance(filesystem, LocalFileSystem):
             filesystem.pipe_file(path, content)
             return
         target = Path(path)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        temporary = target.with_name(f".{target.name}.{uuid.uuid4().hex}.tmp")
-        try:
-            temporary.write_bytes(content)
-            sync_file(temporary)
-            os.replace(temporary, target)
-            sync_folder(target.parent)
-        finally:
-            temporary.unlink(missing_ok=True)
+        with atomic_file(target) as stream:
+            stream.write(content)
+        sync_folder(target.parent)
 
     @property
     def filename(self) -> str:
