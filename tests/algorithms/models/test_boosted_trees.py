@@ -36,6 +36,32 @@ def test_scores_are_those_of_lightgbm(n_leaves):
     np.testing.assert_array_equal(again.scores(values[:7]), trees.scores(values)[:7])
 
 
+def walked(trees, values):
+    """Scores by a walk from the root of each tree to a leaf."""
+    sizes = trees.n_leaves.astype(int)
+    nodes, leaves = np.cumsum(sizes - 1) - sizes + 1, np.cumsum(sizes) - sizes
+    scores = np.tile(trees.initial, (len(values), 1))
+    for row, out in zip(values, scores, strict=True):
+        for tree, size in enumerate(sizes):
+            at = 0 if size > 1 else -1
+            while at >= 0:
+                node = nodes[tree] + at
+                value = row[trees.feature[node]]
+                left = trees.missing_left[node] if np.isnan(value) else value <= trees.threshold[node]
+                at = int(trees.left[node] if left else trees.right[node])
+            out[trees.tree_class[tree]] += np.float64(trees.leaf[leaves[tree] - 1 - at])
+    return scores
+
+
+@pytest.mark.parametrize("n_leaves", [2, 9, 31, 32, 33, 64])
+@pytest.mark.parametrize("n_rows", [1, 512, 530])
+def test_scores_are_bitwise_those_of_a_walk(n_leaves, n_rows):
+    trees = BoostedTrees.from_lightgbm(trained(n_leaves).model_to_string(), initial=[0.1, 0.2, 0.3])
+    values, _ = table(n_rows, seed=2)
+    values[::7, 4] = np.nan
+    np.testing.assert_array_equal(trees.scores(values), walked(trees, values))
+
+
 def test_trees_of_one_leaf_and_initial_scores():
     booster = trained(31, min_child_samples=5000)
     trees = BoostedTrees.from_lightgbm(booster.model_to_string(), initial=[1.0, 0.0, -1.0])
