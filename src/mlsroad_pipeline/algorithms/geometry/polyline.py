@@ -1,4 +1,4 @@
-"""Projection of points onto a polyline in plan, with a bounding-box tree over its segments."""
+"""Projection of points onto a polyline in plan, with a tree of capsules around its segments."""
 
 from __future__ import annotations
 
@@ -6,12 +6,18 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-_LEAF = 8  # segments per leaf: testing eight costs about as much as another level of boxes
+_LEAF = 4  # segments per leaf: testing four costs about as much as another level of capsules
 _STACK = 64
+_SLACK = 1e-6  # metres, added to each radius: far above the rounding of coordinates up to 10^6 m
+_NOWHERE = 1e300  # place of a capsule without segments: its squared distance from any point is infinite
 
 
-def build_boxes(xy: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Build a binary tree of bounding boxes over consecutive segments.
+@njit(cache=True)
+def build_capsules(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Build a binary tree of capsules around consecutive segments.
+
+    A capsule has all places up to a radius from its chord, which joins the ends of the segments. Unlike a bounding box
+    it is thin in any direction of the line, so that few capsules are as near as the nearest segment.
 
     Parameters
     ----------
@@ -20,34 +26,39 @@ def build_boxes(xy: NDArray[np.float64]) -> NDArray[np.float64]:
 
     Returns
     -------
-    ndarray of float64, shape (2 * l, 4)
-        x_min, y_min, x_max, y_max of each node. Node 1 is the root, the children of node i are 2 i and 2 i + 1, and the
-        last l nodes are leaves of eight segments each. Leaves without segments have an empty box.
+    ndarray of float64, shape (2 * l, 6)
+        Start of the chord, its vector, the inverse of its squared length (0 for a chord of length 0) and the radius of
+        each node. Node 1 is the root, the children of node i are 2 i and 2 i + 1, and the last l nodes are leaves of
+        four segments each. Nodes without segments are infinitely far from any point.
     """
-    low, high = np.minimum(xy[:-1], xy[1:]), np.maximum(xy[:-1], xy[1:])
+    n_segments = len(xy) - 1
     n_leaves = 1
-    while n_leaves * _LEAF < len(low):
+    while n_leaves * _LEAF < n_segments:
         n_leaves *= 2
-    boxes = np.empty((2 * n_leaves, 4))
-    boxes[:, :2], boxes[:, 2:] = np.inf, -np.inf
-    starts = np.arange(0, len(low), _LEAF)
-    leaves = slice(n_leaves, n_leaves + len(starts))
-    boxes[leaves, :2] = np.minimum.reduceat(low, starts, axis=0)
-    boxes[leaves, 2:] = np.maximum.reduceat(high, starts, axis=0)
-    first = n_leaves
-    while first > 1:
-        level = boxes[first : 2 * first]
-        boxes[first // 2 : first, :2] = np.minimum(level[::2, :2], level[1::2, :2])
-        boxes[first // 2 : first, 2:] = np.maximum(level[::2, 2:], level[1::2, 2:])
-        first //= 2
-    return boxes
+    capsules = np.zeros((2 * n_leaves, 6))
+    capsules[:, :2] = _NOWHERE
+    first, width = n_leaves, _LEAF
+    while first > 0:
+        for k in range((n_segments + width - 1) // width):
+            start, stop = k * width, min((k + 1) * width, n_segments)
+            row = capsules[first + k]
+            row[:2], row[2:4] = xy[start], xy[stop] - xy[start]
+            squared = row[2] * row[2] + row[3] * row[3]
+            row[4] = 1.0 / squared if squared > 0.0 else 0.0
+            farthest = 0.0  # the distance from a chord is largest at a vertex
+            for vertex in range(start, stop + 1):
+                farthest = max(farthest, _chord_distance(capsules, first + k, xy[vertex, 0], xy[vertex, 1]))
+            row[5] = np.sqrt(farthest) + _SLACK
+        first, width = first // 2, 2 * width
+    return capsules
 
 
 @njit(cache=True)
-def _box_distance(boxes: NDArray[np.float64], node: int, x: float, y: float) -> float:
-    dx = max(boxes[node, 0] - x, x - boxes[node, 2], 0.0)
-    dy = max(boxes[node, 1] - y, y - boxes[node, 3], 0.0)
-    return dx * dx + dy * dy
+def _chord_distance(capsules: NDArray[np.float64], node: int, x: float, y: float) -> float:
+    """Return the squared distance to the chord of a capsule."""
+    dx, dy, ex, ey = x - capsules[node, 0], y - capsules[node, 1], capsules[node, 2], capsules[node, 3]
+    t = min(max((dx * ex + dy * ey) * capsules[node, 4], 0.0), 1.0)
+    return (dx - t * ex) * (dx - t * ex) + (dy - t * ey) * (dy - t * ey)
 
 
 @njit(cache=True)
@@ -63,12 +74,17 @@ def _segment(segments: NDArray[np.float64], s: int, x: float, y: float) -> tuple
 
 @njit(cache=True)
 def _nearest(
-    segments: NDArray[np.float64], boxes: NDArray[np.float64], x: float, y: float, guess: int, stack: NDArray[np.int64]
+    segments: NDArray[np.float64],
+    capsules: NDArray[np.float64],
+    x: float,
+    y: float,
+    guess: int,
+    stack: NDArray[np.int64],
 ) -> tuple[int, float]:
     """Return the nearest segment and the fraction along it; ties go to the first segment, for any `guess`."""
-    n_segments, n_leaves = len(segments), len(boxes) // 2
+    n_segments, n_leaves = len(segments), len(capsules) // 2
     best_d, best_t = _segment(segments, guess, x, y)
-    best = guess
+    best, reach = guess, np.sqrt(best_d)
     # Push the siblings on the path from the leaf of the guess to the root; the largest is visited first. After a good
     # guess most are pruned at once, after a bad one the search starts near the root.
     node = n_leaves + guess // _LEAF
@@ -80,13 +96,13 @@ def _nearest(
     while top > 0:
         top -= 1
         node = stack[top]
-        if _box_distance(boxes, node, x, y) > best_d:
+        if _chord_distance(capsules, node, x, y) > (reach + capsules[node, 5]) ** 2:
             continue
-        while node < n_leaves:  # descend to the nearer child; push the farther one if within reach
+        while node < n_leaves:  # descend to the child with the nearer chord; push the other if within reach
             left, right = 2 * node, 2 * node + 1
-            d_left, d_right = _box_distance(boxes, left, x, y), _box_distance(boxes, right, x, y)
+            d_left, d_right = _chord_distance(capsules, left, x, y), _chord_distance(capsules, right, x, y)
             near, far, d_far = (left, right, d_right) if d_left <= d_right else (right, left, d_left)
-            if d_far <= best_d:
+            if d_far <= (reach + capsules[far, 5]) ** 2:
                 stack[top] = far
                 top += 1
             node = near
@@ -95,6 +111,7 @@ def _nearest(
             d, t = _segment(segments, s, x, y)
             if d < best_d or (d == best_d and s < best):
                 best, best_d, best_t = s, d, t
+        reach = np.sqrt(best_d)
     return best, best_t
 
 
@@ -103,7 +120,7 @@ def locate(
     points: NDArray[np.float64],
     xy: NDArray[np.float64],
     station: NDArray[np.float64],
-    boxes: NDArray[np.float64],
+    capsules: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the station and signed offset of points along a polyline.
 
@@ -115,8 +132,8 @@ def locate(
         Vertices, consecutive ones different.
     station : ndarray of float64, shape (m,)
         Length along the polyline at each vertex.
-    boxes : ndarray of float64
-        Bounding boxes of `build_boxes` for the vertices.
+    capsules : ndarray of float64
+        Capsules of `build_capsules` for the vertices.
 
     Returns
     -------
@@ -136,7 +153,7 @@ def locate(
     s = 0
     for i in range(n):
         x, y = points[i, 0], points[i, 1]
-        s, t = _nearest(segments, boxes, x, y, s, stack)  # the segment of the previous point bounds the search
+        s, t = _nearest(segments, capsules, x, y, s, stack)  # the segment of the previous point bounds the search
         ex, ey = xy[s + 1, 0] - xy[s, 0], xy[s + 1, 1] - xy[s, 1]
         length = np.sqrt(ex * ex + ey * ey)
         ux, uy = ex / length, ey / length

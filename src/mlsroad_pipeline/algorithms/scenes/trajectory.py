@@ -111,7 +111,7 @@ class Trajectory:
         moving = np.concatenate([[True], np.diff(self.station) > 0])
         centre = np.floor(self.xyz[:, :2].mean(axis=0))  # squares of UTM coordinates lose the millimetres
         vertices = np.ascontiguousarray(self.xyz[moving, :2] - centre)
-        return vertices, self.station[moving], polyline.build_boxes(vertices), centre
+        return vertices, self.station[moving], polyline.build_capsules(vertices), centre
 
     def locate(
         self, xyz: ArrayLike, *, origin: ArrayLike = (0.0, 0.0, 0.0)
@@ -139,13 +139,13 @@ class Trajectory:
             If `xyz` is not (n, 3) or has NaN or infinite coordinates.
         """
         points = check_xyz(xyz)
-        vertices, stations, boxes, centre = self._polyline
+        vertices, stations, capsules, centre = self._polyline
         shift = np.asarray(origin, dtype=np.float64)[:2] - centre
         station, offset = np.empty(len(points)), np.empty(len(points))
         for first in range(0, len(points), _CHUNK):  # world coordinates of one chunk at a time
             part = slice(first, first + _CHUNK)
             moved = points[part, :2].astype(np.float64) + shift
-            station[part], offset[part] = polyline.locate(moved, vertices, stations, boxes)
+            station[part], offset[part] = polyline.locate(moved, vertices, stations, capsules)
         return station, offset
 
 
