@@ -7,6 +7,8 @@ from typing import TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.geometry.thinning import first_in_cells
+
 VOXEL = 0.1
 """Edge length of the voxels that keep one point each, metres."""
 MOST_POINTS = 150_000
@@ -26,11 +28,7 @@ def scene_sample(
     xyz: NDArray[np.floating], origin: NDArray[np.float64], label: NDArray[np.integer], core: NDArray[np.bool_]
 ) -> PictureSample:
     """Return the first point of each voxel, in the order of the scene."""
-    cells = np.floor(xyz / VOXEL).astype(np.int64)
-    cells -= cells.min(axis=0, initial=0)
-    size = cells.max(axis=0, initial=0) + 1
-    key = (cells[:, 0] * size[1] + cells[:, 1]) * size[2] + cells[:, 2]
-    first = np.sort(np.unique(key, return_index=True)[1])
+    first = first_in_cells(xyz, VOXEL)
     kept = first[:: max(1, -(-len(first) // MOST_POINTS))]
     return {
         "xyz": xyz[kept].astype(np.float32),

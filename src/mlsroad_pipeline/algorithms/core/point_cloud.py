@@ -77,9 +77,16 @@ class PointCloud:
         """Return world coordinates, float64 metres."""
         return self.xyz.astype(np.float64) + self.origin
 
-    def select(self, index: NDArray) -> PointCloud:
-        """Return the points selected by an index array or a boolean mask, with all columns."""
-        return replace(self, xyz=self.xyz[index], columns={k: v[index] for k, v in self.columns.items()})
+    def select(self, index: NDArray | slice) -> PointCloud:
+        """Return the points selected by an index array, a boolean mask or a slice (views), with all columns."""
+        if isinstance(index, slice):
+            columns = {name: values[index] for name, values in self.columns.items()}
+            return replace(self, xyz=self.xyz[index], columns=columns)
+        if index.dtype == np.bool_ and len(index) != len(self):
+            raise DataError(f"{self.source}: a mask of {len(index)} rows for {len(self)} points")
+        rows = np.flatnonzero(index) if index.dtype == np.bool_ else index
+        columns = {name: np.take(values, rows, axis=0) for name, values in self.columns.items()}
+        return replace(self, xyz=np.take(self.xyz, rows, axis=0), columns=columns)
 
     def with_columns(self, **columns: NDArray) -> PointCloud:
         """Return the same points with columns added or replaced."""

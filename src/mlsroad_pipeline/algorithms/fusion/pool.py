@@ -17,6 +17,7 @@ from mlsroad_pipeline.algorithms.core.classes import IGNORE
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.labels import unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.geometry.sorting import rank_pairs
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under, bundle_scheme
 from mlsroad_pipeline.algorithms.models.grouped_decision import decide
 from mlsroad_pipeline.algorithms.models.labelling import SoftLabels, label_softly
@@ -187,10 +188,10 @@ def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
         If a coordinate is NaN or infinite, or the model is damaged.
     """
     members = members_of(bundle)
-    label, confidence = unlabelled(len(cloud))
-    rows = np.zeros(len(cloud), np.int64)
-    parts: list[tuple[NDArray[np.float32], NDArray[np.integer], float]] = []
-    known = np.ones(len(cloud), np.bool_)
+    none = SoftLabels(*unlabelled(len(cloud)))
+    tables: list[NDArray[np.float32]] = []
+    rows: list[NDArray[np.int32]] = []  # of each table, per combination
+    combination = np.zeros(len(cloud), np.int32)
     unused = {"rgb", "intensity"} - set(bundle.metadata.get("attributes", ()))
     plain = cloud.without_columns(unused & set(cloud.columns))
     for name, member in members.items():
@@ -198,26 +199,30 @@ def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
         if soft.probabilities is None or soft.owner is None:
             if len(cloud) and (soft.labels >= 0).any():
                 raise DataError(f"model {bundle.slug!r}: member {name!r} gives no class probabilities")
-            return SoftLabels(label, confidence)
-        known &= soft.owner >= 0
-        summed = _summed(soft.probabilities, bundle.metadata.get("merged", {}).get(name), len(bundle.classes))
-        parts.append((summed, soft.owner, float(bundle.metadata["weights"][name])))
-    if not known.any():
-        return SoftLabels(label, confidence)
-    for probabilities, owner, _ in parts:
-        names, rank = np.unique(rows[known] * len(probabilities) + owner[known], return_inverse=True)
-        rows[known] = rank
-    first = np.zeros(len(names), np.int64)
-    first[rank] = np.flatnonzero(known)  # any point of each combination
-    pooled = np.zeros((len(names), len(bundle.classes)))
-    for probabilities, owner, weight in parts:
-        pooled += weight * np.log(np.maximum(probabilities[owner[first]], FLOOR))
+            return none
+        tables.append(_summed(soft.probabilities, bundle.metadata.get("merged", {}).get(name), len(bundle.classes)))
+        owner = soft.owner.astype(np.int32, copy=False)
+        if not rows:
+            combination, rows = owner, [np.arange(len(tables[0]), dtype=np.int32)]
+            continue
+        before, own, combination = rank_pairs(combination, owner, len(rows[0]))
+        rows = [*(earlier[before] for earlier in rows), own]
+    if not (combination >= 0).any():
+        return none
+    pooled = np.zeros((len(rows[0]), len(bundle.classes)))
+    for name, probabilities, own in zip(members, tables, rows, strict=True):
+        pooled += float(bundle.metadata["weights"][name]) * np.log(np.maximum(probabilities[own], FLOOR))
     pooled = np.exp(pooled - pooled.max(axis=1, keepdims=True))
     pooled /= pooled.sum(axis=1, keepdims=True)
     best, probability = decide(pooled, next(iter(members.values())).arrays.get("groups"))
-    combination = np.where(known, rows, -1).astype(np.int32)
-    label[known], confidence[known] = best[rows[known]], probability[rows[known]]
-    return SoftLabels(label, confidence, pooled.astype(np.float32), combination)
+    # Points without a combination take the last element.
+    label, confidence = (np.append(values, default) for values, default in ((best, IGNORE), (probability, 0)))
+    return SoftLabels(
+        label.astype(np.int16)[combination],
+        confidence.astype(np.float32)[combination],
+        pooled.astype(np.float32),
+        combination,
+    )
 
 
 def _summed(probabilities: NDArray[np.float32], table: Sequence[int] | None, n_classes: int) -> NDArray[np.float32]:

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 _RADIX_BITS = 11
 _FEW = 2000
 """Keys that comparisons sort faster."""
+_FEW_PAIRS = 64
+"""Members of a group that are inserted one by one; more are sorted first."""
 
 
 @njit(cache=True, nogil=True)
@@ -76,10 +78,25 @@ def rank_integers(values: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArr
             names, ranks = np.unique(values, return_inverse=True)
             return names.astype(np.int64), ranks.astype(np.int64)
         return _rank_sorted(low, *radix_argsort(values.astype(np.int64) - low, (high - low).bit_length()))
-    steps = values.astype(np.int64) - low
-    occurs = np.zeros(high - low + 1, dtype=np.bool_)
-    occurs[steps] = True
-    return np.flatnonzero(occurs) + low, (np.cumsum(occurs) - 1)[steps]
+    return _rank_counted(np.ascontiguousarray(values, dtype=np.int64), low, high - low + 1)
+
+
+@njit(cache=True, nogil=True)
+def _rank_counted(values: NDArray[np.int64], low: int, n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the distinct values of `n` successive ones from `low`, and the rank of each."""
+    rank_of = np.zeros(n, np.int32)
+    for i in range(len(values)):
+        rank_of[values[i] - low] = 1
+    n_distinct = 0
+    for k in range(n):
+        occurs = rank_of[k]
+        rank_of[k] = n_distinct
+        n_distinct += occurs
+    names, ranks = np.empty(n_distinct, np.int64), np.empty(len(values), np.int64)
+    for i in range(len(values)):
+        rank = rank_of[values[i] - low]
+        ranks[i], names[rank] = rank, values[i]
+    return names, ranks
 
 
 @njit(cache=True, nogil=True)
@@ -95,3 +112,117 @@ def _rank_sorted(
             n += 1
         ranks[order[i]] = n - 1
     return names[:n].copy(), ranks
+
+
+def order_of(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Sort integers stably, as fast as their range allows.
+
+    Parameters
+    ----------
+    keys : ndarray of int64, shape (n,)
+        Integers in a range below 2**63; fewer than 2**31 of them. Different ones in a range of four times their number,
+        such as rows of a part of a file, take one pass, others that of `radix_argsort`.
+
+    Returns
+    -------
+    sorted : ndarray of int64, shape (n,)
+        The keys in ascending order.
+    order : ndarray of int32, shape (n,)
+        Their indices in the input.
+    """
+    if len(keys) == 0:
+        return np.zeros(0, np.int64), np.zeros(0, np.int32)
+    low, high = int(keys.min()), int(keys.max())
+    if high - low < 4 * len(keys):
+        names, order = _place_distinct(keys, low, high - low + 1)
+        if len(names) == len(keys):
+            return names, order
+    ordered, order = radix_argsort(keys - low, (high - low).bit_length())
+    return ordered + low, order
+
+
+@njit(cache=True, nogil=True)
+def _place_distinct(keys: NDArray[np.int64], low: int, n: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Return the distinct keys in ascending order and an index of each."""
+    place = np.full(n, -1, np.int32)
+    n_distinct = 0
+    for i in range(len(keys)):
+        step = keys[i] - low
+        n_distinct += place[step] < 0
+        place[step] = i
+    names, order = np.empty(n_distinct, np.int64), np.empty(n_distinct, np.int32)
+    at = 0
+    for step in range(n):
+        if place[step] >= 0:
+            names[at], order[at] = step + low, place[step]
+            at += 1
+    return names, order
+
+
+@njit(cache=True, nogil=True)
+def _insert(values: NDArray[np.int32], start: int, stop: int, value: int) -> int:
+    """Insert a value into ascending ones unless it is among them; return the number of new values."""
+    at = stop
+    while at > start and values[at - 1] > value:
+        at -= 1
+    if at > start and values[at - 1] == value:
+        return 0
+    for k in range(stop, at, -1):
+        values[k] = values[k - 1]
+    values[at] = value
+    return 1
+
+
+@njit(cache=True, nogil=True)
+def rank_pairs(
+    first: NDArray[np.int32], second: NDArray[np.int32], n_first: int
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
+    """Return the distinct pairs in ascending order, and the rank of each pair.
+
+    The time is linear for groups in which the first number is the same and few second ones occur.
+
+    Parameters
+    ----------
+    first : ndarray of int32, shape (n,)
+        Numbers from 0 to ``n_first - 1``; pairs with a negative number have no rank.
+    second : ndarray of int32, shape (n,)
+        Any numbers; pairs with a negative one have no rank.
+    n_first : int
+        Size of the range of the first numbers.
+
+    Returns
+    -------
+    first_of, second_of : ndarray of int32, shape (u,)
+        The distinct pairs.
+    ranks : ndarray of int32, shape (n,)
+        Index of each pair among the distinct ones, -1 for none.
+    """
+    n = len(first)
+    starts = np.zeros(n_first + 1, np.int64)
+    for i in range(n):
+        if first[i] >= 0 and second[i] >= 0:
+            starts[first[i] + 1] += 1
+    for k in range(n_first):
+        starts[k + 1] += starts[k]
+    grouped, at = np.empty(starts[n_first], np.int32), starts[:n_first].copy()
+    for i in range(n):
+        if first[i] >= 0 and second[i] >= 0:
+            grouped[at[first[i]]] = second[i]
+            at[first[i]] += 1
+    first_of, second_of = np.empty(len(grouped), np.int32), np.empty(len(grouped), np.int32)
+    n_pairs = 0
+    for k in range(n_first):  # `at` becomes the first pair of each group
+        at[k] = n_pairs
+        own = grouped[starts[k] : starts[k + 1]]
+        if len(own) > _FEW_PAIRS:
+            own.sort()
+        for j in range(len(own)):
+            n_pairs += _insert(second_of, at[k], n_pairs, own[j])
+        first_of[at[k] : n_pairs] = k
+    ranks = np.full(n, -1, np.int32)
+    for i in range(n):
+        k = first[i]
+        if k >= 0 and second[i] >= 0:
+            stop = at[k + 1] if k + 1 < n_first else n_pairs
+            ranks[i] = at[k] + np.searchsorted(second_of[at[k] : stop], second[i])
+    return first_of[:n_pairs].copy(), second_of[:n_pairs].copy(), ranks
