@@ -40,6 +40,23 @@ def inliers(scene: PointCloud) -> NDArray[np.bool_]:
     return np.ones(len(scene), dtype=np.bool_) if outlier is None else ~outlier.astype(np.bool_)
 
 
+def inlier_rows(scene: PointCloud) -> NDArray[np.bool_] | slice:
+    """Return an index of the points that are not outliers.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,), or slice
+        The mask of `inliers`, or a slice of all points where there is no outlier: it selects views, not copies.
+    """
+    keep = inliers(scene)
+    return slice(None) if keep.all() else keep
+
+
 def find_ground(scene: PointCloud, parameters: GroundParameters) -> Ground:
     """Classify the ground points of a scene and measure the height of every point above them.
 
@@ -60,7 +77,7 @@ def find_ground(scene: PointCloud, parameters: GroundParameters) -> Ground:
     DataError
         If a coordinate is NaN or infinite.
     """
-    keep = inliers(scene)
+    keep = inlier_rows(scene)
     options = asdict(parameters)
     cell = options.pop("surface_cell")
     xyz = scene.xyz[keep]
@@ -116,7 +133,7 @@ def build_supervoxels(scene: PointCloud, parameters: SupervoxelParameters) -> Su
     DataError
         If a coordinate is NaN or infinite.
     """
-    keep = inliers(scene)
+    keep = inlier_rows(scene)
     colours = scene.get("rgb")
     use_colour = colours is not None and parameters.colour_weight > 0
     supervoxels = segment_supervoxels(
@@ -153,7 +170,7 @@ def describe_supervoxels(
     DataError
         If the ground or the supervoxels belong to another scene.
     """
-    keep = inliers(scene)
+    keep = inlier_rows(scene)
     colours, intensity = scene.get("rgb"), scene.get("intensity")
     features = compute_supervoxel_features(
         scene.xyz[keep],

@@ -6,7 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-_RADIX_BITS = 11
+_RADIX_BITS = 8
+"""Bits of a digit; eleven, with fewer passes, take up to a quarter more time."""
 _FEW = 2000
 """Keys that comparisons sort faster."""
 _FEW_PAIRS = 64
@@ -15,7 +16,7 @@ _FEW_PAIRS = 64
 
 @njit(cache=True, nogil=True)
 def radix_argsort(keys: NDArray[np.int64], n_bits: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Sort non-negative keys stably, eleven bits at a time.
+    """Sort non-negative keys stably, eight bits at a time.
 
     Parameters
     ----------

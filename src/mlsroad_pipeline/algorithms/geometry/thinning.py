@@ -30,36 +30,55 @@ def first_in_cells(xyz: NDArray[np.floating], cell_size: float) -> NDArray[np.in
 
 @njit(cache=True, nogil=True)
 def _first_in_cells(xyz: NDArray[np.floating], size: float) -> NDArray[np.int64]:
-    kept = np.empty(len(xyz), np.int64)
-    cells = np.empty((len(xyz), 3), np.int32)  # of the kept points
-    table = np.full(_START, -1, np.int32)  # numbers of kept points, by the hash of their cell
-    n = 0
+    """Mark cells in bricks of 4 x 4 x 4, one bit each; a hash table has the bricks."""
+    kept, n_kept = np.empty(len(xyz), np.int64), 0
+    bricks, marks = np.empty((_START, 3), np.int32), np.zeros(_START, np.uint64)
+    table = np.full(2 * _START, -1, np.int32)
+    n_bricks, own, last = 0, 0, np.full(3, -(2**31))
     for i in range(len(xyz)):
-        x, y, z = (
-            np.int32(np.floor(xyz[i, 0] / size)),
-            np.int32(np.floor(xyz[i, 1] / size)),
-            np.int32(np.floor(xyz[i, 2] / size)),
-        )
-        slot = _slot(table, cells, x, y, z)
-        if table[slot] >= 0:
-            continue
-        table[slot], kept[n], cells[n, 0], cells[n, 1], cells[n, 2] = n, i, x, y, z
-        n += 1
-        if 2 * n > len(table):
-            table = np.full(2 * len(table), -1, np.int32)
-            for k in range(n):
-                table[_slot(table, cells, cells[k, 0], cells[k, 1], cells[k, 2])] = k
-    return kept[:n].copy()
+        x = np.int32(np.floor(xyz[i, 0] / size))
+        y = np.int32(np.floor(xyz[i, 1] / size))
+        z = np.int32(np.floor(xyz[i, 2] / size))
+        if x >> 2 != last[0] or y >> 2 != last[1] or z >> 2 != last[2]:  # successive points are mostly of one brick
+            last[0], last[1], last[2] = x >> 2, y >> 2, z >> 2
+            slot = _slot(table, bricks, last[0], last[1], last[2])
+            if table[slot] < 0:
+                table[slot] = n_bricks
+                bricks[n_bricks, 0], bricks[n_bricks, 1], bricks[n_bricks, 2] = last[0], last[1], last[2]
+                n_bricks += 1
+            own = table[slot]
+            if n_bricks == len(marks):
+                table, bricks, marks = _grown(bricks, marks)
+        bit = np.uint64(1) << np.uint64((x & 3) * 16 + (y & 3) * 4 + (z & 3))
+        if not marks[own] & bit:
+            marks[own] |= bit
+            kept[n_kept] = i
+            n_kept += 1
+    return kept[:n_kept].copy()
 
 
 @njit(cache=True, nogil=True)
-def _slot(table: NDArray[np.int32], cells: NDArray[np.int32], x: np.int32, y: np.int32, z: np.int32) -> int:
-    """Return the slot of a cell, or the free one where it belongs."""
+def _slot(table: NDArray[np.int32], bricks: NDArray[np.int32], x: int, y: int, z: int) -> int:
+    """Return the slot of a brick, or the free one where it belongs."""
     mixed = ((np.uint64(x) * _MIX + np.uint64(y)) * _MIX + np.uint64(z)) * _MIX
     slot = np.int64(mixed >> np.uint64(33)) & (len(table) - 1)
     while table[slot] >= 0:
         own = table[slot]
-        if cells[own, 0] == x and cells[own, 1] == y and cells[own, 2] == z:
+        if bricks[own, 0] == x and bricks[own, 1] == y and bricks[own, 2] == z:
             break
         slot = (slot + 1) & (len(table) - 1)
     return slot
+
+
+@njit(cache=True, nogil=True)
+def _grown(
+    bricks: NDArray[np.int32], marks: NDArray[np.uint64]
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.uint64]]:
+    """Return table, bricks and marks with room for twice as many bricks."""
+    n = len(marks)
+    more, more_marks = np.empty((2 * n, 3), np.int32), np.zeros(2 * n, np.uint64)
+    more[:n], more_marks[:n] = bricks, marks
+    table = np.full(4 * n, -1, np.int32)
+    for k in range(n):
+        table[_slot(table, more, bricks[k, 0], bricks[k, 1], bricks[k, 2])] = k
+    return table, more, more_marks

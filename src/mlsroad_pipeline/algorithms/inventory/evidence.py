@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
@@ -51,6 +52,32 @@ GROUP_FEATURES = (
 _LEAST_CELLS = 2.0  # of a zone: the shares of smaller zones are lowered
 
 
+@njit(cache=True, nogil=True)
+def _cell_bounds(
+    local: NDArray[np.float64], origin: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the least and the largest cell along each axis."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for i in range(len(local)):
+        for axis in range(3):
+            low[axis], high[axis] = min(low[axis], local[i, axis]), max(high[axis], local[i, axis])
+    return np.floor((low + origin) / CELL).astype(np.int64), np.floor((high + origin) / CELL).astype(np.int64)
+
+
+@njit(cache=True, nogil=True)
+def _packed_cells(
+    local: NDArray[np.float64], origin: NDArray[np.float64], corner: NDArray[np.int64], bits: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return the cell of each point as one number, ordered by x, y and z."""
+    packed = np.empty(len(local), np.int64)
+    for i in range(len(local)):
+        key = 0
+        for axis in range(3):
+            key = (key << bits[axis]) | (int(np.floor((local[i, axis] + origin[axis]) / CELL)) - corner[axis])
+        packed[i] = key
+    return packed
+
+
 class SceneCells:
     """Cells of a scene with their mean class probabilities.
 
@@ -79,16 +106,13 @@ class SceneCells:
         origin: NDArray[np.float64],
         evidence: ClassEvidence,
     ) -> None:
-        sides = [np.floor((local[:, axis] + origin[axis]) / CELL).astype(np.int64) for axis in range(3)]
-        corner = np.array([side.min() for side in sides])
-        bits = [int(side.max() - low).bit_length() for side, low in zip(sides, corner, strict=True)]
+        corner, farthest = _cell_bounds(local, origin)
+        bits = [int(size).bit_length() for size in farthest - corner]
         if sum(bits) > 62:
             raise DataError(
                 f"the points of a scene lie up to {CELL * 2 ** max(bits):,.0f} m apart: remove stray points"
             )
-        packed = np.zeros(len(local), dtype=np.int64)
-        for side, low, n_bits in zip(sides, corner, bits, strict=True):
-            packed = (packed << n_bits) | (side - low)
+        packed = _packed_cells(local, origin, corner, np.array(bits))
         ordered, order = radix_argsort(packed, sum(bits))
         new = np.concatenate([[True], ordered[1:] != ordered[:-1]])
         starts = np.flatnonzero(new)

@@ -22,7 +22,7 @@ from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.grouped_decision import decide
 from mlsroad_pipeline.algorithms.models.labelling import SoftLabels
-from mlsroad_pipeline.algorithms.stages import ground_of, inliers
+from mlsroad_pipeline.algorithms.stages import ground_of, inlier_rows, inliers
 
 
 def describe_scene(scene: PointCloud, ground: Ground, *, voxel_size: float = 0.2, n_threads: int = 1) -> VoxelFeatures:
@@ -50,7 +50,7 @@ def describe_scene(scene: PointCloud, ground: Ground, *, voxel_size: float = 0.2
     DataError
         If a coordinate is not finite.
     """
-    keep = inliers(scene)
+    keep = inlier_rows(scene)
     xyz, height, intensity = scene.xyz[keep], ground["height"][keep], scene.get("intensity")
     if np.isnan(height).all():
         height = (xyz[:, 2] - xyz[:, 2].min()).astype(np.float32)
@@ -156,9 +156,9 @@ def label_scene(scene: PointCloud, ground: Ground, bundle: ModelBundle) -> Point
 
 def _label_softly(scene: PointCloud, ground: Ground, bundle: ModelBundle) -> SoftLabels:
     label, confidence = unlabelled(len(scene))
-    keep = inliers(scene)
-    if not keep.any():
+    if not inliers(scene).any():
         return SoftLabels(label, confidence)
+    keep = inlier_rows(scene)
     features = describe_scene(scene, ground, voxel_size=parameters_of(bundle).voxel_size)
     probabilities = voxel_probabilities(features, bundle)
     best, probability = decide(probabilities, bundle.arrays.get("groups"))

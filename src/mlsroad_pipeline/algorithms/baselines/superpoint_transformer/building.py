@@ -21,7 +21,7 @@ from mlsroad_pipeline.algorithms.features.radiometry import COLOUR_FEATURES, INT
 from mlsroad_pipeline.algorithms.features.surroundings import BALL_FEATURES, describe_balls
 from mlsroad_pipeline.algorithms.geometry.sorting import rank_integers
 from mlsroad_pipeline.algorithms.geometry.voxels.grid import build_voxel_grid
-from mlsroad_pipeline.algorithms.stages import inliers
+from mlsroad_pipeline.algorithms.stages import inlier_rows, inliers
 
 SHAPES = ("linearity", "planarity", "scattering", "verticality", "direction_z", "horizontal_linearity")
 """Shape features of a point per radius."""
@@ -109,7 +109,7 @@ def build_graph(
     SuperpointGraph
         The hierarchy, without labels.
     """
-    keep = inliers(scene)
+    keep = inlier_rows(scene)
     xyz = scene.xyz[keep].astype(np.float64)
     labels = supervoxels["labels"][keep]
     n = supervoxels["adjacency"].shape[0]
@@ -197,7 +197,7 @@ def count_labels(
 
 def _describe_points(
     scene: PointCloud,
-    keep: NDArray[np.bool_],
+    keep: NDArray[np.bool_] | slice,
     row: NDArray[np.integer],
     places: NDArray[np.float64],
     ground: Ground,

@@ -22,7 +22,14 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import StageParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground, SupervoxelPartition, SupervoxelTable
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.labelling import SoftLabels
-from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_supervoxels, find_ground, ground_of, inliers
+from mlsroad_pipeline.algorithms.stages import (
+    build_supervoxels,
+    describe_supervoxels,
+    find_ground,
+    ground_of,
+    inlier_rows,
+    inliers,
+)
 
 
 def prepare(
@@ -116,8 +123,9 @@ def _label_softly(
     trained = bundle.arrays["class_weights"] > 0
     balanced = np.where(trained, predict_superpoints(graph, bundle, parameters), 0.0).astype(np.float32)
     best, probability = _decide(balanced, bundle.arrays["class_weights"])
-    owner = np.where(keep, supervoxels["labels"], -1)
-    label[keep], confidence[keep] = best[owner[keep]], probability[owner[keep]]
+    rows = inlier_rows(scene)
+    owner = supervoxels["labels"] if isinstance(rows, slice) else np.where(keep, supervoxels["labels"], -1)
+    label[rows], confidence[rows] = best[owner[rows]], probability[owner[rows]]
     return SoftLabels(label, confidence, balanced, owner)
 
 
