@@ -6,6 +6,7 @@ import pytest
 import shapely
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.inventory.kerbs import step_kernels
 from mlsroad_pipeline.algorithms.inventory.kerbs.ground_cells import MOST_CELLS, ground_cells
 from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import STEP_COLUMNS, join_kerbs, kerb_steps
 from mlsroad_pipeline.algorithms.inventory.kerbs.steps import StepLimits
@@ -140,3 +141,13 @@ def test_a_neighbourhood_never_has_more_cells_than_there_is_room_for():
         cells = ground_cells(np.column_stack([full + shift, np.zeros(len(full))]))
         inside = np.abs(cells.xyz[:, :2] - 2.0).max(axis=1) <= 1.25
         assert inside.sum() <= MOST_CELLS
+
+
+def test_the_rise_over_the_cells_within_reach_of_a_block_is_that_over_all(rng):
+    cells = rng.uniform([0, 0, 0], [2, 2, 0.3], (300, 3))
+    around, close = np.ascontiguousarray(cells.T), np.empty((3, 300))
+    members = np.flatnonzero((cells[:, :2] > 0.8).all(axis=1) & (cells[:, :2] < 1.2).all(axis=1))
+    n_close = step_kernels._within_reach(cells, members, around, 300, close)
+    assert len(members) < n_close < 300
+    for own in members:
+        assert step_kernels._rise(close, n_close, *cells[own]) == step_kernels._rise(around, 300, *cells[own])

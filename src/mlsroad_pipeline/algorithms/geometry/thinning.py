@@ -58,7 +58,7 @@ def _first_in_cells(xyz: NDArray[np.floating], size: float) -> NDArray[np.int64]
 
 
 @njit(cache=True, nogil=True)
-def _slot(table: NDArray[np.int32], bricks: NDArray[np.int32], x: int, y: int, z: int) -> int:
+def _slot(table: NDArray[np.int32], bricks: NDArray[np.int32], x: int, y: int, z: int) -> np.int64:
     """Return the slot of a brick, or the free one where it belongs."""
     mixed = ((np.uint64(x) * _MIX + np.uint64(y)) * _MIX + np.uint64(z)) * _MIX
     slot = np.int64(mixed >> np.uint64(33)) & (len(table) - 1)

@@ -41,10 +41,10 @@ def _encode(
         at[:] = 0
         size = len(own)
         while size > 0:  # binary search of all rows at the same time; unsigned indices need no check for negative ones
-            half = np.uint32((size + 1) >> 1)
-            before = np.uint32(half - 1)
+            half = (size + 1) >> 1
+            step, before = np.uint32(half), np.uint32(half - 1)
             for i in range(_ROWS):
-                at[i] += half if own[np.uint32(at[i] + before)] < values[i] else np.uint32(0)
+                at[i] += step if own[np.uint32(at[i] + before)] < values[i] else np.uint32(0)
             size -= half
         for i in range(n):
             missing = np.isnan(values[i])

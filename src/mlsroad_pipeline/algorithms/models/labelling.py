@@ -134,14 +134,14 @@ def _checked(
             f"model {bundle.slug!r} returned labels {labels.shape} and confidences {confidence.shape} "
             f"for the {len(cloud)} points of {cloud.source}"
         )
-    if not ((confidence >= 0) & (confidence <= 1)).all():
+    if len(confidence) and not (confidence.min() >= 0 and confidence.max() <= 1):  # NaN fails both
         wrong = confidence[~((confidence >= 0) & (confidence <= 1))][0]
         raise DataError(f"model {bundle.slug!r} returned a confidence of {wrong:g}: the model is damaged")
     if len(labels) and not (labels.min() >= -1 and labels.max() < len(bundle.classes)):
         raise DataError(
             f"model {bundle.slug!r} returned labels {labels.min()}..{labels.max()} of {len(bundle.classes)} classes"
         )
-    return labels.astype(np.int16), confidence.astype(np.float32)
+    return labels.astype(np.int16, copy=False), confidence.astype(np.float32, copy=False)
 
 
 def _labeller(bundle: ModelBundle) -> Labeller:

@@ -194,6 +194,22 @@ def _placed(
     return place
 
 
+@njit(cache=True, nogil=True)
+def _within_reach(cells: NDArray, members: NDArray, around: NDArray, n: int, close: NDArray) -> int:
+    """Write the cells that `_rise` may need for the cells of a block into `close`, and return their number."""
+    reach = _NEAR + 1e-6
+    west, east, south, north = np.inf, -np.inf, np.inf, -np.inf
+    for own in members:
+        west, east = min(west, cells[own, 0] - reach), max(east, cells[own, 0] + reach)
+        south, north = min(south, cells[own, 1] - reach), max(north, cells[own, 1] + reach)
+    count = 0
+    for k in range(n):
+        x, y = around[0, k], around[1, k]
+        close[0, count], close[1, count], close[2, count] = x, y, around[2, k]
+        count += int((x >= west) & (x <= east) & (y >= south) & (y <= north))
+    return count
+
+
 @njit(cache=True, nogil=True, fastmath={"nnan", "nsz"})  # lets the compiler use vector instructions; sums are exact
 def _rise(around: NDArray, n: int, x: float, y: float, z: float) -> float:
     """Return the difference in height of the cells near a place."""
@@ -214,14 +230,16 @@ def fit_steps(
     fits = np.zeros((len(cells), 8))
     found, near = np.empty(MOST_CELLS, np.int64), np.empty(MOST_CELLS, np.int64)
     around, local, strip = np.empty((3, MOST_CELLS)), np.empty((3, MOST_CELLS)), np.empty((3, MOST_CELLS))
+    close = np.empty((3, MOST_CELLS))
     for block in range(len(keys)):
         n_found = gather_cells(keys[block], nx, 2, keys, starts, order, found)
         for axis in range(3):
             for k in range(n_found):
                 around[axis, k] = cells[found[k], axis]
+        n_close = _within_reach(cells, order[starts[block] : starts[block + 1]], around, n_found, close)
         for i in range(starts[block], starts[block + 1]):
             own = order[i]
-            if not _rise(around, n_found, cells[own, 0], cells[own, 1], cells[own, 2]) >= least:
+            if not _rise(close, n_close, cells[own, 0], cells[own, 1], cells[own, 2]) >= least:
                 continue
             count = 0
             for k in range(n_found):
