@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.algorithms.geometry.sorting import order_of, radix_argsort, rank_integers, rank_pairs
+from mlsroad_pipeline.algorithms.geometry.sorting import order_of, radix_argsort, rank_integers
 
 
 @pytest.mark.parametrize("bits", [1, 10, 11, 12, 40, 62])
@@ -54,20 +54,3 @@ def test_order_of_integers_is_stable(rng, keys):
     assert ordered.dtype == np.int64 and order.dtype == np.int32
     np.testing.assert_array_equal(order, np.argsort(values, kind="stable"))
     np.testing.assert_array_equal(ordered, np.sort(values))
-
-
-@pytest.mark.parametrize("n_first", [1, 7, 900])
-def test_pairs_are_ranked_as_numpy_does(rng, n_first):
-    first, second = rng.integers(-1, n_first, (2, 2000)).astype(np.int32)
-    first_of, second_of, ranks = rank_pairs(first, second, n_first)
-    known = (first >= 0) & (second >= 0)
-    pairs, places = np.unique(np.stack([first, second], axis=1)[known], axis=0, return_inverse=True)
-    np.testing.assert_array_equal(np.stack([first_of, second_of], axis=1), pairs)
-    np.testing.assert_array_equal(ranks[known], places)
-    assert (ranks[~known] == -1).all() and ranks.dtype == np.int32
-
-
-def test_no_pairs_have_no_ranks():
-    nothing = np.full(3, -1, np.int32)
-    first_of, second_of, ranks = rank_pairs(nothing, np.zeros(3, np.int32), 4)
-    assert len(first_of) == len(second_of) == 0 and ranks.tolist() == [-1, -1, -1]

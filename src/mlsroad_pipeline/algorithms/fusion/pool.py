@@ -17,8 +17,8 @@ from mlsroad_pipeline.algorithms.core.classes import IGNORE
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.labels import unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.geometry.sorting import rank_pairs
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under, bundle_scheme
+from mlsroad_pipeline.algorithms.models.combinations import rank_pairs
 from mlsroad_pipeline.algorithms.models.grouped_decision import decide
 from mlsroad_pipeline.algorithms.models.labelling import SoftLabels, label_softly
 
