@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,19 +11,37 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.inventory.evidence import GROUP_FEATURES, SUMS, SceneCells, group_features
 from mlsroad_pipeline.algorithms.inventory.fragments import voxel_order
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
+from mlsroad_pipeline.algorithms.segmentation.pole_parameters import POLE_REFINEMENT
 from mlsroad_pipeline.algorithms.segmentation.stems import Stem, find_stems, whole_stems
 from mlsroad_pipeline.algorithms.segmentation.trunks import measure_crowned
+
+PROFILE = (
+    "low_ring",
+    "middle_ring",
+    "high_ring",
+    "low_filled",
+    "high_filled",
+    "low_core",
+    "high_core",
+    "bow",
+    "overhead",
+)
+"""Features of the surroundings of a stem by thirds of its length, of its widths, and of its straightness."""
 
 STEM_FEATURES = (
     "low", "high", "length", "slope", "stems", "top", "beam", "crowned", "bend", "lean", "spread", "aside", "reached",
     "above_end", "core", "log_voxels",
+    *PROFILE,
     *GROUP_FEATURES,
 )  # fmt: skip
 """Names of the features of a stem; lengths in metres."""
 
-_VOXEL, _TOLERANCE = 0.1, 0.25
+_VOXEL, _TOLERANCE, _VERTICAL_TOLERANCE = 0.1, 0.25, 0.5  # metres; scan lines on a pole lie up to 0.4 m apart
+_LINES = replace(POLE_REFINEMENT, section_height=0.3, section_tolerance=0.2, max_residual=0.08, max_shift=0.2)
+"""Wider limits than in the segmentation: sections of thinly scanned poles hold few points."""
 _FREE_LENGTH = 0.8  # least length of a stem that stands free, metres
 _RADIUS = 0.25  # largest distance of the points of a stem from its axis, metres
+_RING, _LAYER = (0.3, 1.2), 0.25  # distances from the axis, and height of a layer, metres
 _BELOW, _ABOVE = 0.3, 0.2  # length beyond the ends of a stem over which points belong to it, metres
 
 
@@ -66,15 +85,15 @@ def find_scene_stems(
     if not len(points):
         return none
     voxel, xyz, counts, ground = _voxels(local[points], height[points])
-    group = cluster(xyz, tolerance=_TOLERANCE)
-    lines = find_stems(xyz, group, _FREE_LENGTH)
+    group = cluster(xyz * (1.0, 1.0, _TOLERANCE / _VERTICAL_TOLERANCE), tolerance=_TOLERANCE)
+    lines = find_stems(xyz, group, _FREE_LENGTH, _LINES)
     order = np.argsort(group, kind="stable")
     owner, nearest = np.full(len(xyz), -1), np.full(len(xyz), _RADIUS)
     rows: list[NDArray[np.float64]] = []
     for number, stems in sorted(lines.items()):
         first, stop = np.searchsorted(group[order], [number, number + 1])
         members = order[first:stop]
-        whole = whole_stems(stems, xyz[members], counts[members])
+        whole = whole_stems(stems, xyz[members], counts[members], _LINES)
         rows += _measure(whole, members, xyz, counts, ground, owner, nearest, len(rows))
     if not rows:
         return none
@@ -128,7 +147,26 @@ def _measure(
             np.array([
                 stem.low - floor, stem.high - floor, stem.high - stem.low, np.hypot(*stem.slope), len(stems),
                 z.max() - stem.high, beam[k] >= 0, k in crown, *crown.get(k, np.full(6, np.nan)), core,
-                np.log1p(len(mine)),
+                np.log1p(len(mine)), *_profile(stem, places, distance),
             ], dtype=np.float64)
         )  # fmt: skip
     return rows
+
+
+def _profile(stem: Stem, places: NDArray[np.float64], distance: NDArray[np.float64]) -> list[float]:
+    """Return the features of `PROFILE`; a crown fills the ring around the upper third of a trunk, an arm one layer."""
+    z = places[:, 2]
+    along = (z >= stem.low - _BELOW) & (z <= stem.high + _ABOVE)
+    core, ring = along & (distance < _RADIUS), along & (distance > _RING[0]) & (distance < _RING[1])
+    third = np.clip((3 * (z - stem.low) / (stem.high - stem.low)).astype(np.int64), 0, 2)
+    n_core, n_ring = (np.bincount(third[part], minlength=3) for part in (core, ring))
+    n_layers = max(1, int((stem.high - stem.low) / 3 / _LAYER))
+    filled = [len(np.unique((z[ring & (third == k)] / _LAYER).astype(np.int64))) / n_layers for k in (0, 2)]
+    width = [float(distance[core & (third == k)].mean()) if n_core[k] else np.nan for k in (0, 2)]
+    away = stem.away(places[core])
+    means = [away[third[core] == k].mean(axis=0) if n_core[k] else np.full(2, np.nan) for k in range(3)]
+    overhead = np.log1p(((z > stem.high + _ABOVE) & (distance < _RING[1])).sum())
+    return [
+        *(np.log1p(n_ring) - np.log1p(n_core)).tolist(), *filled, *width,
+        float(np.hypot(*(means[0] + means[2] - 2 * means[1]))), float(overhead),
+    ]  # fmt: skip
