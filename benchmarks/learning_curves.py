@@ -2,7 +2,7 @@
 
     kedro run --env=recordings
     python benchmarks/learning_curves.py [--sources NAME...] [--seeds 0 1 2 3 4] [--answers 10 50 200] [--json FILE]
-        [--unseen FOLDER]
+        [--unseen FOLDER] [--model pool]
 
 A simulated user answers from the reference of the recordings of conf/recordings. An answer is one segment of the
 training part (`boosted_trees.segments`): its class, if at least 80 % of its labelled points are of one common class,
@@ -11,8 +11,10 @@ It is scored on the test part, of which nothing is ever shown: mean IoU over the
 A random order draws from the same segments. The order of review is made anew at 10 and at 50 answers.
 
 The model is the shipped `general`; for PandaSet and ika, which it was trained on, a model of simulated streets alone.
-`--unseen` names its folder, which is filled by training on `data/05_model_input/general` (`kedro run --env=general`) if
-it is missing; 20 minutes of one core.
+With `--model pool` the trees of the shipped pool learn; their voxels get the mean probabilities of the network's
+superpoints, and both are pooled as in the pool. `--unseen` names the folder of the model of streets alone, which is
+filled by training on `data/05_model_input/general` (`kedro run --env=general`) if it is missing; 20 minutes of one
+core.
 """
 
 from __future__ import annotations
@@ -40,12 +42,15 @@ from mlsroad_pipeline.algorithms.baselines.boosted_trees.segments import (
     order_of_questions,
 )
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.features.voxel_scales import VoxelFeatures, smooth_by_cells
+from mlsroad_pipeline.algorithms.fusion.pool import FLOOR, NETWORK, TREES, members_of
 from mlsroad_pipeline.algorithms.metrics.confusion import scores
 from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.grouped_decision import decide
+from mlsroad_pipeline.algorithms.models.labelling import label_softly
 from mlsroad_pipeline.algorithms.scenes.parts import TEST, TRAIN
 from mlsroad_pipeline.algorithms.stages import ground_of, inliers
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
@@ -60,6 +65,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SCENES = "data/03_primary/recordings/recordings_study/scenes"
 VOXELS = "data/05_model_input/general/boosted_trees/training_set"
 TRAINED_ON = ("pandaset", "ika")
+NETWORK_WEIGHT = 0.5
 PURE, LEAST_POINTS, SAMPLED = 0.8, 100, 60_000
 COMMON = ClassScheme.from_config("common", configured("classes")["schemes"]["common"])
 FINE = ClassScheme.from_config("road_inventory", configured("classes")["schemes"]["road_inventory"])
@@ -81,6 +87,7 @@ class Recording:
     truth: NDArray[np.int64]
     lost: NDArray[np.int64]
     raw: NDArray[np.float64]
+    network: NDArray[np.float64] | None
 
     def probabilities(self, added: NDArray[np.float64] | float = 0.0) -> NDArray[np.float64]:
         """Return smoothed probabilities, as the labeller does."""
@@ -92,7 +99,12 @@ class Recording:
             around = smooth_by_cells(scene, found[rows], level=parameters["smoothing_level"])
             found[rows] += parameters["smoothing"] * (around - found[rows])
             first = rows.stop
-        return found
+        if self.network is None:
+            return found
+        pooled = self.network + (1.0 - NETWORK_WEIGHT) * np.log(np.maximum(found, FLOOR))
+        pooled = np.exp(pooled - pooled.max(axis=1, keepdims=True))
+        result: NDArray[np.float64] = pooled / pooled.sum(axis=1, keepdims=True)
+        return result
 
     def mean_iou(self, probabilities: NDArray[np.float64]) -> tuple[float, dict[str, float]]:
         """Return the mean IoU of the test part, and that of each class."""
@@ -111,12 +123,13 @@ class Recording:
         return float(np.mean([iou[COMMON.classes.index(name)] for name in kept])), kept
 
 
-def read(source: Source, bundle: ModelBundle, folder: Path) -> Recording:
-    """Compute the voxels of all scenes of a recording."""
+def read(source: Source, bundle: ModelBundle, folder: Path, network: ModelBundle | None = None) -> Recording:
+    """Compute the voxels of all scenes of a recording, and what the network of a pool adds to the scores of each."""
     store = SceneStore(str(folder))
     records = {k: r for k, r in store.stored_records().items() if k.partition(".")[0] == source.name}
     ground = GroundParameters(**bundle.metadata["parameters"]["ground"])
     scenes, parts, lost = [], [], np.zeros(len(COMMON), np.int64)
+    added: list[NDArray[np.float64]] = []
     for key, handle in SceneCollection(store, records).items():
         cloud = handle.load()
         plain = cloud.without_columns(["label", "part"])
@@ -130,11 +143,29 @@ def read(source: Source, bundle: ModelBundle, folder: Path) -> Recording:
         shown = np.bincount(found.owner, weights=part[keep] == TRAIN, minlength=n) > points / 2
         places = [np.bincount(found.owner, weights=world[:, axis], minlength=n) / points for axis in range(3)]
         lost += np.bincount(truth[(part == TEST) & ~keep & (truth >= 0)], minlength=len(COMMON))
+        if network is not None:
+            added.append(NETWORK_WEIGHT * _network_scores(plain, ground, network, keep, found))
         parts.append((found.values, np.stack(places, axis=1), shown, *counts))
         scenes.append(replace(found, values=found.values[:0]))
     values, xyz, shown, answers, truth = (np.concatenate(each) for each in zip(*parts, strict=True))
     raw = BoostedTrees.from_arrays(bundle.arrays).scores(values)
-    return Recording(source, bundle, scenes, values, xyz, shown, answers, truth, lost, raw)
+    joined = np.concatenate(added) if added else None
+    return Recording(source, bundle, scenes, values, xyz, shown, answers, truth, lost, raw, joined)
+
+
+def _network_scores(
+    cloud: PointCloud, ground: GroundParameters, network: ModelBundle, keep: NDArray[np.bool_], voxels: VoxelFeatures
+) -> NDArray[np.float64]:
+    """Return the logarithms of the mean probabilities of the network in each voxel."""
+    soft = label_softly(network, cloud.with_columns(**ground_of(cloud, ground)))
+    if soft.probabilities is None or soft.owner is None:
+        raise SystemExit(f"{cloud.source}: the network gives no probabilities")
+    even = np.full(soft.probabilities.shape[1], 1 / soft.probabilities.shape[1])
+    of_point = np.vstack([soft.probabilities, even])[soft.owner][keep]  # -1: no superpoint
+    n = len(voxels.cells)
+    sums = np.stack([np.bincount(voxels.owner, column, minlength=n) for column in of_point.T], axis=1)
+    mean: NDArray[np.float64] = sums / np.bincount(voxels.owner, minlength=n)[:, None]
+    return np.log(np.maximum(mean, FLOOR))
 
 
 def _counts(owner: NDArray[np.int32], truth: NDArray[np.int64], n: int) -> NDArray[np.int64]:
@@ -245,6 +276,7 @@ def main() -> None:
     parser.add_argument("--answers", type=int, nargs="+", default=[10, 50, 200])
     parser.add_argument("--scenes", type=Path, default=ROOT / SCENES)
     parser.add_argument("--unseen", type=Path, default=ROOT / "data/06_models/learning_curves/simulated")
+    parser.add_argument("--model", default="general", choices=("general", "pool"))
     parser.add_argument("--json", type=Path, help="results; recordings and seeds that it holds are not run again")
     options = parser.parse_args()
     logging.disable(logging.WARNING)
@@ -256,8 +288,10 @@ def main() -> None:
         missing = [seed for seed in options.seeds if str(seed) not in results.get(name, {}).get("seeds", {})]
         if not missing:
             continue
-        bundle = unseen_model(options.unseen) if name in TRAINED_ON else load_shipped("general")
-        user = User(read(source, bundle, options.scenes))
+        shipped = load_shipped(options.model)
+        members = members_of(shipped) if options.model == "pool" else {TREES: shipped}
+        bundle = unseen_model(options.unseen) if name in TRAINED_ON else members[TREES]
+        user = User(read(source, bundle, options.scenes, members.get(NETWORK)))
         start = user.recording.probabilities()
         mean, iou = user.recording.mean_iou(start)
         result = results.setdefault(name, {"start": {"mean_iou": round(mean, 4), "iou": iou}, "seeds": {}})
