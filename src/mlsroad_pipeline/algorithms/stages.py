@@ -18,6 +18,7 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground, SupervoxelPartition, SupervoxelTable
 from mlsroad_pipeline.algorithms.features.supervoxel_features import compute_supervoxel_features
+from mlsroad_pipeline.algorithms.geometry.voxels.grid import VoxelGrid
 from mlsroad_pipeline.algorithms.ground.surface import height_above_ground
 from mlsroad_pipeline.algorithms.ground.upward_growing import classify_ground
 from mlsroad_pipeline.algorithms.supervoxels.vccs import segment_supervoxels
@@ -133,6 +134,11 @@ def build_supervoxels(scene: PointCloud, parameters: SupervoxelParameters) -> Su
     DataError
         If a coordinate is NaN or infinite.
     """
+    return _partition(scene, parameters)[0]
+
+
+def _partition(scene: PointCloud, parameters: SupervoxelParameters) -> tuple[SupervoxelPartition, VoxelGrid]:
+    """Return the supervoxels of a scene, and the voxels that they consist of."""
     keep = inlier_rows(scene)
     colours = scene.get("rgb")
     use_colour = colours is not None and parameters.colour_weight > 0
@@ -141,7 +147,7 @@ def build_supervoxels(scene: PointCloud, parameters: SupervoxelParameters) -> Su
     )
     labels = np.full(len(scene), -1, dtype=np.int32)
     labels[keep] = supervoxels.labels
-    return {"labels": labels, "adjacency": supervoxels.adjacency}
+    return {"labels": labels, "adjacency": supervoxels.adjacency}, supervoxels.grid
 
 
 def describe_supervoxels(
@@ -170,6 +176,50 @@ def describe_supervoxels(
     DataError
         If the ground or the supervoxels belong to another scene.
     """
+    return _described(scene, ground, supervoxels, parameters, None)
+
+
+def supervoxels_with_features(
+    scene: PointCloud, ground: Ground, sizes: SupervoxelParameters, selection: FeatureParameters
+) -> tuple[SupervoxelPartition, SupervoxelTable]:
+    """Run `build_supervoxels` and `describe_supervoxels`, which share the voxels if they have the same size.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene.
+    ground : Ground
+        Its ground.
+    sizes : SupervoxelParameters
+        Parameters of VCCS.
+    selection : FeatureParameters
+        Selection and radii of the features.
+
+    Returns
+    -------
+    supervoxels : SupervoxelPartition
+        The supervoxels.
+    features : SupervoxelTable
+        Their features.
+
+    Raises
+    ------
+    DataError
+        If a coordinate is NaN or infinite, or the ground belongs to another scene.
+    """
+    supervoxels, grid = _partition(scene, sizes)
+    voxels = grid.centroids if selection.ball_voxel_size == grid.voxel_size else None
+    return supervoxels, _described(scene, ground, supervoxels, selection, voxels)
+
+
+def _described(
+    scene: PointCloud,
+    ground: Ground,
+    supervoxels: SupervoxelPartition,
+    parameters: FeatureParameters,
+    voxels: NDArray[np.float64] | None,
+) -> SupervoxelTable:
+    """Return the features of supervoxels, given the means of the points in voxels of the balls if they are known."""
     keep = inlier_rows(scene)
     colours, intensity = scene.get("rgb"), scene.get("intensity")
     features = compute_supervoxel_features(
@@ -180,6 +230,7 @@ def describe_supervoxels(
         rgb=None if colours is None else colours[keep],
         intensity=None if intensity is None else intensity[keep],
         **asdict(parameters),
+        ball_voxels=voxels,
     )
     return {
         "values": features.values,

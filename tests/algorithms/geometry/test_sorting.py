@@ -1,9 +1,10 @@
-"""Radix sort against NumPy's stable sort."""
+"""Sorting and ranking against NumPy and SciPy."""
 
 import numpy as np
 import pytest
+from scipy.stats import rankdata
 
-from mlsroad_pipeline.algorithms.geometry.sorting import order_of, radix_argsort, rank_integers
+from mlsroad_pipeline.algorithms.geometry.sorting import order_of, radix_argsort, rank_few, rank_floats, rank_integers
 
 
 @pytest.mark.parametrize("bits", [1, 10, 11, 12, 40, 62])
@@ -54,3 +55,29 @@ def test_order_of_integers_is_stable(rng, keys):
     assert ordered.dtype == np.int64 and order.dtype == np.int32
     np.testing.assert_array_equal(order, np.argsort(values, kind="stable"))
     np.testing.assert_array_equal(ordered, np.sort(values))
+
+
+@pytest.mark.parametrize("spread", ["even", "few levels", "skewed", "one value", "huge"])
+@pytest.mark.parametrize("n", [1, 2, 50, 3000])
+def test_numbers_are_ranked_as_scipy_does(rng, spread, n):
+    values = {
+        "even": rng.uniform(-5, 5, n),
+        "few levels": rng.integers(0, 7, n) / 7,
+        "skewed": rng.lognormal(0, 8, n),
+        "one value": np.full(n, 0.3),
+        "huge": rng.uniform(-1.5, 1.5, n) * 1e308,
+    }[spread]
+    np.testing.assert_array_equal(rank_floats(values), rankdata(values))
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("levels", [2, 256, 65536])
+def test_levels_are_ranked_as_scipy_does(rng, dtype, levels):
+    values = (rng.integers(0, levels, 5000) / (levels - 1)).astype(dtype)
+    np.testing.assert_array_equal(rank_few(values), rankdata(values))
+
+
+def test_levels_that_share_an_interval_are_not_ranked():
+    assert rank_few(np.array([0.0, 1e-9, 1.0])) is None
+    assert rank_few(np.array([-1e308, 1e308])) is None
+    assert rank_few(np.full(3, 0.2)).tolist() == [2.0, 2.0, 2.0] and len(rank_few(np.zeros(0))) == 0

@@ -116,6 +116,7 @@ def compute_supervoxel_features(
     ball_radii: Sequence[float] = (0.5, 1.0, 2.0),
     ball_voxel_size: float = 0.2,
     footprint_radii: Sequence[float] = (1.5, 3.0, 6.0),
+    ball_voxels: NDArray[np.float64] | None = None,
 ) -> SupervoxelFeatures:
     """Compute the features of supervoxels (Tomic et al. 2019, section 2.1, equations 2 and 3).
 
@@ -153,6 +154,8 @@ def compute_supervoxel_features(
         Edge of the voxels of these neighbourhoods, metres. Smaller values depend more on scan density and cost time.
     footprint_radii : sequence of float, default (1.5, 3.0, 6.0)
         Radii of the footprint features, metres, see `describe_footprints`; empty for none (the paper).
+    ball_voxels : ndarray of float64, shape (v, 3), optional
+        Means of the points in each voxel of `ball_voxel_size`, if they are known.
 
     Returns
     -------
@@ -184,7 +187,7 @@ def compute_supervoxel_features(
     blocks.append((COLUMN_FEATURES, describe_columns(own.centroids, raster)))
     blocks += _attribute_blocks(owners, adjacency.shape[0], height_above_ground, rgb, intensity)
     if ball_radii:
-        balls = describe_balls(points, own.centroids, radii=ball_radii, voxel_size=ball_voxel_size)
+        balls = describe_balls(points, own.centroids, radii=ball_radii, voxel_size=ball_voxel_size, voxels=ball_voxels)
         context.append((ball_feature_names(ball_radii), balls))
     for radius in footprint_radii:
         context.append((footprint_feature_names(radius), describe_footprints(own.centroids, raster, radius=radius)))

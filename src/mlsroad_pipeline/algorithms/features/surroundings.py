@@ -79,6 +79,7 @@ def describe_balls(
     *,
     radii: Sequence[float],
     voxel_size: float,
+    voxels: NDArray[np.float64] | None = None,
     n_threads: int = 1,
 ) -> NDArray[np.float32]:
     """Compute shape features of the occupied voxels within given radii of each supervoxel.
@@ -94,6 +95,8 @@ def describe_balls(
         the square of the largest.
     voxel_size : float
         Edge of a voxel, metres; each occupied voxel counts once, at the mean of its points.
+    voxels : ndarray of float64, shape (v, 3), optional
+        Means of the points in each occupied voxel of that size, if they are known.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
@@ -103,7 +106,8 @@ def describe_balls(
         Columns of `ball_feature_names`: shape, orientation and linearity in plan; NaN with fewer than three voxels. The
         number of voxels is not a feature, since it depends on the distance to the scanner.
     """
-    voxels = build_voxel_grid(xyz, voxel_size=voxel_size, n_threads=n_threads).centroids
+    if voxels is None:
+        voxels = build_voxel_grid(xyz, voxel_size=voxel_size, n_threads=n_threads).centroids
     size = max(radii) * (1 + 1e-6) / CELLS_PER_RADIUS
     grid, queries = build_cell_grids(voxels, centroids, cell_size=size, margin=CELLS_PER_RADIUS)
     rows = grid.row_offsets(CELLS_PER_RADIUS)

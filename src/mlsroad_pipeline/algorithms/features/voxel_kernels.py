@@ -29,45 +29,45 @@ _MIN_VOXELS = 3
 
 
 @njit(cache=True, nogil=True)
+def sum_voxels(
+    xyz: NDArray, minimum: NDArray, height: NDArray, ranks: NDArray, owner: NDArray, n_voxels: int
+) -> NDArray[np.float64]:
+    """Return sums of x, y, z, height and rank, lowest and highest z and highest rank of the points of each voxel.
+
+    Points are read in their order, in which those of a voxel are mostly close together; `ranks` may be empty.
+    """
+    sums = np.zeros((n_voxels, 8))
+    sums[:, 5], sums[:, 6], sums[:, 7] = np.inf, -np.inf, -1.0
+    for p in range(len(owner)):
+        row, dz = sums[owner[p]], xyz[p, 2] - minimum[2]
+        row[0] += xyz[p, 0] - minimum[0]
+        row[1] += xyz[p, 1] - minimum[1]
+        row[2] += dz
+        row[5], row[6] = min(row[5], dz), max(row[6], dz)
+        if not np.isnan(height[p]):
+            row[3] += height[p]
+        if len(ranks) > 0:
+            row[4] += ranks[p]
+            row[7] = max(row[7], ranks[p])
+    return sums
+
+
+@njit(cache=True, nogil=True)
 def describe_voxels(
-    xyz: NDArray,
-    minimum: NDArray,
-    height: NDArray,
-    ranks: NDArray,
-    order: NDArray,
-    starts: NDArray,
-    moments: NDArray,
-    heights: NDArray,
-    table: NDArray,
-    first: int,
-    last: int,
+    sums: NDArray, starts: NDArray, with_ranks: bool, moments: NDArray, heights: NDArray, table: NDArray
 ) -> None:
-    """Write the moments of single voxels, their mean heights, and table columns 0 to 4; `ranks` may be empty."""
-    for v in range(first, last):
-        x = y = z = h = r = 0.0
-        low, high, r_max = np.inf, -np.inf, -1.0
-        for i in range(starts[v], starts[v + 1]):
-            p = order[i]
-            dz = xyz[p, 2] - minimum[2]
-            x += xyz[p, 0] - minimum[0]
-            y += xyz[p, 1] - minimum[1]
-            z += dz
-            low, high = min(low, dz), max(high, dz)
-            if not np.isnan(height[p]):
-                h += height[p]
-            if len(ranks) > 0:
-                r += ranks[p]
-                r_max = max(r_max, ranks[p])
-        n = float(starts[v + 1] - starts[v])
-        x, y, z, h, r = x / n, y / n, z / n, h / n, r / n
+    """Write the moments of single voxels, their mean heights, and table columns 0 to 4."""
+    for v in range(len(sums)):
+        s, n = sums[v], float(starts[v + 1] - starts[v])
+        x, y, z, h, r = s[0] / n, s[1] / n, s[2] / n, s[3] / n, s[4] / n
         m = moments[v]
         m[0], m[1], m[2], m[3] = 1.0, x, y, z
         m[4], m[5], m[6], m[7], m[8], m[9] = x * x, y * y, z * z, x * y, x * z, y * z
         m[10], m[11] = r, r * r
         heights[v] = h
         t = table[v]
-        t[0], t[1], t[2] = h, log2(n), high - low
-        t[3], t[4] = (r, r_max) if len(ranks) > 0 else (np.nan, np.nan)
+        t[0], t[1], t[2] = h, log2(n), s[6] - s[5]
+        t[3], t[4] = (r, s[7]) if with_ranks else (np.nan, np.nan)
 
 
 @njit(cache=True, nogil=True)

@@ -26,7 +26,7 @@ from mlsroad_pipeline.algorithms.features.voxel_levels import (
     sum_windows,
 )
 from mlsroad_pipeline.algorithms.geometry.cell_grid import check_threads, run_in_chunks
-from mlsroad_pipeline.algorithms.geometry.sorting import radix_argsort
+from mlsroad_pipeline.algorithms.geometry.sorting import radix_argsort, rank_few
 
 N_LEVELS = 5
 """Levels with shapes: voxels and four times cells of twice the edge."""
@@ -155,7 +155,8 @@ def compute_voxel_features(
     check_positive(voxel_size, "voxel_size")
     check_threads(n_threads)
     points = check_xyz(xyz)
-    heights = np.asarray(check_column(height, len(points), "height"), np.float64)
+    heights = check_column(height, len(points), "height")
+    heights = heights.astype(np.float64 if heights.dtype != np.float32 else np.float32, copy=False)
     names = voxel_feature_names()
     if len(points) == 0:
         empty = Cells(np.zeros(0, np.int64), np.zeros((0, 3), np.int32), (1, 1, 1))
@@ -164,12 +165,9 @@ def compute_voxel_features(
     cells, order, starts, minimum = find_voxels(points, voxel_size)
     table = np.empty((len(cells), len(names)), np.float32)
     moments, voxel_heights = np.empty((len(cells), kernels.N_MOMENTS)), np.empty(len(cells))
-    _run(
-        partial(
-            kernels.describe_voxels, points, minimum, heights, ranks, order, starts, moments, voxel_heights, table
-        ),
-        len(cells), n_threads,
-    )  # fmt: skip
+    owner = spread_owners(order, starts)
+    sums = kernels.sum_voxels(points, minimum, heights, ranks, owner, len(cells))
+    kernels.describe_voxels(sums, starts, len(ranks) > 0, moments, voxel_heights, table)
     extremes = np.stack([voxel_heights, voxel_heights, moments[:, 3]])
     level = _Level(cells, moments, extremes, np.arange(len(cells), dtype=np.int32), voxel_size)
     at = len(_VOXEL)
@@ -178,7 +176,7 @@ def compute_voxel_features(
         at = _write_level(level, number, moments, voxel_heights, len(ranks) > 0, table, at, n_threads)
         at = _write_wide(level, number, voxel_heights, table, at, n_threads)
     _write_wide(level.coarser(), N_LEVELS, voxel_heights, table, at, n_threads)
-    return VoxelFeatures(table, spread_owners(order, starts), cells)
+    return VoxelFeatures(table, owner, cells)
 
 
 def known_intensity(intensity: NDArray) -> NDArray | None:
@@ -227,6 +225,9 @@ def rank_within(values: ArrayLike) -> NDArray[np.float64]:
     numbers = np.ascontiguousarray(values, dtype=np.float32) + np.float32(0)  # -0 becomes 0
     if np.isnan(numbers).any():
         raise DataError(f"intensity is NaN in row {int(np.argmax(np.isnan(numbers)))}")
+    few = rank_few(numbers)
+    if few is not None:
+        return (few - 0.5) / len(numbers)
     bits = numbers.view(np.int32).astype(np.int64)
     ordered, order = radix_argsort(np.where(bits < 0, -bits - 1, bits + 2**31), 32)
     edge = np.flatnonzero(np.diff(ordered, prepend=ordered[:1] - 1, append=ordered[-1:] + 1))

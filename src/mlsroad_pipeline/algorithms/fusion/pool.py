@@ -19,7 +19,7 @@ from mlsroad_pipeline.algorithms.core.labels import unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under, bundle_scheme
 from mlsroad_pipeline.algorithms.models.combinations import rank_pairs
-from mlsroad_pipeline.algorithms.models.grouped_decision import decide
+from mlsroad_pipeline.algorithms.models.grouped_decision import decide, largest_of_rows
 from mlsroad_pipeline.algorithms.models.labelling import SoftLabels, label_softly
 
 SLUG = "pool"
@@ -211,8 +211,8 @@ def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
         return none
     pooled = np.zeros((len(rows[0]), len(bundle.classes)))
     for name, probabilities, own in zip(members, tables, rows, strict=True):
-        pooled += float(bundle.metadata["weights"][name]) * np.log(np.maximum(probabilities[own], FLOOR))
-    pooled = np.exp(pooled - pooled.max(axis=1, keepdims=True))
+        pooled += (float(bundle.metadata["weights"][name]) * np.log(np.maximum(probabilities, FLOOR))).take(own, axis=0)
+    pooled = np.exp(pooled - largest_of_rows(pooled))
     pooled /= pooled.sum(axis=1, keepdims=True)
     best, probability = decide(pooled, next(iter(members.values())).arrays.get("groups"))
     # Points without a combination take the last element.

@@ -1,4 +1,4 @@
-"""Sorting integer keys in linear time."""
+"""Sorting and ranking in linear time."""
 
 from __future__ import annotations
 
@@ -10,6 +10,10 @@ _RADIX_BITS = 8
 """Bits of a digit; eleven, with fewer passes, take up to a quarter more time."""
 _FEW = 2000
 """Keys that comparisons sort faster."""
+_FEW_MEMBERS = 32
+"""Members of an interval that insertion sorts faster."""
+_INTERVALS = 1 << 17
+"""Intervals of `rank_few`: twice as many as an integer of 16 bits has values."""
 
 
 @njit(cache=True, nogil=True)
@@ -111,6 +115,119 @@ def _rank_sorted(
             n += 1
         ranks[order[i]] = n - 1
     return names[:n].copy(), ranks
+
+
+def rank_few(values: NDArray[np.floating]) -> NDArray[np.float64] | None:
+    """Return the ranks of `rank_floats` for values of few levels, such as intensities of 16 bits.
+
+    Parameters
+    ----------
+    values : ndarray of float32 or float64, shape (n,)
+        Finite values.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,), or None
+        Their ranks; None if one of 2**17 equal intervals of their range has two different values.
+    """
+    if len(values) == 0:
+        return np.zeros(0)
+    low = float(values.min())
+    width = (float(values.max()) - low) / (_INTERVALS - 1)
+    if not 0.0 < width < np.inf:
+        return np.full(len(values), (len(values) + 1) / 2) if width == 0.0 and values.max() == low else None
+    counts = _count_levels(values, low, width)
+    if len(counts) == 0:
+        return None
+    last = np.cumsum(counts)
+    return (last - (counts - 1) / 2).take(_intervals(values, low, width))
+
+
+@njit(cache=True, nogil=True)
+def _intervals(values: NDArray[np.floating], low: float, width: float) -> NDArray[np.int32]:
+    """Return the interval of each value."""
+    interval = np.empty(len(values), np.int32)
+    for i in range(len(values)):
+        interval[i] = min(int((np.float64(values[i]) - low) / width), _INTERVALS - 1)
+    return interval
+
+
+@njit(cache=True, nogil=True)
+def _count_levels(values: NDArray[np.floating], low: float, width: float) -> NDArray[np.int64]:
+    """Return the number of values in each interval; nothing if an interval has two different values."""
+    counts, level = np.zeros(_INTERVALS, np.int64), np.empty(_INTERVALS, values.dtype)
+    for i in range(len(values)):
+        k = min(int((np.float64(values[i]) - low) / width), _INTERVALS - 1)
+        if counts[k] == 0:
+            level[k] = values[i]
+        if level[k] != values[i]:
+            return counts[:0]
+        counts[k] += 1
+    return counts
+
+
+@njit(cache=True, nogil=True)
+def rank_floats(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rank of each value from 1, equal ones with the mean of their ranks.
+
+    Values are sorted in as many equal intervals of their range, so that the time is linear where they are spread
+    evenly.
+
+    Parameters
+    ----------
+    values : ndarray of float64, shape (n,)
+        Finite values.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        Their ranks.
+    """
+    n = len(values)
+    ranks, interval = np.empty(n), np.zeros(n, np.int32)
+    starts = np.zeros(n + 1, np.int64)
+    low, high = np.inf, -np.inf
+    for i in range(n):
+        low, high = min(low, values[i]), max(high, values[i])
+    width = (high - low) / max(n - 1, 1)
+    for i in range(n):
+        if width > 0.0 and width < np.inf:
+            interval[i] = min(int((values[i] - low) / width), n - 1)
+        starts[interval[i] + 1] += 1
+    for k in range(n):
+        starts[k + 1] += starts[k]
+    members, at = np.empty(n, np.int32), starts[:n].copy()
+    for i in range(n):
+        members[at[interval[i]]] = i
+        at[interval[i]] += 1
+    for k in range(n):
+        if starts[k + 1] > starts[k]:
+            _rank_members(values, members[starts[k] : starts[k + 1]], starts[k], ranks)
+    return ranks
+
+
+@njit(cache=True, nogil=True)
+def _rank_members(
+    values: NDArray[np.float64], members: NDArray[np.int32], before: int, ranks: NDArray[np.float64]
+) -> None:
+    """Sort the members of an interval by their values, and write their ranks; `before` values are lower."""
+    n = len(members)
+    if n > _FEW_MEMBERS:
+        members[:] = members[np.argsort(values[members])]
+    for i in range(1, 0 if n > _FEW_MEMBERS else n):
+        own, k = members[i], i
+        while k > 0 and values[members[k - 1]] > values[own]:
+            members[k] = members[k - 1]
+            k -= 1
+        members[k] = own
+    first = 0
+    while first < n:
+        stop = first + 1
+        while stop < n and values[members[stop]] == values[members[first]]:
+            stop += 1
+        for k in range(first, stop):
+            ranks[members[k]] = before + (first + 1 + stop) / 2
+        first = stop
 
 
 def order_of(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:

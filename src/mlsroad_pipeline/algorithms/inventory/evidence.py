@@ -15,6 +15,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.geometry.cell_grid import bounding_box
 from mlsroad_pipeline.algorithms.geometry.sorting import radix_argsort
 from mlsroad_pipeline.algorithms.inventory.class_groups import GROUPS, ClassEvidence
 from mlsroad_pipeline.algorithms.inventory.table import empty_table
@@ -78,6 +79,71 @@ def _packed_cells(
     return packed
 
 
+@njit(cache=True, nogil=True)
+def _sum_cells(
+    ordered: NDArray[np.int64],
+    order: NDArray[np.int32],
+    core: NDArray[np.bool_],
+    owner: NDArray[np.integer],
+    groups: NDArray[np.float32],
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]:
+    """Return the first point in order of each cell, the cell of each point, and numbers in the core and sums of groups.
+
+    Points without an owner have no probabilities.
+    """
+    n_cells = 0
+    for i in range(len(ordered)):
+        n_cells += i == 0 or ordered[i] != ordered[i - 1]
+    starts, of_point = np.empty(n_cells, np.int64), np.empty(len(ordered), np.int64)
+    n_core, sums = np.zeros(n_cells, np.int64), np.zeros((n_cells, groups.shape[1]), np.float32)
+    cell = -1
+    for i in range(len(ordered)):
+        if i == 0 or ordered[i] != ordered[i - 1]:
+            cell += 1
+            starts[cell] = i
+        point = order[i]
+        of_point[point] = cell
+        n_core[cell] += core[point]
+        own = owner[point]
+        if own >= 0:
+            for g in range(groups.shape[1]):
+                sums[cell, g] += groups[own, g]
+    return starts, of_point, n_core, sums
+
+
+@njit(cache=True, nogil=True)
+def _with_most_points(cell: NDArray[np.int64], n_points: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the first row with most points of each cell; rows are ordered by cell."""
+    best, n = np.empty(len(cell), np.int64), 0
+    for i in range(len(cell)):
+        if i == 0 or cell[i] != cell[i - 1]:
+            best[n] = i
+            n += 1
+        elif n_points[i] > n_points[best[n - 1]]:
+            best[n - 1] = i
+    return best[:n].copy()
+
+
+@njit(cache=True, nogil=True)
+def _cells_within(
+    centre: NDArray[np.float64],
+    core_share: NDArray[np.float64],
+    excluded: NDArray[np.int64],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+) -> NDArray[np.int64]:
+    """Return the cells in a box that have points of the core and are not excluded."""
+    free = core_share > 0.0
+    free[excluded] = False
+    found, n = np.empty(len(centre), np.int64), 0
+    for i in range(len(centre)):
+        x, y, z = centre[i, 0], centre[i, 1], centre[i, 2]
+        inside = (x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1]) & (z >= low[2]) & (z <= high[2])
+        found[n] = i
+        n += inside & free[i]
+    return found[:n].copy()
+
+
 class SceneCells:
     """Cells of a scene with their mean class probabilities.
 
@@ -114,22 +180,14 @@ class SceneCells:
             )
         packed = _packed_cells(local, origin, corner, np.array(bits))
         ordered, order = radix_argsort(packed, sum(bits))
-        new = np.concatenate([[True], ordered[1:] != ordered[:-1]])
-        starts = np.flatnonzero(new)
-        self.of_point = np.empty(len(local), dtype=np.int64)
-        self.of_point[order] = np.cumsum(new) - 1
+        starts, self.of_point, n_core, sums = _sum_cells(ordered, order, core, evidence.owner, evidence.of_groups)
         cells, shift = ordered[starts], [bits[1] + bits[2], bits[2], 0]
         self.key = np.stack([(cells >> n) & ((1 << k) - 1) for n, k in zip(shift, bits, strict=True)], axis=1) + corner
         self.centre = (self.key + 0.5) * CELL - origin
         self.count = np.diff(np.append(starts, len(local)))
         self.core = core
-        self.core_share = np.add.reduceat(core[order].astype(np.int64), starts) / self.count
-        # Points without a class refer to a last row of zeros.
-        groups = np.concatenate([evidence.of_groups, np.zeros((1, len(GROUPS)), np.float32)])
-        owner = np.where(evidence.owner < 0, len(groups) - 1, evidence.owner)[order]
-        ends = np.append(starts, len(local))
-        points = csr_array((np.ones(len(local), np.float32), owner, ends), shape=(len(starts), len(groups)))
-        self.groups = np.asarray(points @ groups) / self.count[:, None]
+        self.core_share = n_core / self.count
+        self.groups = sums / self.count[:, None]
 
     def around(self, points: NDArray[np.int64], fragment: NDArray[np.integer]) -> pd.DataFrame:
         """Sum the evidence for the objects of one class.
@@ -158,12 +216,9 @@ class SceneCells:
         sums = np.zeros((len(ZONES), len(pairs), len(GROUPS)))
         sums[0] = self.groups[cell] * (n_core / self.count[cell])[:, None]
         # A cell with points of several objects stands for the one with most of them.
-        best = np.lexsort((owner, -n_points, cell))
-        best = best[np.concatenate([[True], np.diff(cell[best]) != 0])]
-        free = np.ones(len(self.key), dtype=bool)
-        free[cell] = False
-        low, high = self.centre[cell].min(axis=0) - REACH, self.centre[cell].max(axis=0) + REACH
-        rest = np.flatnonzero(free & (self.core_share > 0) & ((self.centre >= low) & (self.centre <= high)).all(axis=1))
+        best = _with_most_points(cell, n_points)
+        box = bounding_box(self.centre[cell])
+        rest = _cells_within(self.centre, self.core_share, cell, box[0] - REACH, box[1] + REACH)
         distance, near = cKDTree(self.centre[cell[best]]).query(self.centre[rest], distance_upper_bound=REACH + 1e-6)
         rest, near = rest[np.isfinite(distance)], best[near[np.isfinite(distance)]]
         step = self.centre[rest] - self.centre[cell[near]]

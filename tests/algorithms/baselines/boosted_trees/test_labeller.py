@@ -1,13 +1,17 @@
 """Labels of small streets: what is learnt, clouds without intensity, ground or points, outliers and smoothing."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 from references.patches import SCHEME
 from references.patches import street as plain_street
 
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import describe_scene, voxel_probabilities
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import (
+    describe_scene,
+    label_cloud_softly,
+    voxel_probabilities,
+)
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG, BoostedTreesParameters
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import sample_voxels, training_voxels
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.training import fit
@@ -174,3 +178,16 @@ def test_a_model_of_other_features_is_refused(model):
     other = ModelBundle(SLUG, model.arrays, {**model.metadata, "feature_names": ["height"]})
     with pytest.raises(DataError, match="train it again"):
         label_cloud(other, street(5))
+
+
+@pytest.mark.parametrize("smoothing", [0.0, 0.5])
+def test_points_of_the_context_have_no_label_and_change_no_other_one(model, smoothing):
+    parameters = model.metadata["parameters"] | {SLUG: asdict(replace(QUICK, smoothing=smoothing))}
+    other = ModelBundle(SLUG, model.arrays, model.metadata | {"parameters": parameters})
+    cloud = street(5)
+    near = cloud.xyz[:, 0] > np.median(cloud.xyz[:, 0])
+    soft, whole = (label_cloud_softly(one, other) for one in (cloud.with_columns(near=near), cloud))
+    assert (soft.labels[~near] == -1).all() and (soft.owner[~near] == -1).all()
+    np.testing.assert_array_equal(soft.labels[near], whole.labels[near])
+    np.testing.assert_array_equal(soft.confidence[near], whole.confidence[near])
+    np.testing.assert_array_equal(soft.probabilities[soft.owner[near]], whole.probabilities[whole.owner[near]])

@@ -13,3 +13,14 @@ def test_many_superpoints_and_voxels_do_not_overflow():
     np.testing.assert_array_equal(owner[row], superpoint)
     assert len(owner) == len(set(zip(superpoint.tolist(), voxel.tolist(), strict=True)))
     assert (np.diff(owner) >= 0).all()
+
+
+def test_points_of_whole_voxels_are_those_of_a_sort_of_all_points():
+    rng = np.random.default_rng(4)
+    voxel = np.append(np.arange(600), rng.integers(0, 600, 4_000))
+    superpoint = (rng.integers(0, 70, 600) * 3)[voxel].astype(np.int32)
+    for other in (superpoint, np.append(superpoint[:-1], 1).astype(np.int32)):  # the last voxel is shared by two
+        owner, row = points_of_superpoints(other, voxel)
+        pairs, expected = np.unique(np.stack([other, voxel], axis=1), axis=0, return_inverse=True)
+        np.testing.assert_array_equal(owner, pairs[:, 0])
+        np.testing.assert_array_equal(row, expected)

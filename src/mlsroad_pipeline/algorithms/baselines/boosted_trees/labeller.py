@@ -20,7 +20,7 @@ from mlsroad_pipeline.algorithms.features.voxel_scales import (
 )
 from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.grouped_decision import decide
+from mlsroad_pipeline.algorithms.models.grouped_decision import decide, largest_of_rows
 from mlsroad_pipeline.algorithms.models.labelling import SoftLabels
 from mlsroad_pipeline.algorithms.stages import ground_of, inlier_rows, inliers
 
@@ -59,7 +59,9 @@ def describe_scene(scene: PointCloud, ground: Ground, *, voxel_size: float = 0.2
     return compute_voxel_features(xyz, height=height, intensity=intensity, voxel_size=voxel_size, n_threads=n_threads)
 
 
-def voxel_probabilities(features: VoxelFeatures, bundle: ModelBundle, *, n_threads: int = 1) -> NDArray[np.float64]:
+def voxel_probabilities(
+    features: VoxelFeatures, bundle: ModelBundle, *, wanted: NDArray[np.bool_] | None = None, n_threads: int = 1
+) -> NDArray[np.float64]:
     """Return the class probabilities of voxels.
 
     Parameters
@@ -68,6 +70,8 @@ def voxel_probabilities(features: VoxelFeatures, bundle: ModelBundle, *, n_threa
         The voxels.
     bundle : ModelBundle
         A model of `training.fit`.
+    wanted : ndarray of bool, shape (v,), optional
+        Voxels whose probabilities are wanted; those of others have no meaning.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
@@ -86,13 +90,28 @@ def voxel_probabilities(features: VoxelFeatures, bundle: ModelBundle, *, n_threa
     if SLUG not in bundle.prepared:
         bundle.prepared[SLUG] = BoostedTrees.from_arrays(bundle.arrays)
     trees: BoostedTrees = bundle.prepared[SLUG]
-    scores = trees.scores(features.values, n_threads=n_threads)
-    probabilities = softmax(scores / bundle.arrays["temperature"] + bundle.arrays["offsets"])
     parameters = parameters_of(bundle)
+    rows = None if wanted is None else np.flatnonzero(_with_neighbours(features, wanted, parameters, n_threads))
+    values = features.values if rows is None else features.values.take(rows, axis=0)
+    scores = trees.scores(values, n_threads=n_threads)
+    probabilities = softmax(scores / bundle.arrays["temperature"] + bundle.arrays["offsets"])
+    if rows is not None:
+        described, probabilities = probabilities, np.zeros((len(features.values), probabilities.shape[1]))
+        probabilities[rows] = described
     if parameters.smoothing > 0:
         around = smooth_by_cells(features, probabilities, level=parameters.smoothing_level, n_threads=n_threads)
         probabilities += parameters.smoothing * (around - probabilities)
     return probabilities
+
+
+def _with_neighbours(
+    features: VoxelFeatures, wanted: NDArray[np.bool_], parameters: BoostedTreesParameters, n_threads: int
+) -> NDArray[np.bool_]:
+    """Return which voxels are wanted or smooth those that are."""
+    if parameters.smoothing <= 0:
+        return wanted
+    flags = wanted[:, None].astype(np.float64)
+    return smooth_by_cells(features, flags, level=parameters.smoothing_level, n_threads=n_threads)[:, 0] > 0
 
 
 def softmax(scores: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -108,7 +127,7 @@ def softmax(scores: NDArray[np.float64]) -> NDArray[np.float64]:
     ndarray of float64, shape (n, c)
         Probabilities; each row has the sum 1.
     """
-    powers = np.exp(scores - scores.max(axis=1, keepdims=True))
+    powers = np.exp(scores - largest_of_rows(scores))
     return powers / powers.sum(axis=1, keepdims=True)
 
 
@@ -160,11 +179,17 @@ def _label_softly(scene: PointCloud, ground: Ground, bundle: ModelBundle) -> Sof
         return SoftLabels(label, confidence)
     keep = inlier_rows(scene)
     features = describe_scene(scene, ground, voxel_size=parameters_of(bundle).voxel_size)
-    probabilities = voxel_probabilities(features, bundle)
-    best, probability = decide(probabilities, bundle.arrays.get("groups"))
-    label[keep], confidence[keep] = best[features.owner], probability[features.owner]
     owner = np.full(len(scene), -1, dtype=np.int32)
     owner[keep] = features.owner
+    wanted = None
+    if "near" in scene:  # the context serves the features alone
+        keep = inliers(scene) & scene["near"]
+        wanted = np.zeros(len(features.values), dtype=bool)
+        wanted[owner[keep]] = True
+        owner[~keep] = -1
+    probabilities = voxel_probabilities(features, bundle, wanted=wanted)
+    best, probability = decide(probabilities, bundle.arrays.get("groups"))
+    label[keep], confidence[keep] = best[owner[keep]], probability[owner[keep]]
     return SoftLabels(label, confidence, probabilities.astype(np.float32), owner)
 
 

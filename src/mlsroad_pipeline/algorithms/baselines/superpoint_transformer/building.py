@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
-from scipy.stats import rankdata
 
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.graph import (
     Level,
@@ -19,7 +19,7 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_results import Ground, SupervoxelPartition, SupervoxelTable
 from mlsroad_pipeline.algorithms.features.radiometry import COLOUR_FEATURES, INTENSITY_FEATURES
 from mlsroad_pipeline.algorithms.features.surroundings import BALL_FEATURES, describe_balls
-from mlsroad_pipeline.algorithms.geometry.sorting import rank_integers
+from mlsroad_pipeline.algorithms.geometry.sorting import rank_floats, rank_integers
 from mlsroad_pipeline.algorithms.geometry.voxels.grid import build_voxel_grid
 from mlsroad_pipeline.algorithms.stages import inlier_rows, inliers
 
@@ -110,7 +110,7 @@ def build_graph(
         The hierarchy, without labels.
     """
     keep = inlier_rows(scene)
-    xyz = scene.xyz[keep].astype(np.float64)
+    xyz = scene.xyz[keep]
     labels = supervoxels["labels"][keep]
     n = supervoxels["adjacency"].shape[0]
     voxel = build_voxel_grid(xyz, voxel_size=parameters.voxel_size).voxel_of_point.astype(np.int64)
@@ -152,8 +152,23 @@ def points_of_superpoints(
         Point of level 0 of each point of the cloud.
     """
     n_voxels = int(voxel.max(initial=0)) + 1
+    of_voxel = np.full(n_voxels, -1, np.int64)
+    if _fill_whole_voxels(superpoint, voxel, of_voxel):  # voxels half as large as those of the superpoints mostly do
+        keys, rank_of_voxel = rank_integers(of_voxel * n_voxels + np.arange(n_voxels))
+        return keys // n_voxels, rank_of_voxel.take(voxel)
     keys, row = rank_integers(superpoint.astype(np.int64) * n_voxels + voxel)
     return keys // n_voxels, row
+
+
+@njit(cache=True, nogil=True)
+def _fill_whole_voxels(superpoint: NDArray[np.integer], voxel: NDArray[np.int64], of_voxel: NDArray[np.int64]) -> bool:
+    """Write the superpoint of each voxel; return False if a voxel has points of several ones, or none."""
+    for i in range(len(voxel)):
+        of_voxel[voxel[i]] = superpoint[i]
+    for i in range(len(voxel)):
+        if of_voxel[voxel[i]] != superpoint[i]:
+            return False
+    return len(of_voxel) == 0 or of_voxel.min() >= 0
 
 
 def count_labels(
@@ -232,7 +247,7 @@ def rank(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     finite = np.isfinite(values)
     out = np.full(len(values), np.nan)
-    out[finite] = (rankdata(values[finite]) - 0.5) / max(int(finite.sum()), 1)
+    out[finite] = (rank_floats(values[finite]) - 0.5) / max(int(finite.sum()), 1)
     return out
 
 

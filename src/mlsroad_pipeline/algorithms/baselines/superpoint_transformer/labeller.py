@@ -23,12 +23,11 @@ from mlsroad_pipeline.algorithms.core.stage_results import Ground, SupervoxelPar
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.labelling import SoftLabels
 from mlsroad_pipeline.algorithms.stages import (
-    build_supervoxels,
-    describe_supervoxels,
     find_ground,
     ground_of,
     inlier_rows,
     inliers,
+    supervoxels_with_features,
 )
 
 
@@ -61,9 +60,8 @@ def prepare(
         If a coordinate is NaN or infinite.
     """
     ground = find_ground(scene, stages.ground) if fresh else ground_of(scene, stages.ground)
-    supervoxels = build_supervoxels(scene, stages.supervoxels)
     features = replace(stages.features, detrend=False)  # the network takes no detrended ones
-    return ground, supervoxels, describe_supervoxels(scene, ground, supervoxels, features)
+    return ground, *supervoxels_with_features(scene, ground, stages.supervoxels, features)
 
 
 def label_scene(

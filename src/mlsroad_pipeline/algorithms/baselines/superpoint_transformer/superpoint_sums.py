@@ -9,15 +9,16 @@ from numpy.typing import NDArray
 
 @njit(cache=True, nogil=True)
 def _sum_columns(
-    row: NDArray[np.int64], columns: NDArray[np.float64], n: int
+    row: NDArray[np.int64], columns: NDArray[np.floating], n: int
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the sums and numbers of the finite values of each group and column."""
     sums = np.zeros((n, columns.shape[1]))
     counts = np.zeros((n, columns.shape[1]), np.int64)
     for i in range(len(row)):
         for k in range(columns.shape[1]):
-            if np.isfinite(columns[i, k]):
-                sums[row[i], k] += columns[i, k]
+            value = np.float64(columns[i, k])
+            if np.isfinite(value):
+                sums[row[i], k] += value
                 counts[row[i], k] += 1
     return sums, counts
 
@@ -39,7 +40,8 @@ def means(row: NDArray[np.integer], columns: NDArray, n: int) -> NDArray[np.floa
     ndarray of float64, shape (n, c)
         Means; NaN without finite values.
     """
-    sums, counts = _sum_columns(row.astype(np.int64, copy=False), np.ascontiguousarray(columns, np.float64), n)
+    kind = np.float32 if columns.dtype == np.float32 else np.float64
+    sums, counts = _sum_columns(row.astype(np.int64, copy=False), np.ascontiguousarray(columns, kind), n)
     with np.errstate(invalid="ignore"):
         return sums / counts
 
