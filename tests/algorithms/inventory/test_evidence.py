@@ -1,6 +1,8 @@
 """Evidence of the cells of a scene against sums point by point."""
 
 import numpy as np
+import pytest
+from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.inventory import evidence
 from mlsroad_pipeline.algorithms.inventory.class_groups import GROUPS, ClassEvidence
@@ -29,8 +31,16 @@ def test_the_object_with_most_points_is_that_of_a_sort(rng):
     np.testing.assert_array_equal(evidence._with_most_points(cell, n_points), best)
 
 
-def test_free_cells_of_the_core_in_a_box(rng):
-    centre, share, excluded = rng.uniform(0, 3, (400, 3)), rng.integers(0, 2, 400) / 2, rng.integers(0, 400, 50)
-    low, high = np.array([1.0, 0.5, 0.0]), np.array([2.5, 3.0, 2.0])
-    inside = ((centre >= low) & (centre <= high)).all(axis=1) & (share > 0) & ~np.isin(np.arange(400), excluded)
-    np.testing.assert_array_equal(evidence._cells_within(centre, share, excluded, low, high), np.flatnonzero(inside))
+@pytest.mark.parametrize("most", [0, 1 << 24])
+def test_no_cell_within_reach_of_an_object_is_missed(rng, monkeypatch, most):
+    monkeypatch.setattr(evidence, "_MOST_BLOCKS", most)
+    around = evidence._cells_around.py_func
+    centre, share = rng.uniform(0, 8, (700, 3)), rng.integers(0, 2, 700) / 2
+    objects = np.flatnonzero((centre < [3, 4, 2]).all(axis=1))[::4]
+    found = around(centre, share, objects)
+    distance, _ = cKDTree(centre[objects]).query(centre)
+    free = (share > 0) & ~np.isin(np.arange(700), objects)
+    assert np.isin(np.flatnonzero(free & (distance <= evidence.REACH)), found).all()
+    assert free[found].all() and (np.diff(found) > 0).all() and len(found) < free.sum()
+    if most:
+        np.testing.assert_array_equal(evidence._cells_around(centre, share, objects), found)

@@ -10,6 +10,9 @@ from mlsroad_pipeline.algorithms.features.eigen_solver import solve_symmetric
 
 ORIENTATION_FEATURES = ("normal_z", "verticality", "direction_z")
 """Columns of `describe_orientation`."""
+_SOURCES = ("nz", "verticality", "direction_z")
+_DESCRIBED = [EIGEN_FEATURES.index(name) for name in (*SHAPE_FEATURES, *_SOURCES)]
+"""Columns of eigenvalue features that `describe_shape` returns."""
 
 
 def describe_orientation(rows: NDArray[np.float32], names: tuple[str, ...]) -> NDArray[np.float32]:
@@ -32,7 +35,7 @@ def describe_orientation(rows: NDArray[np.float32], names: tuple[str, ...]) -> N
         z of the main direction (1 for poles, 0 for wires). NaN for fewer than three or coincident points; the first two
         also for collinear points.
     """
-    return rows[:, [names.index(name) for name in ("nz", "verticality", "direction_z")]]
+    return rows[:, [names.index(name) for name in _SOURCES]]
 
 
 def describe_shape(covariances: NDArray[np.float64], counts: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -55,5 +58,4 @@ def describe_shape(covariances: NDArray[np.float64], counts: NDArray[np.float32]
     solve_symmetric(covariances, n, values, smallest, largest)
     rows = np.empty((n, len(EIGEN_FEATURES)), np.float32)
     emit_features(values, smallest, largest, counts, np.arange(n, dtype=np.int32), 0, n, rows)
-    shape = rows[:, [EIGEN_FEATURES.index(name) for name in SHAPE_FEATURES]]
-    return np.hstack([shape, describe_orientation(rows, EIGEN_FEATURES)])
+    return rows.take(_DESCRIBED, axis=1)

@@ -50,6 +50,7 @@ GROUP_FEATURES = (
 )
 """Names of the features of `group_features`."""
 
+_MOST_BLOCKS = 1 << 24  # of the box around the objects of a class in a scene
 _LEAST_CELLS = 2.0  # of a zone: the shares of smaller zones are lowered
 
 
@@ -125,22 +126,37 @@ def _with_most_points(cell: NDArray[np.int64], n_points: NDArray[np.int64]) -> N
 
 
 @njit(cache=True, nogil=True)
-def _cells_within(
-    centre: NDArray[np.float64],
-    core_share: NDArray[np.float64],
-    excluded: NDArray[np.int64],
-    low: NDArray[np.float64],
-    high: NDArray[np.float64],
+def _cells_around(
+    centre: NDArray[np.float64], core_share: NDArray[np.float64], objects: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Return the cells in a box that have points of the core and are not excluded."""
+    """Return cells with points of the core that may lie within reach of cells of objects, and are none themselves.
+
+    They lie in the box of the objects, widened by the reach. Blocks are a little larger than the reach, so that cells
+    within reach lie in adjacent ones.
+    """
+    edge = REACH + 1e-3
+    box = bounding_box(centre[objects])
+    low = box[0] - 1.5 * edge  # objects lie in blocks 1 and above
+    nx, ny = int((box[1, 0] - low[0]) / edge) + 2, int((box[1, 1] - low[1]) / edge) + 2
+    nz = int((box[1, 2] - low[2]) / edge) + 2
+    filtered = float(nx) * float(ny) * float(nz) <= _MOST_BLOCKS
+    near = np.zeros((nx, ny, nz) if filtered else (0, 0, 0), np.bool_)
     free = core_share > 0.0
-    free[excluded] = False
+    for own in objects:
+        free[own] = False
+        if filtered:
+            i, j = int((centre[own, 0] - low[0]) / edge), int((centre[own, 1] - low[1]) / edge)
+            k = int((centre[own, 2] - low[2]) / edge)
+            near[i - 1 : i + 2, j - 1 : j + 2, k - 1 : k + 2] = True
+    least, most = box[0] - REACH, box[1] + REACH
     found, n = np.empty(len(centre), np.int64), 0
-    for i in range(len(centre)):
-        x, y, z = centre[i, 0], centre[i, 1], centre[i, 2]
-        inside = (x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1]) & (z >= low[2]) & (z <= high[2])
-        found[n] = i
-        n += inside & free[i]
+    for cell in range(len(centre)):
+        x, y, z = centre[cell, 0], centre[cell, 1], centre[cell, 2]
+        inside = (x >= least[0]) & (x <= most[0]) & (y >= least[1]) & (y <= most[1]) & (z >= least[2]) & (z <= most[2])
+        if free[cell] and inside:
+            i, j, k = int((x - low[0]) / edge), int((y - low[1]) / edge), int((z - low[2]) / edge)
+            found[n] = cell
+            n += 1 if not filtered or near[i, j, k] else 0
     return found[:n].copy()
 
 
@@ -217,8 +233,7 @@ class SceneCells:
         sums[0] = self.groups[cell] * (n_core / self.count[cell])[:, None]
         # A cell with points of several objects stands for the one with most of them.
         best = _with_most_points(cell, n_points)
-        box = bounding_box(self.centre[cell])
-        rest = _cells_within(self.centre, self.core_share, cell, box[0] - REACH, box[1] + REACH)
+        rest = _cells_around(self.centre, self.core_share, cell)
         distance, near = cKDTree(self.centre[cell[best]]).query(self.centre[rest], distance_upper_bound=REACH + 1e-6)
         rest, near = rest[np.isfinite(distance)], best[near[np.isfinite(distance)]]
         step = self.centre[rest] - self.centre[cell[near]]

@@ -222,14 +222,16 @@ def _describe_points(
     n, radii = len(places), list(parameters.ball_radii)
     balls = describe_balls(places, places, radii=radii, voxel_size=parameters.ball_voxel_size)
     chosen = [k * len(BALL_FEATURES) + BALL_FEATURES.index(name) for k in range(len(radii)) for name in SHAPES]
-    attributes = np.full((n, 1 + len(ATTRIBUTES)), np.nan)
+    out = np.full((n, len(chosen) + 1 + len(ATTRIBUTES)), np.nan, np.float32)
+    out[:, : len(chosen)] = balls.take(chosen, axis=1)
+    attributes = out[:, len(chosen) :]
     attributes[:, 0] = means(row, ground["height"][keep, None], n)[:, 0]
     intensity, colours = scene.get("intensity"), scene.get("rgb")
     if intensity is not None:
         attributes[:, 1] = rank(means(row, intensity[keep, None], n)[:, 0])
     if colours is not None:
         attributes[:, 2:] = means(row, colours[keep] / 255.0, n)
-    return np.hstack([balls[:, chosen], attributes]).astype(np.float32)
+    return out
 
 
 def rank(values: NDArray[np.float64]) -> NDArray[np.float64]:
