@@ -33,6 +33,7 @@ from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import marking
 from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
+from mlsroad_pipeline.algorithms.models.grouped_decision import decide
 from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk
 from mlsroad_pipeline.algorithms.scenes.binning import cut_range
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
@@ -110,8 +111,10 @@ def run_stages() -> None:
         source=street.source,
     )
     ground = find_ground(scene, GroundParameters())
-    voxels = compute_voxel_features(scene.xyz, height=np.zeros(len(scene)), intensity=scene["intensity"])
+    levels = np.arange(len(scene), dtype=np.float32)
+    voxels = compute_voxel_features(scene.xyz, height=ground["height"], intensity=levels)
     smooth_by_cells(voxels, _ONE_TREE.scores(voxels.values), level=1)
+    decide(np.ones((1, 2)), np.arange(2))
     _run_network(scene, ground)
     labels, heights = np.where(ground["ground"], 0, 1).astype(np.int16), ground["height"]
     rules = {"pole": ObjectRule("pole", (1,), 0.3, split_spacing=1.0)}
