@@ -18,10 +18,9 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground, SupervoxelPartition, SupervoxelTable
 from mlsroad_pipeline.algorithms.features.supervoxel_features import compute_supervoxel_features
-from mlsroad_pipeline.algorithms.geometry.voxels.grid import VoxelGrid
 from mlsroad_pipeline.algorithms.ground.surface import height_above_ground
 from mlsroad_pipeline.algorithms.ground.upward_growing import classify_ground
-from mlsroad_pipeline.algorithms.supervoxels.vccs import segment_supervoxels
+from mlsroad_pipeline.algorithms.supervoxels.vccs import Supervoxels, segment_supervoxels
 
 
 def inliers(scene: PointCloud) -> NDArray[np.bool_]:
@@ -137,8 +136,8 @@ def build_supervoxels(scene: PointCloud, parameters: SupervoxelParameters) -> Su
     return _partition(scene, parameters)[0]
 
 
-def _partition(scene: PointCloud, parameters: SupervoxelParameters) -> tuple[SupervoxelPartition, VoxelGrid]:
-    """Return the supervoxels of a scene, and the voxels that they consist of."""
+def _partition(scene: PointCloud, parameters: SupervoxelParameters) -> tuple[SupervoxelPartition, Supervoxels]:
+    """Return the supervoxels of a scene, and those of its inliers with their voxels."""
     keep = inlier_rows(scene)
     colours = scene.get("rgb")
     use_colour = colours is not None and parameters.colour_weight > 0
@@ -147,7 +146,7 @@ def _partition(scene: PointCloud, parameters: SupervoxelParameters) -> tuple[Sup
     )
     labels = np.full(len(scene), -1, dtype=np.int32)
     labels[keep] = supervoxels.labels
-    return {"labels": labels, "adjacency": supervoxels.adjacency}, supervoxels.grid
+    return {"labels": labels, "adjacency": supervoxels.adjacency}, supervoxels
 
 
 def describe_supervoxels(
@@ -207,8 +206,8 @@ def supervoxels_with_features(
     DataError
         If a coordinate is NaN or infinite, or the ground belongs to another scene.
     """
-    supervoxels, grid = _partition(scene, sizes)
-    voxels = grid.centroids if selection.ball_voxel_size == grid.voxel_size else None
+    supervoxels, segmented = _partition(scene, sizes)
+    voxels = segmented.grid.centroids if selection.ball_voxel_size == segmented.grid.voxel_size else None
     return supervoxels, _described(scene, ground, supervoxels, selection, voxels)
 
 
