@@ -232,7 +232,7 @@ def card(
         "leaning poles, and with some poles labelled tree and some trunks labelled pole. Vehicles were also learned",
         "from each street with gaps that cut them. Moving vehicles are true objects here,",
         "although most are stretched by their motion and cannot be found whole.",
-        "No recording was used.",
+        "No recording was trained on. That poles lean and are labelled tree was seen on Oakland.",
         f"Seeds {', '.join(str(c['seed']) for c in SURVEYS.values())}; scanners",
         f"{', '.join(sorted({preset for c in SURVEYS.values() for preset in c['presets']}))}.",
         "",
