@@ -2,7 +2,7 @@
 
     kedro run --env=recordings
     python benchmarks/learning_curves.py [--sources NAME...] [--seeds 0 1 2 3 4] [--answers 10 50 200] [--json FILE]
-        [--unseen FOLDER] [--model pool]
+        [--unseen FOLDER] [--model pool|dense|sparse]
 
 A simulated user answers from the reference of the recordings of conf/recordings. An answer is one segment of the
 training part (`boosted_trees.segments`): its class, if at least 80 % of its labelled points are of one common class,
@@ -11,7 +11,8 @@ It is scored on the test part, of which nothing is ever shown: mean IoU over the
 A random order draws from the same segments. The order of review is made anew at 10 and at 50 answers.
 
 The model is the shipped `general`; for PandaSet and ika, which it was trained on, a model of simulated streets alone.
-With `--model pool` the trees of the shipped pool learn; their voxels get the mean probabilities of the network's
+With `--model dense` or `sparse`, the shipped forests, boosted trees that correct the forest learn. With `--model pool`
+the trees of the shipped pool learn; their voxels get the mean probabilities of the network's
 superpoints, and both are pooled as in the pool. `--unseen` names the folder of the model of streets alone, which is
 filled by training on `data/05_model_input/general` (`kedro run --env=general`) if it is missing; 20 minutes of one
 core.
@@ -33,8 +34,11 @@ from forest_trials import configured
 from general_model import train
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.continuation import Answer, continue_training
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.answer_boosting import Answer, Scored
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.continuation import continue_training
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.corrected import added_trees, learn_corrections, voxel_scores
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import describe_scene, softmax
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG as BOOSTED_TREES
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.segments import (
     LEAST,
     Segments,
@@ -88,10 +92,18 @@ class Recording:
     lost: NDArray[np.int64]
     raw: NDArray[np.float64]
     network: NDArray[np.float64] | None
+    """What the network of a pool adds; None for a model without one."""
+
+    @property
+    def is_corrected(self) -> bool:
+        """Whether trees learn that correct the model, in place of its own ones."""
+        return self.bundle.slug != BOOSTED_TREES
 
     def probabilities(self, added: NDArray[np.float64] | float = 0.0) -> NDArray[np.float64]:
         """Return smoothed probabilities, as the labeller does."""
         found = softmax(self.raw + added)
+        if self.is_corrected:
+            return found
         parameters = self.bundle.metadata["parameters"]["boosted_trees"]
         first = 0
         for scene in self.scenes:
@@ -130,10 +142,12 @@ def read(source: Source, bundle: ModelBundle, folder: Path, network: ModelBundle
     ground = GroundParameters(**bundle.metadata["parameters"]["ground"])
     scenes, parts, lost = [], [], np.zeros(len(COMMON), np.int64)
     added: list[NDArray[np.float64]] = []
+    base: list[NDArray[np.float64]] = []
     for key, handle in SceneCollection(store, records).items():
         cloud = handle.load()
         plain = cloud.without_columns(["label", "part"])
-        found, keep = describe_scene(plain, ground_of(plain, ground)), inliers(plain)
+        described = ground_of(plain, ground)
+        found, keep = describe_scene(plain, described), inliers(plain)
         truth, part = COMMON.encode(cloud["label"], source=key), cloud["part"]
         world, pose = cloud.world_xyz()[keep], source.pose(key.partition(".")[2])
         if pose is not None:
@@ -145,10 +159,14 @@ def read(source: Source, bundle: ModelBundle, folder: Path, network: ModelBundle
         lost += np.bincount(truth[(part == TEST) & ~keep & (truth >= 0)], minlength=len(COMMON))
         if network is not None:
             added.append(NETWORK_WEIGHT * _network_scores(plain, ground, network, keep, found))
+        if bundle.slug != BOOSTED_TREES:
+            owner = np.full(len(cloud), -1, np.int64)
+            owner[keep] = found.owner
+            base.append(voxel_scores(bundle, plain.with_columns(**described), owner, n))
         parts.append((found.values, np.stack(places, axis=1), shown, *counts))
         scenes.append(replace(found, values=found.values[:0]))
     values, xyz, shown, answers, truth = (np.concatenate(each) for each in zip(*parts, strict=True))
-    raw = BoostedTrees.from_arrays(bundle.arrays).scores(values)
+    raw = np.concatenate(base) if base else BoostedTrees.from_arrays(bundle.arrays).scores(values)
     joined = np.concatenate(added) if added else None
     return Recording(source, bundle, scenes, values, xyz, shown, answers, truth, lost, raw, joined)
 
@@ -180,7 +198,8 @@ class User:
     def __init__(self, recording: Recording) -> None:
         self.recording = recording
         self.rows = np.flatnonzero(recording.shown)
-        self.replay = read_replay(recording.bundle)
+        self.general = load_shipped("general")
+        self.replay = read_replay(self.general)
         self.segments = self._segments(recording.probabilities())
         self.truth = np.stack(
             [np.bincount(self.segments.owner, weights=recording.answers[self.rows, c]) for c in range(len(COMMON))], 1
@@ -206,14 +225,29 @@ class User:
             counts = self.truth[segment]
             if counts.sum() > 0 and counts.max() >= PURE * counts.sum():
                 voxels = self.rows[self.segments.owner == segment]
-                answers.append(Answer(values[voxels], MEMBERS[int(counts.argmax())]))
+                answers.append(Answer(values[voxels], MEMBERS[int(counts.argmax())], own.raw[voxels]))
         rng = np.random.default_rng(seed)
         rest = rng.permutation(self.rows[~np.isin(self.segments.owner, asked)])[:SAMPLED]
+        if own.is_corrected:
+            return self._correct(answers, rest).scores(values)
         model = continue_training(own.bundle, answers, values[rest], self.replay)
-        return added_trees(model, own.bundle).scores(values)
+        return trees_after(model, own.bundle).scores(values)
+
+    def _correct(self, answers: list[Answer], rest: NDArray[np.int64]) -> BoostedTrees:
+        """Return trees that correct the model, as `mlsroad learn` adds them."""
+        own, trees = self.recording, BoostedTrees.from_arrays(self.general.arrays)
+        survey = Scored(own.values[rest], own.raw[rest])
+        arrays = self.general.arrays
+        scores = trees.scores(self.replay.values) / arrays["temperature"] + arrays["offsets"]
+        replayed = Scored(self.replay.values, scores)
+        model = learn_corrections(own.bundle, answers, survey, (self.replay, replayed), trees=trees, voxel_size=0.2)
+        found = added_trees(model)
+        if found is None:
+            raise SystemExit("nothing was learned")
+        return found
 
 
-def added_trees(model: ModelBundle, before: ModelBundle) -> BoostedTrees:
+def trees_after(model: ModelBundle, before: ModelBundle) -> BoostedTrees:
     """Return the trees of a model after those of another one."""
     both, old = (BoostedTrees.from_arrays(bundle.arrays) for bundle in (model, before))
     nodes = len(old.feature)
@@ -276,7 +310,7 @@ def main() -> None:
     parser.add_argument("--answers", type=int, nargs="+", default=[10, 50, 200])
     parser.add_argument("--scenes", type=Path, default=ROOT / SCENES)
     parser.add_argument("--unseen", type=Path, default=ROOT / "data/06_models/learning_curves/simulated")
-    parser.add_argument("--model", default="general", choices=("general", "pool"))
+    parser.add_argument("--model", default="general", choices=("general", "pool", "dense", "sparse"))
     parser.add_argument("--json", type=Path, help="results; recordings and seeds that it holds are not run again")
     options = parser.parse_args()
     logging.disable(logging.WARNING)
@@ -290,7 +324,8 @@ def main() -> None:
             continue
         shipped = load_shipped(options.model)
         members = members_of(shipped) if options.model == "pool" else {TREES: shipped}
-        bundle = unseen_model(options.unseen) if name in TRAINED_ON else members[TREES]
+        seen = name in TRAINED_ON and members[TREES].slug == BOOSTED_TREES
+        bundle = unseen_model(options.unseen) if seen else members[TREES]
         user = User(read(source, bundle, options.scenes, members.get(NETWORK)))
         start = user.recording.probabilities()
         mean, iou = user.recording.mean_iou(start)

@@ -288,6 +288,36 @@ def test_learn_continues_the_model_and_keeps_the_corrections(forked, labelled, f
     assert refused.returncode == 1 and "corrections.sqlite is damaged" in " ".join(refused.stderr.split())
 
 
+def test_a_model_of_another_method_learns_with_trees_that_correct_it(labelled, folder, tmp_path):
+    from mlsroad_pipeline.algorithms.models.labelling import label_softly
+    from mlsroad_pipeline.corrections import Correction, open_corrections
+    from mlsroad_pipeline.corrections.labelled_output import LabelledOutput
+    from mlsroad_pipeline.corrections.learning import learn_from
+    from mlsroad_pipeline.datasets.models.shipped_models import load_shipped
+    from mlsroad_pipeline.formats.registry import get_format
+
+    assert labelled.returncode == 0
+    shutil.copytree(folder / "one, two_mlsroad", tmp_path / "out")
+    output, parent = LabelledOutput.at(tmp_path / "out"), {"name": "dense", "version": ""}
+    survey = tmp_path / "out" / "one, two.laz"
+    cloud = get_format(survey).read(survey, output.read_options())
+    forest = load_shipped("dense")
+    before = label_softly(forest, cloud).labels
+    painted = np.flatnonzero(before == forest.classes.index("paved ground"))[:2000]
+    with open_corrections(tmp_path / "out") as store:
+        for part in np.split(painted, 10):
+            payload = {"file": "one, two.laz", "points": part.tolist(), "class": "natural ground"}
+            store.add(Correction("paint", payload=payload), who="ann")
+    model, n_answers = learn_from(forest, [output], parent=parent)
+    again, _ = learn_from(model, [output], parent={"name": "corrected", "version": "1"})
+    assert (model.slug, n_answers, model.metadata["trained_on"]["corrections"]) == ("corrected", 10, 10)
+    assert [entry["parent"]["name"] for entry in again.metadata["learned"]] == ["dense", "corrected"]
+    assert again.metadata["trained_on"]["corrections"] == 20
+    after = label_softly(model, cloud).labels
+    assert (after[painted] == forest.classes.index("natural ground")).mean() > 0.5
+    assert (before[painted] == after[painted]).mean() < 0.5 < (before == after).mean()
+
+
 def test_added_objects_alone_train_the_judge(labelled, folder, tmp_path):
     from mlsroad_pipeline.corrections import Correction, open_corrections
     from mlsroad_pipeline.corrections.labelled_output import LabelledOutput

@@ -64,8 +64,8 @@ def test_points_of_objects_and_painted_points(named, tmp_path):
 def test_outputs_that_cannot_learn_are_refused_by_name(tmp_path):
     with pytest.raises(ReadError, match="holds no finished results of label"):
         LabelledOutput.at(tmp_path)
-    record = {"summary": {"method": "patch_graph", "model": {"name": "m", "version": "2"}}}
-    with pytest.raises(ParameterError, match="labelled by patch_graph, which cannot learn from corrections"):
+    record = {"summary": {"method": "fusion", "model": {"name": "m", "version": "2"}}}
+    with pytest.raises(ParameterError, match="labelled by fusion, which labels through images and cannot learn"):
         check_learnable(LabelledOutput(tmp_path, record))
     (tmp_path / ".mlsroad" / "x").mkdir(parents=True)
     (tmp_path / ".mlsroad" / "x" / "run.json").write_text("{")

@@ -9,20 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.continuation import (
-    Answer,
-    ContinuationParameters,
-    continue_training,
-)
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.answer_boosting import Answer, ContinuationParameters, Scored
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.fusion.pool import SLUG as POOL
-from mlsroad_pipeline.algorithms.fusion.pool import TREES, members_of, with_trees
 from mlsroad_pipeline.algorithms.inventory.candidate_labels import candidate_rules
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.judge_continuation import continue_judge
+from mlsroad_pipeline.algorithms.models.methods import needs_images
 from mlsroad_pipeline.corrections.answers import (
     NamedClasses,
     answers_of_file,
@@ -30,6 +24,7 @@ from mlsroad_pipeline.corrections.answers import (
     unmatched_strokes,
 )
 from mlsroad_pipeline.corrections.labelled_output import LabelledOutput
+from mlsroad_pipeline.corrections.learners import Learner, learner_of
 from mlsroad_pipeline.corrections.object_answers import (
     DecidedObject,
     RatedCandidates,
@@ -41,7 +36,6 @@ from mlsroad_pipeline.corrections.states import States
 from mlsroad_pipeline.corrections.store import has_corrections, open_corrections
 from mlsroad_pipeline.corrections.tiles import TileGrid
 from mlsroad_pipeline.datasets.models.object_judges import judge_of, read_judge_replay, with_judge
-from mlsroad_pipeline.datasets.models.replay import read_replay
 from mlsroad_pipeline.formats.las.header import read_header
 from mlsroad_pipeline.formats.registry import get_format
 
@@ -54,7 +48,7 @@ class Voxels(NamedTuple):
     """Voxels of the corrected tiles of a file: those of each answer, by what it is about, and all others."""
 
     answers: dict[tuple[str, int], Answer]
-    survey: NDArray[np.float32]
+    survey: Sequence[Scored]
 
 
 class Learned(NamedTuple):
@@ -64,14 +58,14 @@ class Learned(NamedTuple):
     ----------
     answers : list of Answer
         Voxels of each answer, with the classes that it allows.
-    survey : ndarray of float32, shape (v, f)
-        Voxels of the corrected tiles without an answer.
+    survey : list of Scored
+        Voxels of the corrected tiles without an answer, a part per file.
     objects : list of RatedCandidates
         Candidate objects that answers are about.
     """
 
     answers: list[Answer]
-    survey: NDArray[np.float32]
+    survey: list[Scored]
     objects: list[RatedCandidates]
 
 
@@ -86,21 +80,16 @@ class _Decisions(NamedTuple):
 
 
 def check_learnable(output: LabelledOutput) -> None:
-    """Raise ParameterError for an output whose method cannot continue from corrections."""
-    if output.method not in (SLUG, POOL):
+    """Raise ParameterError for an output whose method labels points through images."""
+    if needs_images(output.method):
         raise ParameterError(
-            f"{output.path} was labelled by {output.method}, which cannot learn from corrections: label it with the "
-            f"model general, or add labelled files to survey.splits.train and run kedro run --pipelines={output.method}"
+            f"{output.path} was labelled by {output.method}, which labels through images and cannot learn from "
+            "corrections: label it with another model, such as the default one"
         )
 
 
-def trees_of(bundle: ModelBundle) -> ModelBundle:
-    """Return the boosted trees of a model that can learn: the model itself, or a member of a pool."""
-    return members_of(bundle)[TREES] if bundle.slug == POOL else bundle
-
-
 def corrected_parts(
-    output: LabelledOutput, bundle: ModelBundle, *, progress: Callable[[str], None] | None = None
+    output: LabelledOutput, bundle: ModelBundle, learner: Learner, *, progress: Callable[[str], None] | None = None
 ) -> Learned:
     """Return the voxels and candidate objects that the corrections of an output are about, and a sample of the others.
 
@@ -114,22 +103,33 @@ def corrected_parts(
     if strange:
         logger.warning("%d strokes are about files with other points and are left out", len(strange))
     answers: dict[tuple[str, int], list[Answer]] = {}
-    survey, objects = [], []
+    survey: list[Scored] = []
+    objects: list[RatedCandidates] = []
     for name, path in clouds.items():
         if progress is not None:
             progress(name)
         cloud = get_format(path).read(path, output.read_options())
-        found, rated = _of_file(name, cloud, decisions, bundle)
+        found, rated = _of_file(name, cloud, decisions, bundle, learner)
         for about, answer in found.answers.items():
             answers.setdefault(about, []).append(answer)
-        survey.append(found.survey)
+        survey += found.survey
         objects += rated
     if not answers and not objects:
         raise DataError(
             f"{output.path} has no corrected points to learn from: accept or correct objects, or paint points"
         )
-    joined = [Answer(np.concatenate([part.values for part in parts]), parts[0].classes) for parts in answers.values()]
-    return Learned(joined, np.concatenate(survey), objects)
+    return Learned([_joined_answer(parts) for parts in answers.values()], survey, objects)
+
+
+def _joined_answer(parts: Sequence[Answer]) -> Answer:
+    """Return one answer of its voxels in several files or tiles."""
+    whole = joined([Scored(part.values, part.scores) for part in parts if part.scores is not None])
+    return Answer(whole.values, parts[0].classes, whole.scores)
+
+
+def joined(parts: Sequence[Scored]) -> Scored:
+    """Return the voxels of several parts."""
+    return Scored(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
 def _decisions_about(output: LabelledOutput, bundle: ModelBundle) -> _Decisions:
@@ -146,7 +146,7 @@ def _decisions_about(output: LabelledOutput, bundle: ModelBundle) -> _Decisions:
 
 
 def _of_file(
-    name: str, cloud: PointCloud, decisions: _Decisions, bundle: ModelBundle
+    name: str, cloud: PointCloud, decisions: _Decisions, bundle: ModelBundle, learner: Learner
 ) -> tuple[Voxels, list[RatedCandidates]]:
     """Return the voxels of a file, and the candidates of its tiles with the answers about them."""
     numbers = cloud.get("object_id")
@@ -154,23 +154,35 @@ def _of_file(
     given = answers_of_file(name, object_id, decisions.states, decisions.of_objects, decisions.named)
     grid = TileGrid(cloud)
     objects = TileObjects(grid, object_id, decisions.decided, decisions.states.added)
-    values: list[list[NDArray[np.float32]]] = [[] for _ in given.classes]
-    trees = trees_of(bundle)
-    survey, rated = [np.zeros((0, len(trees.metadata["feature_names"])), np.float32)], []
+    parts: list[list[Scored]] = [[] for _ in given.classes]
+    survey: list[Scored] = []
+    rated: list[RatedCandidates] = []
     cells = np.concatenate([grid.cell[given.answer >= 0], objects.cells])
-    for tile in grid.described(cells, trees):
+    for tile in grid.described(cells, ground=learner.ground, voxel_size=learner.voxel_size):
         features, owner = tile.voxels.values, tile.voxels.owner.astype(np.int64)
+        scores = learner.scores(tile)
         answer = np.where(tile.core, given.answer[tile.rows], -1)
         of_voxel, inside = _majority(owner, answer, tile.core, len(features), len(given.classes))
         for k in np.unique(of_voxel[of_voxel >= 0]).tolist():
-            values[k].append(features[of_voxel == k])
-        survey.append(features[(of_voxel < 0) & inside])
+            parts[k].append(Scored(features[of_voxel == k], scores[of_voxel == k]))
+        others = (of_voxel < 0) & inside
+        survey.append(Scored(features[others], scores[others]))
         rated += objects.rated(tile, bundle, decisions.rules)
-    others = np.concatenate(survey)
-    drawn = np.random.default_rng(2026).permutation(len(others))[:_SURVEY]
-    known = zip(given.about, values, given.classes, strict=True)
-    answers = {about: Answer(np.concatenate(own), classes) for about, own, classes in known if own}
-    return Voxels(answers, others[drawn]), rated
+    known = zip(given.about, parts, given.classes, strict=True)
+    answers = {
+        about: Answer(whole.values, classes, whole.scores)
+        for about, whole, classes in ((about, joined(own), classes) for about, own, classes in known if own)
+    }
+    return Voxels(answers, _sample(survey)), rated
+
+
+def _sample(parts: Sequence[Scored]) -> list[Scored]:
+    """Return at most `_SURVEY` voxels of the tiles of a file; none for a file without a tile."""
+    if not parts:
+        return []
+    whole = joined(parts)
+    drawn = np.random.default_rng(2026).permutation(len(whole.values))[:_SURVEY]
+    return [Scored(whole.values[drawn], whole.scores[drawn])]
 
 
 def _majority(
@@ -202,19 +214,16 @@ def learn_from(
     """
     for output in outputs:
         check_learnable(output)
-    trees = trees_of(bundle)
-    replay = read_replay(trees)
-    parts = [corrected_parts(output, bundle, progress=progress) for output in outputs]
+    learner = learner_of(bundle)
+    parts = [corrected_parts(output, bundle, learner, progress=progress) for output in outputs]
     answers = [answer for part in parts for answer in part.answers]
-    survey = np.concatenate([part.survey for part in parts])
     from_outputs = {"parent": dict(parent), "surveys": [output.path.name for output in outputs]}
     entry: dict[str, Any] = {"answers": 0, **from_outputs}
+    model = bundle
     if answers:  # added objects alone have no points to learn labels from
-        trees = continue_training(trees, answers, survey, replay, parameters=parameters, learned_from=from_outputs)
-        entry = dict(trees.metadata["learned"][-1])
-    model = trees
-    if bundle.slug == POOL:
-        model = with_trees(bundle, trees)
+        survey = joined([of_file for part in parts for of_file in part.survey])
+        model = learner.learned(answers, survey, parameters=parameters, learned_from=from_outputs)
+        entry = dict(model.metadata["learned"][-1])
     rated = [found for part in parts for found in part.objects]
     model = with_judge(model, continue_judge(judge_of(bundle), joined_answers(rated), read_judge_replay()))
     own = {name: value for name, value in model.metadata.items() if name not in ("shipped", "registered", "stored")}

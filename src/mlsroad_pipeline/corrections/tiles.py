@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import describe_scene, parameters_of
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import describe_scene
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.features.voxel_scales import VoxelFeatures
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.stages import find_ground
 
 TILE, MARGIN = 30.0, 15.0
@@ -40,7 +39,7 @@ class Tile:
     voxels : VoxelFeatures
         Features of the voxels, and the voxel of each point.
     scene : PointCloud
-        The points with their intensity.
+        The points with their intensity and colour.
     """
 
     cell: tuple[int, int]
@@ -72,7 +71,7 @@ class TileGrid:
         local = np.asarray(xy, np.float64).reshape(-1, 2) - self._cloud.origin[:2]
         return np.floor((local - self._corner) / TILE).astype(np.int64)
 
-    def described(self, cells: NDArray[np.int64], bundle: ModelBundle) -> Iterator[Tile]:
+    def described(self, cells: NDArray[np.int64], *, ground: GroundParameters, voxel_size: float) -> Iterator[Tile]:
         """Yield the tiles of cells, each once; tiles without points are left out."""
         cloud, xy = self._cloud, self._xy
         usable = np.ones(len(cloud), np.bool_) if "classification" not in cloud else cloud["classification"] != _NOISE
@@ -82,14 +81,18 @@ class TileGrid:
             rows = np.flatnonzero(usable & near)
             core = (self.cell[rows] == place).all(axis=1)
             if core.any():
-                yield _described((int(place[0]), int(place[1])), cloud, rows, core, bundle)
+                yield _described((int(place[0]), int(place[1])), cloud.select(rows), rows, core, ground, voxel_size)
 
 
 def _described(
-    cell: tuple[int, int], cloud: PointCloud, rows: NDArray[np.int64], core: NDArray[np.bool_], bundle: ModelBundle
+    cell: tuple[int, int],
+    part: PointCloud,
+    rows: NDArray[np.int64],
+    core: NDArray[np.bool_],
+    parameters: GroundParameters,
+    voxel_size: float,
 ) -> Tile:
-    part = cloud.select(rows)
-    plain = part.without_columns(set(part.columns) - {"intensity"})
-    ground = find_ground(plain, GroundParameters(**bundle.metadata["parameters"]["ground"]))
-    found = describe_scene(plain, ground, voxel_size=parameters_of(bundle).voxel_size)
+    plain = part.without_columns(set(part.columns) - {"intensity", "rgb"})
+    ground = find_ground(plain, parameters)
+    found = describe_scene(plain, ground, voxel_size=voxel_size)
     return Tile(cell, rows, core, ground["ground"], ground["height"], found, plain)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.continuation import Replay
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.answer_boosting import Replay
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.algorithms.features.voxel_scales import voxel_feature_names
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
@@ -69,8 +69,7 @@ def read_replay(bundle: ModelBundle, path: Path = FILE) -> Replay:
         raise ReadError(f"{path} is missing or damaged: install mlsroad_pipeline again") from error
     if arrays["classes"].tolist() != list(bundle.metadata["classes"]):
         raise ParameterError(
-            f"model {bundle.slug!r} has other classes than the shipped models: it cannot learn from corrections; add "
-            f"labelled files to survey.splits.train and run kedro run --pipelines={bundle.slug}"
+            f"model {bundle.slug!r} has other classes than the shipped models: there are no training voxels for it"
         )
     if arrays["features"].tolist() != bundle.metadata["feature_names"]:
         raise ParameterError(f"model {bundle.slug!r} has other features than this version: train it again")

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.continuation import (
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.answer_boosting import (
     Answer,
     ContinuationParameters,
     Replay,
-    continue_training,
 )
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.continuation import continue_training
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import softmax
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import BoostedTreesParameters
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.segments import find_segments, order_of_questions
@@ -96,7 +96,7 @@ def test_the_shipped_replay_is_for_the_classes_of_the_shipped_model():
     probabilities = softmax(BoostedTrees.from_arrays(general.arrays).scores(replay.values))
     assert (probabilities * replay.allowed).sum(axis=1).mean() > 0.7  # the model knows what it was trained on
     other = ModelBundle("boosted_trees", general.arrays, {**general.metadata, "classes": ["a"]})
-    with pytest.raises(ParameterError, match=r"has other classes .* kedro run --pipelines=boosted_trees"):
+    with pytest.raises(ParameterError, match="has other classes than the shipped models"):
         read_replay(other)
 
 
