@@ -52,6 +52,15 @@ def run_jobs(jobs: Sequence[SceneJob], execution: Execution) -> Generator[Outcom
     yield from runners[execution.backend](jobs, execution)
 
 
+def is_local(execution: Execution) -> bool:
+    """Return whether the workers are this process or processes that it starts, with the same installation."""
+    if execution.backend != "dask":
+        return True
+    from mlsroad_pipeline.execution.dask_cluster import is_on_this_machine  # noqa: PLC0415  # imports Dask, 0.5 s
+
+    return is_on_this_machine(execution)
+
+
 def _run_here(jobs: Sequence[SceneJob], execution: Execution) -> Generator[Outcome, None, None]:
     with _shared_limit.hold():
         if execution.backend == "sequential":
@@ -120,8 +129,15 @@ class _Counted:
 def warm_workers(execution: Execution, function: str) -> None:
     """Start the process pool of the stages and call a function, given by its dotted name, once in each worker.
 
-    Call it in a thread of its own: it blocks SIGINT there, and in the workers.
+    Call it in a thread of its own: it blocks SIGINT there, and in the workers. Workers of Dask are started only: those
+    that the server has forked are warm.
     """
+    if execution.backend == "dask":
+        from mlsroad_pipeline.execution.local_cluster import kept_cluster  # noqa: PLC0415  # imports Dask, 0.5 s
+
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        with kept_cluster(execution.n_local_workers):
+            return
     if fork_server.is_started():
         set_start_method(fork_server.START_METHOD, force=True)
     with fork_server.no_standard_error():  # after an interrupt it prints tracebacks

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import itertools
 import logging
-import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError
@@ -14,11 +13,11 @@ from queue import Empty, Queue
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
-from distributed import Client, Future, LocalCluster, Security, default_client
+from distributed import Client, Future, default_client
 from distributed.comm.core import CommClosedError
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
-from mlsroad_pipeline.execution.scratch import scratch_folder
+from mlsroad_pipeline.execution.local_cluster import cluster_of, kept_cluster
 from mlsroad_pipeline.execution.settings import Execution
 from mlsroad_pipeline.execution.worker import Outcome, SceneJob, run_scene
 
@@ -30,7 +29,9 @@ CONNECT_SECONDS = 30
 WORKER_SECONDS = 60
 """Longest wait for a worker, at the start and whenever all have left."""
 
-POLL_SECONDS = 2
+POLL_SECONDS = 1
+"""Seconds between two looks at the workers while no scene ends."""
+
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _LOST = (CancelledError, CommClosedError, OSError, RuntimeError)
 """Errors of a client whose scheduler is gone; distributed raises all of these."""
@@ -63,6 +64,7 @@ def run_on_cluster(jobs: Sequence[SceneJob], execution: Execution) -> Iterator[E
 def _run(client: Client, jobs: Sequence[SceneJob], execution: Execution) -> Iterator[Ended]:
     address, seen = _address(client, execution), time.monotonic()
     waiting, open_jobs, ended = iter(jobs), dict[Future, SceneJob](), Queue[Future]()
+    kept = cluster_of(client)
 
     def submit(number: int | None) -> None:
         for job in itertools.islice(waiting, number):
@@ -73,17 +75,19 @@ def _run(client: Client, jobs: Sequence[SceneJob], execution: Execution) -> Iter
     try:
         submit(execution.n_workers)
         while open_jobs:
+            if kept is not None:
+                kept.replace_ended()
             try:
                 future = ended.get(timeout=POLL_SECONDS)
             except Empty:
                 seen = time.monotonic() if _n_workers(client) else seen
                 if time.monotonic() - seen > WORKER_SECONDS:
-                    raise ClusterError(_no_worker(address)) from None
+                    raise ClusterError(_no_worker(address, kept=kept is not None)) from None
                 continue
             job, seen = open_jobs.pop(future), time.monotonic()
+            submit(1)  # first, so that the worker does not wait for the caller
             error = future.exception()
             yield Ended(job.key, None if error else future.result(), error)
-            submit(1)
     except ClusterError:
         raise
     except _LOST as error:
@@ -96,11 +100,27 @@ def _run(client: Client, jobs: Sequence[SceneJob], execution: Execution) -> Iter
             client.cancel(list(open_jobs))
 
 
+def is_on_this_machine(execution: Execution) -> bool:
+    """Return whether the stages of these settings run on the kept cluster, whose workers have this installation."""
+    if execution.scheduler is not None:
+        return False
+    try:
+        default_client()
+    except ValueError:
+        return True
+    return False
+
+
 def _n_workers(client: Client) -> int:
     return len(client.scheduler_info(n_workers=-1)["workers"])
 
 
-def _no_worker(address: str) -> str:
+def _no_worker(address: str, *, kept: bool = False) -> str:
+    if kept:
+        return (
+            f"no worker process of the Dask cluster on this machine has started within {WORKER_SECONDS} s: provide more "
+            "memory, or use the backend loky"
+        )
     return (
         f"the Dask scheduler {address} has had no worker for {WORKER_SECONDS} s: start some with "
         f"`dask worker {address} --nthreads 1`, then the same command continues"
@@ -111,7 +131,7 @@ def _await_worker(client: Client, address: str) -> None:
     try:
         client.wait_for_workers(1, timeout=WORKER_SECONDS)
     except TimeoutError:
-        raise ClusterError(_no_worker(address)) from None
+        raise ClusterError(_no_worker(address, kept=cluster_of(client) is not None)) from None
 
 
 def _address(client: Client, execution: Execution) -> str:
@@ -120,39 +140,17 @@ def _address(client: Client, execution: Execution) -> str:
 
 @contextmanager
 def _connected(execution: Execution) -> Iterator[Client]:
-    """Yield a client of the scheduler, the current client, or one of a new cluster of this machine.
-
-    Processes of the new cluster listen on the loopback interface with TLS, so that no other user of the machine can
-    send them code.
-    """
+    """Yield a client of the scheduler, the current client, or that of the kept cluster of this machine."""
     if execution.scheduler is not None:
         _warn_of_open_ports(execution.scheduler)
         with _client(execution.scheduler) as client:
             yield client
         return
-    try:
-        current = default_client()
-    except ValueError:
-        current = None
-    if current is not None:
-        yield current
+    if not is_on_this_machine(execution):
+        yield default_client()
         return
-    with (
-        tempfile.TemporaryDirectory(dir=scratch_folder()) as folder,
-        LocalCluster(
-            n_workers=execution.n_local_workers,
-            threads_per_worker=1,
-            memory_limit=0,
-            host=LOOPBACK[0],
-            protocol="tls://",
-            security=Security.temporary(),
-            dashboard_address=None,
-            local_directory=folder,
-            env={"NUMBA_NUM_THREADS": "1"},
-        ) as cluster,
-        Client(cluster, set_as_default=False) as client,
-    ):
-        yield client
+    with kept_cluster(execution.n_local_workers) as cluster:
+        yield cluster.client
 
 
 @contextmanager

@@ -61,7 +61,7 @@ def start(preload: str, load_libraries: Callable[[], object] | None = None) -> b
             resource_tracker.ensure_running()  # it unblocks SIGINT
         os.environ[_DRIVER] = str(os.getpid())
         try:
-            with _interrupts_blocked(), _temporary_files_in(scratch_folder()):
+            with interrupts_blocked(), temporary_files_in(scratch_folder()):
                 if load_libraries is not None and _can_fork():
                     _with_one_thread(load_libraries)
                     _fork_server(preload)
@@ -191,7 +191,7 @@ def no_standard_error() -> Iterator[None]:
 
 
 @contextmanager
-def _temporary_files_in(folder: Path) -> Iterator[None]:
+def temporary_files_in(folder: Path) -> Iterator[None]:
     """Make multiprocessing create the folder of its sockets below another one, which is removed after a kill."""
     before = tempfile.tempdir
     tempfile.tempdir = str(folder)
@@ -202,7 +202,7 @@ def _temporary_files_in(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _interrupts_blocked() -> Iterator[None]:
+def interrupts_blocked() -> Iterator[None]:
     """Block SIGINT; a process that is started meanwhile, and its children, leave Ctrl-C to their driver."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

@@ -34,6 +34,8 @@ from mlsroad_pipeline.execution.task import SceneFailure, SceneTask, load_inputs
 PARENT_INTERVAL = 0.5
 """Seconds between two checks of a worker process that its driver is alive."""
 
+_is_settled = False
+
 
 @dataclass(frozen=True)
 class SceneJob:
@@ -129,7 +131,7 @@ def run_scene(job: SceneJob) -> Outcome:
             _check_installation(job.installation)
         job.store.check_held(job.token)
         if job.backend == "loky":
-            _settle()
+            settle()
             gc.enable()  # a worker that was not warmed up has inherited it disabled
         with _one_inner_thread(job.backend):
             inputs = load_inputs(job.task.inputs)
@@ -156,8 +158,10 @@ def _check_installation(expected: str) -> None:
         )
 
 
-def _settle() -> None:
-    """Bind the lifetime of a loky process to that of its driver, which alone handles Ctrl-C."""
+def settle() -> None:
+    """Bind the lifetime of a process for scenes alone to that of its driver, which alone handles Ctrl-C."""
+    global _is_settled  # noqa: PLW0603  # of this process
+    _is_settled = True
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _end_with_driver()
     _keep_worker()
@@ -165,7 +169,7 @@ def _settle() -> None:
 
 def warm_up(job: WarmUp) -> None:
     """Call the warm-up function in a process of loky."""
-    _settle()
+    settle()
     with Path(job.lock).open("w") as stream, _one_inner_thread("loky"):
         fcntl.flock(stream, fcntl.LOCK_EX)
         gc.disable()  # imports create many objects and no garbage
@@ -222,7 +226,7 @@ def _one_inner_thread(backend: str) -> Iterator[None]:
     """Limit libraries to one thread inside a scene, since the workers occupy all cores."""
     if backend in ("loky", "dask"):  # a process that runs scenes only
         _limit_to_one_thread()
-    if backend == "loky":
+    if _is_settled:  # in its main thread, too
         yield
         return
     # Import Numba only if it is loaded or being loaded by another thread; the import waits for that thread.

@@ -27,7 +27,7 @@ PRELOADED = "mlsroad_pipeline.label.preloaded"
 
 _PIPELINE = re.compile(r"(?:--pipelines?[= ]|-p ?)label(?: |$)")
 _WORKERS = re.compile(r"--workers[= ](\d+)")
-_SETTING = re.compile(r"execution\.(backend|n_workers)=(\w+)")
+_SETTING = re.compile(r"execution\.(backend|n_workers|scheduler)=(\w+)")
 
 
 def execution_of(arguments: Sequence[str]) -> Execution | None:
@@ -39,10 +39,13 @@ def execution_of(arguments: Sequence[str]) -> Execution | None:
     if not is_command and "mlsroad_pipeline" not in program and not ("kedro" in program and "run" in arguments):
         return None
     settings = dict(_SETTING.findall(line))
-    if not (is_command or _PIPELINE.search(line)) or settings.get("backend", "loky") != "loky":
+    if not (is_command or _PIPELINE.search(line)) or settings.get("backend", "loky") not in ("loky", "dask"):
+        return None
+    if "scheduler" in settings:  # workers elsewhere
         return None
     n_workers = "".join(_WORKERS.findall(line)[-1:]) or settings.get("n_workers", "")
-    return Execution(n_workers=int(n_workers) if re.fullmatch("[1-9][0-9]*", n_workers) else None)
+    n_processes = int(n_workers) if re.fullmatch("[1-9][0-9]*", n_workers) else None
+    return Execution(settings.get("backend", "loky"), n_processes)
 
 
 def _load_libraries() -> None:
@@ -50,6 +53,12 @@ def _load_libraries() -> None:
     from mlsroad_pipeline.label.warm_up import load_first_kernel  # noqa: PLC0415  # other commands need none of them
 
     load_first_kernel()
+
+
+def _load_libraries_and_dask() -> None:
+    """Load the libraries and Dask, which driver and workers share."""
+    _load_libraries()
+    import mlsroad_pipeline.execution.local_cluster  # noqa: F401, PLC0415  # loky needs no Dask
 
 
 class EarlyWorkersHooks:
@@ -71,7 +80,8 @@ class EarlyWorkersHooks:
         if execution is None:
             return
         gc.disable()
-        fork_server.start(PRELOADED, _load_libraries)
+        self._backend = execution.backend
+        fork_server.start(PRELOADED, _load_libraries_and_dask if self._backend == "dask" else _load_libraries)
         from mlsroad_pipeline.execution.backends import warm_workers  # noqa: PLC0415  # other commands need no joblib yet
 
         self._thread = threading.Thread(
@@ -101,10 +111,15 @@ class EarlyWorkersHooks:
         """Kill the workers; a regular shutdown takes half a second longer."""
         if self._thread is None:
             return
-        from joblib.externals.loky import get_reusable_executor  # noqa: PLC0415  # this module is imported first
-
         self._thread.join()
-        get_reusable_executor(reuse=True, kill_workers=True).shutdown(wait=True, kill_workers=True)
+        if self._backend == "dask":
+            from mlsroad_pipeline.execution.local_cluster import close  # noqa: PLC0415  # loky needs no Dask
+
+            close()
+        else:
+            from joblib.externals.loky import get_reusable_executor  # noqa: PLC0415  # this module is imported first
+
+            get_reusable_executor(reuse=True, kill_workers=True).shutdown(wait=True, kill_workers=True)
         self._ended = True
 
     def _end_unused(self) -> None:
