@@ -107,12 +107,15 @@ def digest(folder: Path) -> str:
     return found.hexdigest()
 
 
-def run_label(survey: Path, output: Path, env: str, method: str, backend: str, n_workers: int) -> dict[str, Any]:
+def run_label(
+    survey: Path, output: Path, env: str, method: str, backend: str, n_workers: int, scheduler: str | None = None
+) -> dict[str, Any]:
     """Label a survey in a fresh process and watch it."""
     command = [sys.executable, "-m", "kedro", "run", f"--env={env}", "--pipelines=label"]
     command.append(
         f"--params=label.survey={survey.parent},label.output={output},label.method={method},"
         f"execution.backend={backend},execution.n_workers={n_workers}"
+        + (f",execution.scheduler={scheduler}" if scheduler else "")
     )
     shutil.rmtree(output, ignore_errors=True)  # a finished run would not be repeated
     start, peak, used = time.perf_counter(), {"driver": 0, "workers": 0}, dict[int, float]()

@@ -136,8 +136,9 @@ def warm_workers(execution: Execution, function: str) -> None:
         from mlsroad_pipeline.execution.local_cluster import kept_cluster  # noqa: PLC0415  # imports Dask, 0.5 s
 
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        with kept_cluster(execution.n_local_workers):
-            return
+        with suppress(Exception), kept_cluster(execution.n_local_workers):  # the stages raise it
+            pass
+        return
     if fork_server.is_started():
         set_start_method(fork_server.START_METHOD, force=True)
     with fork_server.no_standard_error():  # after an interrupt it prints tracebacks

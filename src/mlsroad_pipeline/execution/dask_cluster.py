@@ -57,6 +57,8 @@ def run_on_cluster(jobs: Sequence[SceneJob], execution: Execution) -> Iterator[E
     reached or is lost, or if there is no worker for `WORKER_SECONDS`.
     """
     with _connected(execution) as client:
+        if (kept := cluster_of(client)) is not None:
+            kept.workers.replace_ended()
         _await_worker(client, _address(client, execution))
         yield from _run(client, jobs, execution)
 
@@ -76,7 +78,7 @@ def _run(client: Client, jobs: Sequence[SceneJob], execution: Execution) -> Iter
         submit(execution.n_workers)
         while open_jobs:
             if kept is not None:
-                kept.replace_ended()
+                kept.workers.replace_ended()
             try:
                 future = ended.get(timeout=POLL_SECONDS)
             except Empty:
@@ -118,8 +120,8 @@ def _n_workers(client: Client) -> int:
 def _no_worker(address: str, *, kept: bool = False) -> str:
     if kept:
         return (
-            f"no worker process of the Dask cluster on this machine has started within {WORKER_SECONDS} s: provide more "
-            "memory, or use the backend loky"
+            f"no worker process of the Dask cluster on this machine has started within {WORKER_SECONDS} s: provide "
+            "more memory, or use the backend loky"
         )
     return (
         f"the Dask scheduler {address} has had no worker for {WORKER_SECONDS} s: start some with "

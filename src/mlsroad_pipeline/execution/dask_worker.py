@@ -7,15 +7,16 @@ import gc
 import logging
 import os
 import queue
-import tempfile
 import threading
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
+from pathlib import Path
 from typing import Any
 
 import dask
 from distributed import Security, Worker
 
+from mlsroad_pipeline.execution.fork_server import temporary_files_in
 from mlsroad_pipeline.execution.worker import settle
 
 SETTINGS = {
@@ -30,6 +31,9 @@ SETTINGS = {
 }
 """Configuration of scheduler and workers without samples of stacks, dashboards and frequent measurements, which take
 processor time from the scenes."""
+
+CONNECT_SECONDS = 60
+"""Longest wait for the scheduler."""
 
 
 class MainThread(Executor):
@@ -65,28 +69,28 @@ class MainThread(Executor):
         self._calls.put(None)
 
 
-def serve(scheduler: str, security: Security, folder: str, name: int) -> None:
-    """Run a worker until its scheduler or its driver ends."""
+def serve(scheduler: str, security: Security, folder: str, host: str | None) -> None:
+    """Run a worker until its scheduler or its driver ends; raise no error if the scheduler cannot be reached."""
     settle()
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # the driver logs what is lost
     dask.config.set(SETTINGS)
     calls = MainThread()
 
     async def work() -> None:
-        # Without a thread of its own for the scene, the worker keeps one for messages.
         worker = Worker(
             scheduler,
             nthreads=1,
-            name=name,
             executor=calls,
             memory_limit=0,
-            host="127.0.0.1",
+            host=host,
             dashboard_address="127.0.0.1:0",
+            death_timeout=CONNECT_SECONDS,
             security=security,
             local_directory=folder,
         )
-        async with worker:
-            await worker.finished()
+        with temporary_files_in(Path(folder)):  # it writes its certificate for a moment
+            await worker
+        await worker.finished()
 
     def communicate() -> None:
         try:
@@ -94,7 +98,6 @@ def serve(scheduler: str, security: Security, folder: str, name: int) -> None:
         finally:
             os._exit(0)
 
-    tempfile.tempdir, before = folder, tempfile.tempdir
     threading.Thread(target=communicate, name="dask-worker", daemon=True).start()
     gc.freeze()
     gc.enable()

@@ -4,32 +4,24 @@ from __future__ import annotations
 
 import atexit
 import logging
-import multiprocessing
 import os
 import shutil
-import signal
 import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from multiprocessing.process import BaseProcess
-from typing import Any
 
 import dask
 from distributed import Client, LocalCluster, Security
 
-from mlsroad_pipeline.execution import fork_server
-from mlsroad_pipeline.execution.dask_worker import SETTINGS, serve
+from mlsroad_pipeline.execution.dask_worker import SETTINGS
+from mlsroad_pipeline.execution.fork_server import temporary_files_in
 from mlsroad_pipeline.execution.scratch import scratch_folder
-
-logger = logging.getLogger(__name__)
+from mlsroad_pipeline.execution.worker_processes import WorkerProcesses
 
 LOOPBACK = "127.0.0.1"
 CLOSE_SECONDS = 5
 """Longest wait for the end of the scheduler."""
-
-_CUT_OFF = 255
-"""Exit code that multiprocessing reports for a process whose fork server was killed; the process may still run."""
 
 
 class KeptCluster:
@@ -46,44 +38,21 @@ class KeptCluster:
 
     def __init__(self, n_workers: int) -> None:
         logging.getLogger("distributed").setLevel(logging.ERROR)
-        self.n_workers, self.n_users, self._driver = n_workers, 0, os.getpid()
-        self._lock, self._closed = threading.Lock(), False
+        self.n_workers, self.n_users = n_workers, 0
+        self._driver, self._closed = os.getpid(), False
         self._folder = tempfile.mkdtemp(dir=scratch_folder())
-        self._security = Security.temporary()
-        with dask.config.set(SETTINGS), fork_server.temporary_files_in(scratch_folder()):
+        security = Security.temporary()
+        with dask.config.set(SETTINGS), temporary_files_in(scratch_folder()):
             self._cluster = LocalCluster(
                 n_workers=0,
                 host=LOOPBACK,
                 protocol="tls://",
-                security=self._security,
-                dashboard_address=None,
+                security=security,
+                scheduler_kwargs={"dashboard": False, "dashboard_address": f"{LOOPBACK}:0"},
             )
             self.client = Client(self._cluster, set_as_default=False)
-        self._workers = [self._start(number) for number in range(n_workers)]
-
-    def _start(self, number: int) -> BaseProcess:
-        """Start a worker; the server of the workers forks it, where there is one."""
-        context: Any = multiprocessing.get_context("forkserver" if fork_server.is_started() else "spawn")
-        process: BaseProcess = context.Process(
-            target=serve,
-            args=(self._cluster.scheduler_address, self._security, self._folder, number),
-            name=f"dask-worker-{number}",
-            daemon=True,
-        )
-        with fork_server.interrupts_blocked():
-            process.start()
-        return process
-
-    def replace_ended(self) -> None:
-        """Start a worker in place of each one that has ended."""
-        with self._lock:
-            for number, process in enumerate(self._workers):
-                if self._closed or process.exitcode is None:
-                    continue
-                logger.warning("a worker process was killed or ended (%s): another one is started", process.exitcode)
-                _kill(process)
-                with suppress(OSError, EOFError):  # the fork server was killed: the next call starts another
-                    self._workers[number] = self._start(number)
+        address = self._cluster.scheduler_address
+        self.workers = WorkerProcesses(n_workers, address, security, self._folder, host=LOOPBACK)
 
     def is_usable(self) -> bool:
         """Return whether the scheduler runs in this process."""
@@ -91,25 +60,16 @@ class KeptCluster:
 
     def close(self) -> None:
         """End workers and scheduler; a fork of the process that started them does nothing."""
-        with self._lock:
-            if self._closed or self._driver != os.getpid():
-                return
-            self._closed = True
-            logging.getLogger("distributed").setLevel(logging.CRITICAL)
-            for process in self._workers:
-                _kill(process)
+        if self._closed or self._driver != os.getpid():
+            return
+        self._closed = True
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        self.workers.kill()
         with suppress(Exception):
             self.client.close(timeout=CLOSE_SECONDS)
             self._cluster.close(timeout=CLOSE_SECONDS)
-        for process in self._workers:
-            process.join(CLOSE_SECONDS)
+        self.workers.join()
         shutil.rmtree(self._folder, ignore_errors=True)
-
-
-def _kill(process: BaseProcess) -> None:
-    if process.pid is not None and process.exitcode in (None, _CUT_OFF):
-        with suppress(ProcessLookupError):
-            os.kill(process.pid, signal.SIGKILL)
 
 
 _clusters: list[KeptCluster] = []
@@ -118,15 +78,23 @@ _clusters_lock = threading.Lock()
 
 @contextmanager
 def kept_cluster(n_workers: int) -> Iterator[KeptCluster]:
-    """Yield the cluster of this process with that many workers; start it if there is none."""
+    """Yield the cluster of this process with that many workers; start it if there is none.
+
+    After an error or an interrupt it is ended, unless another stage uses it: its workers may be running scenes still.
+    """
     with _clusters_lock:
         cluster = _find(n_workers)
         cluster.n_users += 1
+    is_complete = False
     try:
         yield cluster
+        is_complete = True
     finally:
         with _clusters_lock:
             cluster.n_users -= 1
+            if not is_complete and not cluster.n_users and cluster in _clusters:
+                _clusters.remove(cluster)
+                cluster.close()
 
 
 def cluster_of(client: Client) -> KeptCluster | None:
@@ -143,13 +111,11 @@ def _find(n_workers: int) -> KeptCluster:
     for cluster in _clusters:
         if cluster.n_workers == n_workers:
             return cluster
-    if not _clusters:
-        atexit.unregister(close)
-        atexit.register(close)
     _clusters.append(KeptCluster(n_workers))
     return _clusters[-1]
 
 
+@atexit.register
 def close() -> None:
     """End the clusters of this process."""
     with _clusters_lock:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import fcntl
 import functools
 import gc
@@ -15,7 +16,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -33,6 +34,10 @@ from mlsroad_pipeline.execution.task import SceneFailure, SceneTask, load_inputs
 
 PARENT_INTERVAL = 0.5
 """Seconds between two checks of a worker process that its driver is alive."""
+
+_KEPT_MEMORY = {-8: 1, -3: 32 * 2**20, -1: 64 * 2**20}
+"""Options of mallopt: one arena for all threads; sizes from which arrays are mapped and free memory is returned, the
+largest to which the C library raises them by itself."""
 
 _is_settled = False
 
@@ -133,6 +138,8 @@ def run_scene(job: SceneJob) -> Outcome:
         if job.backend == "loky":
             settle()
             gc.enable()  # a worker that was not warmed up has inherited it disabled
+        if job.backend == "dask" and not _is_settled:
+            keep_memory()
         with _one_inner_thread(job.backend):
             inputs = load_inputs(job.task.inputs)
             sources = sources or [value.source for value in inputs.values() if isinstance(value, PointCloud)]
@@ -199,6 +206,19 @@ def _end_with_driver() -> None:
 def _keep_worker() -> None:
     """Disable the leak detection of loky, which would replace a worker with a large scene by a cold one."""
     process_executor._MAX_MEMORY_LEAK_SIZE = sys.maxsize
+
+
+@functools.lru_cache(maxsize=1)
+def keep_memory() -> None:
+    """Let the C library of Linux keep the memory of freed arrays for the next ones.
+
+    Workers of Dask are started with a small threshold (64 KiB) from which freed memory returns to the system, and each
+    array would be faulted in again.
+    """
+    with suppress(OSError, AttributeError):
+        library = ctypes.CDLL(None)
+        for option, value in _KEPT_MEMORY.items():
+            library.mallopt(option, value)
 
 
 def describe_error(error: BaseException) -> str:
