@@ -41,6 +41,14 @@ def started(host: str, module: str, *words: str) -> psutil.Popen:
     return psutil.Popen(command, env={**os.environ, "PYTHONPATH": places}, **silent)
 
 
+def end(process: psutil.Popen) -> None:
+    """Kill a process and all below it."""
+    with suppress(psutil.NoSuchProcess):
+        for member in [*process.children(recursive=True), process]:
+            member.kill()
+    process.wait()
+
+
 class Hosts:
     """A scheduler and workers, each on its host, all ready."""
 
@@ -56,10 +64,7 @@ class Hosts:
     def close(self) -> None:
         """End them."""
         for process in [*self.workers, self.scheduler]:
-            for member in [*process.children(recursive=True), process]:
-                with suppress(psutil.NoSuchProcess):
-                    member.kill()
-            process.wait()
+            end(process)
 
 
 def main() -> None:
@@ -76,13 +81,14 @@ def main() -> None:
     output = arguments.folder / "labelled_hosts"
 
     def trial(name: str, hosts: Hosts | None) -> None:
-        processes = [hosts.scheduler, *hosts.workers] if hosts else []
-        before, scheduler = used(processes), three_hosts.ADDRESS if hosts else None
+        workers, schedulers = (hosts.workers, [hosts.scheduler]) if hosts else ([], [])
+        before, scheduler = (used(workers), used(schedulers)), three_hosts.ADDRESS if hosts else None
         backend = "dask" if hosts else "loky"
         found = run_label(survey, output, "local", "detrended_forest", backend, arguments.workers, scheduler)
-        row = {"seconds": found["seconds"], "cpu_seconds": found["cpu_seconds"] + used(processes) - before}
+        parts = {"workers": used(workers) - before[0], "scheduler": used(schedulers) - before[1]}
+        row = {"seconds": found["seconds"], "cpu_seconds": found["cpu_seconds"] + sum(parts.values()), **parts}
         rounded = {key: round(value, 1) for key, value in row.items()}
-        print(json.dumps({"case": name, "workers": arguments.workers, **rounded, "digest": digest(output)}), flush=True)
+        print(json.dumps({"case": name, "n_workers": arguments.workers, **rounded, "digest": digest(output)}), flush=True)
 
     for _ in range(arguments.rounds):
         for case in arguments.cases:
@@ -96,9 +102,7 @@ def main() -> None:
                     if case == "again":
                         run_label(survey, output, "local", "detrended_forest", "dask", 4, three_hosts.ADDRESS)
                     if case == "killed":
-                        victim = hosts.workers.pop()
-                        timer = threading.Timer(10, lambda: [p.kill() for p in [*victim.children(True), victim]])
-                        timer.start()
+                        threading.Timer(10, end, [hosts.workers.pop()]).start()
                     trial(case, hosts)
                 finally:
                     hosts.close()

@@ -24,6 +24,12 @@ from mlsroad_pipeline.hooks.early_workers import EarlyWorkersHooks, execution_of
         (["kedro", "run", "--pipelines=label", "--params=a=1,execution.n_workers=3"], Execution(n_workers=3)),
         (["kedro", "run", "--pipelines=label", "--params=execution.n_workers=0"], Execution()),
         (["kedro", "run", "--pipelines=label", "--params=execution.backend=threading"], None),
+        (["kedro", "run", "--pipelines=label", "--params=execution.backend=dask"], Execution("dask")),
+        (
+            ["kedro", "run", "--pipelines=label", "--params=execution.backend=dask,execution.n_workers=2"],
+            Execution("dask", 2),
+        ),
+        (["kedro", "run", "--pipelines=label", "--params=execution.backend=dask,execution.scheduler=tcp://h:1"], None),
         (["kedro", "run", "--pipelines=labels"], None),
         (["kedro", "run", "--params=label.survey=label"], None),
         (["kedro", "catalog", "list", "--pipelines=label"], None),
@@ -97,3 +103,38 @@ def test_stages_get_the_workers_that_were_started_early():
         psutil.Process(tracker).wait(10)
     assert not psutil.pid_exists(tracker)
     assert "leaked" not in done.stderr  # warning of a tracker of semaphores
+
+
+DASK = """
+import os, sys, threading
+from mlsroad_pipeline.hooks.early_workers import EarlyWorkersHooks
+
+def state(number):
+    from mlsroad_pipeline.execution import fork_server
+    main = threading.current_thread() is threading.main_thread()
+    return os.getpid(), fork_server.is_loaded() and main and os.environ["OMP_NUM_THREADS"] == "1"
+
+def exists(pid):
+    return os.path.exists(f"/proc/{pid}") and open(f"/proc/{pid}/stat").read().split()[2] != "Z"
+
+setting = "--params=execution.backend=dask,execution.n_workers=2"
+hooks = EarlyWorkersHooks(["kedro", "run", "--pipelines=label", setting])
+hooks.before_pipeline_run()
+hooks._thread.join()
+from mlsroad_pipeline.execution.local_cluster import _clusters, kept_cluster
+(first,) = _clusters
+with kept_cluster(2) as cluster:
+    cluster.client.wait_for_workers(2, timeout=60)
+    results = cluster.client.gather(cluster.client.map(state, range(4)))
+print(cluster is first, {pid for pid, _ in results} <= set(cluster.workers.pids), all(warm for _, warm in results))
+hooks.after_pipeline_run()
+print(not any(map(exists, cluster.workers.pids)), not _clusters)
+"""
+
+
+def test_stages_get_the_dask_workers_that_were_started_early():
+    done = subprocess.run(
+        [sys.executable, "-c", DASK], capture_output=True, text=True, env=dict(os.environ), check=False, timeout=300
+    )
+    assert done.stdout.split() == ["True"] * 5, done.stderr
+    assert done.stderr == ""
