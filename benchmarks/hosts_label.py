@@ -88,7 +88,9 @@ def main() -> None:
         parts = {"workers": used(workers) - before[0], "scheduler": used(schedulers) - before[1]}
         row = {"seconds": found["seconds"], "cpu_seconds": found["cpu_seconds"] + sum(parts.values()), **parts}
         rounded = {key: round(value, 1) for key, value in row.items()}
-        print(json.dumps({"case": name, "n_workers": arguments.workers, **rounded, "digest": digest(output)}), flush=True)
+        print(
+            json.dumps({"case": name, "n_workers": arguments.workers, **rounded, "digest": digest(output)}), flush=True
+        )
 
     for _ in range(arguments.rounds):
         for case in arguments.cases:

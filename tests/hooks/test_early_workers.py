@@ -29,7 +29,10 @@ from mlsroad_pipeline.hooks.early_workers import EarlyWorkersHooks, execution_of
             ["kedro", "run", "--pipelines=label", "--params=execution.backend=dask,execution.n_workers=2"],
             Execution("dask", 2),
         ),
-        (["kedro", "run", "--pipelines=label", "--params=execution.backend=dask,execution.scheduler=tcp://h:1"], None),
+        (
+            ["kedro", "run", "--pipelines=label", "--params=execution.backend=dask,execution.scheduler=tcp://h:1"],
+            Execution("dask", None, "tcp://h:1"),
+        ),
         (["kedro", "run", "--pipelines=labels"], None),
         (["kedro", "run", "--params=label.survey=label"], None),
         (["kedro", "catalog", "list", "--pipelines=label"], None),
@@ -54,6 +57,20 @@ def test_other_commands_start_nothing_and_change_nothing(monkeypatch):
         gc.enable()
     hooks.after_pipeline_run()
     hooks.on_pipeline_error()
+
+
+def test_workers_of_a_scheduler_elsewhere_are_not_started(monkeypatch):
+    monkeypatch.setattr(early_workers.threading, "Thread", None)  # a start would fail
+    setting = "--params=execution.backend=dask,execution.scheduler=tcp://h:1"
+    try:
+        hooks = EarlyWorkersHooks(["kedro", "run", "--pipelines=label", setting])
+        assert not gc.isenabled()
+        hooks.before_pipeline_run()
+        assert gc.isenabled()
+    finally:
+        gc.enable()
+        gc.unfreeze()
+    hooks.after_pipeline_run()
 
 
 def test_an_error_ends_the_workers_too(monkeypatch):

@@ -23,6 +23,8 @@ LOOPBACK = "127.0.0.1"
 CLOSE_SECONDS = 5
 """Longest wait for the end of the scheduler."""
 
+_DISTRIBUTED = logging.getLogger("distributed")
+
 
 class KeptCluster:
     """Scheduler, workers and client.
@@ -37,7 +39,8 @@ class KeptCluster:
     """
 
     def __init__(self, n_workers: int) -> None:
-        logging.getLogger("distributed").setLevel(logging.ERROR)
+        self._level = _DISTRIBUTED.level
+        _DISTRIBUTED.setLevel(logging.ERROR)
         self.n_workers, self.n_users = n_workers, 0
         self._driver, self._closed = os.getpid(), False
         self._folder = tempfile.mkdtemp(dir=scratch_folder())
@@ -63,12 +66,13 @@ class KeptCluster:
         if self._closed or self._driver != os.getpid():
             return
         self._closed = True
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        _DISTRIBUTED.setLevel(logging.CRITICAL)
         self.workers.kill()
         with suppress(Exception):
             self.client.close(timeout=CLOSE_SECONDS)
             self._cluster.close(timeout=CLOSE_SECONDS)
         self.workers.join()
+        _DISTRIBUTED.setLevel(self._level)
         shutil.rmtree(self._folder, ignore_errors=True)
 
 

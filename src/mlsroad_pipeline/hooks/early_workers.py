@@ -27,7 +27,7 @@ PRELOADED = "mlsroad_pipeline.label.preloaded"
 
 _PIPELINE = re.compile(r"(?:--pipelines?[= ]|-p ?)label(?: |$)")
 _WORKERS = re.compile(r"--workers[= ](\d+)")
-_SETTING = re.compile(r"execution\.(backend|n_workers|scheduler)=(\w+)")
+_SETTING = re.compile(r"execution\.(backend|n_workers|scheduler)=([^,\s]+)")
 
 
 def execution_of(arguments: Sequence[str]) -> Execution | None:
@@ -41,11 +41,10 @@ def execution_of(arguments: Sequence[str]) -> Execution | None:
     settings = dict(_SETTING.findall(line))
     if not (is_command or _PIPELINE.search(line)) or settings.get("backend", "loky") not in ("loky", "dask"):
         return None
-    if "scheduler" in settings:  # workers elsewhere
-        return None
     n_workers = "".join(_WORKERS.findall(line)[-1:]) or settings.get("n_workers", "")
     n_processes = int(n_workers) if re.fullmatch("[1-9][0-9]*", n_workers) else None
-    return Execution(settings.get("backend", "loky"), n_processes)
+    backend = settings.get("backend", "loky")
+    return Execution(backend, n_processes, settings.get("scheduler") if backend == "dask" else None)
 
 
 def _load_libraries() -> None:
@@ -75,11 +74,14 @@ class EarlyWorkersHooks:
 
     def __init__(self, arguments: Sequence[str] | None = None) -> None:
         self._thread: threading.Thread | None = None
-        self._ended = False
+        self._ended, self._collects = False, True
         execution = execution_of(sys.argv if arguments is None else arguments)
         if execution is None:
             return
         gc.disable()
+        self._collects = False
+        if execution.scheduler is not None:  # its workers run already
+            return
         self._backend = execution.backend
         fork_server.start(PRELOADED, _load_libraries_and_dask if self._backend == "dask" else _load_libraries)
         from mlsroad_pipeline.execution.backends import warm_workers  # noqa: PLC0415  # other commands need no joblib yet
@@ -93,7 +95,7 @@ class EarlyWorkersHooks:
     @hook_impl(trylast=True)
     def before_pipeline_run(self) -> None:
         """Switch garbage collection on again, except for the objects created so far."""
-        if self._thread is not None and not gc.isenabled():
+        if not self._collects and not gc.isenabled():
             gc.freeze()
             gc.enable()
 
