@@ -8,7 +8,8 @@ points and describe them in different ways, so their errors differ.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from mlsroad_pipeline.algorithms.core.classes import IGNORE
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.labels import unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.fusion import ground_colour
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under, bundle_scheme
 from mlsroad_pipeline.algorithms.models.combinations import rank_pairs
 from mlsroad_pipeline.algorithms.models.grouped_decision import decide, largest_of_rows
@@ -92,7 +94,29 @@ def with_trees(bundle: ModelBundle, trees: ModelBundle) -> ModelBundle:
     ModelBundle
         The pool, with the weights of `bundle`.
     """
-    return pool_bundle({**members_of(bundle), TREES: trees}, bundle.metadata["weights"])
+    pool = pool_bundle({**members_of(bundle), TREES: trees}, bundle.metadata["weights"])
+    weights = bundle.metadata.get(ground_colour.METADATA)
+    return pool if weights is None else with_ground_colour(pool, weights)
+
+
+def with_ground_colour(bundle: ModelBundle, weights: Mapping[str, float]) -> ModelBundle:
+    """Return a pool that divides the ground into paved and natural ground by colour where a survey has one.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        The pool.
+    weights : mapping of str to float
+        Weights of the regression, see `ground_colour.natural_share`.
+
+    Returns
+    -------
+    ModelBundle
+        The pool; as given if it does not have both classes.
+    """
+    if not {ground_colour.PAVED, ground_colour.NATURAL} <= set(bundle.classes):
+        return bundle
+    return replace(bundle, metadata={**bundle.metadata, ground_colour.METADATA: dict(weights)})
 
 
 def _merged(name: str, member: ModelBundle, first: ModelBundle) -> list[int]:
@@ -187,8 +211,68 @@ def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
     DataError
         If a coordinate is NaN or infinite, or the model is damaged.
     """
+    pooled = pooled_voxels(cloud, bundle)
+    if pooled is None:
+        return SoftLabels(*unlabelled(len(cloud)))
+    probabilities, owner, region = pooled
+    best, probability = decide(probabilities, next(iter(members_of(bundle).values())).arrays.get("groups"))
+    weights = bundle.metadata.get(ground_colour.METADATA)
+    if weights is not None and "rgb" in cloud:
+        paved, natural = pair = ground_colour.ground_classes(bundle.classes)
+        rows, terms = ground_colour.ground_terms(probabilities, best, pair, cloud["rgb"], owner, region)
+        share = ground_colour.natural_share(terms, weights)
+        both = probabilities[rows, paved] + probabilities[rows, natural]
+        probabilities[rows, natural], probabilities[rows, paved] = both * share, both * (1.0 - share)
+        best[rows] = np.where(share > 0.5, natural, paved)
+    # Points without a combination take the last element.
+    label, confidence = (np.append(values, default) for values, default in ((best, IGNORE), (probability, 0)))
+    return SoftLabels(
+        label.astype(np.int16)[owner],
+        confidence.astype(np.float32)[owner],
+        probabilities.astype(np.float32),
+        owner,
+    )
+
+
+class PooledVoxels(NamedTuple):
+    """Class probabilities of each combination of the members' voxels or superpoints.
+
+    Attributes
+    ----------
+    probabilities : ndarray of float64, shape (m, classes)
+        Probabilities of the pool.
+    owner : ndarray of int32, shape (n,)
+        Combination of each point, -1 for none.
+    region : ndarray of int32, shape (m,)
+        Voxel or superpoint of the last member that each combination is in.
+    """
+
+    probabilities: NDArray[np.float64]
+    owner: NDArray[np.int32]
+    region: NDArray[np.int32]
+
+
+def pooled_voxels(cloud: PointCloud, bundle: ModelBundle) -> PooledVoxels | None:
+    """Return the class probabilities of the pool, before the ground is divided by colour.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Points; columns other than the attributes of the pool are ignored.
+    bundle : ModelBundle
+        A model of `pool_bundle`.
+
+    Returns
+    -------
+    PooledVoxels or None
+        None if no point is labelled by all members.
+
+    Raises
+    ------
+    DataError
+        If a coordinate is NaN or infinite, or the model is damaged.
+    """
     members = members_of(bundle)
-    none = SoftLabels(*unlabelled(len(cloud)))
     tables: list[NDArray[np.float32]] = []
     rows: list[NDArray[np.int32]] = []  # of each table, per combination
     combination = np.zeros(len(cloud), np.int32)
@@ -199,7 +283,7 @@ def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
         if soft.probabilities is None or soft.owner is None:
             if len(cloud) and (soft.labels >= 0).any():
                 raise DataError(f"model {bundle.slug!r}: member {name!r} gives no class probabilities")
-            return none
+            return None
         tables.append(_summed(soft.probabilities, bundle.metadata.get("merged", {}).get(name), len(bundle.classes)))
         owner = soft.owner.astype(np.int32, copy=False)
         if not rows:
@@ -208,21 +292,13 @@ def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
         before, own, combination = rank_pairs(combination, owner, len(rows[0]))
         rows = [*(earlier[before] for earlier in rows), own]
     if not (combination >= 0).any():
-        return none
+        return None
     pooled = np.zeros((len(rows[0]), len(bundle.classes)))
     for name, probabilities, own in zip(members, tables, rows, strict=True):
         pooled += (float(bundle.metadata["weights"][name]) * np.log(np.maximum(probabilities, FLOOR))).take(own, axis=0)
     pooled = np.exp(pooled - largest_of_rows(pooled))
     pooled /= pooled.sum(axis=1, keepdims=True)
-    best, probability = decide(pooled, next(iter(members.values())).arrays.get("groups"))
-    # Points without a combination take the last element.
-    label, confidence = (np.append(values, default) for values, default in ((best, IGNORE), (probability, 0)))
-    return SoftLabels(
-        label.astype(np.int16)[combination],
-        confidence.astype(np.float32)[combination],
-        pooled.astype(np.float32),
-        combination,
-    )
+    return PooledVoxels(pooled, combination, rows[-1])
 
 
 def _summed(probabilities: NDArray[np.float32], table: Sequence[int] | None, n_classes: int) -> NDArray[np.float32]:
