@@ -45,7 +45,7 @@ class Painted(NamedTuple):
 
 
 def painted(recording: str, xyz: NDArray, intensity: NDArray, image: Path, matrix: NDArray, kinds: NDArray) -> Painted:
-    """Return a scan with the colours of an image; `matrix` (3, 4) projects points to pixels. Hidden points are black."""
+    """Return a scan with the colours of an image; `matrix` (3, 4) projects points to pixels. Hidden ones are black."""
     pixels = np.asarray(Image.open(image).convert("RGB"))
     u, v, depth = matrix @ np.column_stack([xyz, np.ones(len(xyz))]).T
     with np.errstate(divide="ignore", invalid="ignore"):
