@@ -2,7 +2,7 @@
 
     python benchmarks/ground_colour.py [--streets 48] [--write]
 
-Simulates streets of eleven kinds and five scanners with colours, none of which a model of the package was trained on,
+Simulates streets of eleven kinds by five presets with colours, none of which a model of the package was trained on,
 and labels them with the pool. The terms of the regression are computed three times for each street: with its own
 colours, and with two other drawings of asphalt, paving, dry grass, shade and camera (`ground_colours.py`). Each street
 has the same weight. Prints F1 of natural ground of streets that were held out (four folds), with their own and with
@@ -166,6 +166,15 @@ def share_of(ground: Ground, weights: dict[str, float]) -> NDArray[np.float64]:
     return natural_share(dict(zip(TERMS, ground.terms.T, strict=True)), weights)
 
 
+def write(bundle: ModelBundle, weights: dict[str, float]) -> None:
+    """Store the weights in the pool of the package, whose entry then names colour."""
+    entry = shipped_models()[SLUG]
+    metadata = {key: value for key, value in bundle.metadata.items() if key != "shipped"}
+    attributes = tuple(dict.fromkeys((*entry.attributes, "rgb")))
+    coloured = with_ground_colour(replace(bundle, metadata=metadata), weights)
+    save_shipped(coloured, replace(entry, attributes=attributes))
+
+
 def main() -> None:
     """Train, print, and write what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -182,8 +191,7 @@ def main() -> None:
     weights = fit([one for street in surveys for one in street])
     print(weights)
     if options.write:
-        metadata = {key: value for key, value in bundle.metadata.items() if key != "shipped"}
-        save_shipped(with_ground_colour(replace(bundle, metadata=metadata), weights), shipped_models()[SLUG])
+        write(bundle, weights)
 
 
 if __name__ == "__main__":
