@@ -10,9 +10,12 @@ from helpers.formats import make_labels, make_las
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.files import LAZ_CHUNK, spread_starts
+from mlsroad_pipeline.formats.las import records
+from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.formats.las.header import LASZIP, read_header
 from mlsroad_pipeline.formats.las.layers import has_layers
 from mlsroad_pipeline.formats.las.records import RecordReader
+from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.label import writer as labelled_writer
 from mlsroad_pipeline.label.writer import write_labelled
 
@@ -109,3 +112,16 @@ def test_samples_are_spread_evenly_and_begin_with_chunks_in_large_files():
     assert all(start % LAZ_CHUNK == 0 for start in large)
     assert max(np.diff(large)) <= 5_000_000 / 15 + LAZ_CHUNK
     assert spread_starts(0, 8, 10) == [0]
+
+
+@pytest.mark.parametrize("point_format", [3, 6, 7, 8])
+def test_columns_read_alone_are_those_of_all(tmp_path, rng, monkeypatch, point_format):
+    monkeypatch.setattr(records, "KEPT_POINTS", 10)
+    source = tmp_path / "a.laz"
+    make_las(source, rng, point_format=point_format, n=2000, extras=True, channels=point_format >= 6)
+    whole = LasFormat().read(source, ReadOptions())
+    for name in whole.columns:
+        own = LasFormat().read(source, ReadOptions(only=(name,)), start=100)
+        assert name in own and len(own.columns) <= 2
+        np.testing.assert_array_equal(own[name], whole[name][100:], err_msg=name)
+        np.testing.assert_array_equal(own.xyz, whole.xyz[100:])

@@ -23,7 +23,7 @@ from mlsroad_pipeline.formats.las.depths import Depths, colour_bits, sampled_max
 from mlsroad_pipeline.formats.las.dimensions import dimension, dimension_names, local_xyz, near_corner
 from mlsroad_pipeline.formats.las.header import LasHeader, read_header
 from mlsroad_pipeline.formats.las.layout import header_like, new_header, pack_records, with_room
-from mlsroad_pipeline.formats.las.records import RecordReader
+from mlsroad_pipeline.formats.las.records import RecordReader, layers_of
 from mlsroad_pipeline.formats.las.writer import RecordWriter
 from mlsroad_pipeline.formats.options import BY_CRS
 from mlsroad_pipeline.formats.standard_columns import (
@@ -114,7 +114,8 @@ class LasFormat(PointFormat):
         if set(COLOURS) <= names.keys() and bits is None:
             bits = colour_bits(file_key(path))
             log_once(str(path), COLOUR_DEPTH.format(bits))
-        with RecordReader(path, header, n_threads=options.n_threads) as reader:
+        raw_names = [name for given, name in names.items() if given not in COORDINATES]
+        with RecordReader(path, header, n_threads=options.n_threads, select=layers_of(header, raw_names)) as reader:
             records = reader.read(start, stop)
         first = records[:1] if start == 0 and stop > 0 else first_record(file_key(path))
         corner = near_corner(first, header, options.factors)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import chain, count
 from pathlib import Path
 from types import TracebackType
@@ -31,6 +31,21 @@ EXTRA = "_extra"
 
 SELECT_ALL = int(lazrs.SELECTIVE_DECOMPRESS_ALL)
 
+_LAYERS = {
+    **dict.fromkeys(("X", "Y", "bit_fields"), int(lazrs.SELECTIVE_DECOMPRESS_XY_RETURNS_CHANNEL)),
+    "Z": int(lazrs.SELECTIVE_DECOMPRESS_Z),
+    "intensity": int(lazrs.SELECTIVE_DECOMPRESS_INTENSITY),
+    "classification_flags": int(lazrs.SELECTIVE_DECOMPRESS_FLAGS),
+    "classification": int(lazrs.SELECTIVE_DECOMPRESS_CLASSIFICATION),
+    "user_data": int(lazrs.SELECTIVE_DECOMPRESS_USER_DATA),
+    "scan_angle": int(lazrs.SELECTIVE_DECOMPRESS_SCAN_ANGLE),
+    "point_source_id": int(lazrs.SELECTIVE_DECOMPRESS_POINT_SOURCE_ID),
+    "gps_time": int(lazrs.SELECTIVE_DECOMPRESS_GPS_TIME),
+    **dict.fromkeys(("red", "green", "blue"), int(lazrs.SELECTIVE_DECOMPRESS_RGB)),
+    "nir": int(lazrs.SELECTIVE_DECOMPRESS_NIR),
+}
+"""Field of a record in point formats 6 to 8 to the layer that holds it; the scanner channel is in the first one too."""
+
 KEPT_POINTS = 1_000_000
 """LAZ files of at most so many points are decompressed as a whole once rows inside a chunk are read."""
 
@@ -55,6 +70,33 @@ def record_dtype(header: LasHeader) -> np.dtype:
     extra = header.extra_dimensions
     names = unique_names(header.point_format, [dimension.name for dimension in extra])
     return np.dtype([*fields, *((name, *d.field_type[1:]) for name, d in zip(names, extra, strict=True))])
+
+
+def layers_of(header: LasHeader, names: Iterable[str]) -> int:
+    """Return the layers of a LAZ file that hold some dimensions.
+
+    Parameters
+    ----------
+    header : LasHeader
+        The file's header.
+    names : iterable of str
+        Names of dimensions, bit fields apart, without coordinates.
+
+    Returns
+    -------
+    int
+        Value of `select` of a `RecordReader`: coordinates and these dimensions. All for files that a reader keeps in
+        memory.
+    """
+    if header.n_points <= KEPT_POINTS or header.point_format not in (6, 7, 8):
+        return SELECT_ALL
+    parts = COMPOSED_FIELDS[header.point_format]
+    field_of = {part.name: field for field, group in parts.items() for part in group}
+    extra = int(lazrs.SELECTIVE_DECOMPRESS_ALL_EXTRA_BYTES)
+    select = _LAYERS["X"] | _LAYERS["Z"]
+    for name in names:
+        select |= _LAYERS.get(field_of.get(name, name), extra)
+    return select
 
 
 def unique_names(point_format: int, names: Sequence[str]) -> list[str]:
