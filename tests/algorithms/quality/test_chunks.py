@@ -6,6 +6,7 @@ import pytest
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.quality import chunks
 from mlsroad_pipeline.algorithms.quality.chunks import STANDARD_COLUMNS, inspect_chunk, merge
 
 
@@ -161,3 +162,16 @@ def test_bad_calls_are_named():
         merge([])
     with pytest.raises(DataError, match=r"different max_gap: \[1.0, 2.0\]"):
         merge([inspect_chunk(cloud), inspect_chunk(cloud, max_gap=2.0)])
+
+
+def test_occupied_cells_are_those_of_floor(rng):
+    world = np.concatenate(
+        [rng.normal(0.0, 5.0, (500, 3)), np.repeat(rng.normal(0.0, 5.0, (20, 3)), 30, axis=0), np.zeros((1, 3))]
+    )
+    world[:3, :2] = [[-1.0, 2.0], [1e300, -1e300], [-1e19, 1e19]]
+    keys, counts = chunks._occupied_cells(world)
+    with np.errstate(invalid="ignore"):
+        cells = np.floor(world[:, :2]).astype(np.int64)
+    expected = np.unique((cells[:, 0] << 32) + cells[:, 1], return_counts=True)
+    np.testing.assert_array_equal(keys, expected[0])
+    np.testing.assert_array_equal(counts, expected[1])

@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import TypedDict
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY_NAMES
@@ -32,6 +33,9 @@ LATEST = 1e11
 
 DENSITY_CELL = 1.0
 """Side of the cells of the density, metres."""
+
+
+_INT64_RANGE = 2.0**63
 
 
 class TimeRow(TypedDict):
@@ -169,11 +173,28 @@ def inspect_chunk(cloud: PointCloud, *, max_gap: float = 1.0, n_total: int | Non
 
 def _occupied_cells(world: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return sorted keys of the occupied cells, and their numbers of points; runs of equal keys are sorted as one."""
-    with np.errstate(invalid="ignore"):  # damaged files have coordinates outside the range of int64
-        cells = np.floor(world[:, :2] / DENSITY_CELL).astype(np.int64)
-    keys = (cells[:, 0] << 32) + cells[:, 1]
-    starts = np.flatnonzero(np.diff(keys, prepend=keys[:1] - 1) != 0)
-    return _sum_by_cell(keys[starts], np.diff(starts, append=len(keys)))
+    return _sum_by_cell(*_runs_of_cells(world))
+
+
+@njit(cache=True, nogil=True)
+def _cell(value: float) -> int:
+    """Return the cell of a coordinate; damaged files have some outside the range of int64."""
+    scaled = np.floor(value / DENSITY_CELL)
+    return np.int64(scaled) if -_INT64_RANGE <= scaled < _INT64_RANGE else np.int64(-_INT64_RANGE)
+
+
+@njit(cache=True, nogil=True)
+def _runs_of_cells(world: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the key of the cell of each run of successive points in one cell, and their number."""
+    keys, counts = np.empty(len(world), np.int64), np.zeros(len(world), np.int64)
+    n = 0
+    for i in range(len(world)):
+        key = (_cell(world[i, 0]) << 32) + _cell(world[i, 1])
+        if n == 0 or key != keys[n - 1]:
+            keys[n] = key
+            n += 1
+        counts[n - 1] += 1
+    return keys[:n].copy(), counts[:n].copy()
 
 
 def _sum_by_cell(keys: NDArray[np.int64], counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
