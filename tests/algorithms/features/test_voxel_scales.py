@@ -113,3 +113,19 @@ def test_bad_values_are_refused():
         compute_voxel_features(xyz, height=[0, 0], voxel_size=0)
     with pytest.raises(DataError, match="too large for voxels"):
         compute_voxel_features(np.array([[0, 0, 0], [1e8, 1e8, 1e8]]), height=[0, 0], voxel_size=1e-3)
+
+
+@pytest.mark.parametrize("around", [None, 1])
+def test_voxels_of_wanted_points_have_the_features_of_all(rng, around):
+    xyz = rng.random((4000, 3)) * [12, 9, 3]
+    height, intensity, wanted = xyz[:, 2], rng.random(4000), xyz[:, 0] < 5
+    whole = compute_voxel_features(xyz, height=height, intensity=intensity)
+    part = compute_voxel_features(xyz, height=height, intensity=intensity, wanted=wanted, around=around)
+    np.testing.assert_array_equal(part.owner, whole.owner)
+    np.testing.assert_array_equal(part.values, whole.values[part.rows])
+    flags = np.zeros(len(whole.values), bool)
+    flags[whole.owner[wanted]] = True
+    if around is not None:
+        flags = smooth_by_cells(whole, flags[:, None].astype(float), level=around)[:, 0] > 0
+    np.testing.assert_array_equal(part.rows, np.flatnonzero(flags))
+    assert 0 < len(part.rows) < len(whole.values)

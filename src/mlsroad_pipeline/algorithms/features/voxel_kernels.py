@@ -54,9 +54,10 @@ def sum_voxels(
 
 @njit(cache=True, nogil=True)
 def describe_voxels(
-    sums: NDArray, starts: NDArray, with_ranks: bool, moments: NDArray, heights: NDArray, table: NDArray
-) -> None:
-    """Write the moments of single voxels, their mean heights, and table columns 0 to 4."""
+    sums: NDArray, starts: NDArray, with_ranks: bool, moments: NDArray, heights: NDArray
+) -> NDArray[np.float32]:
+    """Write the moments of single voxels and their mean heights, and return table columns 0 to 4."""
+    table = np.empty((len(sums), 5), np.float32)
     for v in range(len(sums)):
         s, n = sums[v], float(starts[v + 1] - starts[v])
         x, y, z, h, r = s[0] / n, s[1] / n, s[2] / n, s[3] / n, s[4] / n
@@ -68,6 +69,7 @@ def describe_voxels(
         t = table[v]
         t[0], t[1], t[2] = h, log2(n), s[6] - s[5]
         t[3], t[4] = (r, s[7]) if with_ranks else (np.nan, np.nan)
+    return table
 
 
 @njit(cache=True, nogil=True)

@@ -83,16 +83,19 @@ class VoxelFeatures:
     Attributes
     ----------
     values : ndarray of float32, shape (v, f)
-        One row a voxel. NaN: no intensity, no run above or below, or fewer than three voxels in the window.
+        One row a voxel of `rows`. NaN: no intensity, no run above or below, or fewer than three voxels in the window.
     owner : ndarray of int32, shape (n,)
         Voxel of each point.
     cells : Cells
         The voxels.
+    rows : ndarray of int64, shape (v,), optional
+        Voxels that are described; None is all.
     """
 
     values: NDArray[np.float32]
     owner: NDArray[np.int32]
     cells: Cells
+    rows: NDArray[np.int64] | None = None
 
 
 @dataclass
@@ -104,6 +107,7 @@ class _Level:
     extremes: NDArray[np.float64]
     owner: NDArray[np.int32]
     size: float
+    rows: NDArray[np.int64] | slice  # voxels with a row of the table
     columns: Columns = field(init=False)
 
     def __post_init__(self) -> None:
@@ -114,7 +118,7 @@ class _Level:
         cells, parent = halve(self.cells)
         moments = sum_by_owner(parent, self.moments, len(cells))
         extremes = kernels.lowest_and_highest(parent, *self.extremes, len(cells))
-        return _Level(cells, moments, extremes, parent[self.owner], 2 * self.size)
+        return _Level(cells, moments, extremes, parent[self.owner], 2 * self.size, self.rows)
 
 
 def compute_voxel_features(
@@ -123,6 +127,8 @@ def compute_voxel_features(
     height: ArrayLike,
     intensity: ArrayLike | None = None,
     voxel_size: float = 0.2,
+    wanted: NDArray[np.bool_] | None = None,
+    around: int | None = None,
     n_threads: int = 1,
 ) -> VoxelFeatures:
     """Compute the features of the voxels of a cloud.
@@ -137,6 +143,10 @@ def compute_voxel_features(
         Intensity in any unit; only its order within the cloud is used.
     voxel_size : float, default 0.2
         Edge of a voxel, metres. Cells of the other levels have 2, 4, 8 and 16 times the edge.
+    wanted : ndarray of bool, shape (n,), optional
+        Points whose voxels are described; the others only surround them. None is all.
+    around : int, optional
+        Level of `smooth_by_cells`: voxels that smooth those of wanted points are described too. None is no smoothing.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
@@ -163,20 +173,32 @@ def compute_voxel_features(
         return VoxelFeatures(np.zeros((0, len(names)), np.float32), np.zeros(0, np.int32), empty)
     ranks = np.zeros(0) if intensity is None else rank_within(check_column(intensity, len(points), "intensity"))
     cells, order, starts, minimum = find_voxels(points, voxel_size)
-    table = np.empty((len(cells), len(names)), np.float32)
     moments, voxel_heights = np.empty((len(cells), kernels.N_MOMENTS)), np.empty(len(cells))
     owner = spread_owners(order, starts)
+    rows = None if wanted is None else _wanted_voxels(cells, owner[wanted], around, n_threads)
+    described = slice(None) if rows is None else rows
     sums = kernels.sum_voxels(points, minimum, heights, ranks, owner, len(cells))
-    kernels.describe_voxels(sums, starts, len(ranks) > 0, moments, voxel_heights, table)
+    own = kernels.describe_voxels(sums, starts, len(ranks) > 0, moments, voxel_heights)[described]
+    table = np.empty((len(own), len(names)), np.float32)
+    table[:, : len(_VOXEL)] = own
     extremes = np.stack([voxel_heights, voxel_heights, moments[:, 3]])
-    level = _Level(cells, moments, extremes, np.arange(len(cells), dtype=np.int32), voxel_size)
-    at = len(_VOXEL)
+    level = _Level(cells, moments, extremes, np.arange(len(cells), dtype=np.int32), voxel_size, described)
+    own_moments, at = moments[described], len(_VOXEL)
     for number in range(N_LEVELS):
         level = level if number == 0 else level.coarser()
-        at = _write_level(level, number, moments, voxel_heights, len(ranks) > 0, table, at, n_threads)
+        at = _write_level(level, number, own_moments, voxel_heights, len(ranks) > 0, table, at, n_threads)
         at = _write_wide(level, number, voxel_heights, table, at, n_threads)
     _write_wide(level.coarser(), N_LEVELS, voxel_heights, table, at, n_threads)
-    return VoxelFeatures(table, owner, cells)
+    return VoxelFeatures(table, owner, cells, rows)
+
+
+def _wanted_voxels(cells: Cells, wanted: NDArray[np.int32], around: int | None, n_threads: int) -> NDArray[np.int64]:
+    """Return the voxels that are wanted or smooth those that are, ascending."""
+    flags = np.zeros(len(cells), np.bool_)
+    flags[wanted] = True
+    if around is not None:
+        flags = _mean_around(cells, flags[:, None].astype(np.float64), around, n_threads)[:, 0] > 0
+    return np.flatnonzero(flags)
 
 
 def known_intensity(intensity: NDArray) -> NDArray | None:
@@ -257,7 +279,12 @@ def smooth_by_cells(
     ndarray of float64, shape (v, m)
         The means; voxels of one cell share them.
     """
-    cells, owner = features.cells, np.arange(len(features.cells), dtype=np.int32)
+    return _mean_around(features.cells, values, level, n_threads)
+
+
+def _mean_around(cells: Cells, values: NDArray[np.floating], level: int, n_threads: int) -> NDArray[np.float64]:
+    """Return `smooth_by_cells` of voxels."""
+    owner = np.arange(len(cells), dtype=np.int32)
     for _ in range(level):
         cells, parent = halve(cells)
         owner = parent[owner]
@@ -287,7 +314,7 @@ def _write_level(
     n_threads: int,
 ) -> int:
     """Write the columns of one level and return the first column after them."""
-    n = len(table)
+    n, owner, heights = len(table), level.owner[level.rows], heights[level.rows]
     shapes, means = np.empty((len(level.cells), kernels.N_SHAPES), np.float32), np.empty((len(level.cells), 3))
     describe = partial(
         kernels.describe_cells, level.cells.keys, level.cells.rows(1), level.moments, level.size, shapes, means
@@ -304,18 +331,18 @@ def _write_level(
             size = columns.stop - columns.start
             target[columns] = at + np.arange(size)
             at += size
-    _run(partial(kernels.copy_rows, level.owner, shapes, target, table), n, n_threads)
-    _run(partial(kernels.write_offsets, level.owner, moments, means, level.size, offsets, table), n, n_threads)
+    _run(partial(kernels.copy_rows, owner, shapes, target, table), n, n_threads)
+    _run(partial(kernels.write_offsets, owner, moments, means, level.size, offsets, table), n, n_threads)
     if number in _RUNS:
         runs = np.empty((len(level.cells), kernels.N_RUNS), np.float32)
         kernels.describe_runs(level.cells.index, level.extremes[0], level.extremes[1], runs)
-        _run(partial(kernels.copy_rows, level.owner, runs, at + np.arange(kernels.N_RUNS), table), n, n_threads)
+        _run(partial(kernels.copy_rows, owner, runs, at + np.arange(kernels.N_RUNS), table), n, n_threads)
         at += kernels.N_RUNS
     if number == 0:
         return at
     own, near = _column_extremes(level, 1)
     relief = number in _RELIEF
-    column = level.columns.of_cell[level.owner]
+    column = level.columns.of_cell[owner]
     _run(partial(kernels.write_columns, column, own, near, moments, heights, relief, at, table), n, n_threads)
     return at + len(_COLUMN) + relief
 
@@ -345,6 +372,7 @@ def _write_wide(
         bands = np.empty_like(counts)
         sum_windows(columns.keys, columns.rows(reach), reach, counts, 0, len(counts), bands)
         top = _column_extremes(level, reach)[1][1]
-        _run(partial(kernels.write_surroundings, column, bands, top, heights, at, table), len(table), n_threads)
+        write = partial(kernels.write_surroundings, column[level.rows], bands, top, heights[level.rows], at, table)
+        _run(write, len(table), n_threads)
         at += len(_CONTEXT)
     return at

@@ -25,7 +25,15 @@ from mlsroad_pipeline.algorithms.models.labelling import SoftLabels
 from mlsroad_pipeline.algorithms.stages import ground_of, inlier_rows, inliers
 
 
-def describe_scene(scene: PointCloud, ground: Ground, *, voxel_size: float = 0.2, n_threads: int = 1) -> VoxelFeatures:
+def describe_scene(
+    scene: PointCloud,
+    ground: Ground,
+    *,
+    voxel_size: float = 0.2,
+    wanted: NDArray[np.bool_] | None = None,
+    around: int | None = None,
+    n_threads: int = 1,
+) -> VoxelFeatures:
     """Compute the features of the voxels of a scene.
 
     Parameters
@@ -37,6 +45,10 @@ def describe_scene(scene: PointCloud, ground: Ground, *, voxel_size: float = 0.2
         Its ground. Where no point has a height, heights are measured from the lowest point.
     voxel_size : float, default 0.2
         Edge of a voxel, metres.
+    wanted : ndarray of bool, shape (n,), optional
+        Points whose voxels are described. None is all.
+    around : int, optional
+        Level of the smoothing, see `compute_voxel_features`.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
@@ -56,12 +68,18 @@ def describe_scene(scene: PointCloud, ground: Ground, *, voxel_size: float = 0.2
         height = (xyz[:, 2] - xyz[:, 2].min()).astype(np.float32)
     if intensity is not None:
         intensity = known_intensity(intensity[keep])
-    return compute_voxel_features(xyz, height=height, intensity=intensity, voxel_size=voxel_size, n_threads=n_threads)
+    return compute_voxel_features(
+        xyz,
+        height=height,
+        intensity=intensity,
+        voxel_size=voxel_size,
+        wanted=None if wanted is None else wanted[keep],
+        around=around,
+        n_threads=n_threads,
+    )
 
 
-def voxel_probabilities(
-    features: VoxelFeatures, bundle: ModelBundle, *, wanted: NDArray[np.bool_] | None = None, n_threads: int = 1
-) -> NDArray[np.float64]:
+def voxel_probabilities(features: VoxelFeatures, bundle: ModelBundle, *, n_threads: int = 1) -> NDArray[np.float64]:
     """Return the class probabilities of voxels.
 
     Parameters
@@ -70,8 +88,6 @@ def voxel_probabilities(
         The voxels.
     bundle : ModelBundle
         A model of `training.fit`.
-    wanted : ndarray of bool, shape (v,), optional
-        Voxels whose probabilities are wanted; those of others have no meaning.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
@@ -79,6 +95,7 @@ def voxel_probabilities(
     -------
     ndarray of float64, shape (v, classes)
         Softmax of scores divided by the model's `temperature`, plus its `offsets`; smoothed over neighbouring voxels.
+        Those of voxels that are not described, or smoothed by such voxels, have no meaning.
 
     Raises
     ------
@@ -91,27 +108,15 @@ def voxel_probabilities(
         bundle.prepared[SLUG] = BoostedTrees.from_arrays(bundle.arrays)
     trees: BoostedTrees = bundle.prepared[SLUG]
     parameters = parameters_of(bundle)
-    rows = None if wanted is None else np.flatnonzero(_with_neighbours(features, wanted, parameters, n_threads))
-    values = features.values if rows is None else features.values.take(rows, axis=0)
-    scores = trees.scores(values, n_threads=n_threads)
+    scores = trees.scores(features.values, n_threads=n_threads)
     probabilities = softmax(scores / bundle.arrays["temperature"] + bundle.arrays["offsets"])
-    if rows is not None:
-        described, probabilities = probabilities, np.zeros((len(features.values), probabilities.shape[1]))
-        probabilities[rows] = described
+    if features.rows is not None:
+        described, probabilities = probabilities, np.zeros((len(features.cells), probabilities.shape[1]))
+        probabilities[features.rows] = described
     if parameters.smoothing > 0:
         around = smooth_by_cells(features, probabilities, level=parameters.smoothing_level, n_threads=n_threads)
         probabilities += parameters.smoothing * (around - probabilities)
     return probabilities
-
-
-def _with_neighbours(
-    features: VoxelFeatures, wanted: NDArray[np.bool_], parameters: BoostedTreesParameters, n_threads: int
-) -> NDArray[np.bool_]:
-    """Return which voxels are wanted or smooth those that are."""
-    if parameters.smoothing <= 0:
-        return wanted
-    flags = wanted[:, None].astype(np.float64)
-    return smooth_by_cells(features, flags, level=parameters.smoothing_level, n_threads=n_threads)[:, 0] > 0
 
 
 def softmax(scores: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -177,17 +182,16 @@ def _label_softly(scene: PointCloud, ground: Ground, bundle: ModelBundle) -> Sof
     label, confidence = unlabelled(len(scene))
     if not inliers(scene).any():
         return SoftLabels(label, confidence)
-    keep = inlier_rows(scene)
-    features = describe_scene(scene, ground, voxel_size=parameters_of(bundle).voxel_size)
+    keep, parameters = inlier_rows(scene), parameters_of(bundle)
+    around = parameters.smoothing_level if parameters.smoothing > 0 else None
+    near = scene.get("near")  # the context serves the features alone
+    features = describe_scene(scene, ground, voxel_size=parameters.voxel_size, wanted=near, around=around)
     owner = np.full(len(scene), -1, dtype=np.int32)
     owner[keep] = features.owner
-    wanted = None
-    if "near" in scene:  # the context serves the features alone
-        keep = inliers(scene) & scene["near"]
-        wanted = np.zeros(len(features.values), dtype=bool)
-        wanted[owner[keep]] = True
+    if near is not None:
+        keep = inliers(scene) & near
         owner[~keep] = -1
-    probabilities = voxel_probabilities(features, bundle, wanted=wanted)
+    probabilities = voxel_probabilities(features, bundle)
     best, probability = decide(probabilities, bundle.arrays.get("groups"))
     label[keep], confidence[keep] = best[owner[keep]], probability[owner[keep]]
     return SoftLabels(label, confidence, probabilities.astype(np.float32), owner)
