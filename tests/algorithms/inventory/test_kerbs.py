@@ -9,7 +9,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.inventory.kerbs import step_kernels
 from mlsroad_pipeline.algorithms.inventory.kerbs.ground_cells import MOST_CELLS, ground_cells
 from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import STEP_COLUMNS, join_kerbs, kerb_steps
-from mlsroad_pipeline.algorithms.inventory.kerbs.steps import StepLimits
+from mlsroad_pipeline.algorithms.inventory.kerbs.steps import StepLimits, find_steps
 from mlsroad_pipeline.algorithms.inventory.lines import LINE_FIELDS, numbered
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
@@ -151,3 +151,19 @@ def test_the_rise_over_the_cells_within_reach_of_a_block_is_that_over_all(rng):
     assert len(members) < n_close < 300
     for own in members:
         assert step_kernels._rise(close, n_close, *cells[own]) == step_kernels._rise(around, 300, *cells[own])
+
+
+def test_steps_of_wanted_cells_are_those_of_all(rng):
+    x, y = (values.ravel() for values in np.meshgrid(np.arange(0, 6, 0.04), np.arange(-2, 2, 0.04)))
+    xyz = np.column_stack([x, y, np.where(y > 0, 0.12, 0.0)]) + rng.normal(0, 0.003, (len(x), 3))
+    cells = ground_cells(xyz)
+    wanted = cells.xyz[:, 0] < 3
+    whole, part = (find_steps(cells, xyz, StepLimits(), wanted=chosen) for chosen in (None, wanted))
+    kept = wanted[whole.cell]
+    assert 0 < kept.sum() < len(kept)
+    for all_values, values in zip(
+        (whole.xyz, whole.upward, whole.height, whole.roughness, whole.cell),
+        (part.xyz, part.upward, part.height, part.roughness, part.cell),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(values, all_values[kept])

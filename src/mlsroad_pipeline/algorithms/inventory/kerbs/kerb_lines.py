@@ -79,13 +79,12 @@ def kerb_steps(
     rows = np.flatnonzero(near)
     if len(rows) == 0:
         return no_steps()
-    ground = np.ascontiguousarray(xyz[rows], dtype=np.float64)
+    ground = np.ascontiguousarray(xyz.take(rows, axis=0), dtype=np.float64)
     cells = ground_cells(ground)
-    steps = find_steps(cells, ground, limits or StepLimits())
-    first = cells.points.order[cells.points.starts[steps.cell]]
-    own = core[rows[first]]
+    own = core[rows[cells.points.order[cells.points.starts[:-1]]]]  # a cell belongs to the scene of its first point
+    steps = find_steps(cells, ground, limits or StepLimits(), wanted=own)
     values = [steps.xyz + origin, steps.height[:, None], steps.upward, steps.roughness[:, None]]
-    return pd.DataFrame(np.hstack(values)[own], columns=list(STEP_COLUMNS))
+    return pd.DataFrame(np.hstack(values), columns=list(STEP_COLUMNS))
 
 
 def join_kerbs(

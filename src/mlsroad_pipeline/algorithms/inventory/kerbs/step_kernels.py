@@ -224,9 +224,12 @@ def _rise(around: NDArray, n: int, x: float, y: float, z: float) -> float:
 @njit(cache=True, nogil=True)
 def fit_steps(
     cells: NDArray, order: NDArray, keys: NDArray, starts: NDArray, nx: int, least: float,
-    point_order: NDArray, point_starts: NDArray, xyz: NDArray,
+    point_order: NDArray, point_starts: NDArray, xyz: NDArray, wanted: NDArray[np.bool_],
 ) -> NDArray[np.float64]:  # fmt: skip
-    """Return height, direction, roughness, shift, slopes and height of the foot of the step at each cell, or zeros."""
+    """Return height, direction, roughness, shift, slopes and height of the foot of the step at each cell, or zeros.
+
+    Cells that are not wanted have zeros.
+    """
     fits = np.zeros((len(cells), 8))
     found, near = np.empty(MOST_CELLS, np.int64), np.empty(MOST_CELLS, np.int64)
     around, local, strip = np.empty((3, MOST_CELLS)), np.empty((3, MOST_CELLS)), np.empty((3, MOST_CELLS))
@@ -239,6 +242,8 @@ def fit_steps(
         n_close = _within_reach(cells, order[starts[block] : starts[block + 1]], around, n_found, close)
         for i in range(starts[block], starts[block + 1]):
             own = order[i]
+            if not wanted[own]:
+                continue
             if not _rise(close, n_close, cells[own, 0], cells[own, 1], cells[own, 2]) >= least:
                 continue
             count = 0

@@ -72,7 +72,9 @@ class Steps:
     cell: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
-def find_steps(cells: GroundCells, xyz: NDArray[np.floating], limits: StepLimits) -> Steps:
+def find_steps(
+    cells: GroundCells, xyz: NDArray[np.floating], limits: StepLimits, *, wanted: NDArray[np.bool_] | None = None
+) -> Steps:
     """Return the steps of the ground.
 
     Around each cell with a difference in height, a plane with a jump along a line is fitted by least squares, twice
@@ -86,6 +88,8 @@ def find_steps(cells: GroundCells, xyz: NDArray[np.floating], limits: StepLimits
         The points of the cells, metres; they place the edge within a centimetre.
     limits : StepLimits
         Limits of a step.
+    wanted : ndarray of bool, shape (m,), optional
+        Cells whose steps are wanted; None is all.
 
     Returns
     -------
@@ -97,6 +101,7 @@ def find_steps(cells: GroundCells, xyz: NDArray[np.floating], limits: StepLimits
         cells.xyz,
         *(blocks.order, blocks.keys, blocks.starts, blocks.shape[0], limits.least_height),
         *(points.order, points.starts, np.ascontiguousarray(xyz, dtype=np.float64)),
+        np.ones(len(cells.xyz), np.bool_) if wanted is None else wanted,
     )
     height, rough, slope = fits[:, 0], fits[:, 3], np.hypot(fits[:, 5], fits[:, 6])
     kept = (height >= limits.least_height) & (height <= limits.most_height) & (slope <= limits.slope)

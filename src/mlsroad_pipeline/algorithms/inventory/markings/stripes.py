@@ -42,6 +42,7 @@ _NEAR = 0.08  # cells this near to the axis count for its direction, metres
 _OWN = 0.2  # metres along the stripe that show whether the cell itself is painted
 _OWN_LEAST = 0.4  # share of the contrast of the stripe
 _LEVEL = 0.04  # largest difference in height between the bands: faces of kerbs are bright, too, metres
+_CORE_SHARE = 0.5  # of the points of a cell of the scene
 _OFF = 0.08  # largest distance of the middle of a stripe from its cell, metres
 _MOST = (3 * round(REACH / CELL) + 2) ** 2
 _T, _COS, _SIN, _OFFSET, _WIDTH, _CONTRAST, _OWN_SHARE = range(7)  # columns of the fits
@@ -92,7 +93,7 @@ def find_stripes(cells: NDArray[np.float64], *, least_contrast: float) -> Stripe
     (blocks,) = build_cell_grids(plan, cell_size=REACH, margin=2)
     fits = _fit(cells, blocks.order, blocks.keys, blocks.starts, blocks.shape[0], np.array(WIDTHS), least_contrast)
     kept = (fits[:, _T] >= LEAST_CLEARNESS) & (np.abs(fits[:, _OFFSET]) < _OFF) & (fits[:, _CONTRAST] >= least_contrast)
-    kept &= (fits[:, _OWN_SHARE] > _OWN_LEAST) & (cells[:, CORE] >= 0.5)
+    kept &= (fits[:, _OWN_SHARE] > _OWN_LEAST) & (cells[:, CORE] >= _CORE_SHARE)
     rows = np.flatnonzero(kept)
     along = fits[rows, _COS : _SIN + 1]
     xyz = cells[rows, :3].copy()
@@ -224,6 +225,7 @@ def _nearby(near: NDArray, n_near: int, cell: NDArray, local: NDArray) -> int:
 def _fit(
     cells: NDArray, order: NDArray, keys: NDArray, starts: NDArray, nx: int, widths: NDArray, least: float
 ) -> NDArray[np.float64]:
+    """Return the clearest stripe at each bright cell of the core; zeros for other cells."""
     fits = np.zeros((len(cells), 7))
     found, bins = np.empty(_MOST, np.int64), np.empty(_MOST, np.int64)
     near, local, alike = np.empty((4, _MOST)), np.empty((4, _MOST)), np.empty((2, _MOST))
@@ -234,7 +236,7 @@ def _fit(
         n_near = -1  # gathered for the first bright cell of the block
         for i in range(starts[block], starts[block + 1]):
             own = order[i]
-            if cells[own, BRIGHTNESS] < least:
+            if cells[own, BRIGHTNESS] < least or not cells[own, CORE] >= _CORE_SHARE:
                 continue
             if n_near < 0:
                 n_near = gather_cells(keys[block], nx, 1, keys, starts, order, found)
