@@ -235,14 +235,15 @@ def _objects(
     name: str,
 ) -> SceneObjects:
     known = np.isfinite(height)
+    some = known.any() and not known.all()
     return extract_objects(
         scene.xyz,
-        np.where(known, soft.labels, -1) if known.any() else soft.labels,
+        np.where(known, soft.labels, np.int16(-1)) if some else soft.labels,
         soft.confidence,
         classes=rules,
         core=scene["core"],
         origin=scene.origin,
-        height_above_ground=np.where(known, height, 0.0) if known.any() else None,
+        height_above_ground=np.where(known, height, np.float32(0)) if some else height if known.any() else None,
         scene=name,
         evidence=evidence,
         judge=judge,

@@ -77,8 +77,8 @@ def raised_labels(evidence: ClassEvidence, rules: Mapping[str, ObjectRule]) -> N
 
 
 def classify_stems(
-    local: NDArray[np.float64],
-    height: NDArray[np.float64],
+    local: NDArray[np.floating],
+    height: NDArray[np.floating],
     labels: NDArray[np.integer],
     cells: SceneCells,
     *,
@@ -89,9 +89,9 @@ def classify_stems(
 
     Parameters
     ----------
-    local : ndarray of float64, shape (n, 3)
+    local : ndarray of float32 or float64, shape (n, 3)
         Points of core and buffers, metres.
-    height : ndarray of float64, shape (n,)
+    height : ndarray of float32 or float64, shape (n,)
         Heights above the ground, metres.
     labels : ndarray of int, shape (n,)
         Labels of `raised_labels`.

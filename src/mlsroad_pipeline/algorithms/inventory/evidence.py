@@ -56,19 +56,20 @@ _LEAST_CELLS = 2.0  # of a zone: the shares of smaller zones are lowered
 
 @njit(cache=True, nogil=True)
 def _cell_bounds(
-    local: NDArray[np.float64], origin: NDArray[np.float64]
+    local: NDArray[np.floating], origin: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the least and the largest cell along each axis."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for i in range(len(local)):
         for axis in range(3):
-            low[axis], high[axis] = min(low[axis], local[i, axis]), max(high[axis], local[i, axis])
+            value = np.float64(local[i, axis])
+            low[axis], high[axis] = min(low[axis], value), max(high[axis], value)
     return np.floor((low + origin) / CELL).astype(np.int64), np.floor((high + origin) / CELL).astype(np.int64)
 
 
 @njit(cache=True, nogil=True)
 def _packed_cells(
-    local: NDArray[np.float64], origin: NDArray[np.float64], corner: NDArray[np.int64], bits: NDArray[np.int64]
+    local: NDArray[np.floating], origin: NDArray[np.float64], corner: NDArray[np.int64], bits: NDArray[np.int64]
 ) -> NDArray[np.int64]:
     """Return the cell of each point as one number, ordered by x, y and z."""
     packed = np.empty(len(local), np.int64)
@@ -165,7 +166,7 @@ class SceneCells:
 
     Parameters
     ----------
-    local : ndarray of float64, shape (n, 3)
+    local : ndarray of float32 or float64, shape (n, 3)
         Points of core and buffers relative to `origin`, metres; at least one.
     core : ndarray of bool, shape (n,)
         Points in the scene's core.
@@ -182,7 +183,7 @@ class SceneCells:
 
     def __init__(
         self,
-        local: NDArray[np.float64],
+        local: NDArray[np.floating],
         *,
         core: NDArray[np.bool_],
         origin: NDArray[np.float64],

@@ -114,21 +114,20 @@ def extract_objects(
     certainty = _finite(confidence, n, "confidence")
     height = None if height_above_ground is None else _finite(height_above_ground, n, "height_above_ground")
     zero = np.asarray(origin, dtype=np.float64)
-    local = points.astype(np.float64)
     cells, forming = None, label
     if evidence is not None and judge is not None and n and classes:
-        cells = SceneCells(local, core=inside, origin=zero, evidence=evidence)
-        above = local[:, 2] - local[:, 2].min() if height is None else height
-        raised = np.where(label >= 0, raised_labels(evidence, classes), -1)
-        forming = classify_stems(local, above, raised, cells, rules=classes, judge=judge)
+        cells = SceneCells(points, core=inside, origin=zero, evidence=evidence)
+        above = points[:, 2].astype(np.float64) - points[:, 2].min() if height is None else height
+        raised = np.where(label >= 0, raised_labels(evidence, classes), np.int16(-1))
+        forming = classify_stems(points, above, raised, cells, rules=classes, judge=judge)
     found = _FoundObjects(scene, classes, judge, np.zeros(n, dtype=np.int32))
     for name, rule in classes.items():
         mine = np.flatnonzero(np.isin(forming, rule.labels))
         whole, cut, of_whole, of_cut = find_fragments(
-            local[mine],
+            points.take(mine, axis=0).astype(np.float64),
             core=inside[mine],
-            confidence=certainty[mine],
-            height_above_ground=None if height is None else height[mine],
+            confidence=certainty[mine].astype(np.float64),
+            height_above_ground=None if height is None else height[mine].astype(np.float64),
             origin=zero,
             rule=rule,
             disagreeing=~np.isin(label[mine], rule.labels),
@@ -228,8 +227,8 @@ def _concatenated(tables: Sequence[pd.DataFrame], fields: Mapping[str, str]) -> 
     return pd.concat(filled or tables[:1], ignore_index=True)[list(fields)].astype(fields)
 
 
-def _finite(values: ArrayLike, n_points: int, name: str) -> NDArray[np.float64]:
-    array = check_column(values, n_points, name).astype(np.float64)
+def _finite(values: ArrayLike, n_points: int, name: str) -> NDArray[np.floating]:
+    array = check_column(values, n_points, name)
     if not np.isfinite(array).all():
         row = int(np.flatnonzero(~np.isfinite(array))[0])
         raise DataError(f"{name} at row {row} is {array[row]}")
@@ -277,10 +276,10 @@ def measure_points(
         points,
         group=np.zeros(n, dtype=np.int32),
         core=np.ones(n, dtype=bool),
-        confidence=np.ones(n) if confidence is None else _finite(confidence, n, "confidence"),
+        confidence=np.ones(n) if confidence is None else _finite(confidence, n, "confidence").astype(np.float64),
         height_above_ground=None
         if height_above_ground is None
-        else _finite(height_above_ground, n, "height_above_ground"),
+        else _finite(height_above_ground, n, "height_above_ground").astype(np.float64),
         origin=np.asarray(origin, dtype=np.float64),
         resolution=rule.resolution,
     )

@@ -80,19 +80,17 @@ def voxelise(
     row : ndarray of int64, shape (n,)
         Row of the voxel of each point.
     """
-    key = np.floor((local + origin) / resolution).astype(np.int64)
+    key = voxel_keys(local, origin, resolution)
     order = voxel_order(key)
-    sorted_key = key[order]
-    new = np.concatenate([[True], (np.diff(sorted_key, axis=0) != 0).any(axis=1)])
-    starts = np.flatnonzero(new)
-    inside = local[order] - (sorted_key * resolution - origin)
+    starts, voxel = runs_of_keys(key, order)
+    inside = _inside(local, key, order, origin, resolution)
     weight = core[order]
     z = inside[:, 2]
     ground = np.full(len(z), np.nan) if height_above_ground is None else z - height_above_ground[order]
     low, high = _ends(inside, weight, starts)
     table = {
         "fragment": group[order[starts]],
-        **{name: sorted_key[starts, axis] for axis, name in enumerate("ijk")},
+        **{name: key[order[starts], axis] for axis, name in enumerate("ijk")},
         **{name: np.add.reduceat(inside[:, axis] * weight, starts) for axis, name in enumerate("xyz")},
         **{f"{name}_low": low[axis] for axis, name in enumerate("xyz")},
         **{f"{name}_high": high[axis] for axis, name in enumerate("xyz")},
@@ -106,9 +104,78 @@ def voxelise(
     by_object = np.argsort(table["fragment"], kind="stable")
     place = np.empty(len(starts), dtype=np.int64)
     place[by_object] = np.arange(len(starts))
-    row = np.empty(len(local), dtype=np.int64)
-    row[order] = place[np.cumsum(new) - 1]
-    return pd.DataFrame({name: values[by_object] for name, values in table.items()}), row
+    return pd.DataFrame({name: values[by_object] for name, values in table.items()}), place[voxel]
+
+
+@njit(cache=True, nogil=True)
+def voxel_keys(local: NDArray[np.float64], origin: NDArray[np.float64], resolution: float) -> NDArray[np.int64]:
+    """Return the voxel indices of points.
+
+    Parameters
+    ----------
+    local : ndarray of float64, shape (n, 3)
+        Points relative to `origin`, metres.
+    origin : ndarray of float64, shape (3,)
+        World coordinates of the local origin, metres.
+    resolution : float
+        Edge length of the voxels, metres.
+
+    Returns
+    -------
+    ndarray of int64, shape (n, 3)
+        Voxel indices.
+    """
+    key = np.empty(local.shape, np.int64)
+    for i in range(len(local)):
+        for axis in range(3):
+            key[i, axis] = np.int64(np.floor((local[i, axis] + origin[axis]) / resolution))
+    return key
+
+
+@njit(cache=True, nogil=True)
+def runs_of_keys(key: NDArray[np.int64], order: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the voxels of points from their sorted indices.
+
+    Parameters
+    ----------
+    key : ndarray of int64, shape (n, 3)
+        Voxel indices of points; at least one.
+    order : ndarray of int, shape (n,)
+        Their order, see `voxel_order`.
+
+    Returns
+    -------
+    starts : ndarray of int64
+        Place in the order of the first point of each voxel.
+    voxel : ndarray of int64, shape (n,)
+        Voxel of each point.
+    """
+    starts, voxel = np.empty(len(order), np.int64), np.empty(len(order), np.int64)
+    n, before = 0, order[0]
+    for place in range(len(order)):
+        i = order[place]
+        if place == 0 or key[i, 0] != key[before, 0] or key[i, 1] != key[before, 1] or key[i, 2] != key[before, 2]:
+            starts[n] = place
+            n += 1
+        voxel[i], before = n - 1, i
+    return starts[:n].copy(), voxel
+
+
+@njit(cache=True, nogil=True)
+def _inside(
+    local: NDArray[np.float64],
+    key: NDArray[np.int64],
+    order: NDArray[np.integer],
+    origin: NDArray[np.float64],
+    resolution: float,
+) -> NDArray[np.float64]:
+    """Return the points in their order, relative to the corners of their voxels."""
+    inside = np.empty(local.shape)
+    for place in range(len(order)):
+        i = order[place]
+        for axis in range(3):
+            inside[place, axis] = local[i, axis] - (key[i, axis] * resolution - origin[axis])
+    return inside
 
 
 @njit(cache=True)
@@ -140,11 +207,13 @@ def voxel_order(key: NDArray[np.integer]) -> NDArray[np.integer]:
     ndarray of int, shape (n,)
         Stable sort order.
     """
-    relative = key.astype(np.int64) - key.min(axis=0)
-    bits = [int(size).bit_length() for size in relative.max(axis=0)]
+    low, high = ([int(ends(key[:, axis])) for axis in range(3)] for ends in (np.min, np.max))
+    bits = [(last - first).bit_length() for first, last in zip(low, high, strict=True)]
     if sum(bits) > 62:  # extent exceeds a packed key: slower, same order
         return np.lexsort((key[:, 2], key[:, 1], key[:, 0]))
-    packed = (relative[:, 0] << (bits[1] + bits[2])) | (relative[:, 1] << bits[2]) | relative[:, 2]
+    packed = np.zeros(len(key), np.int64)
+    for axis, shift in enumerate((bits[1] + bits[2], bits[2], 0)):
+        packed |= (key[:, axis].astype(np.int64) - low[axis]) << shift
     return radix_argsort(packed, sum(bits))[1]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.inventory.evidence import GROUP_FEATURES, SUMS, SceneCells, group_features
-from mlsroad_pipeline.algorithms.inventory.fragments import voxel_order
+from mlsroad_pipeline.algorithms.inventory.fragments import runs_of_keys, voxel_keys, voxel_order
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 from mlsroad_pipeline.algorithms.segmentation.pole_parameters import POLE_REFINEMENT
 from mlsroad_pipeline.algorithms.segmentation.stems import Stem, find_stems, whole_stems
@@ -61,15 +61,15 @@ class Stems(NamedTuple):
 
 
 def find_scene_stems(
-    local: NDArray[np.float64], height: NDArray[np.float64], points: NDArray[np.int64], cells: SceneCells
+    local: NDArray[np.floating], height: NDArray[np.floating], points: NDArray[np.int64], cells: SceneCells
 ) -> Stems:
     """Find stems among the points of a scene that may be poles, posts or trunks.
 
     Parameters
     ----------
-    local : ndarray of float64, shape (n, 3)
+    local : ndarray of float32 or float64, shape (n, 3)
         Points of core and buffers, metres.
-    height : ndarray of float64, shape (n,)
+    height : ndarray of float32 or float64, shape (n,)
         Heights above the ground, metres.
     points : ndarray of int64, shape (m,)
         Points to search.
@@ -84,7 +84,9 @@ def find_scene_stems(
     none = Stems(np.zeros((0, len(STEM_FEATURES)), np.float32), np.full(len(points), -1))
     if not len(points):
         return none
-    voxel, xyz, counts, ground = _voxels(local[points], height[points])
+    voxel, xyz, counts, ground = _voxels(
+        local.take(points, axis=0).astype(np.float64), height[points].astype(np.float64)
+    )
     group = cluster(xyz * (1.0, 1.0, _TOLERANCE / _VERTICAL_TOLERANCE), tolerance=_TOLERANCE)
     lines = find_stems(xyz, group, _FREE_LENGTH, _LINES)
     order = np.argsort(group, kind="stable")
@@ -109,14 +111,11 @@ def _voxels(
     xyz: NDArray[np.float64], height: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
     """Return the voxel of each point, mean points, numbers of points, and elevations of the ground."""
-    key = np.floor(xyz / _VOXEL).astype(np.int64)
+    key = voxel_keys(xyz, np.zeros(3), _VOXEL)
     order = voxel_order(key)
-    new = np.concatenate([[True], (np.diff(key[order], axis=0) != 0).any(axis=1)])
-    starts = np.flatnonzero(new)
-    voxel = np.empty(len(xyz), dtype=np.int64)
-    voxel[order] = np.cumsum(new) - 1
+    starts, voxel = runs_of_keys(key, order)
     counts = np.diff(np.append(starts, len(xyz)))
-    mean = np.add.reduceat(xyz[order], starts, axis=0) / counts[:, None]
+    mean = np.add.reduceat(xyz.take(order, axis=0), starts, axis=0) / counts[:, None]
     ground = np.add.reduceat((xyz[:, 2] - height)[order], starts) / counts
     return voxel, mean, counts, ground
 
