@@ -177,7 +177,7 @@ def _occupied_cells(world: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDAr
 
 
 @njit(cache=True, nogil=True)
-def _cell(value: float) -> int:
+def _cell(value: float) -> np.int64:
     """Return the cell of a coordinate; damaged files have some outside the range of int64."""
     scaled = np.floor(value / DENSITY_CELL)
     return np.int64(scaled) if -_INT64_RANGE <= scaled < _INT64_RANGE else np.int64(-_INT64_RANGE)
