@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,7 @@ def write_learned(model: ModelBundle, output: Path) -> tuple[str, dict[str, str]
 
 def register_learned(model: ModelBundle, parent: Mapping[str, Any], store: str) -> tuple[str, dict[str, str]]:
     """Register a model with the tag ``parent``; return its name, and the parameters of `label` that choose it."""
+    os.environ.setdefault("MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR", "false")  # it would draw bars for files of a few kB
     import mlflow  # noqa: PLC0415  few runs are tracked
 
     from mlsroad_pipeline.datasets.models.model_registry_dataset import register_bundle  # noqa: PLC0415
