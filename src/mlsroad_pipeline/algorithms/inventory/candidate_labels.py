@@ -32,7 +32,7 @@ CANDIDATE_LIMITS: dict[str, dict[str, float]] = {
 }
 """Rules of candidates for a judge, where they differ from those of objects."""
 
-_LEAST_TRUNK, _LEAST_POLE = 0.85, 0.5  # probabilities from which a stem changes the class of its points
+_LEAST_TRUNK, _LEAST_POLE = 0.7, 0.5  # probabilities from which a stem changes the class of its points
 
 
 def candidate_rules(scheme: ClassScheme, changes: Mapping[str, Mapping[str, Any]]) -> dict[str, ObjectRule]:

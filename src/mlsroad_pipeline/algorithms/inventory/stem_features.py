@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.inventory.crowns import CROWN_FEATURES, crown_features
 from mlsroad_pipeline.algorithms.inventory.evidence import GROUP_FEATURES, SUMS, SceneCells, group_features
 from mlsroad_pipeline.algorithms.inventory.fragments import runs_of_keys, voxel_keys, voxel_order
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
@@ -32,6 +33,7 @@ STEM_FEATURES = (
     "low", "high", "length", "slope", "stems", "top", "beam", "crowned", "bend", "lean", "spread", "aside", "reached",
     "above_end", "core", "log_voxels",
     *PROFILE,
+    *CROWN_FEATURES,
     *GROUP_FEATURES,
 )  # fmt: skip
 """Names of the features of a stem; lengths in metres."""
@@ -92,10 +94,12 @@ def find_scene_stems(
     order = np.argsort(group, kind="stable")
     owner, nearest = np.full(len(xyz), -1), np.full(len(xyz), _RADIUS)
     rows: list[NDArray[np.float64]] = []
+    found: list[Stem] = []
     for number, stems in sorted(lines.items()):
         first, stop = np.searchsorted(group[order], [number, number + 1])
         members = order[first:stop]
         whole = whole_stems(stems, xyz[members], counts[members], _LINES)
+        found += whole
         rows += _measure(whole, members, xyz, counts, ground, owner, nearest, len(rows))
     if not rows:
         return none
@@ -104,7 +108,8 @@ def find_scene_stems(
     table = cells.around(points[mine], of_point[mine])
     sums = np.zeros((len(rows), len(SUMS)))
     np.add.at(sums, table["fragment"].to_numpy(), table[list(SUMS)].to_numpy(dtype=np.float64))
-    return Stems(np.concatenate([np.array(rows), group_features(sums)], axis=1).astype(np.float32), of_point)
+    features = np.concatenate([np.array(rows), crown_features(found, xyz), group_features(sums)], axis=1)
+    return Stems(features.astype(np.float32), of_point)
 
 
 def _voxels(
