@@ -92,7 +92,7 @@ class Recording:
     lost: NDArray[np.int64]
     raw: NDArray[np.float64]
     network: NDArray[np.float64] | None
-    """What the network of a pool adds; None for a model without one."""
+    """Weighted logarithms of the probabilities of the network in a pool; None for other models."""
 
     @property
     def is_corrected(self) -> bool:

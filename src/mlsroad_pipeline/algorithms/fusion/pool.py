@@ -22,7 +22,7 @@ from mlsroad_pipeline.algorithms.fusion import ground_colour
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under, bundle_scheme
 from mlsroad_pipeline.algorithms.models.combinations import rank_pairs
 from mlsroad_pipeline.algorithms.models.grouped_decision import decide, largest_of_rows
-from mlsroad_pipeline.algorithms.models.labelling import SoftLabels, label_softly
+from mlsroad_pipeline.algorithms.models.labelling import SoftLabels, label_softly, labels_of_rows
 
 SLUG = "pool"
 
@@ -224,14 +224,7 @@ def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
         both = probabilities[rows, paved] + probabilities[rows, natural]
         probabilities[rows, natural], probabilities[rows, paved] = both * share, both * (1.0 - share)
         best[rows] = np.where(share > 0.5, natural, paved)
-    # Points without a combination take the last element.
-    label, confidence = (np.append(values, default) for values, default in ((best, IGNORE), (probability, 0)))
-    return SoftLabels(
-        label.astype(np.int16)[owner],
-        confidence.astype(np.float32)[owner],
-        probabilities.astype(np.float32),
-        owner,
-    )
+    return labels_of_rows(best, probability, probabilities, owner)
 
 
 class PooledVoxels(NamedTuple):

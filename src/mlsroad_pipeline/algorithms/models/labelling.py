@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mlsroad_pipeline.algorithms.core.classes import IGNORE
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError, ParameterError
 from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
@@ -36,6 +37,37 @@ class SoftLabels(NamedTuple):
     confidence: NDArray[np.float32]
     probabilities: NDArray[np.float32] | None = None
     owner: NDArray[np.integer] | None = None
+
+
+def labels_of_rows(
+    best: NDArray[np.int16],
+    confidence: NDArray[np.float32],
+    probabilities: NDArray[np.floating],
+    owner: NDArray[np.int32],
+) -> SoftLabels:
+    """Return the labels of points from those of rows of probabilities.
+
+    Parameters
+    ----------
+    best : ndarray of int16, shape (m,)
+        Class of each row.
+    confidence : ndarray of float32, shape (m,)
+        Confidence of each row.
+    probabilities : ndarray of float, shape (m, classes)
+        Class probabilities.
+    owner : ndarray of int32, shape (n,)
+        Row of each point, -1 for none.
+
+    Returns
+    -------
+    SoftLabels
+        The labels; points without a row have none, and a confidence of 0.
+    """
+    # Points without a row take the last element.
+    label, sure = (np.append(values, default) for values, default in ((best, IGNORE), (confidence, 0)))
+    return SoftLabels(
+        label.astype(np.int16)[owner], sure.astype(np.float32)[owner], probabilities.astype(np.float32), owner
+    )
 
 
 def label_cloud(

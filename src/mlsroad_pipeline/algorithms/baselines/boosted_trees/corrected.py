@@ -32,7 +32,7 @@ from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
 from mlsroad_pipeline.algorithms.models.combinations import rank_pairs
 from mlsroad_pipeline.algorithms.models.grouped_decision import decide
-from mlsroad_pipeline.algorithms.models.labelling import SoftLabels, label_softly
+from mlsroad_pipeline.algorithms.models.labelling import SoftLabels, label_softly, labels_of_rows
 from mlsroad_pipeline.algorithms.stages import ground_of, inlier_rows, inliers
 
 SLUG = "corrected"
@@ -294,10 +294,4 @@ def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
     scores = np.log(np.maximum(soft.probabilities, FLOOR)).astype(np.float64)[own]
     probabilities = softmax(scores + trees.scores(features.values[used])[place.reshape(-1)])
     best, probability = decide(probabilities, base.arrays.get("groups"))
-    label, confidence = (np.append(values, default) for values, default in ((best, IGNORE), (probability, 0)))
-    return SoftLabels(
-        label.astype(np.int16)[combination],
-        confidence.astype(np.float32)[combination],
-        probabilities.astype(np.float32),
-        combination,
-    )
+    return labels_of_rows(best, probability, probabilities, combination)
