@@ -22,11 +22,8 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.weights import
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
-from mlsroad_pipeline.algorithms.features.voxel_scales import (
-    compute_voxel_features,
-    smooth_by_cells,
-    voxel_feature_names,
-)
+from mlsroad_pipeline.algorithms.features.voxel_scales import compute_voxel_features, smooth_by_cells
+from mlsroad_pipeline.algorithms.features.voxel_table import voxel_feature_names
 from mlsroad_pipeline.algorithms.inventory.extraction import extract_objects
 from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import kerb_steps
 from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import marking_stripes

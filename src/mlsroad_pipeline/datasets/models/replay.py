@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.answer_boosting import Replay
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
-from mlsroad_pipeline.algorithms.features.voxel_scales import voxel_feature_names
+from mlsroad_pipeline.algorithms.features.voxel_table import voxel_feature_names
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.formats.npz import DAMAGE, MANGLED
 

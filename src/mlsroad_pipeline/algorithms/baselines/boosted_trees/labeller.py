@@ -11,13 +11,9 @@ from mlsroad_pipeline.algorithms.core.labels import PointLabels, unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
-from mlsroad_pipeline.algorithms.features.voxel_scales import (
-    VoxelFeatures,
-    compute_voxel_features,
-    known_intensity,
-    smooth_by_cells,
-    voxel_feature_names,
-)
+from mlsroad_pipeline.algorithms.features.intensity_ranks import known_intensity
+from mlsroad_pipeline.algorithms.features.voxel_scales import VoxelFeatures, compute_voxel_features, smooth_by_cells
+from mlsroad_pipeline.algorithms.features.voxel_table import voxel_feature_names
 from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.grouped_decision import decide, largest_of_rows

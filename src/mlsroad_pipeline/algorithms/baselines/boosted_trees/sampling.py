@@ -19,7 +19,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
-from mlsroad_pipeline.algorithms.features.voxel_scales import voxel_feature_names
+from mlsroad_pipeline.algorithms.features.voxel_table import voxel_feature_names
 from mlsroad_pipeline.algorithms.models.class_balance import draw_per_class, majority_labels
 from mlsroad_pipeline.algorithms.stages import ground_of, inliers
 

@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG,
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import TrainingVoxels, join_voxels
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.features.voxel_scales import intensity_columns, voxel_feature_names
+from mlsroad_pipeline.algorithms.features.voxel_table import intensity_columns, voxel_feature_names
 from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.checkpoints import Checkpoints

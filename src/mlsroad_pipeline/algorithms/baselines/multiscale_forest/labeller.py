@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.baselines.multiscale_forest.parameters import SLUG, MultiscaleForestParameters
 from mlsroad_pipeline.algorithms.core.labels import PointLabels, unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.features.intensity_ranks import known_intensity, rank_within
 from mlsroad_pipeline.algorithms.features.sphere_features import ATTRIBUTES, SpherePyramid, find_spheres
-from mlsroad_pipeline.algorithms.features.voxel_scales import known_intensity, rank_within
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.flat_forest import FlatForest
 from mlsroad_pipeline.algorithms.stages import inliers
