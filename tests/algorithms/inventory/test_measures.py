@@ -20,11 +20,12 @@ from mlsroad_pipeline.algorithms.inventory.axes import fit_axis
 from mlsroad_pipeline.algorithms.inventory.boxes import convex_hull, oriented_box, polygon_area, vehicle_box
 from mlsroad_pipeline.algorithms.inventory.circles import fit_circle
 from mlsroad_pipeline.algorithms.inventory.extraction import measure_points
-from mlsroad_pipeline.algorithms.inventory.fragments import join_voxels, voxelise
+from mlsroad_pipeline.algorithms.inventory.fragments import join_voxels
 from mlsroad_pipeline.algorithms.inventory.measures import MEASURES
 from mlsroad_pipeline.algorithms.inventory.panels import fit_panel
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.trunks import find_trunks
+from mlsroad_pipeline.algorithms.inventory.voxel_sums import voxelise
 
 UTM = np.array([583_000.0, 4_477_000.0, 120.0])
 RULES = {kind: ObjectRule.of_kind(kind, 1) for kind in ("pole", "sign", "vehicle", "tree")}

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.algorithms.inventory.fragments import join_voxels, voxelise
+from mlsroad_pipeline.algorithms.inventory.fragments import join_voxels
 from mlsroad_pipeline.algorithms.inventory.vehicle_rows import split_row
+from mlsroad_pipeline.algorithms.inventory.voxel_sums import voxelise
 
 CAR, VAN, LORRY = (4.5, 1.8, 1.5), (5.4, 2.0, 2.3), (10.5, 2.5, 3.4)
 TURN = np.radians(20.0)

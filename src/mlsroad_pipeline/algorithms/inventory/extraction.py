@@ -20,12 +20,13 @@ from mlsroad_pipeline.algorithms.core.validation import check_column, check_xyz
 from mlsroad_pipeline.algorithms.inventory.candidate_labels import classify_stems, raised_labels
 from mlsroad_pipeline.algorithms.inventory.class_groups import ClassEvidence
 from mlsroad_pipeline.algorithms.inventory.evidence import EVIDENCE_FIELDS, SceneCells
-from mlsroad_pipeline.algorithms.inventory.fragments import FRAGMENT_FIELDS, find_fragments, join_voxels, voxelise
+from mlsroad_pipeline.algorithms.inventory.fragments import FRAGMENT_FIELDS, find_fragments, join_voxels
 from mlsroad_pipeline.algorithms.inventory.judging import Judge
 from mlsroad_pipeline.algorithms.inventory.measured_rows import Evidence, measured_rows
 from mlsroad_pipeline.algorithms.inventory.measures import ObjectMeasures, measure
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.table import empty_table, object_table
+from mlsroad_pipeline.algorithms.inventory.voxel_sums import voxelise
 
 
 @dataclass(frozen=True)

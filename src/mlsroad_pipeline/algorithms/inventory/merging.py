@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects
-from mlsroad_pipeline.algorithms.inventory.fragments import join_voxels, voxel_order
+from mlsroad_pipeline.algorithms.inventory.fragments import join_voxels
 from mlsroad_pipeline.algorithms.inventory.judging import Judge
 from mlsroad_pipeline.algorithms.inventory.measured_rows import Evidence, measured_rows
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.table import OBJECT_FIELDS, empty_table, finish_table, object_table
+from mlsroad_pipeline.algorithms.inventory.voxel_sums import voxel_order
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 BATCH = 1 << 18

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.inventory.crowns import CROWN_FEATURES, crown_features
 from mlsroad_pipeline.algorithms.inventory.evidence import GROUP_FEATURES, SUMS, SceneCells, group_features
-from mlsroad_pipeline.algorithms.inventory.fragments import runs_of_keys, voxel_keys, voxel_order
+from mlsroad_pipeline.algorithms.inventory.voxel_sums import runs_of_keys, voxel_keys, voxel_order
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 from mlsroad_pipeline.algorithms.segmentation.pole_parameters import POLE_REFINEMENT
 from mlsroad_pipeline.algorithms.segmentation.stems import Stem, find_stems, whole_stems

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mlsroad_pipeline.algorithms.inventory.fragments import runs_of_keys, voxel_keys, voxel_order
+from mlsroad_pipeline.algorithms.inventory.voxel_sums import runs_of_keys, voxel_keys, voxel_order
 
 
 def test_voxels_of_points_are_those_of_floor(rng):
