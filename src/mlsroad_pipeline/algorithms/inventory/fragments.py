@@ -7,6 +7,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.inventory.floating_parts import join_floating_parts
 from mlsroad_pipeline.algorithms.inventory.object_voxels import Voxels
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.voxel_sums import voxelise
@@ -77,6 +78,8 @@ def find_fragments(
     # Scaling z by the ratio of the tolerances makes the vertical tolerance equal to the horizontal one.
     squeeze = np.array([1.0, 1.0, rule.tolerance / (rule.vertical_tolerance or rule.tolerance)])
     label = cluster(local * squeeze, tolerance=rule.tolerance)
+    if rule.kind == "pole" and height_above_ground is not None:
+        label = join_floating_parts(local, height_above_ground, label)
     n_clusters = int(label.max(initial=-1)) + 1
     size = np.bincount(label, minlength=n_clusters)
     n_core = np.bincount(label[core], minlength=n_clusters)
