@@ -2,6 +2,7 @@
 
 import numpy as np
 import pandas as pd
+import pytest
 from helpers.inventories import planted_inventory
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
@@ -41,3 +42,13 @@ def test_a_listed_piece_of_a_moving_car_is_ignored_wherever_it_was_scanned(tmp_p
 
 def test_a_listed_piece_of_a_standing_car_is_false_far_from_its_place(tmp_path):
     assert scored(tmp_path, moving=False) == "false"
+
+
+@pytest.mark.parametrize(("shift", "warned"), [(60.0, False), (50_000.0, True)])
+def test_a_truth_in_another_place_is_a_warning(tmp_path, caplog, shift, warned):
+    inventory = planted_inventory()
+    write_geoparquet(inventory, tmp_path / "inventory.parquet")
+    truth = inventory.objects[["kind", "x", "y"]]
+    truth.assign(x=truth["x"] + shift).to_csv(tmp_path / "truth.csv", index=False)
+    score_inventory(ScoreParameters(str(tmp_path), str(tmp_path / "truth.csv")))
+    assert ("m from those of the inventory" in caplog.text) == warned

@@ -73,11 +73,14 @@ def test_without_times_the_axis_is_used_without_a_note(rng, tmp_path, column):
 def test_a_trajectory_file_is_preferred(rng, tmp_path):
     xyz, time, _ = scanned_street(rng, seconds=1.0)
     described = written(tmp_path / "a.laz", xyz, gps_time=time)
-    (tmp_path / "trajectory.csv").write_text("time,x,y,z\n0,0,0,0\n1,10,0,0\n")
-    found = find_corridor(
-        [described["sample"]], [described["windows"]], trajectory=str(tmp_path / "trajectory.csv"), along=True
-    )
+    path = tmp_path / "trajectory.csv"
+    place = UTM
+    path.write_text(f"time,x,y,z\n0,{place[0]},{place[1]},0\n1,{place[0] + 10},{place[1]},0\n")
+    found = find_corridor([described["sample"]], [described["windows"]], trajectory=str(path), along=True)
     assert corridor_from_arrays(found).length == 10.0 and "note" not in found
+    path.write_text(f"time,x,y,z\n0,{place[0] + 5e4},{place[1]},0\n1,{place[0] + 50_010},{place[1]},0\n")
+    found = find_corridor([described["sample"]], [described["windows"]], trajectory=str(path), along=True)
+    assert "the trajectory trajectory.csv is 49,9" in str(found["note"])
 
 
 @pytest.mark.parametrize("value", [0, 77])

@@ -6,9 +6,10 @@ import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.formats.crs import parse_crs
 from mlsroad_pipeline.surveys.reading import find_corridor
-from mlsroad_pipeline.surveys.sbet import coverage_note, in_weeks_of, is_sbet
+from mlsroad_pipeline.surveys.sbet import coverage_note, distance_note, in_weeks_of, is_sbet
 from mlsroad_pipeline.surveys.trajectory_files import read_trajectory
 
 UTM32 = parse_crs("EPSG:32632")
@@ -63,3 +64,13 @@ def test_weeks_and_coverage(tmp_path):
     cloud = PointCloud(trajectory.xyz[:3], {"gps_time": np.array([1.0, 2, 3])}, crs=UTM32)
     corridor = find_corridor([cloud], [], trajectory=str(tmp_path / "sbet.out"), along=True)
     assert "the points have 1.000 to 3.000 s" in str(corridor["note"])
+
+
+def test_a_trajectory_far_from_the_points_is_noted():
+    path = Trajectory.from_positions([[0.0, 0, 0], [1000, 0, 0]], source="drive/path.csv")
+    assert distance_note(path, [400, 20, 0], [500, 90, 5]) == ""
+    assert distance_note(path, [-50, 90, 0], [-20, 99, 5]) == ""  # before the start
+    assert distance_note(path, [500, 350, -40], [600, 360, 5]).startswith(
+        "the trajectory path.csv is 350 m from the points"
+    )
+    assert distance_note(path, [np.nan] * 3, [np.nan] * 3) == ""

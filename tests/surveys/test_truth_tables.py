@@ -34,6 +34,8 @@ def test_a_table_of_a_user(tmp_path):
         ("kind,x,y\npole,here,2\n", "column x has 'here', which is no number"),
         ("kind,x,y\npole,,2\n", "column x has 'an empty cell'"),
         ("kind,x,y,counted\npole,1,2,perhaps\n", "column counted has 'perhaps'; write true or false"),
+        ("kind,x,y\npole,1,2\nlamp,3,4\n", r"column kind has 'lamp' \(kinds: pole, sign, vehicle, tree\)"),
+        ("kind,x,y\n", "the table has no true objects"),
         ("", "no table of true objects"),
     ],
 )
@@ -42,6 +44,15 @@ def test_a_wrong_table_is_one_error_with_file_and_value(tmp_path, text, said):
     with pytest.raises((DataError, ReadError), match=said) as caught:
         read_truth(path)
     assert str(path) in str(caught.value)
+
+
+def test_semicolons_and_decimal_commas_of_spreadsheets(tmp_path):
+    truth = read_truth(written(tmp_path, "\ufeffkind;x;y;height\nPole;389270,5;5819690,25;\nsign;3;4;2,5\n"))
+    assert truth.objects["kind"].tolist() == ["pole", "sign"]
+    assert truth.objects[["x", "y"]].to_numpy().tolist() == [[389270.5, 5819690.25], [3.0, 4.0]]
+    assert truth.objects["height"].iloc[1] == 2.5
+    points = read_truth(written(tmp_path, "kind;x;y\npole;1.5;2\n"))
+    assert points.objects["x"].tolist() == [1.5]
 
 
 def test_a_missing_file_is_named(tmp_path):

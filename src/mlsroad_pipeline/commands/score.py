@@ -52,7 +52,7 @@ def score(  # typer reads the options from the signature
 
     Writes tables, a JSON file and a page with pictures of the worst objects.
     """
-    from mlsroad_pipeline.commands.console import collected_warnings, output_console
+    from mlsroad_pipeline.commands.console import collected_warnings, output_console, print_warnings
     from mlsroad_pipeline.commands.errors import one_line_errors
     from mlsroad_pipeline.commands.session import configure, find_place, run_pipeline
 
@@ -72,9 +72,10 @@ def score(  # typer reads the options from the signature
         values |= {name: value for name, value in options.items() if value is not None}
         place = find_place()
         configure(place)
-        with collected_warnings(verbose=verbose):
+        with collected_warnings(verbose=verbose) as logged:
             run = run_pipeline("score", merged({"score": values}, changed), place=place)
         print_scores(output_console(), run.catalog.load("object_scores_record"), folder)
+        print_warnings(output_console(), logged)
 
 
 def _folder_of_scores(inventory: Path, output: str | None, *, overwrite: bool) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,6 +29,11 @@ from mlsroad_pipeline.surveys.truth_tables import (
     point_counts,
     read_truth,
 )
+
+logger = logging.getLogger(__name__)
+
+NEAR = 100.0
+"""Largest distance in metres between the extents of an inventory and of its truth without a warning."""
 
 INVENTORIES = ("inventory.parquet", "inventory.gpkg")
 """Inventory files of a folder of results, the first that exists is read."""
@@ -122,6 +128,7 @@ def score_inventory(parameters: ScoreParameters) -> ScoredInventory:
     listed = objects[objects["kind"].isin(kinds) & (objects["score"] >= parameters.least_score)]
     listed = _placed(listed.reset_index(drop=True), truth)
     listed["inside"] &= ~_of_uncounted(listed, true, instances_of_objects(truth, clouds))
+    _warn_of_distance(objects, truth.objects)
     matched = match_objects(listed, true, reach=parameters.reach)
     complete = listed[~listed["kind"].isin(list(parameters.recall_only))]
     errors = errors_of_measures(matched)
@@ -134,6 +141,20 @@ def score_inventory(parameters: ScoreParameters) -> ScoredInventory:
         clouds,
         truth.source,
     )
+
+
+def _warn_of_distance(objects: pd.DataFrame, true: pd.DataFrame) -> None:
+    """Log a warning where the extents of listed and true objects lie far apart in plan."""
+    if objects.empty or true.empty:
+        return
+    one, other = (shapely.box(t["x"].min(), t["y"].min(), t["x"].max(), t["y"].max()) for t in (objects, true))
+    metres = shapely.distance(one, other)
+    if metres > NEAR:
+        logger.warning(
+            "The true objects are %s m from those of the inventory: the table has another coordinate system, or x and "
+            "y exchanged",
+            f"{metres:,.0f}",
+        )
 
 
 def _placed(objects: pd.DataFrame, truth: Truth) -> pd.DataFrame:

@@ -36,7 +36,7 @@ from mlsroad_pipeline.surveys.files import Survey
 from mlsroad_pipeline.surveys.reading import SAMPLE_RUNS as TIME_RUNS
 from mlsroad_pipeline.surveys.reading import SAMPLE_SIZE as TIME_SIZE
 from mlsroad_pipeline.surveys.reading import has_whole_numbers, options_in_use, replaced_crs, time_notes
-from mlsroad_pipeline.surveys.sbet import coverage_note, in_weeks_of
+from mlsroad_pipeline.surveys.sbet import coverage_note, distance_note, in_weeks_of
 from mlsroad_pipeline.surveys.survey_warnings import SurveyFacts, file_warnings, survey_warnings
 from mlsroad_pipeline.surveys.trajectory_files import read_trajectory
 
@@ -272,7 +272,7 @@ def _trajectory_warnings(trajectory: str, quality: QualityReport, crs: str | Non
     path = read_trajectory(trajectory, crs=crs, factors=options.factors)
     first, last = quality.time_start, quality.time_end
     covered = coverage_note(in_weeks_of(path, first, last), first, last) if np.isfinite(first) else ""
-    return [note for note in (path.note, covered) if note]
+    return [note for note in (path.note, covered, distance_note(path, quality.low, quality.high)) if note]
 
 
 def _column_facts(summary: ColumnSummary) -> dict[str, Any]:

@@ -31,7 +31,7 @@ from mlsroad_pipeline.formats.crs_units import with_units
 from mlsroad_pipeline.formats.files import spread_starts
 from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
-from mlsroad_pipeline.surveys.sbet import coverage_note, in_weeks_of
+from mlsroad_pipeline.surveys.sbet import coverage_note, distance_note, in_weeks_of
 from mlsroad_pipeline.surveys.time_windows import read_time_windows
 from mlsroad_pipeline.surveys.trajectory_files import read_trajectory
 
@@ -204,7 +204,8 @@ def find_corridor(
         path = read_trajectory(trajectory, crs=samples[0].crs if samples else None, factors=factors)
         times = _times_of(samples)
         path = in_weeks_of(path, *times)
-        return _with_note(path, "; ".join(filter(None, (path.note, coverage_note(path, *times)))))
+        notes = (path.note, coverage_note(path, *times), distance_note(path, *_extent_of(samples)))
+        return _with_note(path, "; ".join(filter(None, notes)))
     if not along:
         return _with_note(None)
     filled = [part for part in windows if len(part)]
@@ -222,6 +223,13 @@ def _with_note(corridor: Corridor, note: str = "") -> DriveCorridor:
     if note:
         arrays["note"] = np.array(note)
     return arrays
+
+
+def _extent_of(samples: Sequence[PointCloud]) -> NDArray[np.float64]:
+    """Return the least and the largest coordinates of samples; NaN without points."""
+    filled = [sample.world_xyz() for sample in samples if len(sample)]
+    boxes = [np.array([xyz.min(axis=0), xyz.max(axis=0)]) for xyz in filled] or [np.full((2, 3), np.nan)]
+    return np.array([np.min([low for low, _ in boxes], axis=0), np.max([high for _, high in boxes], axis=0)])
 
 
 def _times_of(samples: Sequence[PointCloud]) -> tuple[float, float]:

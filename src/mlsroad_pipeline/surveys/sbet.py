@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+import shapely
+from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
@@ -16,6 +17,8 @@ RECORD = 8 * FIELDS
 WGS84 = "EPSG:4979"
 WEEK = 604_800.0
 PROBED = 64
+NEAR = 100.0
+"""Largest distance in metres between a trajectory and the extent of its points without a warning."""
 
 
 def is_sbet(path: Path) -> bool:
@@ -66,4 +69,18 @@ def coverage_note(trajectory: Trajectory, first: float, last: float) -> str:
     return (
         f"the trajectory {Path(trajectory.source).name} covers {time[0]:.3f} to {time[-1]:.3f} s, "
         f"the points have {first:.3f} to {last:.3f} s"
+    )
+
+
+def distance_note(trajectory: Trajectory, low: ArrayLike, high: ArrayLike) -> str:
+    """Return a warning if a trajectory lies far from the extent of the points in plan, else an empty string."""
+    corners = np.array([np.asarray(low)[:2], np.asarray(high)[:2]], dtype=np.float64)
+    if not np.isfinite(corners).all():
+        return ""
+    metres = shapely.box(*corners.ravel()).distance(shapely.LineString(trajectory.xyz[:, :2]))
+    if metres <= NEAR:
+        return ""
+    return (
+        f"the trajectory {Path(trajectory.source).name} is {metres:,.0f} m from the points, and stations and offsets "
+        "are wrong: it has another coordinate system, or belongs to another survey"
     )

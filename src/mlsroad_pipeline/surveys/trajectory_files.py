@@ -67,7 +67,7 @@ def _read_trajectory(
     missing = [name for name in ("x", "y", "z") if name not in names]
     if missing:
         raise ReadError(
-            f"{source}: no column {missing[0]!r} among {list(columns or rows[0][1])}; name them with `columns`"
+            f"{source}: a trajectory needs the column {missing[0]} (has {', '.join(columns or rows[0][1])})"
         )
     columns_of = {name: names.index(name) for name in _NAMES if name in names}
     body = rows[1:] if has_names else rows

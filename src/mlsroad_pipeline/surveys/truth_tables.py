@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.inventory.boxes import vehicle_box
-from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, ObjectRule
+from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, KINDS, ObjectRule
 from mlsroad_pipeline.formats.files import named_errors
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
@@ -74,14 +74,20 @@ def _read_truth(place: Path) -> Truth:
         objects, region = kitti_boxes(place)
         return Truth(_typed(objects, place), region, "kitti")
     try:
-        table = pd.read_csv(place)
+        with place.open(encoding="utf-8-sig") as stream:
+            header = stream.readline()
+        separator, decimal = (";", ",") if ";" in header and "," not in header else (",", ".")
+        table = pd.read_csv(place, sep=separator, decimal=decimal)
     except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
         raise ReadError(f"{place}: no table of true objects: {' '.join(str(error).split())}") from error
     if {"instance", "label", "box_x", "moving"} <= set(table):
         return Truth(_typed(_simulated(table), place), None, "simulated")
     if {"position.x", "dimensions.x", "yaw"} <= set(table):
         return Truth(_typed(_pandaset(table), place), None, "pandaset")
-    return Truth(_typed(table, place), None, "table")
+    typed = _typed(table, place)
+    if typed.empty:
+        raise DataError(f"{place}: the table has no true objects")
+    return Truth(typed, None, "table")
 
 
 def _typed(table: pd.DataFrame, place: Path) -> pd.DataFrame:
@@ -92,6 +98,10 @@ def _typed(table: pd.DataFrame, place: Path) -> pd.DataFrame:
             f"{place}: a table of true objects needs the column {missing[0]} (has {', '.join(map(str, table))})"
         )
     table = table[table["kind"].notna()].reset_index(drop=True)
+    kinds = table["kind"].astype(str).str.strip().str.lower()
+    unknown = table["kind"][~kinds.isin(KINDS)]
+    if len(unknown):
+        raise DataError(f"{place}: column kind has {unknown.iloc[0]!r} (kinds: {', '.join(KINDS)})")
     for name in (name for name in _NUMBERS if name in table):
         values = pd.to_numeric(table[name], errors="coerce")
         bad = table[name][values.isna() & table[name].notna()]
@@ -103,7 +113,7 @@ def _typed(table: pd.DataFrame, place: Path) -> pd.DataFrame:
     counted = given.astype(str).str.lower().map({"true": True, "1": True, "false": False, "0": False})
     if counted.isna().any():
         raise DataError(f"{place}: column counted has {given[counted.isna()].iloc[0]!r}; write true or false")
-    return table.assign(kind=table["kind"].astype(str).str.strip().str.lower(), counted=counted.astype(bool))
+    return table.assign(kind=kinds, counted=counted.astype(bool))
 
 
 def _simulated(table: pd.DataFrame) -> pd.DataFrame:

@@ -241,3 +241,11 @@ def test_bad_scenes(files, path):
         assemble_scene([*pieces, pieces[0]], span)
     with pytest.raises(DataError, match="scene_00000: none of 0 pieces"):
         assemble_scene([], span)
+
+
+@pytest.mark.filterwarnings("error")
+def test_points_at_any_distance_have_a_bin(path):
+    xyz = np.array([[0.0, 0, 0], [1e14, 1e14, 0], [-1e14, -1e14, 0], [10, 0, 0]])
+    cut = cut_range(PointCloud(xyz, {}, UTM, None, "a.txt"), path, bin_length=2.0, first_row=0)
+    assert sorted(cut.cloud["row"].tolist()) == [0, 1, 2, 3]
+    assert (np.diff(cut.bins.astype(np.int64)) > 0).all() and len(cut.bins) == 4

@@ -20,6 +20,9 @@ from mlsroad_pipeline.algorithms.core.validation import check_positive
 from mlsroad_pipeline.algorithms.scenes.corridor import Corridor
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart
 
+_FARTHEST = 2**30 - 1
+"""Largest number of a bin; stray points beyond it are counted in the last bin. Differences of two fit in int32."""
+
 
 @dataclass(frozen=True)
 class BinnedCloud:
@@ -141,7 +144,7 @@ def cut_range(
         numbers = np.full(len(cloud), file, dtype=np.int32)
     else:
         station, _ = corridor.locate(cloud.xyz, origin=cloud.origin)
-        numbers = np.floor(station / bin_length).astype(np.int32)
+        numbers = np.floor(station / bin_length).clip(-_FARTHEST, _FARTHEST).astype(np.int32)
     relative = numbers - (numbers.min() if len(numbers) else 0)
     if relative.max(initial=0) < np.iinfo(np.int16).max:
         relative = relative.astype(np.int16)  # NumPy sorts 16-bit keys by radix sort, in linear time
