@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.scenes.binning import BinnedCloud
 from mlsroad_pipeline.algorithms.scenes.corridor import MainAxis
 from mlsroad_pipeline.algorithms.scenes.spans import SceneSpan
 from mlsroad_pipeline.label import scene_with_images
-from mlsroad_pipeline.label.images import images_to_label, views_of_scene
+from mlsroad_pipeline.label.images import images_of_survey, images_to_label, views_of_scene
 from mlsroad_pipeline.surveys.files import SurveyFile
 from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan
 
@@ -84,7 +84,7 @@ def test_images_lie_beside_the_points_of_their_drive(survey, fusion, network, ca
     found = images_to_label(plan_of(survey, "north", "south"), fusion, "calibration.json")
     assert list(found.drives) == ["survey.north"] and found.cameras == ("back", "front") and found.reach == 25.0
     assert len(found.drives["survey.north"]) == 10
-    assert "survey.south: its points have the labels of the features alone" in caplog.text
+    assert "beside the points of south: its points have the labels of the features alone" in caplog.text
     everywhere = images_to_label(plan_of(survey, "south"), network, str(survey / "north" / "calibration.json"))
     assert list(everywhere.drives) == ["survey.south"]
     forest = bundle("detrended_forest")
@@ -99,7 +99,7 @@ def test_a_survey_without_images_is_an_error_for_images_alone_and_a_warning_for_
     with pytest.raises(ReadError, match="needs images"):
         images_to_label(plan_of(survey, "north"), network, None)
     assert images_to_label(plan_of(survey, "south"), fusion, "calibration.json").drives == {}
-    assert "No images (calibration.json) for survey.south" in caplog.text
+    assert "No images (calibration.json) beside the points of south: " in caplog.text
 
 
 def test_pictures_and_cameras_that_do_not_fit_are_named_before_any_work(survey, fusion, network):
@@ -171,3 +171,8 @@ def test_points_around_are_those_before_and_behind_the_buffers(monkeypatch):
     monkeypatch.setattr(scene_with_images, "MAX_OCCLUDERS", 4)
     assert (scene_with_images.points_around([piece], span, 6, cloud.origin)[:, 0]).tolist() == [9, 11, 22, 24]
     assert scene_with_images.points_around([piece], span, 0, cloud.origin).shape == (0, 3)
+
+
+def test_objects_without_photos_are_reported_with_the_folder_of_their_points(survey, caplog):
+    assert images_of_survey(plan_of(survey / "south", "."), "calibration.json") == {}
+    assert f"No images (calibration.json) beside the points of {survey / 'south'}: no photos of objects" in caplog.text

@@ -56,7 +56,7 @@ def images_to_label(plan: SurveyPlan, bundle: ModelBundle, name: str | None, mas
         if len(images):
             with_images[drive] = images
         else:
-            without.append(drive)
+            without.append(_place_of(files))
     network = member(bundle, IMAGE_LABELS)
     reach = float(network.metadata["parameters"]["reach"])
     result = LabelImages(with_images, reach)
@@ -67,7 +67,9 @@ def images_to_label(plan: SurveyPlan, bundle: ModelBundle, name: str | None, mas
             "for surveys without images"
         )
     if without:
-        logger.warning("No images (%s) for %s: %s", place.name, ", ".join(without), effect_without_images(bundle))
+        logger.warning(
+            "No images (%s) beside the points of %s: %s", place.name, ", ".join(without), effect_without_images(bundle)
+        )
     if bundle.slug == FUSION:
         _check_cameras(result.cameras, bundle)
     if network.metadata.get("segmentation", {}).get("source") == "masks":
@@ -88,10 +90,16 @@ def effect_without_images(bundle: ModelBundle) -> str:
 def images_of_survey(plan: SurveyPlan, name: str | None) -> dict[str, SurveyImages]:
     """Return the images of each drive that has some; log a warning for the others."""
     found = {drive: images_beside(files, name) for drive, files in plan.drives().items()}
-    without = [drive for drive, images in found.items() if not len(images)]
+    without = [_place_of(files) for drive, files in plan.drives().items() if not len(found[drive])]
     if without:
-        logger.warning("No images (%s) for %s: its objects have no photos", name, ", ".join(without))
+        logger.warning("No images (%s) beside the points of %s: no photos of objects", name, ", ".join(without))
     return {drive: images for drive, images in found.items() if len(images)}
+
+
+def _place_of(files: Sequence[PlannedFile]) -> str:
+    """Return the folder of the points of a drive for messages: its name below the root, or the path of the root."""
+    source = files[0].source
+    return str(Path(source.path).parent) if source.folder == "." else source.folder
 
 
 def images_beside(files: Sequence[PlannedFile], name: str | None) -> SurveyImages:
