@@ -56,7 +56,7 @@ def test_dataset_round_trip(tmp_path):
         ("", "no positions in the file"),
         ("# nothing\n", "no positions in the file"),
         ("time,x,y,z\n", "no positions in the file"),
-        ("lat,lon,z\n1,2,3\n", "no column 'x' among"),
+        ("lat,lon,z\n1,2,3\n", "a trajectory needs the column x .has lat, lon, z."),
         ("time,x,y,z\n1,2,3,4\n1,2,three,4\n", "line 3: y is 'three', not a number"),
         ("1 2 3 4\n2 3 4\n", "line 2 has 3 values, 4 are needed"),
     ],
@@ -78,3 +78,17 @@ def test_unusable_values_and_missing_files(tmp_path):
         read_trajectory(path)
     with pytest.raises(ReadError, match=r"none\.csv: no such trajectory file"):
         read_trajectory(tmp_path / "none.csv")
+
+
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_decimal_commas_of_spreadsheets(tmp_path, separator):
+    rows = [
+        ["gps_time", "x", "y", "z"],
+        ["216000,5", "389301,93", "-5,25", "36"],
+        ["216001", "389311,93", "-5,25", "1,5e1"],
+    ]
+    path = tmp_path / "trajectory.csv"
+    path.write_text("\n".join(separator.join(row) for row in rows))
+    found = read_trajectory(path)
+    assert found.xyz.tolist() == [[389301.93, -5.25, 36.0], [389311.93, -5.25, 15.0]]
+    assert found.time is not None and found.time.tolist() == [216000.5, 216001.0]

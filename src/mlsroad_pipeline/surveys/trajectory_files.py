@@ -22,6 +22,7 @@ _NAMES = {
     "z": ("z", "height", "altitude", "elevation", "up", "h"),
 }
 _COMMENTS = ("#", "%", "//")
+_DECIMAL_COMMA = re.compile(r"^([-+]?\d*),(\d+(?:[eE][-+]?\d+)?)$")
 
 
 def read_trajectory(
@@ -33,10 +34,10 @@ def read_trajectory(
 ) -> Trajectory:
     """Read a trajectory from a text file or from SBET, which is recognised by its content.
 
-    Values are separated by commas, semicolons, tabs or blanks. Lines that begin with ``#``, ``%`` or ``//`` are
-    comments. A header line is recognised, in any case and with units in brackets or after the name (``Easting[m]``).
-    Without a header the columns are ``time x y z``, and further columns are ignored. `factors` turn the units of text
-    into metres.
+    Values are separated by semicolons, tabs, commas or blanks; all but commas allow decimal commas. Lines that begin
+    with ``#``, ``%`` or ``//`` are comments. A header line is recognised, in any case and with units in brackets or
+    after the name (``Easting[m]``). Without a header the columns are ``time x y z``, and further columns are ignored.
+    `factors` turn the units of text into metres.
     """
     source = Path(path)
     if not source.is_file():
@@ -80,8 +81,9 @@ def _read_trajectory(
 
 
 def _split(line: str) -> list[str]:
-    separator = next((mark for mark in (",", ";", "\t") if mark in line), None)
-    return [word.strip().strip('"') for word in line.split(separator)]
+    separator = next((mark for mark in (";", "\t", ",") if mark in line), None)
+    words = [word.strip().strip('"') for word in line.split(separator)]
+    return words if separator == "," else [_DECIMAL_COMMA.sub(r"\1.\2", word) for word in words]
 
 
 def _is_number(word: str) -> bool:
