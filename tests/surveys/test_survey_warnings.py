@@ -10,7 +10,7 @@ from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk, merge
 from mlsroad_pipeline.algorithms.quality.places import cell_positions, count_places
 from mlsroad_pipeline.algorithms.quality.report import QualityReport
 from mlsroad_pipeline.formats.crs import parse_crs
-from mlsroad_pipeline.surveys.survey_warnings import SurveyFacts, file_warnings, survey_warnings
+from mlsroad_pipeline.surveys.survey_warnings import AS_POINTS, SurveyFacts, file_warnings, survey_warnings
 
 UTM = parse_crs("EPSG:25832")
 
@@ -101,6 +101,19 @@ def test_files_of_a_folder_that_lie_apart_and_differ(street):
     assert "2 files of the folder lie in 2 places more than 500 m apart" in found["run/"]
     assert "files have different coordinate reference systems" in found["run/a.laz"]
     assert "run/" not in dict(survey_warnings([here, replace(there, quality=here.quality)], {}))
+
+
+def test_a_file_named_as_a_trajectory_beside_others_is_named(street):
+    def warned(*names):
+        return [
+            name
+            for name, text in survey_warnings([facts(street, name=name) for name in names], {})
+            if text == AS_POINTS
+        ]
+
+    assert warned("lane/points.xyz", "lane/filter_Trajectory.xyz") == ["lane/filter_Trajectory.xyz"]
+    assert warned("trajectory/a.laz", "trajectory/b.laz") == []
+    assert warned("trajectory.laz") == []
 
 
 def test_report_survives_the_table(street):

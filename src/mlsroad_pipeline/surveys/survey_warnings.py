@@ -31,6 +31,9 @@ FAR = 1e8
 LONG = 1e5
 """Extent in metres above which coordinates are probably wrong."""
 
+AS_POINTS = "is named as a trajectory and read as points; if it is a trajectory, set trajectory to its name"
+"""Warning on a file that is named as a trajectory beside other files."""
+
 
 @dataclass(frozen=True)
 class SurveyFacts:
@@ -201,6 +204,7 @@ def survey_warnings(
     """
     more = more or {}
     rows = [(name, reason) for name, reason in skipped.items()]
+    rows += [(name, AS_POINTS) for name in _names_of_trajectories(files)]
     rows += [(facts.name, text) for facts in files for text in (*file_warnings(facts), *more.get(facts.name, ()))]
     gathered = gather(rows, len(files) + len(skipped))
     systems = {facts.crs: facts.name for facts in reversed(files)}
@@ -211,6 +215,12 @@ def survey_warnings(
     if partial:
         gathered.append((files[0].name, f"only some of the files have {', '.join(partial)}"))
     return gathered + _far_files(files)
+
+
+def _names_of_trajectories(files: Sequence[SurveyFacts]) -> list[str]:
+    """Return the files that are named as a trajectory, where others are not."""
+    named = [facts.name for facts in files if "trajectory" in PurePosixPath(facts.name).stem.lower()]
+    return named if len(named) < len(files) else []
 
 
 def _partial_columns(files: Sequence[SurveyFacts]) -> list[str]:
