@@ -97,23 +97,28 @@ def _typed(table: pd.DataFrame, place: Path) -> pd.DataFrame:
         raise DataError(
             f"{place}: a table of true objects needs the column {missing[0]} (has {', '.join(map(str, table))})"
         )
-    table = table[table["kind"].notna()].reset_index(drop=True)
+    table = table[table["kind"].notna()]
     kinds = table["kind"].astype(str).str.strip().str.lower()
-    unknown = table["kind"][~kinds.isin(KINDS)]
-    if len(unknown):
-        raise DataError(f"{place}: column kind has {unknown.iloc[0]!r} (kinds: {', '.join(KINDS)})")
+    _check(table["kind"], ~kinds.isin(KINDS), place, f"kinds are {', '.join(KINDS)}")
     for name in (name for name in _NUMBERS if name in table):
         values = pd.to_numeric(table[name], errors="coerce")
-        bad = table[name][values.isna() & table[name].notna()]
-        if len(bad) or (name in ("x", "y") and not np.isfinite(values).all()):
-            value = bad.iloc[0] if len(bad) else "an empty cell"
-            raise DataError(f"{place}: column {name} has {value!r}, which is no number")
-        table[name] = values.astype(np.float64)
+        _check(table[name], values.isna() & table[name].notna(), place, "it is no number")
+        if name in ("x", "y"):
+            _check(table[name], ~np.isfinite(values), place, "a place needs x and y")
+        table = table.assign(**{name: values.astype(np.float64)})
     given = table["counted"] if "counted" in table else pd.Series(True, index=table.index)
     counted = given.astype(str).str.lower().map({"true": True, "1": True, "false": False, "0": False})
-    if counted.isna().any():
-        raise DataError(f"{place}: column counted has {given[counted.isna()].iloc[0]!r}; write true or false")
-    return table.assign(kind=kinds, counted=counted.astype(bool))
+    _check(given, counted.isna(), place, "write true or false")
+    return table.assign(kind=kinds, counted=counted.astype(bool)).reset_index(drop=True)
+
+
+def _check(column: pd.Series, bad: pd.Series, place: Path, text: str) -> None:
+    """Raise an error that names the first bad value of a column and its row; rows count from 1, without the header."""
+    rows = np.flatnonzero(bad)
+    if len(rows):
+        cell = column.iloc[rows[0]]
+        value = "an empty cell" if pd.isna(cell) else repr(cell)
+        raise DataError(f"{place}: column {column.name} has {value} in row {column.index[rows[0]] + 1}: {text}")
 
 
 def _simulated(table: pd.DataFrame) -> pd.DataFrame:
