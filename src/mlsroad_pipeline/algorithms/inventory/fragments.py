@@ -77,7 +77,7 @@ def find_fragments(
     """
     # Scaling z by the ratio of the tolerances makes the vertical tolerance equal to the horizontal one.
     squeeze = np.array([1.0, 1.0, rule.tolerance / (rule.vertical_tolerance or rule.tolerance)])
-    label = cluster(local * squeeze, tolerance=rule.tolerance)
+    label: NDArray[np.integer] = cluster(local * squeeze, tolerance=rule.tolerance)
     if rule.kind == "pole" and height_above_ground is not None:
         label = join_floating_parts(local, height_above_ground, label)
     n_clusters = int(label.max(initial=-1)) + 1
