@@ -35,6 +35,7 @@ def test_a_table_of_a_user(tmp_path):
         ("kind,x,y\npole,1,2\npole,,2\n", "column x has an empty cell in row 2"),
         ("kind,x,y,counted\npole,1,2,perhaps\n", "column counted has 'perhaps' in row 1: write true or false"),
         ("kind,x,y\npole,1,2\nlamp,3,4\n", "column kind has 'lamp' in row 2: kinds are pole, sign, vehicle, tree"),
+        ("kind;x;y\npole;1,5;2\nsign;x;3\n", "column x has 'x' in row 2: it is no number"),
         ("kind,x,y\n", "the table has no true objects"),
         ("", "no table of true objects"),
     ],

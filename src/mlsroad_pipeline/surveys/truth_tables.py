@@ -77,7 +77,7 @@ def _read_truth(place: Path) -> Truth:
         with place.open(encoding="utf-8-sig") as stream:
             header = stream.readline()
         separator, decimal = (";", ",") if ";" in header and "," not in header else (",", ".")
-        table = pd.read_csv(place, sep=separator, decimal=decimal)
+        table = _with_points(pd.read_csv(place, sep=separator, decimal=decimal), decimal)
     except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
         raise ReadError(f"{place}: no table of true objects: {' '.join(str(error).split())}") from error
     if {"instance", "label", "box_x", "moving"} <= set(table):
@@ -88,6 +88,12 @@ def _read_truth(place: Path) -> Truth:
     if typed.empty:
         raise DataError(f"{place}: the table has no true objects")
     return Truth(typed, None, "table")
+
+
+def _with_points(table: pd.DataFrame, decimal: str) -> pd.DataFrame:
+    """Return a table with decimal points in the columns of numbers that have other values too."""
+    text = [name for name in _NUMBERS if name in table and pd.api.types.is_string_dtype(table[name])]
+    return table.assign(**{name: table[name].str.replace(decimal, ".", regex=False) for name in text})
 
 
 def _typed(table: pd.DataFrame, place: Path) -> pd.DataFrame:
