@@ -31,7 +31,9 @@ FAR = 1e8
 LONG = 1e5
 """Extent in metres above which coordinates are probably wrong."""
 
-AS_POINTS = "is named as a trajectory and read as points; if it is a trajectory, set trajectory to its name"
+AS_POINTS = (
+    "is named as a trajectory and read as points; if it is a trajectory, set trajectory (label.trajectory) to its name"
+)
 """Warning on a file that is named as a trajectory beside other files."""
 
 

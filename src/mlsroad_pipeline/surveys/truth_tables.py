@@ -76,8 +76,9 @@ def _read_truth(place: Path) -> Truth:
     try:
         with place.open(encoding="utf-8-sig") as stream:
             header = stream.readline()
-        separator, decimal = (";", ",") if ";" in header and "," not in header else (",", ".")
-        table = _with_points(pd.read_csv(place, sep=separator, decimal=decimal), decimal)
+        spreadsheet = ";" in header and "," not in header
+        table = pd.read_csv(place, sep=";" if spreadsheet else ",")
+        table = _without_decimal_commas(table) if spreadsheet else table
     except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
         raise ReadError(f"{place}: no table of true objects: {' '.join(str(error).split())}") from error
     if {"instance", "label", "box_x", "moving"} <= set(table):
@@ -90,10 +91,10 @@ def _read_truth(place: Path) -> Truth:
     return Truth(typed, None, "table")
 
 
-def _with_points(table: pd.DataFrame, decimal: str) -> pd.DataFrame:
-    """Return a table with decimal points in the columns of numbers that have other values too."""
+def _without_decimal_commas(table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table with decimal points in the columns of numbers that were read as text."""
     text = [name for name in _NUMBERS if name in table and pd.api.types.is_string_dtype(table[name])]
-    return table.assign(**{name: table[name].str.replace(decimal, ".", regex=False) for name in text})
+    return table.assign(**{name: table[name].str.replace(",", ".", regex=False) for name in text})
 
 
 def _typed(table: pd.DataFrame, place: Path) -> pd.DataFrame:
