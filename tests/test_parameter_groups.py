@@ -17,7 +17,7 @@ from mlsroad_pipeline.algorithms.models.methods import trained_methods
 from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
 from mlsroad_pipeline.algorithms.recognition.cutting import RecognitionParameters
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters, OutlierParameters
-from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
+from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
 from mlsroad_pipeline.datasets.models.shipped_entry import ShippedParameters
 from mlsroad_pipeline.label.object_scoring import ScoreParameters
