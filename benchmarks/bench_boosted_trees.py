@@ -17,22 +17,22 @@ from typing import Any
 
 import numpy as np
 
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import (
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
+from mlsroad_pipeline.algorithms.core.stage_results import Ground
+from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import (
     describe_scene,
     label_cloud,
     voxel_probabilities,
 )
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import BoostedTreesParameters
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import sample_voxels
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.training import fit
-from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.core.stage_results import Ground
+from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import BoostedTreesParameters
+from mlsroad_pipeline.algorithms.models.boosted_trees.sampling import sample_voxels
+from mlsroad_pipeline.algorithms.models.boosted_trees.training import fit
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.stages import find_ground
-from mlsroad_pipeline.datasets.models.shipped_models import load_shipped
 from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.model_store.shipped_models import load_shipped
 
 
 def median_cpu(work: Callable[[], Any], repeats: int) -> float:

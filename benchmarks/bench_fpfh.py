@@ -26,7 +26,7 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.features.fpfh import compute_fpfh
-from mlsroad_pipeline.algorithms.patches.extraction import extract_patches
+from mlsroad_pipeline.papers.shared.patches.extraction import extract_patches
 
 RADIUS = 0.3
 VOXEL = 0.05

@@ -26,9 +26,9 @@ import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.image_labels.camera import Camera
-from mlsroad_pipeline.algorithms.image_labels.projection import project_points
-from mlsroad_pipeline.algorithms.image_labels.visibility import (
+from mlsroad_pipeline.algorithms.cameras.camera import Camera
+from mlsroad_pipeline.algorithms.cameras.projection import project_points
+from mlsroad_pipeline.papers.tomic2019.image_labels.visibility import (
     DepthBuffer,
     HiddenPointRemoval,
     hidden_point_removal,

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from PIL import Image as Picture
 from scipy.ndimage import gaussian_filter
 
-from mlsroad_pipeline.algorithms.image_labels.camera import Camera
-from mlsroad_pipeline.algorithms.image_labels.projection import project_points
-from mlsroad_pipeline.algorithms.image_labels.visibility import visible_points
+from mlsroad_pipeline.algorithms.cameras.camera import Camera
+from mlsroad_pipeline.algorithms.cameras.projection import project_points
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.pcd.format import PcdFormat
+from mlsroad_pipeline.papers.tomic2019.image_labels.visibility import visible_points
 
 CAMERAS = ("front", "left", "right")
 SHIFTS = np.arange(-20, 21)

@@ -22,12 +22,12 @@ from kedro.framework.session import KedroSession
 from kedro.framework.startup import bootstrap_project
 
 from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.papers.shared.studies.tables import paired_interval
+from mlsroad_pipeline.papers.yu2016.study.keys import street_key
+from mlsroad_pipeline.papers.yu2016.study.objects import segment_street
+from mlsroad_pipeline.papers.yu2016.study.parameters import CUT
+from mlsroad_pipeline.papers.yu2016.study.plan import StudyPlan, plan_study
 from mlsroad_pipeline.pipelines.yu2016_study.pipeline import create_pipeline
-from mlsroad_pipeline.studies.tables import paired_interval
-from mlsroad_pipeline.studies.yu2016.keys import street_key
-from mlsroad_pipeline.studies.yu2016.objects import segment_street
-from mlsroad_pipeline.studies.yu2016.parameters import CUT
-from mlsroad_pipeline.studies.yu2016.plan import StudyPlan, plan_study
 
 FIGURES = ("weighted_coverage", "coverage", "weighted_touching", "touching", "wanted")
 

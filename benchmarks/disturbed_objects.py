@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from sydney_recognition import parameters_of
 
-from mlsroad_pipeline.algorithms.recognition.disturbances import PAPER_LEVELS, Disturbance
-from mlsroad_pipeline.studies.luo2019.runs import train_and_recognise
+from mlsroad_pipeline.papers.luo2019.study.runs import train_and_recognise
+from mlsroad_pipeline.papers.shared.recognition.disturbances import PAPER_LEVELS, Disturbance
 
 LEVELS = {
     "undisturbed": Disturbance(),

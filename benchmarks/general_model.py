@@ -23,18 +23,18 @@ from forest_trials import configured
 from kedro.framework.session import KedroSession
 from kedro.framework.startup import bootstrap_project
 
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG, BoostedTreesParameters
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.training import fit
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.evaluation.labelling import coarse_labels
 from mlsroad_pipeline.algorithms.metrics.calibration import ReliabilityTable
 from mlsroad_pipeline.algorithms.metrics.confusion import scores
+from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG, BoostedTreesParameters
+from mlsroad_pipeline.algorithms.models.boosted_trees.training import fit
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
+from mlsroad_pipeline.papers.comparison.recordings.scoring import score_points, unmixed
+from mlsroad_pipeline.papers.comparison.recordings.sources import Source, sources_of
+from mlsroad_pipeline.papers.shared.evaluation.labelling import coarse_labels
 from mlsroad_pipeline.pipelines.boosted_trees.nodes import load_lightgbm
-from mlsroad_pipeline.studies.recordings.scoring import score_points, unmixed
-from mlsroad_pipeline.studies.recordings.sources import Source, sources_of
 from mlsroad_pipeline.surveys.recording_scenes import read_points
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -29,7 +29,7 @@ from gpu_data import Data, make_data
 from gpu_trial import Case, Clock, Setting, synchronise
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.models import torch_training
+from mlsroad_pipeline.algorithms.models.machines import torch_training
 
 WARM_UP = 3
 """Steps left out of the median, in which libraries choose their kernels."""

@@ -15,18 +15,18 @@ from gpu_data import Data
 from gpu_trial import Case, Clock, Setting
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.baselines.pointnet.parameters import PointNetParameters
-from mlsroad_pipeline.algorithms.baselines.pointnet.recogniser import PointNetRecogniser
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer import optimisation
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.inputs import even_points, prepare_inputs
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.network import to_tensors
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import SuperpointTransformerParameters
-from mlsroad_pipeline.algorithms.image_labels import pspnet_training
-from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
-from mlsroad_pipeline.algorithms.image_labels.training_parameters import TrainingParameters
-from mlsroad_pipeline.algorithms.jointnet import training as jointnet_training
-from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
-from mlsroad_pipeline.algorithms.jointnet.recogniser import JointNetRecogniser
+from mlsroad_pipeline.algorithms.models.superpoint_transformer import optimisation
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.inputs import even_points, prepare_inputs
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.network import to_tensors
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import SuperpointTransformerParameters
+from mlsroad_pipeline.papers.luo2019.jointnet import training as jointnet_training
+from mlsroad_pipeline.papers.luo2019.jointnet.parameters import JointNetParameters
+from mlsroad_pipeline.papers.luo2019.jointnet.recogniser import JointNetRecogniser
+from mlsroad_pipeline.papers.luo2019.pointnet.parameters import PointNetParameters
+from mlsroad_pipeline.papers.luo2019.pointnet.recogniser import PointNetRecogniser
+from mlsroad_pipeline.papers.tomic2019.image_labels import pspnet_training
+from mlsroad_pipeline.papers.tomic2019.image_labels.segmentation import segment_image
+from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import TrainingParameters
 
 PAPER_SIZE = {
     "n_hidden": 4096, "map_channels": 64, "fusion_widths": [64, 64], "cnn3_widths": [64, 64, 128, 192],

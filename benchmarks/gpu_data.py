@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.graph import SuperpointGraph, ranges
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.inputs import even_points
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.graph import SuperpointGraph, ranges
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.inputs import even_points
 
 TRAIN, TEST = (3001, 3002, 3003, 3004), (4001, 4002)
 """Seeds of the streets."""
@@ -41,7 +41,7 @@ def make_data(file: Path) -> None:
     """Simulate the streets and write the file."""
     from forest_trials import configured_scheme  # noqa: PLC0415  the file is read where it has not all it needs
 
-    from mlsroad_pipeline.algorithms.image_labels.cityscapes import encode_label_image, image_classes  # noqa: PLC0415
+    from mlsroad_pipeline.algorithms.cameras.cityscapes import encode_label_image, image_classes  # noqa: PLC0415
     from mlsroad_pipeline.simulation import PRESETS, simulate_survey  # noqa: PLC0415
     from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS  # noqa: PLC0415
 
@@ -97,11 +97,11 @@ class Packed:
         """Add the superpoints of the middle of a street."""
         from forest_trials import configured_stages  # noqa: PLC0415  as above
 
-        from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.labeller import prepare  # noqa: PLC0415
-        from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import (  # noqa: PLC0415
+        from mlsroad_pipeline.algorithms.models.superpoint_transformer.labeller import prepare  # noqa: PLC0415
+        from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import (  # noqa: PLC0415
             SuperpointTransformerParameters,
         )
-        from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.training_graphs import (  # noqa: PLC0415
+        from mlsroad_pipeline.algorithms.models.superpoint_transformer.training_graphs import (  # noqa: PLC0415
             training_graphs,
         )
 

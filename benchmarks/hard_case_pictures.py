@@ -25,10 +25,10 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.metrics.instances import find_overlaps
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters, segment_scene
+from mlsroad_pipeline.papers.yu2016.study.objects import TOUCHING
+from mlsroad_pipeline.papers.yu2016.study.streets import make_survey
 from mlsroad_pipeline.simulation import PRESETS
 from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS
-from mlsroad_pipeline.studies.yu2016.objects import TOUCHING
-from mlsroad_pipeline.studies.yu2016.streets import make_survey
 
 METHODS = ("normalized_cut", "normalized_cut_plain", "yang_dong", "two_step")
 LEAST = 800  # points of an object in a case

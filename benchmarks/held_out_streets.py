@@ -22,14 +22,14 @@ import pandas as pd
 from cut_intensity import stored
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.detection.thresholds import best_threshold, detect_by_thresholds, object_weights
-from mlsroad_pipeline.algorithms.visual_words.queries import HeldOut
-from mlsroad_pipeline.algorithms.visual_words.training import train_variant
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.studies.yu2016.keys import run_key, street_key
-from mlsroad_pipeline.studies.yu2016.parameters import CUT, WORDS
-from mlsroad_pipeline.studies.yu2016.plan import StudyPlan
-from mlsroad_pipeline.studies.yu2016.runs import joint_prevalence
+from mlsroad_pipeline.papers.shared.detection.thresholds import best_threshold, detect_by_thresholds, object_weights
+from mlsroad_pipeline.papers.yu2016.study.keys import run_key, street_key
+from mlsroad_pipeline.papers.yu2016.study.parameters import CUT, WORDS
+from mlsroad_pipeline.papers.yu2016.study.plan import StudyPlan
+from mlsroad_pipeline.papers.yu2016.study.runs import joint_prevalence
+from mlsroad_pipeline.papers.yu2016.visual_words.queries import HeldOut
+from mlsroad_pipeline.papers.yu2016.visual_words.training import train_variant
 
 Streets = Sequence[tuple[str, int]]
 

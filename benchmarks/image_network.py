@@ -19,19 +19,19 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.core.classes import ClassScheme
-from mlsroad_pipeline.algorithms.image_labels.cityscapes import (
+from mlsroad_pipeline.algorithms.cameras.cityscapes import (
     encode_label_image,
     image_classes,
     segmentation_table,
 )
-from mlsroad_pipeline.algorithms.image_labels.crops import Sample
-from mlsroad_pipeline.algorithms.image_labels.pspnet import PSPNet
-from mlsroad_pipeline.algorithms.image_labels.pspnet_training import train_network
-from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import from_arrays, to_arrays
-from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
-from mlsroad_pipeline.algorithms.image_labels.training_parameters import TrainingParameters
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
+from mlsroad_pipeline.papers.tomic2019.image_labels.crops import Sample
+from mlsroad_pipeline.papers.tomic2019.image_labels.pspnet import PSPNet
+from mlsroad_pipeline.papers.tomic2019.image_labels.pspnet_training import train_network
+from mlsroad_pipeline.papers.tomic2019.image_labels.pspnet_weights import from_arrays, to_arrays
+from mlsroad_pipeline.papers.tomic2019.image_labels.segmentation import segment_image
+from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import TrainingParameters
 from mlsroad_pipeline.simulation import PRESETS, SimulationParameters, simulate_survey
 from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS
 

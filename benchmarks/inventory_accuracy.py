@@ -24,10 +24,10 @@ import pandas as pd
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects, measure_points
-from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
-from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, ObjectRule
-from mlsroad_pipeline.algorithms.metrics.measure_errors import (
+from mlsroad_pipeline.algorithms.inventory.objects.extraction import SceneObjects, extract_objects, measure_points
+from mlsroad_pipeline.algorithms.inventory.objects.merging import merge_across_scenes
+from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, ObjectRule
+from mlsroad_pipeline.algorithms.inventory.scoring.measure_errors import (
     kinds_of_truth,
     match_to_truth,
     measurement_errors,
@@ -35,9 +35,9 @@ from mlsroad_pipeline.algorithms.metrics.measure_errors import (
 )
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.stages import find_ground
-from mlsroad_pipeline.datasets.models.bundle_files import load_bundle
 from mlsroad_pipeline.label.output_codes import output_codes
 from mlsroad_pipeline.label.scene import LabelSettings, label_new_scene, object_rules
+from mlsroad_pipeline.model_store.bundle_files import load_bundle
 from mlsroad_pipeline.simulation import PRESETS, simulate_survey
 from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS
 

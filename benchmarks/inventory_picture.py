@@ -21,9 +21,9 @@ from matplotlib.axes import Axes
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.inventory.extraction import measure_points
-from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS
-from mlsroad_pipeline.algorithms.metrics.measure_errors import kinds_of_truth
+from mlsroad_pipeline.algorithms.inventory.objects.extraction import measure_points
+from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS
+from mlsroad_pipeline.algorithms.inventory.scoring.measure_errors import kinds_of_truth
 from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.simulation import PRESETS, simulate_survey
 from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS

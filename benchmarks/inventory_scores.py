@@ -32,8 +32,8 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.metrics.object_matching import MatchedObjects
-from mlsroad_pipeline.algorithms.metrics.object_scores import score_objects, summarise_measures
+from mlsroad_pipeline.algorithms.inventory.scoring.object_matching import MatchedObjects
+from mlsroad_pipeline.algorithms.inventory.scoring.object_scores import score_objects, summarise_measures
 from mlsroad_pipeline.label.object_scoring import ScoredInventory, ScoreParameters, score_inventory
 
 DATA = Path(os.environ.get("MLSROAD_DATA", "../shared/data")).absolute()

@@ -28,20 +28,20 @@ from forest_trials import configured_scheme
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.evaluation.labelling import coarse_labels
-from mlsroad_pipeline.algorithms.inventory.class_groups import (
+from mlsroad_pipeline.algorithms.inventory.objects.class_groups import (
     ClassEvidence,
     evidence_of_labels,
     evidence_of_soft_labels,
     group_shares,
 )
-from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS
+from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scores
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.labelling import label_softly
 from mlsroad_pipeline.algorithms.stages import find_ground
-from mlsroad_pipeline.datasets.models.bundle_files import load_bundle
-from mlsroad_pipeline.datasets.models.shipped_models import FOLDER as MODELS
+from mlsroad_pipeline.model_store.bundle_files import load_bundle
+from mlsroad_pipeline.model_store.shipped_models import FOLDER as MODELS
+from mlsroad_pipeline.papers.shared.evaluation.labelling import coarse_labels
 from mlsroad_pipeline.simulation import simulate_survey
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 from mlsroad_pipeline.simulation.parameters.variety import expanded_surveys

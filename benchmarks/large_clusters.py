@@ -14,10 +14,10 @@ import resource
 import time
 
 import numpy as np
+from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.geometry.voxels.grid import build_voxel_grid
-from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.normalized_cut import cluster_points, segment
 
 SIDE = 100  # voxels

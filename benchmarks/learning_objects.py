@@ -23,9 +23,9 @@ from oakland_objects import COLUMNS, LEAST_SCORE, REACH, shipped_scores, street_
 
 from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.geometry.assignment import assign_one_to_one
-from mlsroad_pipeline.algorithms.models.judge_continuation import JudgedCandidates, continue_judge
-from mlsroad_pipeline.datasets.models.object_judges import read_judge_replay, shipped_judge
-from mlsroad_pipeline.datasets.models.shipped_models import load_shipped
+from mlsroad_pipeline.algorithms.inventory.objects.classifier_continuation import JudgedCandidates, continue_judge
+from mlsroad_pipeline.model_store.object_judges import read_judge_replay, shipped_judge
+from mlsroad_pipeline.model_store.shipped_models import load_shipped
 
 SEEDS, ANSWERS = 5, (0, 10, 50, 200)
 PART = ["street", "own_kind", "part"]

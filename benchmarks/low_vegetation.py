@@ -22,16 +22,16 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.evaluation.labelling import coarse_labels
 from mlsroad_pipeline.algorithms.metrics.calibration import reliability_table
 from mlsroad_pipeline.algorithms.models.bundle import bundle_scheme
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.algorithms.stages import ground_of
-from mlsroad_pipeline.datasets.models.shipped_models import load_shipped
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.store import SceneStore
-from mlsroad_pipeline.studies.recordings.scoring import unmixed
-from mlsroad_pipeline.studies.recordings.sources import Source, sources_of
+from mlsroad_pipeline.model_store.shipped_models import load_shipped
+from mlsroad_pipeline.papers.comparison.recordings.scoring import unmixed
+from mlsroad_pipeline.papers.comparison.recordings.sources import Source, sources_of
+from mlsroad_pipeline.papers.shared.evaluation.labelling import coarse_labels
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = ROOT / "data/03_primary/recordings/recordings_study/scenes"

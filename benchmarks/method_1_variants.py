@@ -16,10 +16,10 @@ import pandas as pd
 from kedro.framework.session import KedroSession
 from kedro.framework.startup import bootstrap_project
 
-from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
+from mlsroad_pipeline.algorithms.core.classes import find_scheme
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scores
+from mlsroad_pipeline.papers.tomic2019.study.parameters import Division
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
-from mlsroad_pipeline.studies.tomic2019.parameters import Division
 
 
 def main() -> None:

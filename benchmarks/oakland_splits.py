@@ -31,26 +31,26 @@ import numpy as np
 from forest_trials import CONF, configured, configured_scheme
 from oakland_cross_validation import ENVIRONMENT, SUFFIX, read
 
-from mlsroad_pipeline.algorithms.baselines.max_margin_markov.training import MarginParameters
-from mlsroad_pipeline.algorithms.baselines.patch_forest.classifier import PatchForestParameters
-from mlsroad_pipeline.algorithms.baselines.patch_svm.classifier import PatchSvmParameters
-from mlsroad_pipeline.algorithms.baselines.shape_based.labeller import ShapeParameters
 from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scores
-from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphClassifier, PatchGraphParameters
-from mlsroad_pipeline.algorithms.patch_graph.labeller import ground_classes
-from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
-from mlsroad_pipeline.algorithms.patch_graph.refinement import RefinementParameters, refine
-from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
-from mlsroad_pipeline.algorithms.patches.table import Patches
-from mlsroad_pipeline.algorithms.patches.training import join_training_scenes
-from mlsroad_pipeline.algorithms.patches.types import PatchStages
-from mlsroad_pipeline.algorithms.patches.voting import vote_on_points
 from mlsroad_pipeline.algorithms.stages import find_ground
-from mlsroad_pipeline.studies.luo2016.runs import cut_patches, train_and_score
-from mlsroad_pipeline.studies.parameters import changed
+from mlsroad_pipeline.papers.luo2016.max_margin_markov.training import MarginParameters
+from mlsroad_pipeline.papers.luo2016.patch_forest.classifier import PatchForestParameters
+from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import PatchGraphClassifier, PatchGraphParameters
+from mlsroad_pipeline.papers.luo2016.patch_graph.labeller import ground_classes
+from mlsroad_pipeline.papers.luo2016.patch_graph.refined_classifier import GridParameters
+from mlsroad_pipeline.papers.luo2016.patch_graph.refinement import RefinementParameters, refine
+from mlsroad_pipeline.papers.luo2016.patch_svm.classifier import PatchSvmParameters
+from mlsroad_pipeline.papers.luo2016.shape_based.labeller import ShapeParameters
+from mlsroad_pipeline.papers.luo2016.study.runs import cut_patches, train_and_score
+from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
+from mlsroad_pipeline.papers.shared.patches.table import Patches
+from mlsroad_pipeline.papers.shared.patches.training import join_training_scenes
+from mlsroad_pipeline.papers.shared.patches.types import PatchStages
+from mlsroad_pipeline.papers.shared.patches.voting import vote_on_points
+from mlsroad_pipeline.papers.shared.studies.parameters import changed
 
 N_FOLDS = 3
 TYPES: dict[str, Any] = {

@@ -32,7 +32,7 @@ from helpers.page_output import served  # noqa: E402
 from mlsroad_pipeline.formats.las.header import read_header  # noqa: E402
 from mlsroad_pipeline.formats.las.records import RecordReader  # noqa: E402
 from mlsroad_pipeline.formats.las.writer import RecordWriter  # noqa: E402
-from mlsroad_pipeline.page.output_folder import OutputFolder  # noqa: E402
+from mlsroad_pipeline.review.page_server.output_folder import OutputFolder  # noqa: E402
 
 READY = "window.page?.model.tiles.state === 'ready' && !page.cloud.loading"
 

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.evaluation.labelling import coarse_labels
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scores
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
@@ -29,11 +28,12 @@ from mlsroad_pipeline.algorithms.scenes.binning import cut_range
 from mlsroad_pipeline.algorithms.scenes.corridor import main_axis
 from mlsroad_pipeline.algorithms.scenes.joining import assemble_scene
 from mlsroad_pipeline.algorithms.scenes.spans import plan_scenes
-from mlsroad_pipeline.datasets.models.shipped_models import load_shipped
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.store import SceneStore
-from mlsroad_pipeline.studies.recordings.scoring import unmixed
-from mlsroad_pipeline.studies.recordings.sources import Source, sources_of
+from mlsroad_pipeline.model_store.shipped_models import load_shipped
+from mlsroad_pipeline.papers.comparison.recordings.scoring import unmixed
+from mlsroad_pipeline.papers.comparison.recordings.sources import Source, sources_of
+from mlsroad_pipeline.papers.shared.evaluation.labelling import coarse_labels
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = "data/03_primary/recordings/recordings_study/scenes"

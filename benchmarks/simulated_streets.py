@@ -26,13 +26,13 @@ from PIL import Image
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.detrended_forest.labeller import label_scene
-from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters, fit, training_rows
-from mlsroad_pipeline.algorithms.evaluation.labelling import coarse_labels
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scores
 from mlsroad_pipeline.algorithms.models.bundle import bundle_scheme
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
-from mlsroad_pipeline.datasets.models.shipped_models import load_shipped
+from mlsroad_pipeline.model_store.shipped_models import load_shipped
+from mlsroad_pipeline.papers.shared.evaluation.labelling import coarse_labels
+from mlsroad_pipeline.papers.tomic2019.detrended_forest.labeller import label_scene
+from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import ForestParameters, fit, training_rows
 from mlsroad_pipeline.reporting.clouds.cloud_figures import cloud_figure, labelling_pictures
 from mlsroad_pipeline.reporting.clouds.view import oblique_view
 from mlsroad_pipeline.reporting.html.parts import figure_pixels

@@ -18,6 +18,9 @@ import joblib
 import numpy as np
 import pandas as pd
 from cut_intensity import stored
+from mlsroad_pipeline.algorithms.segmentation._nodes import measure_voxels, number_voxels
+from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
+from mlsroad_pipeline.algorithms.segmentation.trunks import classify_stems, find_least_pole_like, measure_crowned
 from numpy.typing import NDArray
 from scipy.special import expit
 from sklearn.linear_model import LogisticRegression
@@ -25,14 +28,11 @@ from sklearn.model_selection import GroupKFold
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.geometry.voxels.grid import build_voxel_grid
-from mlsroad_pipeline.algorithms.segmentation._nodes import measure_voxels, number_voxels
-from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.normalized_cut import cluster_points
 from mlsroad_pipeline.algorithms.segmentation.stems import Stem, find_stems, whole_stems
-from mlsroad_pipeline.algorithms.segmentation.trunks import classify_stems, find_least_pole_like, measure_crowned
 from mlsroad_pipeline.algorithms.stages import inliers
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.studies.yu2016.keys import street_key
+from mlsroad_pipeline.papers.yu2016.study.keys import street_key
 
 MEASURES = ["bend", "lean", "spread", "aside", "reached", "under"]
 POLES = [TAXONOMY[name] for name in ("utility_pole", "light_pole", "traffic_sign", "traffic_light", "post", "gantry",

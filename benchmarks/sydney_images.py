@@ -19,8 +19,8 @@ from sklearn.svm import SVC
 from sydney_recognition import read_folds
 
 from mlsroad_pipeline.algorithms.features.accumulation_images import draw_images
-from mlsroad_pipeline.algorithms.jointnet.inputs import Points
-from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
+from mlsroad_pipeline.papers.luo2019.jointnet.inputs import Points
+from mlsroad_pipeline.papers.shared.recognition.object_set import ObjectSet
 
 N_TURNS, SIZES, SHARE_SCALE = 8, (16, 8, 16), 50.0
 COUNTS = ("root", "log", "share", "root_share")

@@ -22,11 +22,11 @@ import yaml
 from joblib import Parallel, delayed
 from sklearn.metrics import f1_score
 
-from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
+from mlsroad_pipeline.algorithms.core.classes import find_scheme
 from mlsroad_pipeline.algorithms.models.methods import METHODS
-from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
-from mlsroad_pipeline.algorithms.recognition.recogniser import make_recogniser
-from mlsroad_pipeline.surveys.object_files import find_folds, listed_files, read_fold
+from mlsroad_pipeline.papers.shared.recognition.object_files import find_folds, listed_files, read_fold
+from mlsroad_pipeline.papers.shared.recognition.object_set import ObjectSet
+from mlsroad_pipeline.papers.shared.recognition.recogniser import make_recogniser
 
 CONF = Path(__file__).resolve().parents[1] / "conf/base"
 

@@ -19,17 +19,17 @@ from sydney_recognition import CONF, configured
 from yaml import safe_load
 
 from mlsroad_pipeline.algorithms.core.point_cloud import concatenate
-from mlsroad_pipeline.algorithms.visual_words.bags import (
+from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.formats.registry import get_format
+from mlsroad_pipeline.papers.yu2016.visual_words.bags import (
     count_words,
     inverse_document_frequency,
     similarity,
     weigh_words,
 )
-from mlsroad_pipeline.algorithms.visual_words.descriptions import describe_objects, groups_of
-from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
-from mlsroad_pipeline.algorithms.visual_words.vocabulary import VocabularyParameters, build_vocabulary
-from mlsroad_pipeline.formats.options import ReadOptions
-from mlsroad_pipeline.formats.registry import get_format
+from mlsroad_pipeline.papers.yu2016.visual_words.descriptions import describe_objects, groups_of
+from mlsroad_pipeline.papers.yu2016.visual_words.training import VisualWordsParameters
+from mlsroad_pipeline.papers.yu2016.visual_words.vocabulary import VocabularyParameters, build_vocabulary
 
 SHUFFLES = 200
 

@@ -33,12 +33,12 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import (
     StageParameters,
     SupervoxelParameters,
 )
-from mlsroad_pipeline.algorithms.detrended_forest.labeller import label_scene
-from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters, fit, training_rows
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scores
 from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_supervoxels, find_ground
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
+from mlsroad_pipeline.papers.tomic2019.detrended_forest.labeller import label_scene
+from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import ForestParameters, fit, training_rows
 from mlsroad_pipeline.simulation import PRESETS, SimulationParameters, simulate_survey
 from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS
 from mlsroad_pipeline.simulation.runtime.survey import SurveyPieces

@@ -19,14 +19,14 @@ from pathlib import Path
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.detection.regions import RegionParameters
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters, segment_scene
-from mlsroad_pipeline.algorithms.visual_words.descriptions import GroupParameters, describe_objects, groups_of
-from mlsroad_pipeline.algorithms.visual_words.groups import join_groups
-from mlsroad_pipeline.algorithms.visual_words.vocabulary import VocabularyParameters, build_vocabulary
+from mlsroad_pipeline.papers.shared.detection.regions import RegionParameters
+from mlsroad_pipeline.papers.yu2016.study.streets import make_survey
+from mlsroad_pipeline.papers.yu2016.visual_words.descriptions import GroupParameters, describe_objects, groups_of
+from mlsroad_pipeline.papers.yu2016.visual_words.groups import join_groups
+from mlsroad_pipeline.papers.yu2016.visual_words.vocabulary import VocabularyParameters, build_vocabulary
 from mlsroad_pipeline.simulation.parameters.presets import PRESETS
 from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS
-from mlsroad_pipeline.studies.yu2016.streets import make_survey
 
 LENGTH = 50.0
 KINDS = ("ring_road", "campus")

@@ -25,15 +25,15 @@ import pandas as pd
 from cut_intensity import stored
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.detection.thresholds import best_threshold, detect_by_thresholds
-from mlsroad_pipeline.algorithms.visual_words.detector import VisualWordsDetector
-from mlsroad_pipeline.algorithms.visual_words.queries import HeldOut
-from mlsroad_pipeline.algorithms.visual_words.training import make_words
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.studies.yu2016.keys import street_key
-from mlsroad_pipeline.studies.yu2016.objects import DESCRIPTIONS, describe_street
-from mlsroad_pipeline.studies.yu2016.parameters import CUT, WORDS
-from mlsroad_pipeline.studies.yu2016.plan import StudyPlan
+from mlsroad_pipeline.papers.shared.detection.thresholds import best_threshold, detect_by_thresholds
+from mlsroad_pipeline.papers.yu2016.study.keys import street_key
+from mlsroad_pipeline.papers.yu2016.study.objects import DESCRIPTIONS, describe_street
+from mlsroad_pipeline.papers.yu2016.study.parameters import CUT, WORDS
+from mlsroad_pipeline.papers.yu2016.study.plan import StudyPlan
+from mlsroad_pipeline.papers.yu2016.visual_words.detector import VisualWordsDetector
+from mlsroad_pipeline.papers.yu2016.visual_words.queries import HeldOut
+from mlsroad_pipeline.papers.yu2016.visual_words.training import make_words
 
 SAMPLES = 2000
 

@@ -13,8 +13,7 @@ from mlflow.utils.mlflow_tags import MLFLOW_PARENT_RUN_ID
 
 from mlsroad_pipeline.algorithms.core.scene_key import TRAIN
 from mlsroad_pipeline.algorithms.metrics.scores import scores_to_metrics, summary
-from mlsroad_pipeline.datasets.models.model_notes import describe_version
-from mlsroad_pipeline.datasets.models.model_registry_dataset import RegisteredModelDataset
+from mlsroad_pipeline.datasets.model_registry_dataset import RegisteredModelDataset
 from mlsroad_pipeline.hooks.data_sets import DataSet, DataSets
 from mlsroad_pipeline.hooks.interrupted_runs import PROCESS
 from mlsroad_pipeline.hooks.mlflow_batches import log_metrics, log_params, now, series_metrics
@@ -139,4 +138,4 @@ class MethodRuns:
             client.set_terminated(child.run_id, status)
             if child.model is not None and child.scores:
                 name, number, _ = child.model
-                describe_version(name, number, summary(pd.concat(child.scores)))
+                RegisteredModelDataset.describe(name, number, summary(pd.concat(child.scores)))

@@ -16,13 +16,13 @@ from pyproj.exceptions import CRSError
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.quality.report import QualityReport
-from mlsroad_pipeline.datasets.inventory.vector_files import prj_text, to_wgs84
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.formats.crs_units import crs_units
 from mlsroad_pipeline.formats.las.copc import POINT_FORMATS
 from mlsroad_pipeline.formats.las.header import LasHeader
 from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
+from mlsroad_pipeline.inventory_files.vector_files import prj_text, to_wgs84
 from mlsroad_pipeline.label.inventory import read_sections, survey_crs
 from mlsroad_pipeline.label.writer import keeps_units, result_header
 from mlsroad_pipeline.surveys.parameters import LabelParameters

@@ -13,15 +13,21 @@ import pandas as pd
 import shapely
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
-from mlsroad_pipeline.algorithms.inventory.rules import KINDS
-from mlsroad_pipeline.algorithms.metrics.object_matching import FALSE, MISSED, RIGHT, MatchedObjects, match_objects
-from mlsroad_pipeline.algorithms.metrics.object_scores import (
+from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
+from mlsroad_pipeline.algorithms.inventory.scoring.object_matching import (
+    FALSE,
+    MISSED,
+    RIGHT,
+    MatchedObjects,
+    match_objects,
+)
+from mlsroad_pipeline.algorithms.inventory.scoring.object_scores import (
     errors_of_measures,
     precision_recall_curve,
     score_objects,
     summarise_measures,
 )
-from mlsroad_pipeline.datasets.inventory.inventory_dataset import RoadInventoryDataset
+from mlsroad_pipeline.inventory_files.inventory_file import read_inventory
 from mlsroad_pipeline.surveys.truth_tables import (
     Truth,
     counted_objects,
@@ -122,7 +128,7 @@ def score_inventory(parameters: ScoreParameters) -> ScoredInventory:
     truth = read_truth(parameters.truth)
     clouds = cloud_files(parameters)
     true = counted_objects(truth, point_counts(truth, clouds), parameters.least_points)
-    objects = RoadInventoryDataset(filepath=str(inventory_file(parameters.inventory))).load().objects
+    objects = read_inventory(inventory_file(parameters.inventory)).objects
     kinds = {"vehicle"} if truth.source not in ("table", "simulated") else set(true["kind"])
     kinds = set(KINDS) if truth.source == "simulated" else kinds
     listed = objects[objects["kind"].isin(kinds) & (objects["score"] >= parameters.least_score)]

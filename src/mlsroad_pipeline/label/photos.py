@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from scipy.spatial import cKDTree
 
+from mlsroad_pipeline.algorithms.cameras.projection import project_points
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
-from mlsroad_pipeline.algorithms.image_labels.projection import project_points
-from mlsroad_pipeline.algorithms.inventory.boxes import convex_hull
-from mlsroad_pipeline.datasets.inventory.qgis_styles import COLOURS
-from mlsroad_pipeline.datasets.inventory.vector_files import without_formulas
+from mlsroad_pipeline.algorithms.inventory.objects.boxes import convex_hull
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.formats.files import atomic_file
+from mlsroad_pipeline.inventory_files.qgis_styles import COLOURS
+from mlsroad_pipeline.inventory_files.vector_files import without_formulas
 from mlsroad_pipeline.surveys.images import PosedImage, SurveyImages
 
 logger = logging.getLogger(__name__)

@@ -12,9 +12,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.cameras.camera import LARGEST, Camera
+from mlsroad_pipeline.algorithms.cameras.poses import PoseTrack, rotation_of
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
-from mlsroad_pipeline.algorithms.image_labels.camera import LARGEST, Camera
-from mlsroad_pipeline.algorithms.image_labels.poses import PoseTrack, rotation_of
 from mlsroad_pipeline.formats.files import WRONG, named_errors
 from mlsroad_pipeline.surveys.images import PICTURES, PosedImage, SurveyImages, picture_size
 

@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image as Picture
 from PIL import UnidentifiedImageError
 
+from mlsroad_pipeline.algorithms.cameras.camera import Camera
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
 from mlsroad_pipeline.algorithms.core.plain_text import printable
-from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 """Suffixes of pictures, which the name of an image may lack."""

@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.cameras.camera import Camera
+from mlsroad_pipeline.algorithms.cameras.legend import Legend
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.plain_text import printable
-from mlsroad_pipeline.algorithms.image_labels.camera import Camera
-from mlsroad_pipeline.algorithms.image_labels.legend import Legend
 from mlsroad_pipeline.surveys.images import PICTURES, PosedImage, SurveyImages, opened_picture
 
 SUFFIXES = (".npz", ".png")

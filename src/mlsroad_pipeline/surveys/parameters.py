@@ -11,9 +11,9 @@ from typing import Any
 from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.algorithms.core.validation import check_positive
-from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import LEAST_LENGTH
-from mlsroad_pipeline.algorithms.inventory.kerbs.steps import StepLimits
-from mlsroad_pipeline.algorithms.inventory.markings import marking_lines
+from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import LEAST_LENGTH
+from mlsroad_pipeline.algorithms.inventory.lines.kerbs.steps import StepLimits
+from mlsroad_pipeline.algorithms.inventory.lines.markings import marking_lines
 from mlsroad_pipeline.formats.crs import parse_crs
 from mlsroad_pipeline.formats.options import NEW_SURVEY, TAXONOMY_CODING, ReadOptions
 

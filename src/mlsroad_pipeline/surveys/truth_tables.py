@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
-from mlsroad_pipeline.algorithms.inventory.boxes import vehicle_box
-from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, KINDS, ObjectRule
+from mlsroad_pipeline.algorithms.inventory.objects.boxes import vehicle_box
+from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, KINDS, ObjectRule
 from mlsroad_pipeline.formats.files import named_errors
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mlsroad_pipeline.datasets.models.registered_models import MlflowStore, ModelStore
-from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel, shipped_models
+from mlsroad_pipeline.model_store.registered_models import MlflowStore, ModelStore
+from mlsroad_pipeline.model_store.shipped_models import ShippedModel, shipped_models
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from pathlib import Path
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.labelling import method_of
-from mlsroad_pipeline.datasets.models.bundle_files import load_bundle
-from mlsroad_pipeline.datasets.models.registered_models import ModelStore, RegisteredVersion
-from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel, load_shipped
+from mlsroad_pipeline.model_store.bundle_files import load_bundle
+from mlsroad_pipeline.model_store.registered_models import ModelStore, RegisteredVersion
+from mlsroad_pipeline.model_store.shipped_models import ShippedModel, load_shipped
 
 
 @dataclass(frozen=True)

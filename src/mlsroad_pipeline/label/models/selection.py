@@ -10,9 +10,9 @@ from pathlib import Path
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.models.methods import METHODS, trained_methods
-from mlsroad_pipeline.datasets.models.registered_models import ModelStore, RegisteredVersion
-from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel, shipped_models
 from mlsroad_pipeline.label.models.choice import ModelChoice, StoredModel
+from mlsroad_pipeline.model_store.registered_models import ModelStore, RegisteredVersion
+from mlsroad_pipeline.model_store.shipped_models import ShippedModel, shipped_models
 
 CHAMPION = "champion"
 """Alias of the registered model that `label` prefers to the shipped ones."""
