@@ -33,9 +33,8 @@ def open_results(
 ) -> None:
     """Look at a labelled survey in the browser, and correct it.
 
-    Starts a server that only this computer reaches, and the browser.
-    Decisions are kept in corrections.sqlite in the folder.
-    A folder without labelled points has a report alone, which is opened.
+    Starts a server that only this computer reaches, and the browser. Decisions are kept in corrections.sqlite in the
+    folder. A folder without labelled points has a report alone, which is opened.
     """
     from mlsroad_pipeline.commands.errors import one_line_errors
 

@@ -15,25 +15,7 @@ if TYPE_CHECKING:
 
 
 class CheckpointsDataset(AbstractDataset[Never, "TorchCheckpoints"]):
-    """Folder of training states. Loading returns the store; the training reads, writes and removes its states.
-
-    Parameters
-    ----------
-    filepath : str
-        Local folder; it is created with the first checkpoint.
-    metadata : mapping, optional
-        Notes of the catalog entry; not used.
-
-    Examples
-    --------
-    In a catalog:
-
-    .. code-block:: yaml
-
-        "{method}.checkpoints":
-          type: mlsroad_pipeline.datasets.checkpoints_dataset.CheckpointsDataset
-          filepath: data/06_models/{method}_checkpoints
-    """
+    """Folder of training states. Loading returns the store; the training reads, writes and removes its states."""
 
     def __init__(self, *, filepath: str, metadata: Mapping[str, Any] | None = None) -> None:
         self._folder = local_path(filepath, "filepath")

@@ -29,20 +29,6 @@ def _is_figure(data: object) -> bool:
 class FigureDataset(ReportFileDataset["Figure | NDArray[np.uint8]", NDArray[np.uint8]]):
     """Matplotlib figure or picture, written as PNG; loading returns the pixels.
 
-    Parameters
-    ----------
-    filepath : str
-        A path or a URL that ends in ``.png``.
-    dpi : float, optional
-        Resolution of figures, dots per inch; None keeps the resolution of the figure.
-    credentials, fs_args, metadata : mapping, optional
-        See `ReportFileDataset`.
-
-    Raises
-    ------
-    DataError
-        On saving a value that is neither a figure nor a uint8 array (height, width, 3).
-
     Examples
     --------
     In a catalog:

@@ -14,20 +14,6 @@ from mlsroad_pipeline.formats.files import atomic_file
 class HtmlReportDataset(ReportFileDataset[str, str]):
     """HTML page, such as that of `mlsroad_pipeline.reporting.html.report.build_report`.
 
-    Parameters
-    ----------
-    filepath : str
-        A path or a URL that ends in ``.html``.
-    run : str, optional
-        Folder of the run of `label` that the page is a result of; see `RoadInventoryDataset`.
-    credentials, fs_args, metadata : mapping, optional
-        See `ReportFileDataset`.
-
-    Raises
-    ------
-    DataError
-        On saving a value that is no HTML page.
-
     Examples
     --------
     In a catalog:

@@ -19,32 +19,6 @@ class RoadInventoryDataset(AbstractDataset[RoadInventory, RoadInventory]):
 
     A GeoPackage gets the QGIS style of its layer `objects` beside it, with the same name and the extension ``.qml``.
     QGIS applies this style to a GeoParquet file of that name, too.
-
-    Parameters
-    ----------
-    filepath : str
-        The file; its extension ``.gpkg`` or ``.parquet`` selects the format.
-    run : str, optional
-        Folder of the run of `label` that the file is a result of: it is written there, entered in the record of the
-        run, and moved to its place. See `execution.run_folder`.
-    background : bool, default False
-        Write in a thread, while the next stages run. Whatever asks for the file waits for it: loading, `filepath`,
-        `finish`. An error of the thread is raised there.
-    metadata : dict, optional
-        Any metadata; ignored.
-
-    Raises
-    ------
-    DatasetError
-        If the file has another extension.
-
-    Examples
-    --------
-    In a catalog::
-
-        inventory:
-          type: mlsroad_pipeline.datasets.inventory_dataset.RoadInventoryDataset
-          filepath: data/07_model_output/inventory.gpkg
     """
 
     def __init__(

@@ -14,13 +14,6 @@ from mlsroad_pipeline.datasets.report_file import ReportFileDataset
 class MetricSeriesDataset(ReportFileDataset[pd.DataFrame, pd.DataFrame]):
     """Table of metrics by step: integer steps in the first column, one metric in each other column.
 
-    Parameters
-    ----------
-    filepath : str
-        A path or a URL.
-    credentials, fs_args, metadata : mapping, optional
-        See `ReportFileDataset`.
-
     Examples
     --------
     In a catalog:

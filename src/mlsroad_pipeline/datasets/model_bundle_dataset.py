@@ -14,25 +14,7 @@ from mlsroad_pipeline.model_store.bundle_files import ModelFile, save_bundle
 
 
 class ModelBundleDataset(AbstractDataset[ModelBundle, ModelFile]):
-    """Folder of a trained model. Loading returns a handle: tasks take it as an input, and workers open the model.
-
-    Parameters
-    ----------
-    filepath : str
-        Local folder; saving replaces it as a whole.
-    metadata : mapping, optional
-        Notes of the catalog entry; not used.
-
-    Examples
-    --------
-    In a catalog:
-
-    .. code-block:: yaml
-
-        "{method}.model":
-          type: mlsroad_pipeline.datasets.model_bundle_dataset.ModelBundleDataset
-          filepath: data/06_models/{method}
-    """
+    """Folder of a trained model. Loading returns a handle: tasks take it as an input, and workers open the model."""
 
     def __init__(self, *, filepath: str, metadata: Mapping[str, Any] | None = None) -> None:
         self._folder = local_path(filepath, "filepath")

@@ -21,25 +21,6 @@ class RegisteredModelDataset(AbstractDataset[ModelBundle, ModelBundle]):
     """Model in the MLflow registry.
 
     Saving registers a new version of a changed model; loading reads the highest version or a given one.
-
-    Parameters
-    ----------
-    name : str
-        The registered name, ``mlsroad-<slug>``.
-    model_version : int or str, optional
-        The version to load; the highest by default. (Kedro reserves the key ``version``.)
-    metadata : mapping, optional
-        Notes of the catalog entry; not used.
-
-    Examples
-    --------
-    In a catalog:
-
-    .. code-block:: yaml
-
-        "{method}.model":
-          type: mlsroad_pipeline.datasets.model_registry_dataset.RegisteredModelDataset
-          name: mlsroad-{method}
     """
 
     def __init__(

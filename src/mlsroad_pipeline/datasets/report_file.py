@@ -18,19 +18,7 @@ Loaded = TypeVar("Loaded")
 
 
 class ReportFileDataset(AbstractDataset[Saved, Loaded], Generic[Saved, Loaded]):
-    """File that is read and written as bytes, on any file system of fsspec.
-
-    Parameters
-    ----------
-    filepath : str
-        A path or a URL.
-    credentials : mapping, optional
-        Credentials of the file system.
-    fs_args : mapping, optional
-        Further options of the file system.
-    metadata : mapping, optional
-        Any metadata; ignored.
-    """
+    """File that is read and written as bytes, on any file system of fsspec."""
 
     def __init__(
         self,

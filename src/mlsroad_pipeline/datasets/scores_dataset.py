@@ -14,13 +14,6 @@ from mlsroad_pipeline.datasets.report_file import ReportFileDataset
 class ScoresDataset(ReportFileDataset[pd.DataFrame, pd.DataFrame]):
     """Scores of one method: `method,split,class,metric,value,support`, with empty cells for undefined values.
 
-    Parameters
-    ----------
-    filepath : str
-        A path or a URL, ``.../scores/<slug>.csv``.
-    credentials, fs_args, metadata : mapping, optional
-        See `ReportFileDataset`.
-
     Examples
     --------
     In a catalog:

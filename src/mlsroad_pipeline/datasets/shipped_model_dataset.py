@@ -13,15 +13,7 @@ from mlsroad_pipeline.model_store.shipped_models import REGISTRY, ShippedModel, 
 
 
 class ShippedModelDataset(AbstractDataset[tuple[ModelBundle, ShippedModel], dict[str, ShippedModel]]):
-    """Folder of the models in the package. Saving replaces one model; loading returns the registry.
-
-    Parameters
-    ----------
-    filepath : str
-        Folder of the models.
-    metadata : mapping, optional
-        Notes of the catalog entry; not used.
-    """
+    """Folder of the models in the package. Saving replaces one model; loading returns the registry."""
 
     def __init__(self, *, filepath: str, metadata: Mapping[str, Any] | None = None) -> None:
         self._folder = local_path(filepath, "filepath")

@@ -53,8 +53,7 @@ def run_on_cluster(jobs: Sequence[SceneJob], execution: Execution) -> Iterator[E
     """Run scenes and yield them as they end.
 
     Futures of the client are used in place of joblib's Dask backend, which waits forever for a task whose worker was
-    killed, and does not cancel running tasks when the caller stops. Raises ClusterError if the scheduler cannot be
-    reached or is lost, or if there is no worker for `WORKER_SECONDS`.
+    killed, and does not cancel running tasks when the caller stops.
     """
     with _connected(execution) as client:
         if (kept := cluster_of(client)) is not None:

@@ -40,19 +40,7 @@ def _copied(metric: Metric, model_id: str | None) -> Metric:
 
 
 class MethodRuns:
-    """Child runs by method; a child is created with the first record of its method.
-
-    Parameters
-    ----------
-    parent : Run
-        The run of the command.
-    survey : str
-        Name of the survey, for the names of the children.
-    data_sets : DataSets
-        Data sets of the run.
-    parameters : callable
-        Returns the parameters of a method, flat.
-    """
+    """Child runs by method; a child is created with the first record of its method."""
 
     def __init__(
         self, parent: Run, survey: str, data_sets: DataSets, parameters: Callable[[str], Mapping[str, str]]

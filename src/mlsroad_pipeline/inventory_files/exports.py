@@ -16,20 +16,12 @@ from mlsroad_pipeline.inventory_files.vector_files import (
 
 
 class Export(NamedTuple):
-    """Format of an inventory.
+    """Format of an inventory."""
 
-    Parameters
-    ----------
-    write : callable
-        Function that writes the files of an inventory into a folder and returns their paths.
-    files : tuple of str
-        Paths in the folder of the files that are always written.
-    others : tuple of str
-        Paths of the files that are written only with a coordinate reference system or a trajectory.
-    """
-
+    # Function that writes the files of an inventory into a folder and returns their paths
     write: Callable[[RoadInventory, Path], list[Path]]
-    files: tuple[str, ...]
+    files: tuple[str, ...]  # Paths in the folder of the files that are always written
+    # Paths of the files that are written only with a coordinate reference system or a trajectory
     others: tuple[str, ...] = ()
 
 

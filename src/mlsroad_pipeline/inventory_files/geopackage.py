@@ -65,26 +65,7 @@ def _layer(name: str, table: pd.DataFrame, *, geometry: np.ndarray, kind: str, c
 
 
 def write_geopackage(inventory: RoadInventory, path: str | Path) -> None:
-    """Write an inventory as layers of a GeoPackage.
-
-    Layers: `objects` (base points, all kinds), `poles`, `signs`, `trees` (base points), `vehicles` (oriented boxes),
-    `footprints` (convex hulls), lines of the layers `LINE_LAYERS`, `trajectory` (a line) and `sections` (parts
-    of that line with the numbers of objects), with field aliases and styles for QGIS. The file is written atomically,
-    and equal inventories give equal bytes. Layers without objects are written empty and typed; those of
-    lines, `trajectory` and `sections` are omitted if the inventory has none.
-
-    Parameters
-    ----------
-    inventory : RoadInventory
-        The objects, their coordinate reference system and the trajectory.
-    path : str or Path
-        The file, replaced if it exists; its folder must exist.
-
-    Raises
-    ------
-    DataError
-        If a column of `OBJECT_FIELDS` is missing or the CRS is not understood; the message names the file.
-    """
+    """Write an inventory as layers of a GeoPackage."""
     target = Path(path)
     table, crs = checked(inventory, target)
     layers = _layers(inventory, table, crs)
@@ -173,23 +154,7 @@ def _footprints(table: pd.DataFrame, crs: CRS | None) -> _Layer:
 
 
 def read_geopackage(path: str | Path) -> RoadInventory:
-    """Read an inventory from a GeoPackage of `write_geopackage`.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Returns
-    -------
-    RoadInventory
-        Objects, CRS as WKT, the trajectory without times, the sections and the lines.
-
-    Raises
-    ------
-    ReadError
-        If the file is missing, is not a GeoPackage, or lacks the layers or columns of an inventory.
-    """
+    """Read an inventory from a GeoPackage of `write_geopackage`."""
     source = Path(path)
     if not source.is_file():
         raise ReadError(f"{source}: no such GeoPackage")

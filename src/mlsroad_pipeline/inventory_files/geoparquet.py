@@ -54,20 +54,7 @@ def write_geoparquet(inventory: RoadInventory, path: str | Path) -> None:
     """Write an inventory as a GeoParquet file.
 
     `geometry` holds the base points and `footprint` the polygons, both as WKB; `bbox` covers `geometry`. Every other
-    column carries its description as field metadata. The file is written atomically, and equal inventories give equal
-    bytes. The trajectory is not written.
-
-    Parameters
-    ----------
-    inventory : RoadInventory
-        The objects and their coordinate reference system.
-    path : str or Path
-        The file, replaced if it exists.
-
-    Raises
-    ------
-    DataError
-        If a column of `OBJECT_FIELDS` is missing or the CRS is not understood; the message names the file.
+    column carries its description as field metadata.
     """
     target = Path(path)
     table, crs = checked(inventory, target)
@@ -85,23 +72,7 @@ def write_geoparquet(inventory: RoadInventory, path: str | Path) -> None:
 
 
 def read_geoparquet(path: str | Path) -> RoadInventory:
-    """Read an inventory from a GeoParquet file of `write_geoparquet`.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Returns
-    -------
-    RoadInventory
-        Objects and CRS as WKT, without the trajectory.
-
-    Raises
-    ------
-    ReadError
-        If the file is missing, is not GeoParquet, or lacks a column of the inventory.
-    """
+    """Read an inventory from a GeoParquet file of `write_geoparquet`."""
     source = Path(path)
     if not source.is_file():
         raise ReadError(f"{source}: no such GeoParquet file")

@@ -216,10 +216,7 @@ def qml(layer: str, *, scaled: bool = True, drawn: bool = True) -> str:
     """Return the style of a layer as a QML document.
 
     Poles are dots, with an arrow in the direction of lean from 1 degree on. Signs are triangles that point in their
-    facing direction, bars where the front is unknown, or diamonds where no panel was measured. Trees are circles of
-    crown diameter, vehicles their boxes. With `scaled`, labels are shown at 1:1,500 and larger. A layer without
-    coordinate system needs False: QGIS reads its metres as degrees, so that the scale is never reached. Without `drawn`
-    the symbols are off until they are ticked in the legend. Attribute tables show aliases with units.
+    facing direction, bars where the front is unknown, or diamonds where no panel was measured.
     """
     categories = "Symbology|Labeling|Fields"
     root = XML.Element("qgis", version="3.22.0", styleCategories=categories, labelsEnabled=str(int(layer in _LABELS)))

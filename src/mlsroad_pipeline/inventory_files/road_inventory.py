@@ -25,26 +25,14 @@ DECIDED = ("status", "checked_class")
 
 @dataclass(frozen=True)
 class RoadInventory:
-    """Road objects of a survey, with their reference system and the trajectory.
+    """Road objects of a survey, with their reference system and the trajectory."""
 
-    Parameters
-    ----------
-    objects : DataFrame
-        Columns of `OBJECT_FIELDS`, as `merge_across_scenes` returns them.
-    crs : str or None
-        Coordinate reference system as WKT or a code such as ``EPSG:25832``; None is written as undefined.
-    trajectory : Trajectory or None
-        Trajectory of the scanner.
-    sections : DataFrame or None
-        Objects per section of the road, of `section_table`.
-    lines : DataFrame or None
-        Kerbs, wires and markings: columns of `LINE_FIELDS`, as `join_kerbs` returns them.
-    """
-
-    objects: pd.DataFrame
+    objects: pd.DataFrame  # Columns of `OBJECT_FIELDS`, as `merge_across_scenes` returns them
+    # Coordinate reference system as WKT or a code such as ``EPSG:25832``; None is written as undefined
     crs: str | None = None
-    trajectory: Trajectory | None = None
-    sections: pd.DataFrame | None = None
+    trajectory: Trajectory | None = None  # Trajectory of the scanner
+    sections: pd.DataFrame | None = None  # Objects per section of the road, of `section_table`
+    # Kerbs, wires and markings: columns of `LINE_FIELDS`, as `join_kerbs` returns them
     lines: pd.DataFrame | None = None
 
 

@@ -17,23 +17,6 @@ def write_whole(folder: Path, write: Callable[[Path], None]) -> list[Path]:
     """Write files by a function of a folder, each whole or not at all.
 
     The function writes into two folders for temporary files. If the files are equal, they are copied to their place.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder of the files; existing ones are replaced.
-    write : callable
-        Function that writes equal files with each call.
-
-    Returns
-    -------
-    list of Path
-        The files, sorted by name.
-
-    Raises
-    ------
-    OSError
-        If the files differ: a write has failed, or a disk is full.
     """
     with tempfile.TemporaryDirectory(dir=scratch_folder()) as place:
         first, second = Path(place, "first"), Path(place, "second")

@@ -44,12 +44,7 @@ HIGH = 2000.0
 
 
 def check_headers(plan: SurveyPlan, parameters: LabelParameters) -> None:
-    """Check from the headers, before any point is read, that the results of all files can be written.
-
-    Raises DataError for columns that LAS cannot hold, waveforms in a cloud-optimised copy, and coordinate reference
-    systems that are not understood or have no lengths (degrees, geocentric coordinates), and ParameterError for
-    sections of several drives.
-    """
+    """Check from the headers, before any point is read, that the results of all files can be written."""
     drives = plan.drives()
     if parameters.sections is not None and len(drives) > 1:
         raise ParameterError(
@@ -97,12 +92,7 @@ def output_problems(path: str, options: ReadOptions, quality: QualityReport) -> 
 
 
 def check_outputs(plan: SurveyPlan, files: SceneCollection, quality: pd.DataFrame, parameters: LabelParameters) -> None:
-    """Check that LAZ, copies and inventory can be written, from headers, extents and reference systems.
-
-    Raises DataError for what `check_headers` refuses, coordinates outside of 32 bits at the scale of the result or in
-    degrees, points that are all withheld, and reference systems that differ or that a format of `label.export` cannot
-    hold.
-    """
+    """Check that LAZ, copies and inventory can be written, from headers, extents and reference systems."""
     crs = survey_crs(plan, files)
     _check_exports(crs, plan.files[0].source.path, parameters.export)
     if parameters.sections is not None:

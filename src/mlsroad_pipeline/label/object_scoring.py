@@ -47,37 +47,20 @@ INVENTORIES = ("inventory.parquet", "inventory.gpkg")
 
 @dataclass(frozen=True)
 class ScoreParameters:
-    """An inventory and the truth that it is scored against.
+    """An inventory and the truth that it is scored against."""
 
-    Parameters
-    ----------
-    inventory : str, default ""
-        GeoPackage or GeoParquet file of an inventory, or a folder of results.
-    truth : str, default ""
-        Table of true objects or folder of a simulated street: `surveys.truth_tables.read_truth`.
-    output : str, default ""
-        Folder of the scores; empty takes the folder of the reports of the project.
-    clouds : sequence of str, default ()
-        Labelled point clouds; none takes the LAZ files in the folder of the inventory. They count the points of true
-        objects and give pictures.
-    least_score : float, default 0
-        Objects with a lower score are not scored.
-    recall_only : sequence of str, default ()
-        Kinds whose truth is incomplete: only their recall is computed.
-    least_points : mapping of str to int
-        Kind to the fewest points of a true object that counts; default: of an object of the inventory.
-    reach : mapping of str to float
-        Kind to the largest distance in plan of an object from its true object, metres; default: 0.5 for poles and
-        signs, 1 for trees and vehicles.
-    """
-
-    inventory: str = ""
-    truth: str = ""
-    output: str = ""
+    inventory: str = ""  # GeoPackage or GeoParquet file of an inventory, or a folder of results
+    truth: str = ""  # Table of true objects or folder of a simulated street: `surveys.truth_tables.read_truth`
+    output: str = ""  # Folder of the scores; empty takes the folder of the reports of the project
+    # Labelled point clouds; none takes the LAZ files in the folder of the inventory. They count the points of true
+    # objects and give pictures.
     clouds: Sequence[str] = ()
-    least_score: float = 0.0
-    recall_only: Sequence[str] = ()
+    least_score: float = 0.0  # Objects with a lower score are not scored
+    recall_only: Sequence[str] = ()  # Kinds whose truth is incomplete: only their recall is computed
+    # Kind to the fewest points of a true object that counts; default: of an object of the inventory
     least_points: Mapping[str, int] = field(default_factory=dict)
+    # Kind to the largest distance in plan of an object from its true object, metres; default: 0.5 for poles and signs,
+    # 1 for trees and vehicles
     reach: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

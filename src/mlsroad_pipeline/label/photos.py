@@ -44,26 +44,13 @@ COLUMNS = ("object_id", "photo", "image", "camera", "distance", "share_in_image"
 
 
 class View(NamedTuple):
-    """Image of an object.
+    """Image of an object."""
 
-    Parameters
-    ----------
-    image : int
-        Number of the image.
-    outline : ndarray of float64, shape (m, 2)
-        Convex outline of the object, pixels.
-    share : float
-        Share of its corners in the image.
-    distance : float
-        Distance of the camera from its middle, metres.
-    late : float
-        Seconds between the image and the times of the object's points, 0 within them or where times are unknown.
-    """
-
-    image: int
-    outline: NDArray[np.float64]
-    share: float
-    distance: float
+    image: int  # Number of the image
+    outline: NDArray[np.float64]  # Convex outline of the object, pixels
+    share: float  # Share of its corners in the image
+    distance: float  # Distance of the camera from its middle, metres
+    # Seconds between the image and the times of the object's points, 0 within them or where times are unknown
     late: float
 
     @property

@@ -42,33 +42,19 @@ from mlsroad_pipeline.model_store.object_judges import judge_of
 
 @dataclass(frozen=True)
 class LabelSettings:
-    """Settings that all scenes of a survey share.
+    """Settings that all scenes of a survey share."""
 
-    Parameters
-    ----------
-    codes : ndarray of uint8, shape (classes,)
-        LAS code of each class of the model.
-    rules : mapping of str to ObjectRule
-        Object rules of the inventory.
-    ground : GroundParameters
-        Parameters of the ground filter, for models that store none.
-    outliers : OutlierParameters
-        Parameters of the statistical outlier filter.
-    judge : str, default ""
-        SHA256 of the judge of the package, which gives the scores unless the model has one of its own; empty: the score
-        is the mean confidence.
-    kerbs : StepLimits, optional
-        Limits of a kerb's step; None finds no kerbs.
-    least_contrast : float, optional
-        Least contrast of a marking, standard deviations of the road; None finds no markings.
-    """
-
-    codes: NDArray[np.uint8]
-    rules: Mapping[str, ObjectRule]
+    codes: NDArray[np.uint8]  # LAS code of each class of the model
+    rules: Mapping[str, ObjectRule]  # Object rules of the inventory
+    # Parameters of the ground filter, for models that store none
     ground: GroundParameters = field(default_factory=GroundParameters)
+    # Parameters of the statistical outlier filter
     outliers: OutlierParameters = field(default_factory=OutlierParameters)
+    # SHA256 of the judge of the package, which gives the scores unless the model has one of its own; empty: the score
+    # is the mean confidence
     judge: str = ""
-    kerbs: StepLimits | None = None
+    kerbs: StepLimits | None = None  # Limits of a kerb's step; None finds no kerbs
+    # Least contrast of a marking, standard deviations of the road; None finds no markings
     least_contrast: float | None = None
 
 
@@ -104,8 +90,7 @@ class LabelledScene(TypedDict):
     """Stored parts of a labelled scene.
 
     `objects`, `fragments` and `evidence` are those of `SceneObjects`, `kerbs` the steps of `kerb_steps`, `wires` the
-    points of `wire_points`, `markings` the stripes of `marking_stripes`. The counts are those of the labels of the
-    model; points of an object are written with the class of the object.
+    points of `wire_points`, `markings` the stripes of `marking_stripes`.
     """
 
     labels: CoreLabels

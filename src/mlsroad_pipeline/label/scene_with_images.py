@@ -53,22 +53,7 @@ class SceneViews(NamedTuple):
 
 
 class ImageLabeller:
-    """Labeller of a model that uses images, for `label_cloud`.
-
-    Parameters
-    ----------
-    views : sequence of (str, Camera, callable)
-        Camera name, calibration with pose relative to the origin of the scene, and reader of the picture.
-    around : ndarray of shape (m, 3)
-        Points that may occlude the scene, relative to its origin, metres.
-    cameras : sequence of str
-        Names of the cameras of the drive.
-
-    Attributes
-    ----------
-    seen : ndarray of shape (n,), bool, or None
-        Points of the last scene that are in an image; None without images.
-    """
+    """Labeller of a model that uses images, for `label_cloud`."""
 
     def __init__(
         self,

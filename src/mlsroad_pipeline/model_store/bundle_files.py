@@ -30,15 +30,7 @@ _JSON, _ARRAYS = "model.json", "arrays.npz"
 
 
 def save_bundle(bundle: ModelBundle, folder: str | Path) -> None:
-    """Write a model into a folder; the same model gives the same bytes.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The model.
-    folder : str or Path
-        Folder that receives ``arrays.npz`` and ``model.json``; created if missing.
-    """
+    """Write a model into a folder; the same model gives the same bytes."""
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
     arrays: dict[str, Any] = {name: np.asarray(bundle.arrays[name]) for name in sorted(bundle.arrays)}
@@ -58,23 +50,7 @@ def save_bundle(bundle: ModelBundle, folder: str | Path) -> None:
 
 
 def load_bundle(folder: str | Path) -> ModelBundle:
-    """Read a model from a folder.
-
-    Parameters
-    ----------
-    folder : str or Path
-        A folder that `save_bundle` wrote.
-
-    Returns
-    -------
-    ModelBundle
-        The model. Its arrays are mapped into memory, which processes share, and compared with their checksums once.
-
-    Raises
-    ------
-    ReadError
-        If a file is missing or damaged, if the format is another one, or if the arrays are not those listed.
-    """
+    """Read a model from a folder."""
     source = Path(folder)
     with named_errors(source, "a model"):
         return _load_bundle(source)
@@ -126,13 +102,7 @@ def _check_mapping(value: Any, name: str) -> None:
 
 @dataclass(frozen=True)
 class ModelFile(SourceFile):
-    """Handle of a stored model; a task's function gets the opened model.
-
-    Parameters
-    ----------
-    path : str
-        The model's folder. Its name and content count in fingerprints, its place does not.
-    """
+    """Handle of a stored model; a task's function gets the opened model."""
 
     def load(self) -> ModelBundle:
         """Read the model, once per process as long as the files stay as they are; raises ReadError as `load_bundle`."""

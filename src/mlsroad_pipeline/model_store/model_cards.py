@@ -9,18 +9,7 @@ _TITLES = {"arrays.npz": "trees", "model.json": "classes, parameters, features"}
 
 
 def model_card(entry: Mapping[str, Any]) -> str:
-    """Return the card of a model as Markdown.
-
-    Parameters
-    ----------
-    entry : mapping
-        Fields of `ShippedModel`.
-
-    Returns
-    -------
-    str
-        The card.
-    """
+    """Return the card of a model as Markdown."""
     attributes = " and ".join(entry["attributes"]) or "no attributes"
     lines = [
         f"# Model `{entry['name']}`",

@@ -33,18 +33,7 @@ PREFIX = "object_judge/"
 
 @cache
 def judge_digest() -> str:
-    """Return the SHA256 of the judge's file, which identifies results that depend on it.
-
-    Returns
-    -------
-    str
-        64 hexadecimal digits.
-
-    Raises
-    ------
-    ReadError
-        If the file is missing.
-    """
+    """Return the SHA256 of the judge's file, which identifies results that depend on it."""
     path = FOLDER / JUDGE
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()
@@ -54,18 +43,7 @@ def judge_digest() -> str:
 
 @cache
 def shipped_judge() -> ObjectJudge:
-    """Return the judge of the package.
-
-    Returns
-    -------
-    ObjectJudge
-        The judge.
-
-    Raises
-    ------
-    ReadError
-        If the file is missing or damaged.
-    """
+    """Return the judge of the package."""
     path = FOLDER / JUDGE
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
@@ -75,25 +53,7 @@ def shipped_judge() -> ObjectJudge:
 
 
 def judge_of(bundle: ModelBundle) -> ObjectJudge:
-    """Return the judge of a model that has learned from corrections, else that of the package.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The model.
-
-    Returns
-    -------
-    ObjectJudge
-        The judge, made once per model.
-
-    Raises
-    ------
-    DataError
-        If the judge is damaged, or has the features of another version.
-    ReadError
-        If the judge of the package is missing or damaged.
-    """
+    """Return the judge of a model that has learned from corrections, else that of the package."""
     if PREFIX not in bundle.prepared:
         own = arrays_under(bundle.arrays, PREFIX)
         judge = ObjectJudge.from_arrays(own) if own else shipped_judge()
@@ -105,57 +65,20 @@ def judge_of(bundle: ModelBundle) -> ObjectJudge:
 
 
 def with_judge(bundle: ModelBundle, judge: ObjectJudge) -> ModelBundle:
-    """Return a model with a judge of its own.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The model.
-    judge : ObjectJudge
-        The judge.
-
-    Returns
-    -------
-    ModelBundle
-        The model with the arrays of the judge.
-    """
+    """Return a model with a judge of its own."""
     own = {f"{PREFIX}{name}": values for name, values in judge.to_arrays().items()}
     return ModelBundle(bundle.slug, {**bundle.arrays, **own}, bundle.metadata)
 
 
 def write_judge_replay(candidates: Mapping[str, JudgedCandidates], path: Path = FOLDER / REPLAY) -> None:
-    """Write the candidates to replay; features are rounded to 16 bits.
-
-    Parameters
-    ----------
-    candidates : mapping of str to JudgedCandidates
-        Kind to candidates; their features lie between -65000 and 65000.
-    path : Path
-        The file.
-    """
+    """Write the candidates to replay; features are rounded to 16 bits."""
     arrays: dict[str, Any] = {f"{kind}/values": found.values.astype(np.float16) for kind, found in candidates.items()}
     arrays |= {f"{kind}/true": found.true for kind, found in candidates.items()}
     np.savez_compressed(path, **arrays)
 
 
 def read_judge_replay(path: Path = FOLDER / REPLAY) -> dict[str, JudgedCandidates]:
-    """Read a sample of the candidates that the judge was trained on.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    dict of str to JudgedCandidates
-        Kind to candidates.
-
-    Raises
-    ------
-    ReadError
-        If the file is missing or damaged.
-    """
+    """Read a sample of the candidates that the judge was trained on."""
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
             return {

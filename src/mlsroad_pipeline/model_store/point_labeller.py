@@ -23,14 +23,7 @@ _XYZ, _RGB = ["x", "y", "z"], ["red", "green", "blue"]
 
 
 def signature() -> ModelSignature:
-    """Return the signature of every registered model.
-
-    Returns
-    -------
-    mlflow.models.ModelSignature
-        Inputs: x, y, z (metres); optionally red, green, blue (0 to 255) and intensity (0 to 1). Outputs: label, class
-        and confidence.
-    """
+    """Return the signature of every registered model."""
     inputs = [ColSpec("double", name) for name in _XYZ]
     inputs += [ColSpec("long", name, required=False) for name in _RGB]
     inputs.append(ColSpec("double", "intensity", required=False))
@@ -39,27 +32,7 @@ def signature() -> ModelSignature:
 
 
 def table_to_cloud(table: pd.DataFrame, *, source: str = "model input") -> PointCloud:
-    """Convert a table of points to a cloud.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Columns x, y, z in metres and optionally red, green, blue in 0 to 255 and intensity in 0 to 1.
-    source : str, default "model input"
-        Name of the points in messages.
-
-    Returns
-    -------
-    PointCloud
-        The points in the same order, relative to their minimum rounded down to whole metres.
-
-    Raises
-    ------
-    MissingColumnError
-        If a coordinate or a single colour channel is missing.
-    DataError
-        If a value is not finite or is outside its range.
-    """
+    """Convert a table of points to a cloud."""
     columns = {}
     for group in (_XYZ, _RGB, ["intensity"]):
         absent = [name for name in group if name not in table.columns]
@@ -92,34 +65,13 @@ class PointLabeller(mlflow.pyfunc.PythonModel):
         self.bundle: ModelBundle | None = None
 
     def load_context(self, context: mlflow.pyfunc.PythonModelContext) -> None:
-        """Read the model's files.
-
-        Parameters
-        ----------
-        context : mlflow.pyfunc.PythonModelContext
-            Holds the path of the registered folder.
-        """
+        """Read the model's files."""
         self.bundle = load_bundle(context.artifacts["bundle"])
 
     def predict(
         self, context: mlflow.pyfunc.PythonModelContext, model_input: pd.DataFrame, params: dict[str, Any] | None = None
     ) -> pd.DataFrame:
-        """Label points.
-
-        Parameters
-        ----------
-        context : mlflow.pyfunc.PythonModelContext
-            Holds the path of the registered folder.
-        model_input : DataFrame
-            One row per point, see `signature`.
-        params : dict, optional
-            Unused.
-
-        Returns
-        -------
-        DataFrame
-            One row per point with the same index: `label` int32 (-1 for none), `class` str, `confidence` float64.
-        """
+        """Label points."""
         if self.bundle is None:
             self.load_context(context)
         assert self.bundle is not None  # set by load_context

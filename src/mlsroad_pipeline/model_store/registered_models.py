@@ -17,24 +17,12 @@ PREFIX = "mlsroad-"
 
 @dataclass(frozen=True)
 class RegisteredVersion:
-    """A version of a registered model.
+    """A version of a registered model."""
 
-    Parameters
-    ----------
-    method : str
-        Slug of the method.
-    version : int
-        The version.
-    aliases : tuple of str
-        Aliases of the version.
-    trained_on : str
-        Training data, as the training described them.
-    """
-
-    method: str
-    version: int
-    aliases: tuple[str, ...] = ()
-    trained_on: str = ""
+    method: str  # Slug of the method
+    version: int  # The version
+    aliases: tuple[str, ...] = ()  # Aliases of the version
+    trained_on: str = ""  # Training data, as the training described them
 
     @property
     def registered_name(self) -> str:
@@ -59,15 +47,9 @@ class ModelStore(Protocol):
 
 @dataclass(frozen=True)
 class MlflowStore:
-    """Registered models of an MLflow registry.
+    """Registered models of an MLflow registry."""
 
-    Parameters
-    ----------
-    uri : str, optional
-        Tracking URI; None takes the one that MLflow is configured with.
-    """
-
-    uri: str | None = None
+    uri: str | None = None  # Tracking URI; None takes the one that MLflow is configured with
 
     def versions(self) -> list[RegisteredVersion]:
         """Return all versions of all methods, ordered by method and version."""
@@ -122,11 +104,6 @@ def configured_store() -> MlflowStore | None:
 
     MLflow is configured by ``MLFLOW_TRACKING_URI``, or by a session with the hooks of kedro-mlflow. Without either,
     MLflow is not imported.
-
-    Returns
-    -------
-    MlflowStore or None
-        The registry.
     """
     if os.environ.get("MLFLOW_TRACKING_URI"):
         return MlflowStore()

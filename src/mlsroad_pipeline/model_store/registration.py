@@ -38,13 +38,7 @@ _CODE = Path(__file__).with_name("registered_model_code.py")
 
 
 def example_points() -> pd.DataFrame:
-    """Return an example input of a registered model: a flat patch with a post.
-
-    Returns
-    -------
-    DataFrame
-        26 points with x, y, z, red, green, blue and intensity.
-    """
+    """Return an example input of a registered model: a flat patch with a post."""
     flat = [(x / 5, y / 5, 0.0) for x in range(4) for y in range(4)]
     post = [(0.3, 0.3, z / 5) for z in range(1, 11)]
     table = pd.DataFrame(flat + post, columns=["x", "y", "z"])
@@ -52,13 +46,7 @@ def example_points() -> pd.DataFrame:
 
 
 def pip_requirements() -> list[str]:
-    """Return the requirements of a registered model, pinned to the installed versions.
-
-    Returns
-    -------
-    list of str
-        Requirement lines, this package first.
-    """
+    """Return the requirements of a registered model, pinned to the installed versions."""
     pins = [f"mlsroad_pipeline=={__version__}"]
     for name in REQUIREMENTS:
         try:
@@ -69,23 +57,7 @@ def pip_requirements() -> list[str]:
 
 
 def latest_version(name: str) -> int:
-    """Return the highest version of a registered model.
-
-    Parameters
-    ----------
-    name : str
-        The registered name, such as ``"mlsroad-detrended_forest"``.
-
-    Returns
-    -------
-    int
-        The version.
-
-    Raises
-    ------
-    DatasetError
-        If no version is registered in the tracking store in use.
-    """
+    """Return the highest version of a registered model."""
     client = mlflow.MlflowClient()
     versions = [int(found.version) for found in client.search_model_versions(f"name='{name}'")]
     if not versions:
@@ -95,26 +67,7 @@ def latest_version(name: str) -> int:
 
 
 def load_registered_bundle(name: str, *, model_version: int | str | None = None) -> ModelBundle:
-    """Read a model from the registry.
-
-    Parameters
-    ----------
-    name : str
-        The registered name, such as ``"mlsroad-detrended_forest"``.
-    model_version : int or str, optional
-        The version; None takes the highest.
-
-    Returns
-    -------
-    ModelBundle
-        The model; its metadata gain ``registered``: name, version and run.
-
-    Raises
-    ------
-    DatasetError
-        If the model or the version is not registered, its files are missing, or they are not those that were
-        registered.
-    """
+    """Read a model from the registry."""
     number = latest_version(name) if model_version is None else int(model_version)
     try:
         found = mlflow.MlflowClient().get_model_version(name, str(number))
@@ -169,22 +122,6 @@ def register_bundle(bundle: ModelBundle, name: str, *, input_example: pd.DataFra
 
     Two models are the same if `save_bundle` writes the same files for them. The tag ``fingerprint`` of a version holds
     their digest.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The model.
-    name : str
-        The registered name.
-    input_example : DataFrame, optional
-        Points that conform to `signature`; `example_points` by default.
-
-    Returns
-    -------
-    version : int
-        The new or existing version.
-    is_new : bool
-        Whether the version is new.
     """
     # JSON converts tuples to the lists that MLflow's YAML needs.
     plain = json.loads(json.dumps(dict(bundle.metadata)))

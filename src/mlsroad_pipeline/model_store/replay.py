@@ -21,19 +21,7 @@ FILE = Path(__file__).with_name("shipped_replay") / "general.npz"
 def write_replay(
     values: NDArray[np.floating], allowed: NDArray[np.bool_], classes: Sequence[str], path: Path = FILE
 ) -> None:
-    """Write a sample; features are rounded to 16 bits.
-
-    Parameters
-    ----------
-    values : ndarray of float, shape (v, f)
-        Features, between -65000 and 65000.
-    allowed : ndarray of bool, shape (v, classes)
-        Allowed classes.
-    classes : sequence of str
-        Names of the classes.
-    path : Path
-        The file.
-    """
+    """Write a sample; features are rounded to 16 bits."""
     names = np.array(voxel_feature_names())
     np.savez_compressed(
         path, values=values.astype(np.float16), allowed=allowed, classes=np.array(classes), features=names
@@ -41,27 +29,7 @@ def write_replay(
 
 
 def read_replay(bundle: ModelBundle, path: Path = FILE) -> Replay:
-    """Read the sample for a model.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The model that goes on training.
-    path : Path
-        The file.
-
-    Returns
-    -------
-    Replay
-        The sample.
-
-    Raises
-    ------
-    ParameterError
-        If the model has other classes or features than the sample.
-    ReadError
-        If the file is missing or damaged.
-    """
+    """Read the sample for a model."""
     try:
         with path.open("rb") as stream, np.load(stream) as stored:
             arrays = {name: stored[name] for name in ("values", "allowed", "classes", "features")}

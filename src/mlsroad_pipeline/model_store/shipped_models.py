@@ -24,79 +24,35 @@ _LISTED = 12
 
 @dataclass(frozen=True)
 class ModelScores:
-    """Scores of a model on one data set.
+    """Scores of a model on one data set."""
 
-    Parameters
-    ----------
-    data : str
-        The data set.
-    points : int
-        Number of scored points.
-    overall_accuracy, mean_f1 : float
-        Scores.
-    f1 : mapping of str to float
-        F1 of each class; None for classes without points.
-    command : str
-        Command that prints the scores.
-    """
-
-    data: str
-    points: int
-    overall_accuracy: float
-    mean_f1: float
-    f1: Mapping[str, float | None]
-    command: str
+    data: str  # The data set
+    points: int  # Number of scored points
+    overall_accuracy: float  # Scores
+    mean_f1: float  # Scores
+    f1: Mapping[str, float | None]  # F1 of each class; None for classes without points
+    command: str  # Command that prints the scores
 
 
 @dataclass(frozen=True)
 class ShippedModel:
-    """Registry entry of a model in the package.
+    """Registry entry of a model in the package."""
 
-    Parameters
-    ----------
-    name : str
-        Name of the model and of its folder.
-    method : str
-        Slug of the method.
-    summary : str
-        Surveys that the model is for.
-    version : str
-        Version of the package that trained the model.
-    licence : str
-        Licence of the model.
-    command : str
-        Command that trains the model.
-    files : mapping of str to mapping
-        Name of each file to ``bytes`` and ``sha256``.
-    classes : tuple of str
-        Class names in label order.
-    attributes : tuple of str
-        Columns that the model uses where a survey has them.
-    training : mapping of str to mapping
-        Name of each training survey to its parameters of the simulator.
-    samples : int
-        Number of training voxels.
-    scores : tuple of ModelScores
-        Scores on data that the model was not trained on.
-    recordings : mapping of str to mapping
-        Recordings that the model was trained on: ``title``, ``licence``, ``scenes`` and ``sha256`` of each.
-    training_facts : mapping of str to sequence of float
-        Ranges of the facts of the training scenes, see `algorithms.quality.training_facts`.
-    """
-
-    name: str
-    method: str
-    summary: str
-    version: str
-    licence: str
-    command: str
-    files: Mapping[str, Mapping[str, Any]]
-    classes: tuple[str, ...]
-    attributes: tuple[str, ...]
-    training: Mapping[str, Mapping[str, Any]]
-    samples: int
-    scores: tuple[ModelScores, ...] = field(default_factory=tuple)
+    name: str  # Name of the model and of its folder
+    method: str  # Slug of the method
+    summary: str  # Surveys that the model is for
+    version: str  # Version of the package that trained the model
+    licence: str  # Licence of the model
+    command: str  # Command that trains the model
+    files: Mapping[str, Mapping[str, Any]]  # Name of each file to ``bytes`` and ``sha256``
+    classes: tuple[str, ...]  # Class names in label order
+    attributes: tuple[str, ...]  # Columns that the model uses where a survey has them
+    training: Mapping[str, Mapping[str, Any]]  # Name of each training survey to its parameters of the simulator
+    samples: int  # Number of training voxels
+    scores: tuple[ModelScores, ...] = field(default_factory=tuple)  # Scores on data that the model was not trained on
+    # Recordings that the model was trained on: ``title``, ``licence``, ``scenes`` and ``sha256`` of each
     recordings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    # Ranges of the facts of the training scenes, see `algorithms.quality.training_facts`
     training_facts: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     @property
@@ -114,18 +70,7 @@ class ShippedModel:
 
 
 def shipped_models(folder: Path = FOLDER) -> dict[str, ShippedModel]:
-    """Return the registry entries of the models in the package by name.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder of the models.
-
-    Returns
-    -------
-    dict of str to ShippedModel
-        The entries; none without a registry.
-    """
+    """Return the registry entries of the models in the package by name."""
     path = folder / REGISTRY
     if not path.is_file():
         return {}
@@ -140,27 +85,7 @@ def _entry(name: str, values: Mapping[str, Any]) -> ShippedModel:
 
 
 def load_shipped(name: str, folder: Path = FOLDER) -> ModelBundle:
-    """Read a model of the package.
-
-    Parameters
-    ----------
-    name : str
-        Name of the model.
-    folder : Path
-        Folder of the models.
-
-    Returns
-    -------
-    ModelBundle
-        The model; its metadata gain ``shipped``: name and version.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such model.
-    ReadError
-        If a file is missing, or differs from its SHA256 in the registry.
-    """
+    """Read a model of the package."""
     models = shipped_models(folder)
     if name not in models:
         raise ParameterError(f"no model of the package is named {name!r} (models: {', '.join(models)})")
@@ -176,22 +101,7 @@ def load_shipped(name: str, folder: Path = FOLDER) -> ModelBundle:
 
 
 def save_shipped(bundle: ModelBundle, model: ShippedModel, folder: Path = FOLDER) -> ShippedModel:
-    """Write the files of a model, its registry entry and its card.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The model.
-    model : ShippedModel
-        Its entry; ``files`` is filled in.
-    folder : Path
-        Folder of the models.
-
-    Returns
-    -------
-    ShippedModel
-        The entry as written.
-    """
+    """Write the files of a model, its registry entry and its card."""
     target = folder / model.name
     save_bundle(bundle, target)
     files = {
@@ -205,15 +115,7 @@ def save_shipped(bundle: ModelBundle, model: ShippedModel, folder: Path = FOLDER
 
 
 def save_entry(model: ShippedModel, folder: Path = FOLDER) -> None:
-    """Write the registry entry of a model and its card.
-
-    Parameters
-    ----------
-    model : ShippedModel
-        The entry.
-    folder : Path
-        Folder of the models.
-    """
+    """Write the registry entry of a model and its card."""
     models = {**shipped_models(folder), model.name: model}
     entries = {name: {k: v for k, v in asdict(models[name]).items() if k != "name"} for name in sorted(models)}
     text = json.dumps({"models": entries}, indent=2, ensure_ascii=False)

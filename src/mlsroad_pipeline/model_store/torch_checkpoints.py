@@ -21,15 +21,9 @@ def torch_error(error: Exception) -> str:
 
 @dataclass(frozen=True)
 class TorchCheckpoints:
-    """Training states in a folder, one file ``<name>.pt`` each.
+    """Training states in a folder, one file ``<name>.pt`` each."""
 
-    Parameters
-    ----------
-    folder : Path
-        The folder; it is created when the first state is saved.
-    """
-
-    folder: Path
+    folder: Path  # The folder; it is created when the first state is saved
 
     def locate(self, name: str) -> str:
         """Return the path of a state."""

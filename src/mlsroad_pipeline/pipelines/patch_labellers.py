@@ -31,25 +31,13 @@ from mlsroad_pipeline.surveys.plan import held_out_keys
 
 @dataclass(frozen=True, eq=False)
 class TrainingScenes:
-    """Training scenes in their stores, and facts for the metadata of a model.
+    """Training scenes in their stores, and facts for the metadata of a model."""
 
-    Attributes
-    ----------
-    patches, labels : SceneCollection
-        Patches of all scenes, and the classes of the patches of the training scenes.
-    stages : PatchStages
-        Parameters of the preparation.
-    scheme : ClassScheme
-        The classes.
-    trained_on : mapping
-        Metadata of the training data.
-    """
-
-    patches: SceneCollection
-    labels: SceneCollection
-    stages: PatchStages
-    scheme: ClassScheme
-    trained_on: Mapping[str, Any]
+    patches: SceneCollection  # Patches of all scenes, and the classes of the patches of the training scenes
+    labels: SceneCollection  # Patches of all scenes, and the classes of the patches of the training scenes
+    stages: PatchStages  # Parameters of the preparation
+    scheme: ClassScheme  # The classes
+    trained_on: Mapping[str, Any]  # Metadata of the training data
 
     def load(self) -> PatchTraining:
         """Read the patches of all training scenes."""

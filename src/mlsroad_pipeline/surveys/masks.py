@@ -38,18 +38,10 @@ _DAMAGED = (
 
 @dataclass(frozen=True)
 class MaskLegend:
-    """Class map of masks: number, name and class of points.
+    """Class map of masks: number, name and class of points."""
 
-    Parameters
-    ----------
-    legend : Legend
-        The class map.
-    scheme : ClassScheme
-        The classes of points.
-    """
-
-    legend: Legend
-    scheme: ClassScheme
+    legend: Legend  # The class map
+    scheme: ClassScheme  # The classes of points
 
 
 def masks_of_drives(drives: Mapping[str, SurveyImages], folder: str) -> dict[str, SurveyImages]:

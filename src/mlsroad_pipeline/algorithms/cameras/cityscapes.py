@@ -40,73 +40,19 @@ SKY = "sky"
 
 
 def image_classes(scheme: ClassScheme) -> tuple[str, ...]:
-    """Return the classes of images for a scheme.
-
-    Parameters
-    ----------
-    scheme : ClassScheme
-        The classes of points.
-
-    Returns
-    -------
-    tuple of str
-        The classes of the scheme and the sky.
-    """
+    """Return the classes of images for a scheme."""
     return (*scheme.classes, SKY)
 
 
 def encode_label_image(codes: NDArray[np.integer], scheme: ClassScheme, *, source: str = "labels") -> NDArray[np.int16]:
-    """Convert taxonomy codes of pixels to labels of `image_classes`.
-
-    Parameters
-    ----------
-    codes : ndarray of int, shape (height, width)
-        Taxonomy codes; 0 is the sky.
-    scheme : ClassScheme
-        The classes of points.
-    source : str, default "labels"
-        Name of the image in messages.
-
-    Returns
-    -------
-    ndarray of int16, shape (height, width)
-        Labels; the sky is the last, -1 for classes that the scheme ignores.
-
-    Raises
-    ------
-    UnknownClassError
-        If the scheme does not name a code.
-    """
+    """Convert taxonomy codes of pixels to labels of `image_classes`."""
     return np.where(codes == 0, np.int16(len(scheme)), scheme.encode(codes, source=source)).astype(np.int16)
 
 
 def point_probabilities(
     probabilities: NDArray[np.floating], classes: Sequence[str], scheme: ClassScheme
 ) -> NDArray[np.float32]:
-    """Convert probabilities of the classes of images to those of a scheme.
-
-    Parameters
-    ----------
-    probabilities : ndarray of float, shape (n, len(classes))
-        Probabilities of the classes of Cityscapes or of `image_classes`.
-    classes : sequence of str
-        Their names: those of the scheme and the sky, or the 19 of Cityscapes.
-    scheme : ClassScheme
-        The classes of points; `tomic2019` for the names of Cityscapes.
-
-    Returns
-    -------
-    ndarray of float32, shape (n, len(scheme))
-        Sums over the classes that map to the same one; the probability of the sky is dropped and the rest normalised to
-        1. Rows of sky only are uniform.
-
-    Raises
-    ------
-    DataError
-        If the number of classes differs from that of the probabilities.
-    ParameterError
-        If a class is neither in the scheme nor in Cityscapes.
-    """
+    """Convert probabilities of the classes of images to those of a scheme."""
     if probabilities.ndim != 2 or probabilities.shape[1] != len(classes):
         raise DataError(f"probabilities must have shape (n, {len(classes)}), got {probabilities.shape}")
     own = set(classes) <= set(image_classes(scheme))
@@ -125,28 +71,7 @@ def point_probabilities(
 def segmentation_table(
     matrix: NDArray[np.integer], classes: Sequence[str], categories: Sequence[str] | None = None
 ) -> pd.DataFrame:
-    """Return IoU per class and per category, with their means, as in Table 1 of Tomic et al. 2019.
-
-    Parameters
-    ----------
-    matrix : ndarray of int, shape (classes, classes + 1)
-        Confusion matrix of pixels, summed over images; see `confusion_matrix`.
-    classes : sequence of str
-        Names of the classes.
-    categories : sequence of str, optional
-        Category of each class; None for a table of classes only.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``kind`` (class or category), ``name``, ``iou`` and ``pixels``; the row ``mean`` is the mean over those
-        with pixels. The IoU of a class without pixels is NaN.
-
-    Raises
-    ------
-    DataError
-        If the matrix does not fit the classes.
-    """
+    """Return IoU per class and per category, with their means, as in Table 1 of Tomic et al. 2019."""
     if matrix.shape != (len(classes), len(classes) + 1):
         raise DataError(f"the matrix must have shape {(len(classes), len(classes) + 1)}, got {matrix.shape}")
     rows = _iou_rows("class", matrix, classes)

@@ -19,30 +19,15 @@ LARGEST_NUMBER = 65535
 
 @dataclass(frozen=True)
 class Legend:
-    """Classes of segmented images.
+    """Classes of segmented images."""
 
-    Parameters
-    ----------
-    numbers : tuple of int
-        Class numbers, ascending. Score k of a network or of a file of probabilities belongs to the number k.
-    names : tuple of str
-        Name of each.
-    classes : tuple of str or None
-        Class of points that each gives: a class of a scheme or of the taxonomy; None for pixels that give no class,
-        such as the sky.
-    source : str, default "classes"
-        Name of the legend in messages.
-
-    Raises
-    ------
-    ParameterError
-        If there are no numbers, or a number is repeated or outside 0 to 65535.
-    """
-
+    # Class numbers, ascending. Score k of a network or of a file of probabilities belongs to the number k.
     numbers: tuple[int, ...]
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # Name of each
+    # Class of points that each gives: a class of a scheme or of the taxonomy; None for pixels that give no class, such
+    # as the sky
     classes: tuple[str | None, ...]
-    source: str = "classes"
+    source: str = "classes"  # Name of the legend in messages
 
     def __post_init__(self) -> None:
         if not self.numbers:
@@ -56,69 +41,23 @@ class Legend:
 
     @classmethod
     def of_rows(cls, rows: Sequence[tuple[int, str, str | None]], source: str) -> Self:
-        """Build a legend.
-
-        Parameters
-        ----------
-        rows : sequence of (int, str, str or None)
-            Number, name and class of points, in any order.
-        source : str
-            Name of the legend in messages.
-
-        Returns
-        -------
-        Legend
-            The legend.
-
-        Raises
-        ------
-        ParameterError
-            As the class.
-        """
+        """Build a legend."""
         numbers, names, classes = zip(*sorted(rows, key=lambda row: row[0]), strict=True) if rows else ((), (), ())
         return cls(numbers, names, classes, source)
 
     @classmethod
     def of_scheme(cls, scheme: ClassScheme) -> Self:
-        """Return the legend of a network of this package: the classes of a scheme and the sky.
-
-        Parameters
-        ----------
-        scheme : ClassScheme
-            The classes of points.
-
-        Returns
-        -------
-        Legend
-            Numbers from 0 in the order of `image_classes`.
-        """
+        """Return the legend of a network of this package: the classes of a scheme and the sky."""
         rows = [(label, name, name) for label, name in enumerate(scheme.classes)]
         return cls.of_rows([*rows, (len(scheme), SKY, None)], f"scheme {scheme.name!r}")
 
     @classmethod
     def from_json(cls, stored: Mapping[str, Any]) -> Self:
-        """Rebuild a legend from `to_json`.
-
-        Parameters
-        ----------
-        stored : mapping
-            The stored legend.
-
-        Returns
-        -------
-        Legend
-            The legend.
-        """
+        """Rebuild a legend from `to_json`."""
         return cls.of_rows([(int(n), str(name), given) for n, name, given in stored["rows"]], str(stored["source"]))
 
     def to_json(self) -> dict[str, Any]:
-        """Return the legend as JSON values.
-
-        Returns
-        -------
-        dict
-            ``source`` and ``rows``.
-        """
+        """Return the legend as JSON values."""
         rows = zip(self.numbers, self.names, self.classes, strict=True)
         return {"source": self.source, "rows": [list(row) for row in rows]}
 
@@ -128,25 +67,7 @@ class Legend:
         return next((k for k, number in enumerate(self.numbers) if number != k), len(self.numbers))
 
     def labels(self, scheme: ClassScheme) -> NDArray[np.int16]:
-        """Return the label of each class number in a scheme.
-
-        Parameters
-        ----------
-        scheme : ClassScheme
-            The classes of points.
-
-        Returns
-        -------
-        ndarray of int16, shape (numbers,)
-            Labels; -1 for numbers that give no class.
-
-        Raises
-        ------
-        ParameterError
-            If a class is neither one of the scheme nor of the taxonomy.
-        UnknownClassError
-            If the scheme does not contain a class of the taxonomy.
-        """
+        """Return the label of each class number in a scheme."""
         return np.array([self._label(name, scheme) for name in self.classes], dtype=np.int16)
 
     def _label(self, name: str | None, scheme: ClassScheme) -> int:
@@ -161,27 +82,7 @@ class Legend:
         return int(scheme.encode([TAXONOMY[name]], source=self.source)[0])
 
     def of_numbers(self, numbers: NDArray[np.integer], scheme: ClassScheme, *, source: str) -> NDArray[np.float32]:
-        """Return the class probabilities of pixels with class numbers.
-
-        Parameters
-        ----------
-        numbers : ndarray of int, shape (height, width)
-            Class numbers.
-        scheme : ClassScheme
-            The classes of points.
-        source : str
-            Name of the mask in messages.
-
-        Returns
-        -------
-        ndarray of float32, shape (height, width, len(scheme))
-            1 for the class of the pixel; NaN for pixels without a class.
-
-        Raises
-        ------
-        DataError
-            If the legend lacks a number; the message has the number and its count.
-        """
+        """Return the class probabilities of pixels with class numbers."""
         place = np.searchsorted(self.numbers, numbers).clip(max=len(self.numbers) - 1)
         wrong = np.asarray(self.numbers)[place] != numbers
         if wrong.any():
@@ -199,28 +100,7 @@ class Legend:
         return rows
 
     def of_scores(self, scores: NDArray[np.floating], scheme: ClassScheme, *, source: str) -> NDArray[np.float32]:
-        """Return the class probabilities of pixels with a probability for each class of the legend.
-
-        Parameters
-        ----------
-        scores : ndarray of float, shape (height, width, classes)
-            Probabilities of the numbers 0, 1, 2, ...
-        scheme : ClassScheme
-            The classes of points.
-        source : str
-            Name of the scores in messages.
-
-        Returns
-        -------
-        ndarray of float32, shape (height, width, len(scheme))
-            Sums over the classes that give the same class of points, normalised to 1; NaN for pixels whose classes give
-            none.
-
-        Raises
-        ------
-        DataError
-            If the legend has another number of classes from 0.
-        """
+        """Return the class probabilities of pixels with a probability for each class of the legend."""
         count = scores.shape[2]
         if count != self.n_scores:
             raise DataError(f"{source}: has {count} classes, {self.source} names {self.n_scores} from 0")

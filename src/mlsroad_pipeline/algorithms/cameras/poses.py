@@ -14,60 +14,19 @@ from mlsroad_pipeline.algorithms.core.validation import check_column, check_posi
 
 @dataclass(frozen=True, eq=False)
 class PoseTrack:
-    """Poses of a vehicle over time. Build it with `from_angles` or `from_quaternions`.
+    """Poses of a vehicle over time. Build it with `from_angles` or `from_quaternions`."""
 
-    Parameters
-    ----------
-    time : ndarray of shape (m,), float64
-        Seconds, strictly increasing.
-    xyz : ndarray of shape (m, 3), float64
-        Positions, world coordinates, metres.
-    rotation : scipy.spatial.transform.Rotation
-        m rotations from the axes of the vehicle (x forward, y left, z up) to those of the world.
-    max_gap : float, default 1.0
-        Longest interval between two poses that is interpolated, seconds.
-    source : str
-        Name of the poses in messages, usually the path of the file.
-    """
-
-    time: NDArray[np.float64]
-    xyz: NDArray[np.float64]
-    rotation: Rotation
-    max_gap: float = 1.0
-    source: str = field(default="poses")
+    time: NDArray[np.float64]  # Seconds, strictly increasing
+    xyz: NDArray[np.float64]  # Positions, world coordinates, metres
+    rotation: Rotation  # m rotations from the axes of the vehicle (x forward, y left, z up) to those of the world
+    max_gap: float = 1.0  # Longest interval between two poses that is interpolated, seconds
+    source: str = field(default="poses")  # Name of the poses in messages, usually the path of the file
 
     @classmethod
     def from_angles(
         cls, time: ArrayLike, xyz: ArrayLike, angles: ArrayLike, *, max_gap: float = 1.0, source: str = "poses"
     ) -> PoseTrack:
-        """Build a track from roll, pitch and heading.
-
-        Parameters
-        ----------
-        time : array-like of shape (m,)
-            Seconds, in any order; of simultaneous poses the first is kept.
-        xyz : array-like of shape (m, 3)
-            World coordinates, metres.
-        angles : array-like of shape (m, 3)
-            Roll (positive left side up), pitch (positive nose down) and heading (counter-clockwise from east),
-            radians; the rotation is Rz(heading) Ry(pitch) Rx(roll).
-        max_gap : float, default 1.0
-            Longest interval between two poses that is interpolated, seconds.
-        source : str, default "poses"
-            Name of the poses in messages.
-
-        Returns
-        -------
-        PoseTrack
-            The track.
-
-        Raises
-        ------
-        DataError
-            If lengths differ, a value is not finite, or there are fewer than two times.
-        ParameterError
-            If `max_gap` is not positive.
-        """
+        """Build a track from roll, pitch and heading."""
         radians = check_xyz(angles, name=f"{source}: angles").astype(np.float64)
         return cls._build(time, xyz, Rotation.from_euler("xyz", radians), max_gap, source)
 
@@ -75,33 +34,7 @@ class PoseTrack:
     def from_quaternions(
         cls, time: ArrayLike, xyz: ArrayLike, quaternions: ArrayLike, *, max_gap: float = 1.0, source: str = "poses"
     ) -> PoseTrack:
-        """Build a track from quaternions.
-
-        Parameters
-        ----------
-        time : array-like of shape (m,)
-            Seconds, in any order; of simultaneous poses the first is kept.
-        xyz : array-like of shape (m, 3)
-            World coordinates, metres.
-        quaternions : array-like of shape (m, 4)
-            w, x, y, z of the rotation from the axes of the vehicle to those of the world; need not be normalised.
-        max_gap : float, default 1.0
-            Longest interval between two poses that is interpolated, seconds.
-        source : str, default "poses"
-            Name of the poses in messages.
-
-        Returns
-        -------
-        PoseTrack
-            The track.
-
-        Raises
-        ------
-        DataError
-            If lengths differ, a value is not finite, a quaternion is 0, or there are fewer than two times.
-        ParameterError
-            If `max_gap` is not positive.
-        """
+        """Build a track from quaternions."""
         return cls._build(time, xyz, rotation_of(quaternions, source=source), max_gap, source)
 
     @classmethod
@@ -119,25 +52,7 @@ class PoseTrack:
         return cls(seconds, places[first], rotation[first], check_positive(max_gap, "max_gap"), source)
 
     def at(self, time: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Interpolate poses: positions linearly, rotations by slerp.
-
-        Parameters
-        ----------
-        time : array-like of shape (k,)
-            Seconds.
-
-        Returns
-        -------
-        rotation : ndarray of shape (k, 3, 3), float64
-            Rotations from the axes of the vehicle to those of the world.
-        xyz : ndarray of shape (k, 3), float64
-            Positions, world coordinates, metres.
-
-        Raises
-        ------
-        DataError
-            If a time lies outside the track, or in a gap between poses longer than `max_gap`.
-        """
+        """Interpolate poses: positions linearly, rotations by slerp."""
         when = np.atleast_1d(np.asarray(time, dtype=np.float64))
         outside = ~((when >= self.time[0]) & (when <= self.time[-1]))
         if outside.any():
@@ -158,25 +73,7 @@ class PoseTrack:
 
 
 def rotation_of(quaternions: ArrayLike, *, source: str = "poses") -> Rotation:
-    """Return the rotations of quaternions w, x, y, z.
-
-    Parameters
-    ----------
-    quaternions : array-like of shape (m, 4)
-        Quaternions; need not be normalised.
-    source : str, default "poses"
-        Name of the quaternions in messages.
-
-    Returns
-    -------
-    scipy.spatial.transform.Rotation
-        m rotations.
-
-    Raises
-    ------
-    DataError
-        If the shape is wrong, a value is not finite or a quaternion is 0.
-    """
+    """Return the rotations of quaternions w, x, y, z."""
     values = np.asarray(quaternions, dtype=np.float64)
     if values.ndim != 2 or values.shape[1] != 4:
         raise DataError(f"{source}: quaternions must have shape (m, 4), got {values.shape}")

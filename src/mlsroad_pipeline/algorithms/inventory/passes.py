@@ -34,37 +34,13 @@ FAR = 10_000.0
 
 
 def are_comparable(tables: Sequence[pd.DataFrame]) -> bool:
-    """Return whether the places of objects are those of one reference system, and not of a scanner each.
-
-    Parameters
-    ----------
-    tables : sequence of DataFrame
-        Objects or lines of each drive: columns `x` and `y`.
-
-    Returns
-    -------
-    bool
-        Whether all places have a coordinate of at least `FAR`.
-    """
+    """Return whether the places of objects are those of one reference system, and not of a scanner each."""
     places = np.concatenate([table[["x", "y"]].to_numpy(np.float64) for table in tables])
     return bool((np.abs(places).max(axis=1) >= FAR).all()) if len(places) else False
 
 
 def join_drive_objects(drives: Sequence[MergedObjects], *, comparable: bool) -> MergedObjects:
-    """Join the objects of several drives.
-
-    Parameters
-    ----------
-    drives : sequence of MergedObjects
-        Objects of each drive, numbered from 1; at least one drive.
-    comparable : bool
-        Whether the drives have coordinates of one reference system. If not, no two objects are one.
-
-    Returns
-    -------
-    MergedObjects
-        All objects, numbered from 1, the first drive first.
-    """
+    """Join the objects of several drives."""
     joined = drives[0].objects
     numbers = dict(drives[0].numbers)
     none = np.zeros(0, np.int64)
@@ -116,21 +92,7 @@ def _merged(first: pd.DataFrame, second: pd.DataFrame) -> pd.DataFrame:
 
 
 def join_drive_lines(drives: Sequence[pd.DataFrame], *, comparable: bool) -> pd.DataFrame:
-    """Join the lines of several drives.
-
-    Parameters
-    ----------
-    drives : sequence of DataFrame
-        Lines of each drive: columns `LINE_FIELDS`.
-    comparable : bool
-        Whether the drives have coordinates of one reference system. If not, all lines are kept as they are.
-
-    Returns
-    -------
-    DataFrame
-        Columns `LINE_FIELDS`. Of a line within `SAME_LINE` of lines of its kind of earlier drives, the rest of at least
-        `LEAST_REST` is kept; its length and place are those of the rest, its other measures those of the whole line.
-    """
+    """Join the lines of several drives."""
     if not comparable:
         return numbered(drives)
     kept = [drives[0]]

@@ -20,27 +20,13 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class ModelRequest:
-    """Model that a run of `label` requests.
+    """Model that a run of `label` requests."""
 
-    Parameters
-    ----------
-    method : str, optional
-        Method of the model.
-    choice : ModelChoice, optional
-        The model; the shipped one of the method by default.
-    images : parameters of `image_labels`, optional
-        Segmentation of images in place of the network of the model.
-    own : ModelBundle, optional
-        A model that the configuration makes, in place of a registered one.
-    device : str, default "auto"
-        Where images are segmented.
-    """
-
-    method: str | None = None
-    choice: ModelChoice | None = None
-    images: Any = None
-    own: ModelBundle | None = None
-    device: str = "auto"
+    method: str | None = None  # Method of the model
+    choice: ModelChoice | None = None  # The model; the shipped one of the method by default
+    images: Any = None  # Segmentation of images in place of the network of the model
+    own: ModelBundle | None = None  # A model that the configuration makes, in place of a registered one
+    device: str = "auto"  # Where images are segmented
 
     def bundle(self) -> tuple[ModelBundle, str]:
         """Return the model and a line for the log."""

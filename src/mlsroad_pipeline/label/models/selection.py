@@ -24,27 +24,7 @@ DEFAULT = "pool"
 def choose_model(
     *, method: str | None = None, model: int | str | None = None, store: ModelStore | None = None
 ) -> ModelChoice:
-    """Return the model of a run of `label`.
-
-    Parameters
-    ----------
-    method : str, optional
-        Method of the model (``label.method``).
-    model : int or str, optional
-        Name of a shipped model, version or alias of a registered one, or folder of a model (``label.model``).
-    store : ModelStore, optional
-        Registered models; None for none.
-
-    Returns
-    -------
-    ModelChoice
-        The model and the reason: a named one, the champion, a registered one of the method, or a shipped one.
-
-    Raises
-    ------
-    ParameterError
-        If the method or the model is unknown or ambiguous, several models are champions, or the method has no model.
-    """
+    """Return the model of a run of `label`."""
     shipped = shipped_models()
     registered = () if store is None else tuple(store.versions())
     _check_method(method, registered)

@@ -38,13 +38,6 @@ class NamedClasses:
 
     Known are the classes of the model, those of configured schemes that are unions of them, and the names of the LAS
     codes that the model writes; of all of these also the first 15 characters, as a LAZ file names them.
-
-    Parameters
-    ----------
-    scheme : ClassScheme
-        Classes of the model.
-    schemes : mapping
-        Configured schemes.
     """
 
     def __init__(self, scheme: ClassScheme, schemes: Mapping[str, Any]) -> None:
@@ -89,21 +82,12 @@ class NamedClasses:
 
 @dataclass(frozen=True)
 class FileAnswers:
-    """Answers about the points of one file.
+    """Answers about the points of one file."""
 
-    Parameters
-    ----------
-    answer : ndarray of int64, shape (n,)
-        Number of the answer of each point, -1 without one.
-    classes : list of ndarray of bool
-        Classes that each answer allows.
-    about : list of tuple of str and int
-        What each answer is about: ``("object", number)`` or ``("stroke", identifier)``. An object can have points in
-        several files.
-    """
-
-    answer: NDArray[np.int64]
-    classes: list[NDArray[np.bool_]]
+    answer: NDArray[np.int64]  # Number of the answer of each point, -1 without one
+    classes: list[NDArray[np.bool_]]  # Classes that each answer allows
+    # What each answer is about: ``("object", number)`` or ``("stroke", identifier)``. An object can have points in
+    # several files.
     about: list[tuple[str, int]]
 
 

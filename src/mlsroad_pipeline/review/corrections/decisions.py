@@ -19,32 +19,16 @@ _LONGEST_TEXT = 10_000_000  # of a payload as JSON, characters
 
 @dataclass(frozen=True)
 class Correction:
-    """One decision of a user.
+    """One decision of a user."""
 
-    Parameters
-    ----------
-    action : str
-        One of `ACTIONS`.
-    object_id : int, optional
-        Number of the object in the inventory; none for `add` and `paint`.
-    kind : str, optional
-        With `other_kind` and `add` the right kind (pole, sign, vehicle, tree).
-    payload : mapping
-        JSON values. `accept`, `other_kind`, `add`: optionally `class`, the class of its points. `reject`: optionally
-        `class`, that of its points. `merge`: `objects`, the numbers of the objects that belong to this one. `split`:
-        `bases`, the base points of its parts, each x, y, z. `move_base` and `add`: `x`, `y`, `z`. `paint`: `file`, the
-        name of the labelled file, `points`, the numbers of its points from 0, `class`, and optionally `n_points`, the
-        number of points of the file.
-
-    Raises
-    ------
-    ParameterError
-        If the action is unknown, or an argument is missing or of the wrong type.
-    """
-
-    action: str
-    object_id: int | None = None
-    kind: str | None = None
+    action: str  # One of `ACTIONS`
+    object_id: int | None = None  # Number of the object in the inventory; none for `add` and `paint`
+    kind: str | None = None  # With `other_kind` and `add` the right kind (pole, sign, vehicle, tree)
+    # JSON values. `accept`, `other_kind`, `add`: optionally `class`, the class of its points. `reject`: optionally
+    # `class`, that of its points. `merge`: `objects`, the numbers of the objects that belong to this one. `split`:
+    # `bases`, the base points of its parts, each x, y, z. `move_base` and `add`: `x`, `y`, `z`. `paint`: `file`, the
+    # name of the labelled file, `points`, the numbers of its points from 0, `class`, and optionally `n_points`, the
+    # number of points of the file.
     payload: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -102,20 +86,7 @@ class Correction:
             raise ParameterError(f"correction {self.action!r}: {message}")
 
     def paints(self, file: str, n_points: int) -> bool:
-        """Return whether it is about points of a labelled file with a number of points.
-
-        Parameters
-        ----------
-        file : str
-            Path of the file below the output folder.
-        n_points : int
-            Its number of points.
-
-        Returns
-        -------
-        bool
-            Whether it is.
-        """
+        """Return whether it is about points of a labelled file with a number of points."""
         given = self.payload
         if self.action != "paint" or given["file"] not in (file, PurePath(file).name):
             return False
@@ -129,73 +100,32 @@ class Correction:
 
 @dataclass(frozen=True)
 class Anchor:
-    """Object that a decision is about, as it was when the decision was made.
+    """Object that a decision is about, as it was when the decision was made."""
 
-    Parameters
-    ----------
-    inventory : str
-        Digest of the numbers and places of all objects.
-    kind, name : str
-        Its kind and its class.
-    x, y, z : float
-        Its base point.
-    point_count : int
-        Number of its points.
-    nearest : float, optional
-        Distance in plan to the nearest other object of its kind, metres; None without one.
-    """
-
-    inventory: str
-    kind: str
-    name: str
-    x: float
-    y: float
-    z: float
-    point_count: int
-    nearest: float | None = None
+    inventory: str  # Digest of the numbers and places of all objects
+    kind: str  # Its kind and its class
+    name: str  # Its kind and its class
+    x: float  # Its base point
+    y: float  # Its base point
+    z: float  # Its base point
+    point_count: int  # Number of its points
+    nearest: float | None = None  # Distance in plan to the nearest other object of its kind, metres; None without one
 
 
 @dataclass(frozen=True)
 class Decision:
-    """A correction as it is stored.
+    """A correction as it is stored."""
 
-    Parameters
-    ----------
-    identifier : int
-        Number in the store, from 1.
-    made : str
-        Time in UTC, ISO 8601.
-    who : str
-        Name of the user.
-    correction : Correction
-        The correction.
-    anchors : mapping of int to Anchor
-        The objects that it names, by their number at that time.
-    undone : str
-        Time at which it was undone, empty while it is in force.
-    """
-
-    identifier: int
-    made: str
-    who: str
-    correction: Correction
-    anchors: Mapping[int, Anchor]
-    undone: str = ""
+    identifier: int  # Number in the store, from 1
+    made: str  # Time in UTC, ISO 8601
+    who: str  # Name of the user
+    correction: Correction  # The correction
+    anchors: Mapping[int, Anchor]  # The objects that it names, by their number at that time
+    undone: str = ""  # Time at which it was undone, empty while it is in force
 
 
 def named_objects(correction: Correction) -> list[int]:
-    """Return the numbers of the objects that a correction names, its own first.
-
-    Parameters
-    ----------
-    correction : Correction
-        The correction.
-
-    Returns
-    -------
-    list of int
-        The numbers.
-    """
+    """Return the numbers of the objects that a correction names, its own first."""
     own = [] if correction.object_id is None else [correction.object_id]
     return own + [int(number) for number in correction.payload.get("objects", ())]
 

@@ -47,17 +47,7 @@ def corrections_of_inventory(
     """Return the corrections that an edited GeoPackage holds and the store does not.
 
     Compared are the layer `objects` and those of the kinds: `status`, `checked_class`, `class` and `kind`, base points,
-    deleted rows (rejected) and new rows (added). `classes` are the names that may be given, `system` is the coordinate
-    reference system of the inventory.
-
-    Raises
-    ------
-    ReadError
-        If the file is missing or is no inventory.
-    DataError
-        If it is a copy of another inventory or in another system, a status, kind or class is unknown, a base was moved
-        by more than 20 m, layers contradict each other, or more than half of the objects are missing and
-        `many_deleted` is not set.
+    deleted rows (rejected) and new rows (added).
     """
     layers = _layers(path, system)
     listed = objects.table.set_index("object_id")

@@ -34,24 +34,6 @@ def corrections_of_points(
 
     Points are compared in order if both files have the same number of points at the same places, else by coordinates;
     points that are missing in the edited file are unchanged.
-
-    Parameters
-    ----------
-    path : Path
-        The edited file.
-    labelled : Path
-        The labelled file in the output folder.
-    name : str
-        Its path below the folder.
-    names : mapping of int to str
-        Names of the class codes.
-    painted : mapping of int to ndarray of int64
-        Points of the labelled file that were painted before, by class code; these are not painted again.
-
-    Raises
-    ------
-    DataError
-        If a point of the edited file is none of the labelled file, or a changed class has no name.
     """
     before, after = _points(labelled), _points(path)
     codes = before[1].copy()

@@ -22,18 +22,10 @@ _OF_LAS = ("intensity_scale", "intensity_range", "columns", "rgb_bits")
 
 @dataclass(frozen=True)
 class LabelledOutput:
-    """Output folder of a finished run of `label`.
+    """Output folder of a finished run of `label`."""
 
-    Parameters
-    ----------
-    path : Path
-        The folder.
-    record : mapping
-        Record of its last finished run.
-    """
-
-    path: Path
-    record: Mapping[str, Any]
+    path: Path  # The folder
+    record: Mapping[str, Any]  # Record of its last finished run
 
     @classmethod
     def at(cls, folder: str | Path) -> LabelledOutput:

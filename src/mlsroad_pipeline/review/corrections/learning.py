@@ -52,21 +52,11 @@ class Voxels(NamedTuple):
 
 
 class Learned(NamedTuple):
-    """Training data from the corrections of an output.
+    """Training data from the corrections of an output."""
 
-    Attributes
-    ----------
-    answers : list of Answer
-        Voxels of each answer, with the classes that it allows.
-    survey : list of Scored
-        Voxels of the corrected tiles without an answer, a part per file.
-    objects : list of RatedCandidates
-        Candidate objects that answers are about.
-    """
-
-    answers: list[Answer]
-    survey: list[Scored]
-    objects: list[RatedCandidates]
+    answers: list[Answer]  # Voxels of each answer, with the classes that it allows
+    survey: list[Scored]  # Voxels of the corrected tiles without an answer, a part per file
+    objects: list[RatedCandidates]  # Candidate objects that answers are about
 
 
 class _Decisions(NamedTuple):

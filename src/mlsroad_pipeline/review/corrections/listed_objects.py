@@ -33,18 +33,11 @@ _NOT_READ = ("geometry", "geom", "footprint", "bbox")
 
 @dataclass(frozen=True)
 class ListedObjects:
-    """Objects of an inventory.
+    """Objects of an inventory."""
 
-    Parameters
-    ----------
-    table : DataFrame
-        One row per object with at least `object_id`, `class`, `kind`, `x`, `y`, `z` and `point_count`.
-    digest : str
-        Digest of numbers, kinds and places: equal for equal inventories.
-    """
-
+    # One row per object with at least `object_id`, `class`, `kind`, `x`, `y`, `z` and `point_count`
     table: pd.DataFrame
-    digest: str
+    digest: str  # Digest of numbers, kinds and places: equal for equal inventories
 
     @classmethod
     def of(cls, table: pd.DataFrame) -> ListedObjects:
@@ -80,11 +73,8 @@ class ListedObjects:
     def find(self, anchors: Mapping[int, Sequence[tuple[int, Anchor, str]]]) -> dict[int, int | None]:
         """Find the objects of decisions again.
 
-        `anchors` has, per group of decisions about one object (any key), the number then, the object then, and the
-        kind that the user gave ("" for the same). Each group gets the number of the object now, None where there is
-        none. In the same inventory it is that of the same number. In another one it is the nearest of the same kind
-        (or the kind that the user gave) within `NEAR` or `FARTHEST`, and nearer than half the distance to the next
-        object of the kind then; an object is found for one group of each inventory alone.
+        `anchors` has, per group of decisions about one object (any key), the number then, the object then, and the kind
+        that the user gave ("" for the same). Each group gets the number of the object now, None where there is none.
         """
         found: dict[int, int | None] = {}
         of_others: dict[str, list[int]] = {}

@@ -34,36 +34,19 @@ _LEAST_SHARE = 0.5  # of the points of an object and of its candidate that both 
 
 
 class DecidedObject(NamedTuple):
-    """An object of the inventory that a user has decided about.
+    """An object of the inventory that a user has decided about."""
 
-    Attributes
-    ----------
-    kind : str
-        Kind in the inventory.
-    right : str or None
-        Kind that it is, `NOTHING` for none of them; None if it is only known that it is not of its kind.
-    """
-
-    kind: str
+    kind: str  # Kind in the inventory
+    # Kind that it is, `NOTHING` for none of them; None if it is only known that it is not of its kind
     right: str | None
 
 
 class RatedCandidates(NamedTuple):
-    """Candidates of a tile, and the answers about them.
+    """Candidates of a tile, and the answers about them."""
 
-    Attributes
-    ----------
-    candidates : DataFrame
-        Columns of `find_candidate_table`.
-    answers : list of tuple of int and bool
-        Row of a candidate, and whether it is an object of its kind.
-    n_added : int
-        How many of the last answers are about added objects.
-    """
-
-    candidates: pd.DataFrame
-    answers: list[tuple[int, bool]]
-    n_added: int = 0
+    candidates: pd.DataFrame  # Columns of `find_candidate_table`
+    answers: list[tuple[int, bool]]  # Row of a candidate, and whether it is an object of its kind
+    n_added: int = 0  # How many of the last answers are about added objects
 
 
 def decided_objects(
@@ -72,24 +55,7 @@ def decided_objects(
     named: NamedClasses,
     rules: Mapping[str, ObjectRule],
 ) -> dict[int, DecidedObject]:
-    """Return what the decisions say about whole objects; merged and split ones are left out.
-
-    Parameters
-    ----------
-    states : mapping of int to ObjectState
-        State of each object.
-    kinds : mapping of int to str
-        Kind of each object in the inventory.
-    named : NamedClasses
-        Classes by the names of users.
-    rules : mapping of str to ObjectRule
-        Class name to rule.
-
-    Returns
-    -------
-    dict of int to DecidedObject
-        Number of the object to the decision.
-    """
+    """Return what the decisions say about whole objects; merged and split ones are left out."""
     found = {}
     for number, state in states.items():
         kind = kinds.get(number, NOTHING)
@@ -116,19 +82,7 @@ def _kind_of_class(name: str, named: NamedClasses, rules: Mapping[str, ObjectRul
 
 
 class TileObjects:
-    """Decided and added objects of a file by the tile that they stand in.
-
-    Parameters
-    ----------
-    grid : TileGrid
-        Tiles of the file.
-    object_id : ndarray of int, shape (n,)
-        Object of each point of the file.
-    decided : mapping of int to DecidedObject
-        Number of an object to the decision about it.
-    added : sequence of Decision
-        Missing objects that the user has added.
-    """
+    """Decided and added objects of a file by the tile that they stand in."""
 
     def __init__(
         self,
@@ -183,24 +137,7 @@ def _tile_candidates(
 def answered_candidates(
     candidates: pd.DataFrame, decided: Mapping[int, DecidedObject], n_points: Mapping[int, int]
 ) -> Iterator[tuple[int, bool]]:
-    """Yield the rows of candidates that decisions are about, and whether each is an object of its kind.
-
-    Parameters
-    ----------
-    candidates : DataFrame
-        Columns of `find_candidate_table`.
-    decided : mapping of int to DecidedObject
-        The decisions.
-    n_points : mapping of int to int
-        Number of points of each of these objects.
-
-    Yields
-    ------
-    row : int
-        Row of a candidate.
-    true : bool
-        Whether it is an object of its kind.
-    """
+    """Yield the rows of candidates that decisions are about, and whether each is an object of its kind."""
     for number, decision in decided.items():
         own = candidates[candidates["instance"] == number]
         own = own[own["shared"] >= _LEAST_SHARE * np.maximum(own["point_count"], n_points[number])]

@@ -18,27 +18,7 @@ _NEEDED = ("object_id", "kind", "score", "point_count")
 def review_order(
     inventory_rows: Sequence[Mapping[str, Any]] | pd.DataFrame, states: Mapping[int, ObjectState], number: int
 ) -> list[dict[str, Any]]:
-    """Return the objects to look at first.
-
-    Parameters
-    ----------
-    inventory_rows : sequence of mapping or DataFrame
-        Objects with the columns of the inventory; `object_id`, `kind`, `score` and `point_count` are needed.
-    states : mapping of int to ObjectState
-        States of `CorrectionStore.object_states`; objects with a status are not returned.
-    number : int
-        Number of objects to return.
-
-    Returns
-    -------
-    list of dict
-        `object_id`, `kind`, `score`, `reason` and `expected_precision` (after this look and those before), in order.
-
-    Raises
-    ------
-    DataError
-        If a column is missing.
-    """
+    """Return the objects to look at first."""
     table = inventory_rows if isinstance(inventory_rows, pd.DataFrame) else pd.DataFrame(list(inventory_rows))
     if table.empty:
         return []

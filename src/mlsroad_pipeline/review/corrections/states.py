@@ -21,59 +21,32 @@ STATUS = {
 
 
 class ObjectState(TypedDict, total=False):
-    """Decisions about an object.
+    """Decisions about an object."""
 
-    Attributes
-    ----------
-    status : str
-        A value of `STATUS`; an object that was moved and then accepted is accepted. The object that others were merged
-        into is `merged`; those others have `merged_into`.
-    checked_class : str
-        Class or kind that the user gave; that of the inventory for an accepted object; empty for a rejected one.
-    checked_kind : str
-        Kind that the user gave, else that of the inventory.
-    x, y, z : float
-        Base that the user gave; missing if it was not moved.
-    merged_into : int
-        Number of the object that it belongs to.
-    decision : int
-        Identifier of the last decision.
-    who, made : str
-        User and time of the last decision.
-    """
-
+    # A value of `STATUS`; an object that was moved and then accepted is accepted. The object that others were merged
+    # into is `merged`; those others have `merged_into`.
     status: str
+    # Class or kind that the user gave; that of the inventory for an accepted object; empty for a rejected one
     checked_class: str
-    checked_kind: str
-    x: float
-    y: float
-    z: float
-    merged_into: int
-    decision: int
-    who: str
-    made: str
+    checked_kind: str  # Kind that the user gave, else that of the inventory
+    x: float  # Base that the user gave; missing if it was not moved
+    y: float  # Base that the user gave; missing if it was not moved
+    z: float  # Base that the user gave; missing if it was not moved
+    merged_into: int  # Number of the object that it belongs to
+    decision: int  # Identifier of the last decision
+    who: str  # User and time of the last decision
+    made: str  # User and time of the last decision
 
 
 @dataclass(frozen=True)
 class States:
-    """Result of the decisions in force.
+    """Result of the decisions in force."""
 
-    Parameters
-    ----------
-    of_objects : dict of int to ObjectState
-        State of objects of the present inventory.
-    unmatched : list of Decision
-        Decisions about objects that the present inventory does not have.
-    painted : list of Decision
-        Painted points, in order.
-    added : list of Decision
-        Objects that were missing.
-    """
-
-    of_objects: dict[int, ObjectState] = field(default_factory=dict)
+    of_objects: dict[int, ObjectState] = field(default_factory=dict)  # State of objects of the present inventory
+    # Decisions about objects that the present inventory does not have
     unmatched: list[Decision] = field(default_factory=list)
-    painted: list[Decision] = field(default_factory=list)
-    added: list[Decision] = field(default_factory=list)
+    painted: list[Decision] = field(default_factory=list)  # Painted points, in order
+    added: list[Decision] = field(default_factory=list)  # Objects that were missing
 
 
 def fold_states(decisions: Sequence[Decision], objects: ListedObjects) -> States:

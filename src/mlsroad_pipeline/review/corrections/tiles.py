@@ -22,43 +22,19 @@ _NOISE = 7
 
 @dataclass(frozen=True)
 class Tile:
-    """A tile with its surroundings.
+    """A tile with its surroundings."""
 
-    Parameters
-    ----------
-    cell : tuple of int
-        Column and row in the grid of the cloud.
-    rows : ndarray of int64, shape (n,)
-        Points of the cloud; noise is left out.
-    core : ndarray of bool, shape (n,)
-        Points in the tile itself.
-    ground : ndarray of bool, shape (n,)
-        Points of the ground.
-    height : ndarray of float32, shape (n,)
-        Heights above the ground, metres.
-    voxels : VoxelFeatures
-        Features of the voxels, and the voxel of each point.
-    scene : PointCloud
-        The points with their intensity and colour.
-    """
-
-    cell: tuple[int, int]
-    rows: NDArray[np.int64]
-    core: NDArray[np.bool_]
-    ground: NDArray[np.bool_]
-    height: NDArray[np.float32]
-    voxels: VoxelFeatures
-    scene: PointCloud
+    cell: tuple[int, int]  # Column and row in the grid of the cloud
+    rows: NDArray[np.int64]  # Points of the cloud; noise is left out
+    core: NDArray[np.bool_]  # Points in the tile itself
+    ground: NDArray[np.bool_]  # Points of the ground
+    height: NDArray[np.float32]  # Heights above the ground, metres
+    voxels: VoxelFeatures  # Features of the voxels, and the voxel of each point
+    scene: PointCloud  # The points with their intensity and colour
 
 
 class TileGrid:
-    """Square tiles of a cloud, from its lower left corner.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        The cloud.
-    """
+    """Square tiles of a cloud, from its lower left corner."""
 
     def __init__(self, cloud: PointCloud) -> None:
         self._cloud = cloud

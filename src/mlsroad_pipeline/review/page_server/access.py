@@ -39,17 +39,7 @@ LARGEST_BODY = 1 << 20
 
 
 class Guard:
-    """ASGI application that passes only requests of the page itself.
-
-    Parameters
-    ----------
-    app : ASGI application
-        The page.
-    port : int
-        Port of the server, part of the name of the cookie and of the allowed hosts.
-    token : str
-        Token of the address; it is exchanged once for the cookie.
-    """
+    """ASGI application that passes only requests of the page itself."""
 
     def __init__(self, app: ASGIApp, *, port: int, token: str) -> None:
         self._app = app

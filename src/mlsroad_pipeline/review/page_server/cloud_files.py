@@ -62,21 +62,11 @@ VALUES = np.dtype(
 
 @dataclass(frozen=True)
 class CloudFile:
-    """A labelled LAZ file.
+    """A labelled LAZ file."""
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    name : str
-        Its path below the output folder.
-    first : int
-        Number of the points of the files before it.
-    """
-
-    path: Path
-    name: str
-    first: int
+    path: Path  # The file
+    name: str  # Its path below the output folder
+    first: int  # Number of the points of the files before it
 
     @cached_property
     def header(self) -> LasHeader:
@@ -101,15 +91,9 @@ class CloudFile:
 
 @dataclass(frozen=True)
 class CloudFiles:
-    """All labelled files of an output folder as one sequence of points.
+    """All labelled files of an output folder as one sequence of points."""
 
-    Parameters
-    ----------
-    files : sequence of CloudFile
-        The files, at least one.
-    """
-
-    files: Sequence[CloudFile]
+    files: Sequence[CloudFile]  # The files, at least one
 
     @classmethod
     def at(cls, folder: Path, names: Sequence[str]) -> CloudFiles:

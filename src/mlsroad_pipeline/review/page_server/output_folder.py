@@ -27,18 +27,10 @@ _ENVELOPES = (0, 32, 48, 48, 64)  # bytes of the envelope in the header of a Geo
 
 @dataclass(frozen=True)
 class OutputFolder:
-    """A finished output of `label`.
+    """A finished output of `label`."""
 
-    Parameters
-    ----------
-    path : Path
-        The folder.
-    run : mapping
-        Record of its last finished run.
-    """
-
-    path: Path
-    run: Mapping[str, Any]
+    path: Path  # The folder
+    run: Mapping[str, Any]  # Record of its last finished run
 
     @classmethod
     def find(cls, path: Path) -> OutputFolder | None:

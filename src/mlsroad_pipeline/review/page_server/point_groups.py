@@ -55,13 +55,7 @@ class _Sample(NamedTuple):
 
 
 class PointGroups:
-    """Groups of the points of a survey that belong to no object.
-
-    Parameters
-    ----------
-    tiles : TileIndex
-        Tiles of the survey.
-    """
+    """Groups of the points of a survey that belong to no object."""
 
     def __init__(self, tiles: TileIndex) -> None:
         sample = _thinned(_sampled(tiles))

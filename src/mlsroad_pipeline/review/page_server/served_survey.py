@@ -26,15 +26,7 @@ _FIRST_WAIT = 4.0  # longest wait for a browser that requests the first picture,
 
 
 class ServedSurvey:
-    """A survey as the page shows it; its methods are called from several threads.
-
-    Parameters
-    ----------
-    output : OutputFolder
-        The output of `label`.
-    user : str
-        Name that is entered with each decision.
-    """
+    """A survey as the page shows it; its methods are called from several threads."""
 
     def __init__(self, output: OutputFolder, *, user: str) -> None:
         if not output.clouds.n_points:

@@ -32,15 +32,7 @@ def mark_of(folder: Path, names: list[str]) -> str:
 
 
 class TileCache:
-    """Tiles of an output folder.
-
-    Parameters
-    ----------
-    folder : Path
-        The output folder.
-    names : list of str
-        Its labelled files.
-    """
+    """Tiles of an output folder."""
 
     def __init__(self, folder: Path, names: list[str]) -> None:
         self._output, self._names = folder, names

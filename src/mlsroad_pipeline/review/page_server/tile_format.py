@@ -79,23 +79,12 @@ def unpack(data: NDArray[np.uint8], n_points: int) -> Chunk:
 
 @dataclass(frozen=True)
 class TileIndex:
-    """Index of the tiles of a survey.
+    """Index of the tiles of a survey."""
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the tiles.
-    edge : float
-        Edge of a cube, metres.
-    coloured : bool
-        Whether chunks have colours.
-    nodes : ndarray of int64, shape (n, 6)
-        Level, cell (x, y, z in edges of a node), first point in the file of the level, number of points.
-    """
-
-    folder: Path
-    edge: float
-    coloured: bool
+    folder: Path  # Folder of the tiles
+    edge: float  # Edge of a cube, metres
+    coloured: bool  # Whether chunks have colours
+    # Level, cell (x, y, z in edges of a node), first point in the file of the level, number of points
     nodes: NDArray[np.int64]
 
     @classmethod

@@ -74,25 +74,7 @@ HDL-32E as on Cyclomedia's cars.
 
 
 def scanner_system(config: str | Mapping[str, Any]) -> ScannerSystem:
-    """Return the scanner system that a configuration describes.
-
-    Parameters
-    ----------
-    config : str or mapping
-        A key of `SCANNERS`; or a mapping with ``name``, ``devices`` (a list of mappings with the fields of `Device`),
-        ``platform`` and ``body``. Missing keys are those of the system that ``like`` names, if any. Without
-        ``devices``, fields of `Device` at the top level change all devices of that system.
-
-    Returns
-    -------
-    ScannerSystem
-        The system.
-
-    Raises
-    ------
-    ParameterError
-        If a name or a field is unknown, one is missing, or a value is outside its domain.
-    """
+    """Return the scanner system that a configuration describes."""
     if isinstance(config, str):
         if config not in SCANNERS:
             raise ParameterError(f"scanner {config!r} is unknown (scanners: {', '.join(SCANNERS)})")

@@ -30,20 +30,11 @@ _ROUNDS = 5
 
 @dataclass(frozen=True)
 class Frame:
-    """Plan of a wire: a line, and a parabola across it.
+    """Plan of a wire: a line, and a parabola across it."""
 
-    Parameters
-    ----------
-    start : ndarray of float64, shape (2,)
-        A place on the line, metres; ways along the line begin there.
-    along : ndarray of float64, shape (2,)
-        Unit vector of the line.
-    bend : ndarray of float64, shape (3,)
-        Square, linear and constant coefficient of the distance to the left of the line, by the way along it.
-    """
-
-    start: NDArray[np.float64]
-    along: NDArray[np.float64]
+    start: NDArray[np.float64]  # A place on the line, metres; ways along the line begin there
+    along: NDArray[np.float64]  # Unit vector of the line
+    # Square, linear and constant coefficient of the distance to the left of the line, by the way along it
     bend: NDArray[np.float64]
 
     def way(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -68,27 +59,14 @@ class Frame:
 
 @dataclass(frozen=True)
 class Wire:
-    """Curve of a wire.
+    """Curve of a wire."""
 
-    Parameters
-    ----------
-    frame : Frame
-        Its plan.
-    curve : ndarray of float64, shape (3,)
-        Square, linear and constant coefficient of its height, by the way along the line of the plan.
-    ends : tuple of float
-        Ways of its first and its last point, metres.
-    clearance : float
-        Least height of its points above the ground, metres; NaN where it is not known.
-    score : float
-        Mean probability of its points.
-    """
-
-    frame: Frame
+    frame: Frame  # Its plan
+    # Square, linear and constant coefficient of its height, by the way along the line of the plan
     curve: NDArray[np.float64]
-    ends: tuple[float, float]
-    clearance: float
-    score: float
+    ends: tuple[float, float]  # Ways of its first and its last point, metres
+    clearance: float  # Least height of its points above the ground, metres; NaN where it is not known
+    score: float  # Mean probability of its points
 
     def at(self, way: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return places on the curve."""
@@ -98,13 +76,7 @@ class Wire:
 
 
 class Wires:
-    """Points of wires that are not yet part of one.
-
-    Parameters
-    ----------
-    points : ndarray of float64, shape (n, 5)
-        x, y, z and height above the ground in metres, probability.
-    """
+    """Points of wires that are not yet part of one."""
 
     def __init__(self, points: NDArray[np.float64]) -> None:
         self.points = points

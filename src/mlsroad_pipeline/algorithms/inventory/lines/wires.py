@@ -47,27 +47,7 @@ def wire_points(
     core: NDArray[np.bool_],
     origin: NDArray[np.float64],
 ) -> pd.DataFrame:
-    """Return the points of wires in the core of a scene, thinned to one per cube of `CELL`.
-
-    Parameters
-    ----------
-    xyz : ndarray, shape (n, 3)
-        Coordinates relative to `origin`, metres.
-    height : ndarray, shape (n,)
-        Height above the ground, metres; NaN where it is not known.
-    probability : ndarray, shape (n,)
-        Probability to be a wire, see `wire_probability`. Points from `LIKELY` on are kept: thin wires have few points,
-        many of which have another class.
-    core : ndarray of bool, shape (n,)
-        Whether a point belongs to the scene; the others are its buffer.
-    origin : ndarray of float64, shape (3,)
-        World coordinates of the zero of `xyz`.
-
-    Returns
-    -------
-    DataFrame
-        Columns `WIRE_COLUMNS`, float64: means of the points of each cube, the least height, the mean probability.
-    """
+    """Return the points of wires in the core of a scene, thinned to one per cube of `CELL`."""
     rows = np.flatnonzero((probability >= LIKELY) & core)
     if len(rows) == 0:
         return no_wire_points()
@@ -89,23 +69,7 @@ def join_wires(
     """Return the wires of a drive as lines.
 
     A wire is a parabola in an upright plane, which differs from a catenary by millimetres where the sag is a tenth of
-    the span or less. Parabolas through three points along the direction of a neighbourhood are tried; the one with most
-    points is fitted again and its points are removed (random sample consensus, Fischler and Bolles 1981).
-
-    Parameters
-    ----------
-    scenes : sequence of DataFrame
-        Points of wires of each scene, of `wire_points`.
-    trajectory : Trajectory, optional
-        Trajectory that gives the stations.
-    least_score : float, default 0.5
-        Wires whose points have a lower mean probability are left out. Smaller finds more wires, of which more are
-        false.
-
-    Returns
-    -------
-    DataFrame
-        Columns `LINE_FIELDS`.
+    the span or less.
     """
     filled = [table for table in scenes if len(table)]
     if not filled:

@@ -16,39 +16,16 @@ _STEPS = ((45.0, 2.0, 300), (2.0, 0.2, 600), (0.2, 0.04, 1200))
 
 
 class Box(NamedTuple):
-    """Rectangle in plan.
+    """Rectangle in plan."""
 
-    Attributes
-    ----------
-    centre : ndarray of float64, shape (2,)
-        Centre, metres.
-    length, width : float
-        Longer and shorter side, metres.
-    azimuth : float
-        Direction of the longer side, degrees clockwise from north, 0 to 180.
-    """
-
-    centre: NDArray[np.float64]
-    length: float
-    width: float
-    azimuth: float
+    centre: NDArray[np.float64]  # Centre, metres
+    length: float  # Longer and shorter side, metres
+    width: float  # Longer and shorter side, metres
+    azimuth: float  # Direction of the longer side, degrees clockwise from north, 0 to 180
 
 
 def trimmed(values: NDArray[np.float64], share: float) -> tuple[float, float]:
-    """Return the trimmed limits of values.
-
-    Parameters
-    ----------
-    values : ndarray of float64
-        Any values; at least one.
-    share : float
-        Share trimmed at each end, 0 to 0.5, rounded down to whole values.
-
-    Returns
-    -------
-    low, high : float
-        The limits.
-    """
+    """Return the trimmed limits of values."""
     flat = values.ravel()
     stray = int(share * len(flat))
     part = np.partition(flat, (stray, len(flat) - 1 - stray))
@@ -56,18 +33,7 @@ def trimmed(values: NDArray[np.float64], share: float) -> tuple[float, float]:
 
 
 def convex_hull(xy: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the convex hull of points in plan.
-
-    Parameters
-    ----------
-    xy : ndarray of float64, shape (k, 2)
-        Points, metres; at least one.
-
-    Returns
-    -------
-    ndarray of float64, shape (h, 2)
-        Corners, counterclockwise, without collinear points; fewer than three if all points are collinear.
-    """
+    """Return the convex hull of points in plan."""
     outer = xy[_outside(xy)]
     return _hull(outer[np.lexsort((outer[:, 1], outer[:, 0]))])
 
@@ -124,18 +90,7 @@ def _hull(xy: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def polygon_area(corners: NDArray[np.float64]) -> float:
-    """Return the area of a polygon.
-
-    Parameters
-    ----------
-    corners : ndarray of float64, shape (h, 2)
-        Corners in order, metres.
-
-    Returns
-    -------
-    float
-        Square metres; 0 with fewer than three corners.
-    """
+    """Return the area of a polygon."""
     if len(corners) < 3:
         return 0.0
     x, y = (corners - corners[0]).T  # the first and last terms of the sum are 0
@@ -143,18 +98,7 @@ def polygon_area(corners: NDArray[np.float64]) -> float:
 
 
 def oriented_box(hull: NDArray[np.float64]) -> Box:
-    """Return the rectangle of minimum area around a convex hull; one of its sides lies on a side of the hull.
-
-    Parameters
-    ----------
-    hull : ndarray of float64, shape (h, 2)
-        Corners of the hull, see `convex_hull`, metres.
-
-    Returns
-    -------
-    Box
-        The rectangle.
-    """
+    """Return the rectangle of minimum area around a convex hull; one of its sides lies on a side of the hull."""
     middle = hull.mean(axis=0)
     moved = hull - middle
     sides = np.concatenate([moved[1:], moved[:1]]) - moved
@@ -182,23 +126,7 @@ def _box(middle: NDArray[np.float64], angle: float, limits: tuple[float, float, 
 
 
 def vehicle_box(xy: NDArray[np.float64]) -> Box:
-    """Fit a rectangle to a vehicle with one or two visible sides, by the closeness criterion.
-
-    The direction with the largest sum of inverse distances of points to the sides is searched in steps of 2, 0.2 and
-    0.04 degrees (Zhang, Xu, Dong and Dolan 2017, "Efficient L-shape fitting for vehicle detection using laser
-    scanners", algorithms 2 and 4). Unlike the paper, four points in a thousand may lie outside each side, which makes
-    the box robust to aerials, mirrors and mixed pixels.
-
-    Parameters
-    ----------
-    xy : ndarray of float64, shape (k, 2)
-        Points, metres; at least one.
-
-    Returns
-    -------
-    Box
-        The rectangle.
-    """
+    """Fit a rectangle to a vehicle with one or two visible sides, by the closeness criterion."""
     middle = xy.mean(axis=0)
     moved = xy - middle
     angle = 0.0

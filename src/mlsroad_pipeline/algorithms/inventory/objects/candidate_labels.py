@@ -36,39 +36,13 @@ _LEAST_TRUNK, _LEAST_POLE = 0.7, 0.5  # probabilities from which a stem changes 
 
 
 def candidate_rules(scheme: ClassScheme, changes: Mapping[str, Mapping[str, Any]]) -> dict[str, ObjectRule]:
-    """Return the rules of the candidates for the classes of a scheme.
-
-    Parameters
-    ----------
-    scheme : ClassScheme
-        The classes.
-    changes : mapping of str to mapping
-        Kind to the fields of `ObjectRule` that a user has changed.
-
-    Returns
-    -------
-    dict of str to ObjectRule
-        Class name to rule.
-    """
+    """Return the rules of the candidates for the classes of a scheme."""
     kinds = {kind: {**limits, **changes.get(kind, {})} for kind, limits in CANDIDATE_LIMITS.items()}
     return rules_for_scheme(scheme, changes={**changes, **kinds})
 
 
 def raised_labels(evidence: ClassEvidence, rules: Mapping[str, ObjectRule]) -> NDArray[np.int16]:
-    """Return the most probable class of each point after raising the classes of objects.
-
-    Parameters
-    ----------
-    evidence : ClassEvidence
-        Class probabilities.
-    rules : mapping of str to ObjectRule
-        Class name to rule.
-
-    Returns
-    -------
-    ndarray of int16, shape (n,)
-        Labels; -1 for points without a class.
-    """
+    """Return the most probable class of each point after raising the classes of objects."""
     factor = np.where(evidence.groups[:, GROUPS.index("wire")] > 0.5, WEIGHTS["pole"], 1.0)
     for rule in rules.values():
         factor[list(rule.labels)] = WEIGHTS[rule.kind]
@@ -85,29 +59,7 @@ def classify_stems(
     rules: Mapping[str, ObjectRule],
     judge: Judge,
 ) -> NDArray[np.int16]:
-    """Give the points of each upright line one class.
-
-    Parameters
-    ----------
-    local : ndarray of float32 or float64, shape (n, 3)
-        Points of core and buffers, metres.
-    height : ndarray of float32 or float64, shape (n,)
-        Heights above the ground, metres.
-    labels : ndarray of int, shape (n,)
-        Labels of `raised_labels`.
-    cells : SceneCells
-        Cells of the scene.
-    rules : mapping of str to ObjectRule
-        Class name to rule.
-    judge : Judge
-        Answers `STEM`.
-
-    Returns
-    -------
-    ndarray of int16, shape (n,)
-        Labels: points of poles and signs on trunks are trees, points of trees on poles are poles. Unchanged without
-        rules for both poles and trees.
-    """
+    """Give the points of each upright line one class."""
     out = np.asarray(labels).astype(np.int16)
     of_kind = {kind: [x for rule in rules.values() if rule.kind == kind for x in rule.labels] for kind in WEIGHTS}
     if not (of_kind["pole"] and of_kind["tree"]):

@@ -26,27 +26,13 @@ _ROW = ("kind", "x", "y", "height", "point_count")
 
 @dataclass(frozen=True)
 class CandidateScene:
-    """A scene whose candidates are wanted.
+    """A scene whose candidates are wanted."""
 
-    Parameters
-    ----------
-    local : ndarray of float64, shape (n, 3)
-        Points relative to `origin`, metres.
-    origin : ndarray of float64, shape (3,)
-        World coordinates of the local origin, metres.
-    height : ndarray of float64, shape (n,)
-        Heights above the ground, metres.
-    evidence : ClassEvidence
-        Class probabilities of the points.
-    instance : ndarray of int, shape (n,)
-        Object that each point is known to belong to, 0 for none.
-    """
-
-    local: NDArray[np.float64]
-    origin: NDArray[np.float64]
-    height: NDArray[np.float64]
-    evidence: ClassEvidence
-    instance: NDArray[np.integer]
+    local: NDArray[np.float64]  # Points relative to `origin`, metres
+    origin: NDArray[np.float64]  # World coordinates of the local origin, metres
+    height: NDArray[np.float64]  # Heights above the ground, metres
+    evidence: ClassEvidence  # Class probabilities of the points
+    instance: NDArray[np.integer]  # Object that each point is known to belong to, 0 for none
 
     @property
     def cells(self) -> SceneCells:
@@ -56,24 +42,7 @@ class CandidateScene:
 
 
 def find_candidate_table(scene: CandidateScene, rules: Mapping[str, ObjectRule], judge: Judge) -> pd.DataFrame:
-    """Find the candidates of a scene as `extract_objects` does.
-
-    Parameters
-    ----------
-    scene : CandidateScene
-        The scene; at least one point.
-    rules : mapping of str to ObjectRule
-        Class name to rule.
-    judge : Judge
-        Answers `STEM`.
-
-    Returns
-    -------
-    DataFrame
-        One row per candidate: `kind`, `x`, `y`, `height` and `point_count` of its measures; `own_kind`, the kind of its
-        points; `part`, equal for alternatives of the same points within an own kind; `instance`, the object that most
-        of its points belong to, and `shared`, their number; the features as `FEATURE_COLUMNS`.
-    """
+    """Find the candidates of a scene as `extract_objects` does."""
     cells = scene.cells
     labels = raised_labels(scene.evidence, rules)
     labels = classify_stems(scene.local, scene.height, labels, cells, rules=rules, judge=judge)

@@ -29,21 +29,11 @@ GROUPS = (*_MEMBERS, "other")
 
 @dataclass(frozen=True)
 class ClassEvidence:
-    """Class probabilities of the points of a scene, for voxels or for single points.
+    """Class probabilities of the points of a scene, for voxels or for single points."""
 
-    Parameters
-    ----------
-    probabilities : ndarray of float32, shape (m, classes)
-        Class probabilities of each voxel; rows sum to 1.
-    owner : ndarray of int, shape (n,)
-        Voxel of each point; -1 for points without a class, such as outliers.
-    groups : ndarray of float32, shape (classes, len(GROUPS))
-        Share of each class in each group, see `group_shares`.
-    """
-
-    probabilities: NDArray[np.float32]
-    owner: NDArray[np.integer]
-    groups: NDArray[np.float32]
+    probabilities: NDArray[np.float32]  # Class probabilities of each voxel; rows sum to 1
+    owner: NDArray[np.integer]  # Voxel of each point; -1 for points without a class, such as outliers
+    groups: NDArray[np.float32]  # Share of each class in each group, see `group_shares`
 
     @cached_property
     def of_groups(self) -> NDArray[np.float32]:
@@ -53,18 +43,7 @@ class ClassEvidence:
 
 
 def group_shares(scheme: ClassScheme) -> NDArray[np.float32]:
-    """Return how the classes of a scheme fall into `GROUPS`.
-
-    Parameters
-    ----------
-    scheme : ClassScheme
-        The classes. A class of members of several groups counts in each by its number of members.
-
-    Returns
-    -------
-    ndarray of float32, shape (classes, len(GROUPS))
-        Shares; each row sums to 1.
-    """
+    """Return how the classes of a scheme fall into `GROUPS`."""
     of_member = {member: k for k, members in enumerate(_MEMBERS.values()) for member in members}
     shares = np.zeros((len(scheme), len(GROUPS)), dtype=np.float32)
     for row, members in enumerate(scheme.members):
@@ -83,26 +62,7 @@ def evidence_of_soft_labels(
     *,
     scheme: ClassScheme,
 ) -> ClassEvidence:
-    """Return the evidence of labels: that of the probabilities, and of a method without them `evidence_of_labels`.
-
-    Parameters
-    ----------
-    labels : ndarray of int, shape (n,)
-        Labels of the scheme; -1 for none.
-    confidence : ndarray, shape (n,)
-        Confidence of each label, 0 to 1.
-    probabilities : ndarray of float32, shape (m, classes), or None
-        Class probabilities of voxels.
-    owner : ndarray of int, shape (n,), or None
-        Voxel of each point, -1 for none.
-    scheme : ClassScheme
-        The classes.
-
-    Returns
-    -------
-    ClassEvidence
-        The evidence.
-    """
+    """Return the evidence of labels: that of the probabilities, and of a method without them `evidence_of_labels`."""
     if probabilities is None or owner is None:
         return evidence_of_labels(labels, confidence, scheme)
     return ClassEvidence(probabilities, owner, group_shares(scheme))
@@ -111,22 +71,7 @@ def evidence_of_soft_labels(
 def evidence_of_labels(
     labels: NDArray[np.integer], confidence: NDArray[np.floating], scheme: ClassScheme
 ) -> ClassEvidence:
-    """Return the evidence of a method that gives a class and a confidence, but no probabilities.
-
-    Parameters
-    ----------
-    labels : ndarray of int, shape (n,)
-        Labels of the scheme; -1 for none.
-    confidence : ndarray, shape (n,)
-        Confidence of each label, 0 to 1.
-    scheme : ClassScheme
-        The classes.
-
-    Returns
-    -------
-    ClassEvidence
-        The confidence in steps of 0.02 is the probability of the label; the others share the rest equally.
-    """
+    """Return the evidence of a method that gives a class and a confidence, but no probabilities."""
     n_classes, steps = len(scheme), 50
     level = np.round(np.clip(np.nan_to_num(confidence.astype(np.float64)), 0.0, 1.0) * steps).astype(np.int64)
     own = np.repeat(np.arange(n_classes), steps + 1)

@@ -23,38 +23,15 @@ from mlsroad_pipeline.algorithms.models.machines.threshold_codes import Threshol
 
 @dataclass(frozen=True)
 class JudgeContinuation:
-    """Parameters of the boosting from answers about objects.
+    """Parameters of the boosting from answers about objects."""
 
-    Parameters
-    ----------
-    rounds : int, default 40
-        Trees that are added per kind.
-    leaves : int, default 5
-        Maximum leaves of a tree: few, since there are few answers.
-    learning_rate : float, default 0.1
-        Factor of the leaf values.
-    min_child_samples : int, default 10
-        Minimum candidates of a leaf.
-    answer_weight : float, default 10
-        Weight of a candidate of an answer; one of the replay has 1.
-    penalty : float, default 10
-        L2 penalty of the leaf values; larger follows single answers less.
-    seed : int, default 2026
-        Seed of the trees.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain.
-    """
-
-    rounds: int = 40
-    leaves: int = 5
-    learning_rate: float = 0.1
-    min_child_samples: int = 10
-    answer_weight: float = 10.0
-    penalty: float = 10.0
-    seed: int = 2026
+    rounds: int = 40  # Trees that are added per kind
+    leaves: int = 5  # Maximum leaves of a tree: few, since there are few answers
+    learning_rate: float = 0.1  # Factor of the leaf values
+    min_child_samples: int = 10  # Minimum candidates of a leaf
+    answer_weight: float = 10.0  # Weight of a candidate of an answer; one of the replay has 1
+    penalty: float = 10.0  # L2 penalty of the leaf values; larger follows single answers less
+    seed: int = 2026  # Seed of the trees
 
     def __post_init__(self) -> None:
         for name in ("learning_rate", "answer_weight", "penalty"):
@@ -64,18 +41,10 @@ class JudgeContinuation:
 
 
 class JudgedCandidates(NamedTuple):
-    """Candidates of one kind, and whether they are objects of this kind.
+    """Candidates of one kind, and whether they are objects of this kind."""
 
-    Attributes
-    ----------
-    values : ndarray of float32, shape (n, f)
-        Features of the candidates; NaN does not apply.
-    true : ndarray of bool, shape (n,)
-        Whether each is an object of the kind.
-    """
-
-    values: NDArray[np.float32]
-    true: NDArray[np.bool_]
+    values: NDArray[np.float32]  # Features of the candidates; NaN does not apply
+    true: NDArray[np.bool_]  # Whether each is an object of the kind
 
 
 def continue_judge(
@@ -85,29 +54,7 @@ def continue_judge(
     *,
     parameters: JudgeContinuation | None = None,
 ) -> ObjectJudge:
-    """Return a judge that has learned from answers about objects.
-
-    Parameters
-    ----------
-    judge : ObjectJudge
-        The trained judge.
-    answers : mapping of str to JudgedCandidates
-        Kind to the candidates that answers are about; the trees of other kinds stay as they are.
-    replay : mapping of str to JudgedCandidates
-        Kind to a sample of the candidates that the judge was trained on.
-    parameters : JudgeContinuation, optional
-        The parameters.
-
-    Returns
-    -------
-    ObjectJudge
-        The judge with added trees. The calibration holds for the sums, as the added trees are divided by its factor.
-
-    Raises
-    ------
-    DataError
-        If the judge has no trees of a kind, or the number of features is another one.
-    """
+    """Return a judge that has learned from answers about objects."""
     own = parameters or JudgeContinuation()
     trees = dict(judge.trees)
     for kind, found in answers.items():

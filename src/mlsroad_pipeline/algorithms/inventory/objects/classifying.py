@@ -18,33 +18,7 @@ class Judge(Protocol):
     """A trained judge: `models.object_judge.ObjectJudge`."""
 
     def probabilities(self, classifier: str, features: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Return the probabilities of the classes of a classifier.
-
-        Parameters
-        ----------
-        classifier : str
-            `STEM` or a kind of object.
-        features : ndarray of float32, shape (n, f)
-            Features of n candidates, `stem_features.STEM_FEATURES` or `object_features.FEATURES`.
-
-        Returns
-        -------
-        ndarray of float64, shape (n, classes)
-            `TRUNK`, `POLE` and `NEITHER` for stems; of a kind the probability that it is an object of this kind.
-        """
+        """Return the probabilities of the classes of a classifier."""
 
     def reasons(self, classifier: str, features: NDArray[np.float32]) -> list[str]:
-        """Return what the score of each candidate rests on.
-
-        Parameters
-        ----------
-        classifier : str
-            A kind of object.
-        features : ndarray of float32, shape (n, f)
-            Features of n candidates.
-
-        Returns
-        -------
-        list of str
-            Phrases separated by semicolons.
-        """
+        """Return what the score of each candidate rests on."""

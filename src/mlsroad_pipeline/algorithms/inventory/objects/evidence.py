@@ -162,24 +162,7 @@ def _cells_around(
 
 
 class SceneCells:
-    """Cells of a scene with their mean class probabilities.
-
-    Parameters
-    ----------
-    local : ndarray of float32 or float64, shape (n, 3)
-        Points of core and buffers relative to `origin`, metres; at least one.
-    core : ndarray of bool, shape (n,)
-        Points in the scene's core.
-    origin : ndarray of float64, shape (3,)
-        World coordinates of the local origin, metres.
-    evidence : ClassEvidence
-        Class probabilities of the points.
-
-    Raises
-    ------
-    DataError
-        If the extent of the scene exceeds 2^62 cells.
-    """
+    """Cells of a scene with their mean class probabilities."""
 
     def __init__(
         self,
@@ -207,20 +190,7 @@ class SceneCells:
         self.groups = sums / self.count[:, None]
 
     def around(self, points: NDArray[np.int64], fragment: NDArray[np.integer]) -> pd.DataFrame:
-        """Sum the evidence for the objects of one class.
-
-        Parameters
-        ----------
-        points : ndarray of int64, shape (m,)
-            Points of the objects.
-        fragment : ndarray of int, shape (m,)
-            Object of each.
-
-        Returns
-        -------
-        DataFrame
-            Columns of `EVIDENCE_FIELDS` except the class: one row per cell and object.
-        """
+        """Sum the evidence for the objects of one class."""
         if not len(points):
             return empty_table({name: kind for name, kind in EVIDENCE_FIELDS.items() if name != "class"})
         n_fragments = int(fragment.max()) + 1
@@ -250,19 +220,7 @@ class SceneCells:
 
 
 def group_features(sums: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the features of sums of evidence.
-
-    Parameters
-    ----------
-    sums : ndarray of float64, shape (n, len(SUMS))
-        Evidence of n objects.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, len(GROUP_FEATURES))
-        Logarithm of the number of own cells and the shares of the groups in them; per zone the logarithm of the number
-        of cells, its ratio to that of the object, and the shares of the groups.
-    """
+    """Return the features of sums of evidence."""
     zones = np.round(sums, 6).reshape(-1, len(ZONES), len(GROUPS))
     size = zones.sum(axis=2)
     own = np.maximum(size[:, :1], 1e-6)

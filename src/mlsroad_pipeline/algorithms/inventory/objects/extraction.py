@@ -140,19 +140,7 @@ def extract_objects(
 
 
 class _FoundObjects:
-    """Objects of a scene class by class: measured rows, fragments at the border, and the object of each point.
-
-    Parameters
-    ----------
-    scene : str
-        The scene's id.
-    classes : mapping of str to ObjectRule
-        Class name to rule.
-    judge : Judge or None
-        Gives scores where there is evidence.
-    part : ndarray of int32, shape (n,)
-        Filled with the object of each point from 1, with -1 minus the row of its voxel among the fragments, or 0.
-    """
+    """Objects of a scene class by class: measured rows, fragments at the border, and the object of each point."""
 
     def __init__(
         self, scene: str, classes: Mapping[str, ObjectRule], judge: Judge | None, part: NDArray[np.int32]

@@ -20,23 +20,7 @@ def join_floating_parts(
     """Give floating clusters the number of the pole that they hang on.
 
     Where points are sparse, the gaps along an arm exceed the tolerance of the clustering: the lamp becomes an object of
-    its own, which is none, and the pole ends below it. A cluster floats if all its points are 2.5 m above the
-    ground. It belongs to the nearest standing cluster of at least 3 m within 1.2 m, if it lies near the top and within
-    4 m of the mast in plan; wires reach farther.
-
-    Parameters
-    ----------
-    local : ndarray of float32 or float64, shape (n, 3)
-        Points of the class, metres.
-    height : ndarray of float32 or float64, shape (n,)
-        Heights above the ground, metres; NaN where unknown.
-    label : ndarray of int, shape (n,)
-        Cluster of each point.
-
-    Returns
-    -------
-    ndarray of int64, shape (n,)
-        The clusters; numbers of joined parts are no longer in use.
+    its own, which is none, and the pole ends below it. A cluster floats if all its points are 2.5 m above the ground.
     """
     out = np.asarray(label, dtype=np.int64).copy()
     n = int(out.max(initial=-1)) + 1

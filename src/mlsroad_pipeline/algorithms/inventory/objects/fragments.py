@@ -48,33 +48,7 @@ def find_fragments(
     rule: ObjectRule,
     disagreeing: NDArray[np.bool_] | None = None,
 ) -> tuple[pd.DataFrame, pd.DataFrame, NDArray[np.int64], NDArray[np.int64]]:
-    """Cluster the points of one class and reduce the clusters to voxels.
-
-    Parameters
-    ----------
-    local : ndarray of float64, shape (n, 3)
-        Points of the class in core and buffer, relative to `origin`, metres.
-    core : ndarray of bool, shape (n,)
-        Points in the scene's core.
-    confidence : ndarray of float64, shape (n,)
-        Confidences.
-    height_above_ground : ndarray of float64, shape (n,), or None
-        Heights, metres; None if unknown.
-    origin : ndarray of float64, shape (3,)
-        World coordinates of the local origin, metres.
-    rule : ObjectRule
-        Tolerances and resolution.
-    disagreeing : ndarray of bool, shape (n,), optional
-        Points whose own label is of another class; None is none.
-
-    Returns
-    -------
-    whole, cut : DataFrame
-        Voxels of the clusters that lie wholly in the core and have `rule.min_points`, and of those that extend from the
-        core into the buffer. Clusters wholly in the buffer belong to neighbouring scenes and are dropped.
-    of_whole, of_cut : ndarray of int64, shape (n,)
-        Row of each point in either table, -1 for none.
-    """
+    """Cluster the points of one class and reduce the clusters to voxels."""
     # Scaling z by the ratio of the tolerances makes the vertical tolerance equal to the horizontal one.
     squeeze = np.array([1.0, 1.0, rule.tolerance / (rule.vertical_tolerance or rule.tolerance)])
     label: NDArray[np.integer] = cluster(local * squeeze, tolerance=rule.tolerance)
@@ -107,29 +81,7 @@ def find_fragments(
 
 
 def join_voxels(table: pd.DataFrame, *, resolution: float) -> tuple[Voxels, NDArray[np.int64], NDArray[np.int64]]:
-    """Convert voxel sums to mean points; the sums of a voxel in several scenes are added.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Columns of `FRAGMENT_FIELDS`, the `object` number and the `scene` number of each row.
-    resolution : float
-        Edge length of the voxels, metres.
-
-    Returns
-    -------
-    voxels : Voxels
-        Voxels with points, sorted by object and voxel.
-    number : ndarray of int64
-        Object of each voxel.
-    joined : ndarray of int64, shape (len(table),)
-        Voxel of each row, -1 for rows without points.
-
-    Raises
-    ------
-    DataError
-        If an object has no points: fragments of a scene that it extends into are missing.
-    """
+    """Convert voxel sums to mean points; the sums of a voxel in several scenes are added."""
     filled = (table["count"] > 0).to_numpy()
     rows = table[filled]
     lost = np.setdiff1d(table["object"], rows["object"])

@@ -24,34 +24,16 @@ EITHER = ("pole", "sign")
 
 
 class Candidate(NamedTuple):
-    """Candidate object of one kind; candidates of the same voxels are alternatives.
+    """Candidate object of one kind; candidates of the same voxels are alternatives."""
 
-    Attributes
-    ----------
-    part : int
-        Number of the group of voxels.
-    voxels : ndarray of int64
-        Its voxels.
-    row : dict
-        `ObjectMeasures`, with `class`, `kind` and the name of the scene.
-    features : ndarray of float32, shape (len(FEATURES),) or (0,)
-        Features for the judge; empty without evidence.
-    """
-
-    part: int
-    voxels: NDArray[np.int64]
-    row: dict[str, Any]
-    features: NDArray[np.float32]
+    part: int  # Number of the group of voxels
+    voxels: NDArray[np.int64]  # Its voxels
+    row: dict[str, Any]  # `ObjectMeasures`, with `class`, `kind` and the name of the scene
+    features: NDArray[np.float32]  # Features for the judge; empty without evidence
 
 
 class Evidence:
-    """Evidence of the objects of one class.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Columns of `EVIDENCE_FIELDS` but `class` and `fragment`, and the `object` number of each row.
-    """
+    """Evidence of the objects of one class."""
 
     def __init__(self, table: pd.DataFrame) -> None:
         order = np.argsort(table["object"].to_numpy(), kind="stable")
@@ -60,20 +42,7 @@ class Evidence:
         self._sums = table[list(SUMS)].to_numpy(dtype=np.float64)[order]
 
     def of_parts(self, number: int, parts: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
-        """Return the sums of the parts of an object; a cell counts for the nearest part.
-
-        Parameters
-        ----------
-        number : int
-            The object.
-        parts : sequence of ndarray of float64, shape (k, 3)
-            Points of each part, metres.
-
-        Returns
-        -------
-        list of ndarray of float64, shape (len(SUMS),)
-            Sums of each part.
-        """
+        """Return the sums of the parts of an object; a cell counts for the nearest part."""
         rows = slice(*np.searchsorted(self._object, [number, number + 1]))
         if len(parts) == 1:
             return [self._sums[rows].sum(axis=0)]
@@ -110,28 +79,7 @@ def find_candidates(
     scenes: Sequence[str],
     evidence: Evidence | None = None,
 ) -> Iterator[Candidate]:
-    """Measure the candidates of one class that fit the rules.
-
-    Parameters
-    ----------
-    voxels : Voxels
-        Voxels of the objects, sorted by object.
-    number : ndarray of int64
-        Object of each voxel.
-    name : str
-        The class of their points.
-    classes : mapping of str to ObjectRule
-        Class name to rule.
-    scenes : sequence of str
-        Names of the scenes numbered in `voxels`.
-    evidence : Evidence, optional
-        Evidence of the objects. With it, points of poles and signs are measured as both.
-
-    Yields
-    ------
-    Candidate
-        The candidates.
-    """
+    """Measure the candidates of one class that fit the rules."""
     own = classes[name]
     kinds = EITHER if evidence is not None and own.kind in EITHER else (own.kind,)
     named = {rule.kind: (key, rule) for key, rule in reversed(list(classes.items()))} | {own.kind: (name, own)}
@@ -168,33 +116,7 @@ def measured_rows(
     evidence: Evidence | None = None,
     judge: Judge | None = None,
 ) -> tuple[list[dict[str, Any]], NDArray[np.int64]]:
-    """Measure the objects of one class and discard those that violate the rules.
-
-    Parameters
-    ----------
-    voxels : Voxels
-        Voxels of the objects, sorted by object.
-    number : ndarray of int64
-        Object of each voxel.
-    name : str
-        The class of their points.
-    classes : mapping of str to ObjectRule
-        Class name to rule.
-    scenes : sequence of str
-        Names of the scenes numbered in `voxels`.
-    evidence : Evidence, optional
-        Evidence of the objects.
-    judge : Judge, optional
-        With evidence, the judge gives the score and chooses between a pole and a sign; otherwise the score is the mean
-        confidence.
-
-    Returns
-    -------
-    rows : list of dict
-        `ObjectMeasures` of each object, with `class`, `kind` and the name of the scene; with a judge also `reasons`.
-    owner : ndarray of int64, shape (len(number),)
-        Index into `rows` of each voxel, -1 for voxels of discarded objects.
-    """
+    """Measure the objects of one class and discard those that violate the rules."""
     found = list(find_candidates(voxels, number, name, classes, scenes, evidence))
     if evidence is not None and judge is not None:
         found = judged(found, judge)
@@ -205,20 +127,7 @@ def measured_rows(
 
 
 def judged(candidates: Sequence[Candidate], judge: Judge) -> list[Candidate]:
-    """Return the most probable candidate of each part, with its score and reasons.
-
-    Parameters
-    ----------
-    candidates : sequence of Candidate
-        Candidates with features.
-    judge : Judge
-        The judge.
-
-    Returns
-    -------
-    list of Candidate
-        One per part; the score is rounded to four digits.
-    """
+    """Return the most probable candidate of each part, with its score and reasons."""
     best: dict[int, Candidate] = {}
     for kind in sorted({candidate.row["kind"] for candidate in candidates}):
         own = [candidate for candidate in candidates if candidate.row["kind"] == kind]

@@ -49,25 +49,6 @@ class ObjectMeasures(TypedDict, total=False):
     """Measures of an object: those of `MEASURES`, as docs/inventory.md defines them, and the following.
 
     Lengths are in metres, angles in degrees. NaN is not applicable or not visible.
-
-    Attributes
-    ----------
-    facing_from : str
-        Source of the facing of a panel: ``post``, ``unknown``, or empty.
-    footprint : str
-        Convex hull in plan as WKT; empty if it has no area.
-    x_min, x_max, y_min, y_max, z_min, z_max : float
-        Smallest and largest coordinates of the points.
-    point_count : int
-        Number of points.
-    disagreeing_share : float
-        Share of the points whose own label is of another class.
-    score : float
-        Mean confidence.
-    extent : float
-        Longer side of the box in plan.
-    scene : int
-        Number of the scene that contains most of the foot.
     """
 
     x: float
@@ -88,19 +69,19 @@ class ObjectMeasures(TypedDict, total=False):
     facing: float
     clearance: float
     visible_share: float
-    x_min: float
-    x_max: float
-    y_min: float
-    y_max: float
-    z_min: float
-    z_max: float
-    facing_from: str
-    footprint: str
-    point_count: int
-    disagreeing_share: float
-    score: float
-    extent: float
-    scene: int
+    x_min: float  # Smallest and largest coordinates of the points
+    x_max: float  # Smallest and largest coordinates of the points
+    y_min: float  # Smallest and largest coordinates of the points
+    y_max: float  # Smallest and largest coordinates of the points
+    z_min: float  # Smallest and largest coordinates of the points
+    z_max: float  # Smallest and largest coordinates of the points
+    facing_from: str  # Source of the facing of a panel: ``post``, ``unknown``, or empty
+    footprint: str  # Convex hull in plan as WKT; empty if it has no area
+    point_count: int  # Number of points
+    disagreeing_share: float  # Share of the points whose own label is of another class
+    score: float  # Mean confidence
+    extent: float  # Longer side of the box in plan
+    scene: int  # Number of the scene that contains most of the foot
 
 
 @dataclass(frozen=True)
@@ -117,20 +98,7 @@ class _Geometry:
 
 
 def measure(voxels: Voxels, kind: str) -> ObjectMeasures:
-    """Measure an object.
-
-    Parameters
-    ----------
-    voxels : Voxels
-        The object; at least one voxel.
-    kind : str
-        ``pole``, ``sign``, ``vehicle`` or ``tree``.
-
-    Returns
-    -------
-    ObjectMeasures
-        All measures; NaN is not applicable or not visible.
-    """
+    """Measure an object."""
     low = _bottom(voxels)
     foot = voxels.xyz[:, 2] <= low + _FOOT
     foot[np.argmin(voxels.xyz[:, 2])] = True

@@ -31,17 +31,10 @@ BATCH = 1 << 18
 
 
 class MergedObjects(NamedTuple):
-    """Inventory of a survey, and the numbers of its objects in each scene.
+    """Inventory of a survey, and the numbers of its objects in each scene."""
 
-    Parameters
-    ----------
-    objects : DataFrame
-        Columns of `OBJECT_FIELDS`.
-    numbers : dict of str to ndarray of uint32
-        Scene to its `object_id` by `SceneObjects.part`: ``numbers[scene][part]`` numbers the points, 0 for none.
-    """
-
-    objects: pd.DataFrame
+    objects: pd.DataFrame  # Columns of `OBJECT_FIELDS`
+    # Scene to its `object_id` by `SceneObjects.part`: ``numbers[scene][part]`` numbers the points, 0 for none
     numbers: dict[str, NDArray[np.uint32]]
 
 
@@ -210,22 +203,7 @@ class _Joiner:
 def merge_across_scenes(
     pieces: Sequence[SceneObjects], *, classes: Mapping[str, ObjectRule], trajectory: Trajectory | None = None
 ) -> pd.DataFrame:
-    """Return the inventory of a survey: the objects of `merge_scenes` without the numbers of the points.
-
-    Parameters
-    ----------
-    pieces : sequence of SceneObjects
-        All scenes of the survey.
-    classes : mapping of str to ObjectRule
-        The rules of the extraction.
-    trajectory : Trajectory, optional
-        Trajectory of the survey, for station and offset.
-
-    Returns
-    -------
-    DataFrame
-        Columns of `OBJECT_FIELDS`.
-    """
+    """Return the inventory of a survey: the objects of `merge_scenes` without the numbers of the points."""
     return merge_scenes(pieces, classes=classes, trajectory=trajectory).objects
 
 
@@ -240,34 +218,7 @@ def merge_scenes(
     """Merge the objects of all scenes into the inventory of a survey.
 
     Fragments that share a voxel, directly or through others, are merged, then measured and filtered as one object. An
-    object belongs to the scene whose core contains its foot. The result does not depend on the order of the scenes, but
-    memory does: in the order of the drive few objects are open at a time.
-
-    Parameters
-    ----------
-    pieces : sequence of SceneObjects
-        All scenes of the survey; each is read twice and not kept.
-    classes : mapping of str to ObjectRule
-        The rules of the extraction.
-    trajectory : Trajectory, optional
-        Trajectory of the survey, for station and offset.
-    judge : Judge, optional
-        The judge of the extraction.
-    least_score : float, default 0
-        Objects with a lower score are left out, and their points have the number 0.
-
-    Returns
-    -------
-    MergedObjects
-        The table, sorted by class (in the order of `classes`) and position, numbered from 1; `pole_id` is 0 without a
-        link, `station` and `offset` are NaN without a trajectory. Lengths are rounded to millimetres. And the number of
-        each object in each scene.
-
-    Raises
-    ------
-    DataError
-        If a scene occurs twice, objects are of a class without a rule, fragments of a scene are missing, or scenes are
-        farther apart than 2^31 voxels.
+    object belongs to the scene whose core contains its foot.
     """
     scenes, links = _link(pieces, classes)
     joiners = {name: _Joiner(name, classes, links.pop(name), scenes, judge) for name in list(links)}

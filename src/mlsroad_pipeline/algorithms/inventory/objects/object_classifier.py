@@ -73,78 +73,29 @@ _FAR = 1e3
 
 @dataclass(frozen=True)
 class ObjectJudge:
-    """Classifiers of candidates: `inventory.judging.Judge`.
+    """Classifiers of candidates: `inventory.judging.Judge`."""
 
-    Parameters
-    ----------
-    features : mapping of str to sequence of str
-        Classifier to the names of its features.
-    trees : mapping of str to BoostedTrees
-        Classifier to its trees: one score for two classes, else one per class.
-    calibration : mapping of str to tuple of float
-        Classifier to factor and summand of the scores, which make probabilities of them.
-    typical : mapping of str to ndarray
-        Classifier to the medians of the features of false candidates; the effect of a feature is measured against them.
-    """
-
-    features: Mapping[str, Sequence[str]]
-    trees: Mapping[str, BoostedTrees]
+    features: Mapping[str, Sequence[str]]  # Classifier to the names of its features
+    trees: Mapping[str, BoostedTrees]  # Classifier to its trees: one score for two classes, else one per class
+    # Classifier to factor and summand of the scores, which make probabilities of them
     calibration: Mapping[str, tuple[float, float]]
+    # Classifier to the medians of the features of false candidates; the effect of a feature is measured against them
     typical: Mapping[str, NDArray[np.float32]]
 
     def check_features(self, classifier: str, names: Sequence[str]) -> None:
-        """Check that the judge was trained on given features.
-
-        Parameters
-        ----------
-        classifier : str
-            Name of a classifier: `STEM` or a kind of object.
-        names : sequence of str
-            Names of the features.
-
-        Raises
-        ------
-        DataError
-            If there is no such classifier, or it was trained on other features.
-        """
+        """Check that the judge was trained on given features."""
         if classifier not in self.trees or list(self.features[classifier]) != list(names):
             raise DataError(
                 f"the judge of objects has other features of {classifier!r} than this version: train it again"
             )
 
     def scores(self, classifier: str, features: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Return the calibrated log odds, shape (n, 1), or log probabilities but for a constant, shape (n, classes).
-
-        Parameters
-        ----------
-        classifier : str
-            Name of a classifier: `STEM` or a kind of object.
-        features : ndarray of float32, shape (n, f)
-            Features of n candidates; NaN does not apply.
-
-        Returns
-        -------
-        ndarray of float64
-            Scores.
-        """
+        """Return the calibrated log odds, shape (n, 1), or log probabilities but for a constant, shape (n, classes)."""
         factor, summand = self.calibration[classifier]
         return factor * self.trees[classifier].scores(features) + summand
 
     def probabilities(self, classifier: str, features: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Return the probabilities of the classes of a classifier.
-
-        Parameters
-        ----------
-        classifier : str
-            Name of a classifier: `STEM` or a kind of object.
-        features : ndarray of float32, shape (n, f)
-            Features of n candidates; NaN does not apply.
-
-        Returns
-        -------
-        ndarray of float64, shape (n, classes)
-            The probability of the kind, for a classifier of two classes; else those of all classes.
-        """
+        """Return the probabilities of the classes of a classifier."""
         scores = self.scores(classifier, features)
         if scores.shape[1] == 1:
             with np.errstate(over="ignore"):  # of a score far below 0, whose probability is 0
@@ -157,18 +108,6 @@ class ObjectJudge:
 
         A group of features has the effect by which the log odds fall when these features get the medians of false
         candidates. The groups with the largest effects are named, the largest first.
-
-        Parameters
-        ----------
-        classifier : str
-            A kind of object.
-        features : ndarray of float32, shape (n, f)
-            Features of n candidates; NaN does not apply.
-
-        Returns
-        -------
-        list of str
-            Up to three phrases each, separated by semicolons; empty where no group has an effect.
         """
         groups = REASONS[classifier]
         table = np.asarray(features, dtype=np.float32)
@@ -198,23 +137,7 @@ class ObjectJudge:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> ObjectJudge:
-        """Rebuild a judge from the arrays of `to_arrays`.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            The arrays.
-
-        Returns
-        -------
-        ObjectJudge
-            The judge.
-
-        Raises
-        ------
-        DataError
-            If an array is missing, has another shape or type, or holds NaN; those of `typical` may be NaN.
-        """
+        """Rebuild a judge from the arrays of `to_arrays`."""
         check_model_arrays(arrays)
         try:
             classifiers = [str(name) for name in arrays["questions"]]

@@ -41,24 +41,7 @@ _LAYER, _FOOT = 0.25, 0.5
 def object_features(
     voxels: Voxels, measures: ObjectMeasures, sums: NDArray[np.float64], *, from_signs: bool
 ) -> NDArray[np.float32]:
-    """Return the features of an object.
-
-    Parameters
-    ----------
-    voxels : Voxels
-        The object; at least one voxel.
-    measures : ObjectMeasures
-        Its measures.
-    sums : ndarray of float64, shape (len(SUMS),)
-        Its evidence, see `evidence.SUMS`.
-    from_signs : bool
-        Whether its points have the class of signs.
-
-    Returns
-    -------
-    ndarray of float32, shape (len(FEATURES),)
-        Values in the order of `FEATURES`; NaN does not apply.
-    """
+    """Return the features of an object."""
     values = [
         group_features(sums[None])[0],
         [float(measures.get(name, np.nan)) for name in MEASURED],  # type: ignore[arg-type]

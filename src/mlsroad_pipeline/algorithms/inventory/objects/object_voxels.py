@@ -10,34 +10,16 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Voxels:
-    """Voxels of an object.
+    """Voxels of an object."""
 
-    Parameters
-    ----------
-    xyz : ndarray of float64, shape (k, 3)
-        Mean point per voxel, world coordinates, metres.
-    low, high : ndarray of float64, shape (k, 3)
-        Smallest and largest coordinates per voxel, metres.
-    ground : ndarray of float64, shape (k,)
-        Mean elevation of the ground below, metres; NaN if unknown.
-    count : ndarray of int64, shape (k,)
-        Points per voxel.
-    disagreeing : ndarray of int64, shape (k,)
-        Points whose own label is of another class than the object.
-    confidence : ndarray of float64, shape (k,)
-        Sum of the points' confidences.
-    scene : ndarray of int32, shape (k,)
-        Number of the scene whose core contains the points.
-    """
-
-    xyz: NDArray[np.float64]
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
-    ground: NDArray[np.float64]
-    count: NDArray[np.int64]
-    disagreeing: NDArray[np.int64]
-    confidence: NDArray[np.float64]
-    scene: NDArray[np.int32]
+    xyz: NDArray[np.float64]  # Mean point per voxel, world coordinates, metres
+    low: NDArray[np.float64]  # Smallest and largest coordinates per voxel, metres
+    high: NDArray[np.float64]  # Smallest and largest coordinates per voxel, metres
+    ground: NDArray[np.float64]  # Mean elevation of the ground below, metres; NaN if unknown
+    count: NDArray[np.int64]  # Points per voxel
+    disagreeing: NDArray[np.int64]  # Points whose own label is of another class than the object
+    confidence: NDArray[np.float64]  # Sum of the points' confidences
+    scene: NDArray[np.int32]  # Number of the scene whose core contains the points
 
     @property
     def z_low(self) -> NDArray[np.float64]:

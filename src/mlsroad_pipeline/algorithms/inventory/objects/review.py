@@ -25,20 +25,11 @@ _NEAR = 0.25  # distance below which two objects of a kind are alike, robust sta
 
 
 class ReviewOrder(NamedTuple):
-    """Objects in the order of review.
+    """Objects in the order of review."""
 
-    Attributes
-    ----------
-    rows : ndarray of int64, shape (k,)
-        Rows of the table.
-    reasons : list of str
-        Why each is looked at.
-    precision : ndarray of float64, shape (k,)
-        Expected precision of the inventory after this look and those before, from calibrated scores.
-    """
-
-    rows: NDArray[np.int64]
-    reasons: list[str]
+    rows: NDArray[np.int64]  # Rows of the table
+    reasons: list[str]  # Why each is looked at
+    # Expected precision of the inventory after this look and those before, from calibrated scores
     precision: NDArray[np.float64]
 
 
@@ -47,20 +38,6 @@ def order_of_review(table: pd.DataFrame, decided: NDArray[np.floating], number: 
 
     Each step takes the object with the largest product of entropy of its score, logarithm of its points, distance from
     the bulk of its kind and distance to the nearest object of its kind that is already decided or taken.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Objects with `kind`, `score` (probability that it is right) and `point_count`; columns of `SHAPE` are optional.
-    decided : ndarray of float, shape (n,)
-        1 for an object that was found right, 0 for a wrong one, NaN where nothing was decided.
-    number : int
-        Number of objects to return; fewer if fewer are undecided.
-
-    Returns
-    -------
-    ReviewOrder
-        The objects.
     """
     score = np.clip(np.nan_to_num(table["score"].to_numpy(dtype=np.float64), nan=0.5), 0.0, 1.0)
     done = ~np.isnan(decided)
@@ -89,20 +66,6 @@ def expected_precision(
     score: NDArray[np.float64], decided: NDArray[np.floating], order: NDArray[np.int64]
 ) -> NDArray[np.float64]:
     """Return the expected share of right objects after each look; wrong objects are taken out as they are found.
-
-    Parameters
-    ----------
-    score : ndarray of float64, shape (n,)
-        Calibrated probabilities.
-    decided : ndarray of float, shape (n,)
-        1 right, 0 wrong, NaN undecided.
-    order : ndarray of int64, shape (k,)
-        Rows in the order of the looks.
-
-    Returns
-    -------
-    ndarray of float64, shape (k,)
-        Expected precision after 1 to k looks.
 
     Examples
     --------

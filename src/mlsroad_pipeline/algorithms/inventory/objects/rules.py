@@ -68,56 +68,27 @@ KIND_OF_CLASS = {
 
 @dataclass(frozen=True)
 class ObjectRule:
-    """Rule for the objects of a class. `ObjectRule.of_kind` returns the defaults of a kind.
+    """Rule for the objects of a class. `ObjectRule.of_kind` returns the defaults of a kind."""
 
-    Parameters
-    ----------
-    kind : str
-        One of `KINDS`.
-    labels : tuple of int
-        Labels of the class; their points are clustered together.
-    tolerance : float
-        Largest horizontal gap within an object, metres. Larger merges neighbours, smaller splits sparse objects.
-    vertical_tolerance : float, optional
-        Largest vertical gap, metres, not below `tolerance`; None is `tolerance`.
-    min_points : int, default 10
-        Objects with fewer points are discarded.
-    min_height, max_height : float
-        Bounds of the height above the base, metres.
-    min_width, max_width : float
-        Bounds of the longest horizontal side, metres.
-    max_clearance : float
-        Largest height of the bottom of an object above the ground, metres; not tested where the ground is unknown.
-    resolution : float
-        Edge length of the voxels for measuring, metres; the measures are accurate to about half of it. At most
-        ``tolerance / sqrt(3)``.
-    split_spacing : float, optional
-        Minimum distance between the tops of touching objects that are split, metres; None never splits. Larger merges
-        neighbouring trees, smaller splits broad crowns.
-    split_depth : float, default 1.0
-        Minimum depth of the valley below the lower of two tops, metres.
-
-    Raises
-    ------
-    ParameterError
-        If the kind is unknown, there is no label, a length is not above zero, `min_points` is below 1,
-        `min_height` is above `max_height` or `min_width` above `max_width`, `vertical_tolerance` is below
-        `tolerance`, or the voxels are too large.
-    """
-
-    kind: str
-    labels: tuple[int, ...]
+    kind: str  # One of `KINDS`
+    labels: tuple[int, ...]  # Labels of the class; their points are clustered together
+    # Largest horizontal gap within an object, metres. Larger merges neighbours, smaller splits sparse objects.
     tolerance: float
-    vertical_tolerance: float | None = None
-    min_points: int = 10
-    min_height: float = 0.0
-    max_height: float = np.inf
-    min_width: float = 0.0
-    max_width: float = np.inf
+    vertical_tolerance: float | None = None  # Largest vertical gap, metres, not below `tolerance`; None is `tolerance`
+    min_points: int = 10  # Objects with fewer points are discarded
+    min_height: float = 0.0  # Bounds of the height above the base, metres
+    max_height: float = np.inf  # Bounds of the height above the base, metres
+    min_width: float = 0.0  # Bounds of the longest horizontal side, metres
+    max_width: float = np.inf  # Bounds of the longest horizontal side, metres
+    # Largest height of the bottom of an object above the ground, metres; not tested where the ground is unknown
     max_clearance: float = np.inf
+    # Edge length of the voxels for measuring, metres; the measures are accurate to about half of it. At most
+    # ``tolerance / sqrt(3)``.
     resolution: float = 0.05
+    # Minimum distance between the tops of touching objects that are split, metres; None never splits. Larger merges
+    # neighbouring trees, smaller splits broad crowns.
     split_spacing: float | None = None
-    split_depth: float = 1.0
+    split_depth: float = 1.0  # Minimum depth of the valley below the lower of two tops, metres
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -147,27 +118,7 @@ class ObjectRule:
 
     @classmethod
     def of_kind(cls, kind: str, labels: tuple[int, ...] | int, **changes: Any) -> ObjectRule:
-        """Return the default rule of a kind.
-
-        Parameters
-        ----------
-        kind : str
-            One of `KINDS`.
-        labels : int or tuple of int
-            Labels of the class.
-        **changes : Any
-            Fields that differ from the defaults.
-
-        Returns
-        -------
-        ObjectRule
-            The rule.
-
-        Raises
-        ------
-        ParameterError
-            If the kind or a field is unknown, or a value is outside its domain.
-        """
+        """Return the default rule of a kind."""
         if kind not in KINDS:
             raise ParameterError(f"kind must be one of {KINDS}, got {kind!r}")
         unknown = sorted(set(changes) - set(cls.__dataclass_fields__))
@@ -180,27 +131,7 @@ class ObjectRule:
 def rules_for_scheme(
     scheme: ClassScheme, *, changes: Mapping[str, Mapping[str, Any]] | None = None
 ) -> dict[str, ObjectRule]:
-    """Return the rules of the classes of a scheme that consist of poles, signs, vehicles or trees.
-
-    Parameters
-    ----------
-    scheme : ClassScheme
-        The classes. A class has a rule if all of its members are of one kind: a class that mixes trunks with brushwood
-        is not a class of trees.
-    changes : mapping of str to mapping, optional
-        Fields of `ObjectRule` that differ from the defaults, by kind or by class name (which takes precedence). A class
-        of mixed members has a rule if its changes name a ``kind``.
-
-    Returns
-    -------
-    dict of str to ObjectRule
-        Class name to rule, in the order of the scheme; may be empty.
-
-    Raises
-    ------
-    ParameterError
-        If `changes` names neither a kind nor a class, or contains an invalid field or value.
-    """
+    """Return the rules of the classes of a scheme that consist of poles, signs, vehicles or trees."""
     overrides = dict(changes or {})
     for name in overrides:
         if name not in KINDS and name not in scheme.classes:

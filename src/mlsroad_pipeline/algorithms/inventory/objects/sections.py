@@ -18,25 +18,7 @@ STEP = 100.0
 
 
 def equal_sections(length: float, *, step: float = STEP) -> pd.DataFrame:
-    """Return sections of equal length; the last one ends with the road.
-
-    Parameters
-    ----------
-    length : float
-        Length of the road, metres.
-    step : float, default 100
-        Length of a section, metres.
-
-    Returns
-    -------
-    DataFrame
-        `section` (from 1), `from_station` and `to_station`, metres; at least one section.
-
-    Raises
-    ------
-    ParameterError
-        If `step` is not positive.
-    """
+    """Return sections of equal length; the last one ends with the road."""
     check_positive(step, "step")
     starts = np.arange(max(1, int(np.ceil(round(length / step, 9))))) * step
     ends = np.append(starts[1:], length)
@@ -44,29 +26,7 @@ def equal_sections(length: float, *, step: float = STEP) -> pd.DataFrame:
 
 
 def section_table(objects: pd.DataFrame, length: float, *, sections: pd.DataFrame | None = None) -> pd.DataFrame:
-    """Return the number of objects of each kind in each section of a road.
-
-    Parameters
-    ----------
-    objects : DataFrame
-        An inventory: columns `kind` and `station` (metres; those without one are in no section).
-    length : float
-        Length of the trajectory, metres.
-    sections : DataFrame, optional
-        `section`, `from_station` and `to_station` of given sections, which may overlap; None is every 100 m.
-
-    Returns
-    -------
-    DataFrame
-        `section`, `from_station`, `to_station`, `length` (metres), a column for each kind, and `objects` (all kinds). A
-        section contains its first station; the last one contains its end, too. Without given sections, objects before
-        the begin and beyond the end of the trajectory count in the first and in the last one.
-
-    Raises
-    ------
-    DataError
-        If given sections lack a column or end before they begin.
-    """
+    """Return the number of objects of each kind in each section of a road."""
     given = equal_sections(length) if sections is None else sections
     missing = [name for name in ("section", "from_station", "to_station") if name not in given]
     if missing:
@@ -95,22 +55,7 @@ def section_table(objects: pd.DataFrame, length: float, *, sections: pd.DataFram
 def line_lengths(
     lines: Sequence[NDArray[np.float64]], trajectory: Trajectory, table: pd.DataFrame
 ) -> NDArray[np.float64]:
-    """Return the length of lines in each section of a road.
-
-    Parameters
-    ----------
-    lines : sequence of ndarray of float64, shape (k, 3)
-        Vertices of each line, world coordinates in metres.
-    trajectory : Trajectory
-        The trajectory that the stations refer to.
-    table : DataFrame
-        Sections with `from_station` and `to_station`, metres.
-
-    Returns
-    -------
-    ndarray of float64
-        Metres of line per section, in pieces of at most 1 m; a piece counts in the section beside its middle.
-    """
+    """Return the length of lines in each section of a road."""
     pieces = [_pieces(line) for line in lines if len(line) > 1]
     if not pieces:
         return np.zeros(len(table))
@@ -135,20 +80,7 @@ def _pieces(line: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.
 
 
 def part_of_path(trajectory: Trajectory, begin: float, end: float) -> NDArray[np.float64]:
-    """Return the positions of a trajectory between two stations, with interpolated ends.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The trajectory.
-    begin, end : float
-        Stations, metres; those beyond its ends are moved to them.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 3)
-        World coordinates, metres; at least two positions.
-    """
+    """Return the positions of a trajectory between two stations, with interpolated ends."""
     station, xyz = trajectory.station, trajectory.xyz
     moving = np.append(True, np.diff(station) > 0)  # a standing vehicle has several positions at one station
     low, high = np.clip([begin, end], station[0], station[-1])

@@ -45,34 +45,14 @@ _KIND = ("file", "scanner", "route", "visit")
 
 
 class Sightings(NamedTuple):
-    """Sightings of a scene.
+    """Sightings of a scene."""
 
-    Parameters
-    ----------
-    scene : str
-        The scene's id.
-    table : DataFrame
-        Columns of `SIGHTING_FIELDS`.
-    """
-
-    scene: str
-    table: pd.DataFrame
+    scene: str  # The scene's id
+    table: pd.DataFrame  # Columns of `SIGHTING_FIELDS`
 
 
 def visit_columns(cloud: PointCloud) -> dict[str, NDArray[np.int32]]:
-    """Return the columns of a cloud that distinguish its passes and scanners.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points with any of the columns `gps_time`, `scanner`, `scanner_channel` and `point_source_id`.
-
-    Returns
-    -------
-    dict of str to ndarray of int32
-        `SECOND` of a `gps_time` that is not 0 throughout and `SOURCE`, the point source id; without a time the id is
-        `ROUTE`; `SCANNER`: the column of that name or the scanner channel. Columns without a source are left out.
-    """
+    """Return the columns of a cloud that distinguish its passes and scanners."""
     columns = {}
     if "gps_time" in cloud and cloud["gps_time"].any():
         time = np.floor(cloud["gps_time"].astype(np.float64))
@@ -101,22 +81,7 @@ def time_passes(second: NDArray[np.int32]) -> NDArray[np.int64]:
 
 
 def sightings_of_scene(part: NDArray[np.int32], scene: PointCloud, core: NDArray[np.bool_]) -> pd.DataFrame:
-    """Return which files, scanners and passes saw each object of a scene.
-
-    Parameters
-    ----------
-    part : ndarray of int32, shape (n_core,)
-        Object of each point of the core: see `extraction.SceneObjects`.
-    scene : PointCloud
-        The scene with the columns `file` and those of `visit_columns`.
-    core : ndarray of bool, shape (n,)
-        Points in the core.
-
-    Returns
-    -------
-    DataFrame
-        Columns of `SIGHTING_FIELDS`; rows of the part 0 are of all points of the core.
-    """
+    """Return which files, scanners and passes saw each object of a scene."""
     if not len(part):
         return empty_table(SIGHTING_FIELDS)
     unknown = np.full(len(part), -1, dtype=np.int32)
@@ -162,22 +127,7 @@ def _ends(second: NDArray[np.int32] | None, group: NDArray[np.int64], n_groups: 
 def with_sightings(
     objects: pd.DataFrame, numbers: Mapping[str, NDArray[np.uint32]], sightings: Iterable[Sightings]
 ) -> pd.DataFrame:
-    """Add the files, passes and scanners that saw the objects, and the times.
-
-    Parameters
-    ----------
-    objects : DataFrame
-        Columns of `OBJECT_FIELDS`, numbered from 1 without gaps.
-    numbers : mapping of str to ndarray of uint32
-        Scene to the numbers of its objects: `merging.MergedObjects.numbers`.
-    sightings : iterable of Sightings
-        Sightings of all scenes; each is read once and not kept.
-
-    Returns
-    -------
-    DataFrame
-        The objects with the columns of `SEEN_BY`, `first_time` and `last_time` set.
-    """
+    """Add the files, passes and scanners that saw the objects, and the times."""
     own, there = [], []
     for scene, table in sightings:
         number = numbers[scene][table["part"].to_numpy()].astype(np.int64)

@@ -14,22 +14,6 @@ def split_at_valleys(voxels: Voxels, *, spacing: float, depth: float, cell: floa
 
     Watershed segmentation of the canopy height model, from the tops down. Two tops whose basins meet are merged if the
     valley is less than `depth` below the lower top or the tops are nearer than `spacing`.
-
-    Parameters
-    ----------
-    voxels : Voxels
-        The group.
-    spacing : float
-        Minimum distance between the tops of two trees in plan, metres.
-    depth : float
-        Minimum depth of a valley below the lower top, metres.
-    cell : float, default 0.5
-        Cell size of the canopy height model, metres. Larger closes holes in crowns, smaller keeps narrow valleys.
-
-    Returns
-    -------
-    ndarray of int32, shape (k,)
-        Tree of each voxel, numbered from the highest top down.
     """
     ij = np.floor(voxels.xyz[:, :2] / cell).astype(np.int64)
     ij -= ij.min(axis=0) - 1

@@ -142,12 +142,7 @@ def _profile(stem: Stem, places: NDArray[np.float64], distance: NDArray[np.float
 
 
 def crown_features(stems: Sequence[Stem], xyz: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return `CROWN_FEATURES` of stems among places that may be of poles, signs or trees.
-
-    Logarithm of the number of places above the end within 1 m of the axis, and around the end from 1 to 3.5 m; distance
-    of their middle from the axis over their mean distance, NaN for fewer than five; height of the highest above the
-    end, m; logarithm of the number of places from 0.3 to 3.5 m beside the upper half of the stem.
-    """
+    """Return `CROWN_FEATURES` of stems among places that may be of poles, signs or trees."""
     found = np.full((len(stems), len(CROWN_FEATURES)), np.nan)
     if not len(stems):
         return found

@@ -22,19 +22,7 @@ _LEAST = 1.2  # shortest part, metres: less is hidden of the nearer of two vehic
 def split_row(voxels: Voxels) -> NDArray[np.int32]:
     """Divide a row of vehicles at gaps that go down to the ground.
 
-    The profile of an object is its largest height in bins of 0.1 m along a side of its box. It is cut in the middle of
-    the lowest bins below 0.8 m that have parts higher than 1.1 m on either side: the gap between two bumpers is lower
-    than bonnets. Objects of the size of one car, and objects higher than 2.6 m, are not divided.
-
-    Parameters
-    ----------
-    voxels : Voxels
-        The object; at least one voxel.
-
-    Returns
-    -------
-    ndarray of int32, shape (k,)
-        Vehicle of each voxel, from 0.
+    The profile of an object is its largest height in bins of 0.1 m along a side of its box.
     """
     part = np.zeros(len(voxels.xyz), dtype=np.int32)
     base = float(np.quantile(voxels.z_low, 0.02))

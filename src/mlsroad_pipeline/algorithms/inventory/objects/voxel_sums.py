@@ -21,34 +21,7 @@ def voxelise(
     resolution: float,
     disagreeing: NDArray[np.bool_] | None = None,
 ) -> tuple[pd.DataFrame, NDArray[np.int64]]:
-    """Sum the points of objects over voxels.
-
-    Parameters
-    ----------
-    local : ndarray of float64, shape (n, 3)
-        Points relative to `origin`, metres.
-    group : ndarray of int32, shape (n,)
-        Object of each point; no voxel may contain points of two objects.
-    core : ndarray of bool, shape (n,)
-        Points to sum; the others only occupy their voxel.
-    confidence : ndarray of float64, shape (n,)
-        Confidences.
-    height_above_ground : ndarray of float64, shape (n,), or None
-        Heights, metres; None if unknown.
-    origin : ndarray of float64, shape (3,)
-        World coordinates of the local origin, metres.
-    resolution : float
-        Edge length of the voxels, metres.
-    disagreeing : ndarray of bool, shape (n,), optional
-        Points whose own label is of another class than the object; None is none.
-
-    Returns
-    -------
-    table : DataFrame
-        Columns of `fragments.FRAGMENT_FIELDS` except the class, sorted by fragment and voxel.
-    row : ndarray of int64, shape (n,)
-        Row of the voxel of each point.
-    """
+    """Sum the points of objects over voxels."""
     key = voxel_keys(local, origin, resolution)
     order = voxel_order(key)
     starts, voxel = runs_of_keys(key, order)
@@ -78,22 +51,7 @@ def voxelise(
 
 @njit(cache=True, nogil=True)
 def voxel_keys(local: NDArray[np.float64], origin: NDArray[np.float64], resolution: float) -> NDArray[np.int64]:
-    """Return the voxel indices of points.
-
-    Parameters
-    ----------
-    local : ndarray of float64, shape (n, 3)
-        Points relative to `origin`, metres.
-    origin : ndarray of float64, shape (3,)
-        World coordinates of the local origin, metres.
-    resolution : float
-        Edge length of the voxels, metres.
-
-    Returns
-    -------
-    ndarray of int64, shape (n, 3)
-        Voxel indices.
-    """
+    """Return the voxel indices of points."""
     key = np.empty(local.shape, np.int64)
     for i in range(len(local)):
         for axis in range(3):
@@ -103,22 +61,7 @@ def voxel_keys(local: NDArray[np.float64], origin: NDArray[np.float64], resoluti
 
 @njit(cache=True, nogil=True)
 def runs_of_keys(key: NDArray[np.int64], order: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the voxels of points from their sorted indices.
-
-    Parameters
-    ----------
-    key : ndarray of int64, shape (n, 3)
-        Voxel indices of points; at least one.
-    order : ndarray of int, shape (n,)
-        Their order, see `voxel_order`.
-
-    Returns
-    -------
-    starts : ndarray of int64
-        Place in the order of the first point of each voxel.
-    voxel : ndarray of int64, shape (n,)
-        Voxel of each point.
-    """
+    """Return the voxels of points from their sorted indices."""
     starts, voxel = np.empty(len(order), np.int64), np.empty(len(order), np.int64)
     n, before = 0, order[0]
     for place in range(len(order)):
@@ -164,18 +107,7 @@ def _ends(
 
 
 def voxel_order(key: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Return the order of voxels by i, then j, then k.
-
-    Parameters
-    ----------
-    key : ndarray of int, shape (n, 3)
-        Voxel indices; at least one.
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
-        Stable sort order.
-    """
+    """Return the order of voxels by i, then j, then k."""
     low, high = ([int(ends(key[:, axis])) for axis in range(3)] for ends in (np.min, np.max))
     bits = [(last - first).bit_length() for first, last in zip(low, high, strict=True)]
     if sum(bits) > 62:  # extent exceeds a packed key: slower, same order

@@ -17,46 +17,16 @@ STEP = 0.1
 
 
 class LineScores(NamedTuple):
-    """Lengths of true and listed lines, metres, and their shares within a distance of each other.
+    """Lengths of true and listed lines, metres, and their shares within a distance of each other."""
 
-    Parameters
-    ----------
-    true, listed : float
-        Length of the true and of the listed lines, metres.
-    found : float
-        Share of the true length with a listed line nearby; NaN without true lines.
-    right : float
-        Share of the listed length with a true line nearby; NaN without listed lines.
-    """
-
-    true: float
-    listed: float
-    found: float
-    right: float
+    true: float  # Length of the true and of the listed lines, metres
+    listed: float  # Length of the true and of the listed lines, metres
+    found: float  # Share of the true length with a listed line nearby; NaN without true lines
+    right: float  # Share of the listed length with a true line nearby; NaN without listed lines
 
 
 def places_along(lines: Sequence[ArrayLike], *, step: float = STEP, solid: bool = False) -> NDArray[np.float64]:
-    """Return evenly spaced places along lines.
-
-    Parameters
-    ----------
-    lines : sequence of array-like of shape (k, 2) or (k, 3)
-        Vertices in metres.
-    step : float, default 0.1
-        Spacing in plan, metres.
-    solid : bool, default False
-        Whether places have a height.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 2), or (n, 3) with `solid`
-        Places in the middle of pieces of `step` metres.
-
-    Raises
-    ------
-    ParameterError
-        If `step` is not positive.
-    """
+    """Return evenly spaced places along lines."""
     check_positive(step, "step")
     columns = 3 if solid else 2
     parts = [np.zeros((0, columns))]
@@ -76,29 +46,7 @@ def score_lines(
     uncounted: NDArray[np.float64] | None = None,
     step: float = STEP,
 ) -> LineScores:
-    """Compare listed lines with true ones.
-
-    Parameters
-    ----------
-    listed, true : ndarray of float64, shape (n, 2) or (n, 3)
-        Places every `step` metres along the lines, see `places_along`.
-    within : float
-        Largest distance, in plan for places of two coordinates, metres.
-    uncounted : ndarray of float64, shape (m, 2) or (m, 3), optional
-        Places of true lines that need not be found, such as hidden ones; a listed line nearby is right.
-    step : float, default 0.1
-        Spacing of the places, metres.
-
-    Returns
-    -------
-    LineScores
-        Lengths and shares.
-
-    Raises
-    ------
-    ParameterError
-        If `within` is not positive, or the places have different numbers of coordinates.
-    """
+    """Compare listed lines with true ones."""
     check_positive(within, "within")
     shapes = {places.shape[1:] for places in (listed, true, uncounted) if places is not None}
     if len(shapes) > 1:

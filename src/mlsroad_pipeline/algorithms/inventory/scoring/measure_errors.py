@@ -23,39 +23,13 @@ LEAST_LEAN = 1.0
 
 
 def place_of(truth: pd.DataFrame) -> np.ndarray:
-    """Return the positions of true objects.
-
-    Parameters
-    ----------
-    truth : DataFrame
-        The simulator's table of objects, with `kind`.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 2)
-        Centre of the box of a vehicle, base of other objects, metres.
-    """
+    """Return the positions of true objects."""
     vehicle = (truth["kind"] == "vehicle").to_numpy()[:, None]
     return np.where(vehicle, truth[["box_x", "box_y"]].to_numpy(), truth[["x", "y"]].to_numpy())
 
 
 def match_to_truth(objects: pd.DataFrame, truth: pd.DataFrame, *, reach: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Match objects and true objects of the same kind, nearest pairs first, each at most once.
-
-    Parameters
-    ----------
-    objects : DataFrame
-        An inventory: columns `kind`, `x`, `y`.
-    truth : DataFrame
-        The simulator's table of objects, with `kind`.
-    reach : float, default 1.0
-        Largest distance of a pair in plan, metres.
-
-    Returns
-    -------
-    found, true : ndarray of int64, shape (m,)
-        Rows of the pairs in `objects` and in `truth`.
-    """
+    """Match objects and true objects of the same kind, nearest pairs first, each at most once."""
     where, expected = objects[["x", "y"]].to_numpy(), place_of(truth)
     pairs = []
     for kind in sorted(set(objects["kind"]) & set(truth["kind"])):
@@ -80,27 +54,7 @@ def _turn(found: pd.Series, true: pd.Series, circle: float | np.ndarray) -> np.n
 
 
 def measurement_errors(found: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
-    """Return the errors of measures, object by object.
-
-    Parameters
-    ----------
-    found : DataFrame
-        Measured objects: the columns of `ObjectMeasures`, and `kind`.
-    truth : DataFrame
-        The true objects in the same order: the simulator's table of objects, with `kind`.
-
-    Returns
-    -------
-    DataFrame
-        `class` (of the taxonomy), `design` and the columns of `UNITS`: measured minus true, NaN where one is unknown.
-        `base` is the distance in plan. The heading of a vehicle and the facing of a panel of unknown side are compared
-        modulo 180 degrees; the direction of lean only for true tilts of at least `LEAST_LEAN`.
-
-    Raises
-    ------
-    DataError
-        If the tables have different lengths.
-    """
+    """Return the errors of measures, object by object."""
     if len(found) != len(truth):
         raise DataError(f"{len(found)} measured objects cannot be compared with {len(truth)} true ones")
     truth = truth.set_axis(found.index)
@@ -122,19 +76,7 @@ def measurement_errors(found: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame
 
 
 def summarise_errors(errors: pd.DataFrame) -> pd.DataFrame:
-    """Summarise errors by class and measure.
-
-    Parameters
-    ----------
-    errors : DataFrame
-        Errors, see `measurement_errors`.
-
-    Returns
-    -------
-    DataFrame
-        One row per class and compared measure: `class`, `measure`, `unit`, `n`, `bias` (median of the errors), `median`
-        and `quantile_90` of the absolute errors.
-    """
+    """Summarise errors by class and measure."""
     rows = []
     for name, group in errors.groupby("class", sort=True):
         for measure, unit in UNITS.items():
@@ -148,19 +90,6 @@ def summarise_errors(errors: pd.DataFrame) -> pd.DataFrame:
 
 
 def kinds_of_truth(truth: pd.DataFrame, kinds: Mapping[str, str]) -> pd.DataFrame:
-    """Return the true objects that an inventory can contain, with their kinds.
-
-    Parameters
-    ----------
-    truth : DataFrame
-        The simulator's table of objects.
-    kinds : mapping of str to str
-        Taxonomy class to kind, such as `rules.KIND_OF_CLASS`.
-
-    Returns
-    -------
-    DataFrame
-        The stationary objects that have a kind, with a column `kind`.
-    """
+    """Return the true objects that an inventory can contain, with their kinds."""
     kind = truth["label"].map(lambda code: kinds.get(TAXONOMY_NAMES[code]))
     return truth.assign(kind=kind)[kind.notna() & ~truth["moving"].astype(bool)].reset_index(drop=True)

@@ -22,19 +22,13 @@ FOUND, MISSED = "found", "missed"
 
 @dataclass(frozen=True)
 class MatchedObjects:
-    """Outcome of every listed and of every true object.
+    """Outcome of every listed and of every true object."""
 
-    Parameters
-    ----------
-    objects : DataFrame
-        The listed objects with `outcome` (``right``, ``false``, ``ignored``), `true_row` (row of the true object, -1
-        without one), `distance` (in plan, metres; NaN without one) and `true_kind` (of a false object: the kind of the
-        nearest true object of another kind that is within reach, empty without one).
-    truth : DataFrame
-        The true objects with `outcome` (``found``, ``missed``, ``ignored``) and `row` (of the listed object, or -1).
-    """
-
+    # The listed objects with `outcome` (``right``, ``false``, ``ignored``), `true_row` (row of the true object, -1
+    # without one), `distance` (in plan, metres; NaN without one) and `true_kind` (of a false object: the kind of the
+    # nearest true object of another kind that is within reach, empty without one)
     objects: pd.DataFrame
+    # The true objects with `outcome` (``found``, ``missed``, ``ignored``) and `row` (of the listed object, or -1)
     truth: pd.DataFrame
 
 
@@ -45,21 +39,6 @@ def match_objects(
 
     A listed object without a true object is ignored where it is near a true object that does not count: within reach,
     and half of its length. Objects with `inside` False are ignored unless they match.
-
-    Parameters
-    ----------
-    objects : DataFrame
-        An inventory: `kind`, `x`, `y`, and optionally `inside` (bool: where the truth is complete).
-    truth : DataFrame
-        True objects: `kind`, `x`, `y`, and optionally `counted` (bool; False for moving and barely scanned objects)
-        and `length` (metres).
-    reach : mapping of str to float, optional
-        Largest distance of a pair by kind, metres, in place of `REACH`. Larger forgives more errors of position.
-
-    Returns
-    -------
-    MatchedObjects
-        The outcomes.
     """
     limits = {**REACH, **(reach or {})}
     where, expected = (table[["x", "y"]].to_numpy(dtype=np.float64) for table in (objects, truth))

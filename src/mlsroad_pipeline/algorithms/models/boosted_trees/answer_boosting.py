@@ -26,52 +26,22 @@ FULL_WEIGHT = 10
 
 @dataclass(frozen=True)
 class ContinuationParameters:
-    """Parameters of the boosting from answers.
+    """Parameters of the boosting from answers."""
 
-    Parameters
-    ----------
-    rounds : int, default 40
-        Rounds of boosting, of one tree per class each.
-    bags : int, default 2
-        Sets of trees from different samples; their mean is added. More of them vary less and take longer.
-    leaves : int, default 7
-        Maximum leaves of a tree: few, since there are few answers.
-    learning_rate : float, default 0.2
-        Factor of the leaf values.
-    min_child_samples : int, default 20
-        Minimum training voxels of a leaf.
-    per_answer : int, default 300
-        Maximum training voxels of one answer.
-    per_class : int, default 300
-        Maximum confident voxels of the survey per class.
-    confident : float, default 0.5
-        Share of the voxels of a class, those with the highest confidence, that the confident ones are drawn from.
-    replayed : int, default 4000
-        Maximum voxels of the model's own training data in a set of trees.
-    answer_weight, replay_weight, confident_weight : float, default 1.0
-        Weight of each source; 0 leaves a source out, but not the answers.
-    seed : int, default 2026
-        Seed of samples and trees.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain.
-    """
-
-    rounds: int = 40
-    bags: int = 2
-    leaves: int = 7
-    learning_rate: float = 0.2
-    min_child_samples: int = 20
-    per_answer: int = 300
-    per_class: int = 300
+    rounds: int = 40  # Rounds of boosting, of one tree per class each
+    bags: int = 2  # Sets of trees from different samples; their mean is added. More of them vary less and take longer.
+    leaves: int = 7  # Maximum leaves of a tree: few, since there are few answers
+    learning_rate: float = 0.2  # Factor of the leaf values
+    min_child_samples: int = 20  # Minimum training voxels of a leaf
+    per_answer: int = 300  # Maximum training voxels of one answer
+    per_class: int = 300  # Maximum confident voxels of the survey per class
+    # Share of the voxels of a class, those with the highest confidence, that the confident ones are drawn from
     confident: float = 0.5
-    replayed: int = 4000
-    answer_weight: float = 1.0
-    replay_weight: float = 1.0
-    confident_weight: float = 1.0
-    seed: int = 2026
+    replayed: int = 4000  # Maximum voxels of the model's own training data in a set of trees
+    answer_weight: float = 1.0  # Weight of each source; 0 leaves a source out, but not the answers
+    replay_weight: float = 1.0  # Weight of each source; 0 leaves a source out, but not the answers
+    confident_weight: float = 1.0  # Weight of each source; 0 leaves a source out, but not the answers
+    seed: int = 2026  # Seed of samples and trees
 
     def __post_init__(self) -> None:
         for name in ("learning_rate", "confident", "answer_weight"):
@@ -83,51 +53,25 @@ class ContinuationParameters:
 
 
 class Answer(NamedTuple):
-    """One answer of a user: the voxels of an object, or of a supervoxel, and what they are.
+    """One answer of a user: the voxels of an object, or of a supervoxel, and what they are."""
 
-    Attributes
-    ----------
-    values : ndarray of float32, shape (v, f)
-        Features of the voxels.
-    classes : ndarray of bool, shape (classes,)
-        Classes that the answer allows; several where the user named a kind that holds them.
-    scores : ndarray of float64, shape (v, classes), optional
-        Logarithms of the probabilities of a model that is not of boosted trees.
-    """
-
-    values: NDArray[np.float32]
-    classes: NDArray[np.bool_]
-    scores: NDArray[np.float64] | None = None
+    values: NDArray[np.float32]  # Features of the voxels
+    classes: NDArray[np.bool_]  # Classes that the answer allows; several where the user named a kind that holds them
+    scores: NDArray[np.float64] | None = None  # Logarithms of the probabilities of a model that is not of boosted trees
 
 
 class Replay(NamedTuple):
-    """Sample of the training voxels of a model, drawn in proportion to their weights.
+    """Sample of the training voxels of a model, drawn in proportion to their weights."""
 
-    Attributes
-    ----------
-    values : ndarray of float, shape (v, f)
-        Features.
-    allowed : ndarray of bool, shape (v, classes)
-        Allowed classes.
-    """
-
-    values: NDArray[np.floating]
-    allowed: NDArray[np.bool_]
+    values: NDArray[np.floating]  # Features
+    allowed: NDArray[np.bool_]  # Allowed classes
 
 
 class Scored(NamedTuple):
-    """Voxels with the scores of a model, which the boosting goes on from.
+    """Voxels with the scores of a model, which the boosting goes on from."""
 
-    Attributes
-    ----------
-    values : ndarray of float32, shape (v, f)
-        Features.
-    scores : ndarray of float64, shape (v, classes)
-        Logarithms of the probabilities, apart from a constant per voxel.
-    """
-
-    values: NDArray[np.float32]
-    scores: NDArray[np.float64]
+    values: NDArray[np.float32]  # Features
+    scores: NDArray[np.float64]  # Logarithms of the probabilities, apart from a constant per voxel
 
 
 class _Rows(NamedTuple):
@@ -148,37 +92,7 @@ def boost_on_answers(
     parameters: ContinuationParameters,
     n_threads: int = 1,
 ) -> list[BoostedTrees]:
-    """Return sets of trees whose mean corrects the scores of a model, whatever its method.
-
-    Parameters
-    ----------
-    answers : sequence of Answer
-        The answers, with scores.
-    survey : Scored
-        Voxels of the same survey that no answer is about.
-    replay : Replay
-        Voxels with known classes that labels must not change on; there may be none.
-    replayed : Scored
-        The same voxels with scores.
-    trees : BoostedTrees
-        Trees on the same features; their thresholds are those of the new trees.
-    groups : ndarray of int, shape (classes,), optional
-        Group of each class, for models that decide for a group first.
-    parameters : ContinuationParameters
-        The parameters.
-    n_threads : int, default 1
-        Threads of LightGBM.
-
-    Returns
-    -------
-    list of BoostedTrees
-        The sets; their mean is the correction.
-
-    Raises
-    ------
-    DataError
-        If no answer has voxels, or an answer or the replay allows no class.
-    """
+    """Return sets of trees whose mean corrects the scores of a model, whatever its method."""
     used = [answer for answer in answers if len(answer.values)]
     if not used:
         raise DataError("there is no answer to learn from: correct or accept objects, or paint points, first")

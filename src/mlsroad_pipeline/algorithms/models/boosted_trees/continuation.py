@@ -33,35 +33,7 @@ def continue_training(
     learned_from: Mapping[str, Any] | None = None,
     n_threads: int = 1,
 ) -> ModelBundle:
-    """Return a model that has learned from answers.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        A model of `training.fit`.
-    answers : sequence of Answer
-        The answers.
-    survey : ndarray of float32, shape (v, f)
-        Voxels of the same survey that no answer is about.
-    replay : Replay
-        Sample of the model's own training voxels.
-    parameters : ContinuationParameters, optional
-        The parameters.
-    learned_from : mapping, optional
-        Description of the answers for the metadata; JSON values.
-    n_threads : int, default 1
-        Threads of LightGBM; the trees depend on it by rounding alone.
-
-    Returns
-    -------
-    ModelBundle
-        The model with added trees. Its metadata gain an entry in ``learned``.
-
-    Raises
-    ------
-    DataError
-        If no answer has voxels, or the number of features or classes differs from the model's.
-    """
+    """Return a model that has learned from answers."""
     own = parameters or ContinuationParameters()
     trees = BoostedTrees.from_arrays(bundle.arrays)
     temperature = float(bundle.arrays["temperature"])
@@ -93,21 +65,6 @@ def continue_training(
 def learned_entry(
     answers: Sequence[Answer], parameters: ContinuationParameters, learned_from: Mapping[str, Any] | None
 ) -> dict[str, Any]:
-    """Return the description of a learning for the metadata of a model.
-
-    Parameters
-    ----------
-    answers : sequence of Answer
-        The answers; those without voxels do not count.
-    parameters : ContinuationParameters
-        The parameters.
-    learned_from : mapping, optional
-        Description of the answers.
-
-    Returns
-    -------
-    dict
-        The entry in ``learned``.
-    """
+    """Return the description of a learning for the metadata of a model."""
     used = sum(len(answer.values) > 0 for answer in answers)
     return {"answers": used, "parameters": asdict(parameters), **(learned_from or {})}

@@ -62,39 +62,7 @@ def learn_corrections(
     learned_from: Mapping[str, Any] | None = None,
     n_threads: int = 1,
 ) -> ModelBundle:
-    """Return a labeller with trees that correct it.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        A labeller, or a model of this function, which gets further trees.
-    answers : sequence of Answer
-        The answers, with the scores of `voxel_scores`.
-    survey : Scored
-        Voxels of the same survey that no answer is about, with these scores.
-    replay : tuple of Replay and Scored
-        Voxels of known classes, and their scores; there may be none.
-    trees : BoostedTrees
-        Trees on the same features, whose thresholds the new trees take.
-    voxel_size : float
-        Edge of the voxels, metres.
-    parameters : ContinuationParameters, optional
-        The parameters.
-    learned_from : mapping, optional
-        Description of the answers for the metadata; JSON values.
-    n_threads : int, default 1
-        Threads of LightGBM.
-
-    Returns
-    -------
-    ModelBundle
-        The model. Its metadata have an entry in ``learned`` for each learning.
-
-    Raises
-    ------
-    DataError
-        If no answer has voxels, or the voxels of the model have another size.
-    """
+    """Return a labeller with trees that correct it."""
     own = parameters or ContinuationParameters()
     base, before = labeller_of(bundle), added_trees(bundle)
     if bundle.slug == SLUG and bundle.metadata["voxel_size"] != voxel_size:
@@ -123,23 +91,7 @@ def _with_trees(
 
 
 def labeller_of(bundle: ModelBundle) -> ModelBundle:
-    """Return the labeller that the trees of a model correct.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        A model of `learn_corrections`, or any other one, which is returned.
-
-    Returns
-    -------
-    ModelBundle
-        The labeller.
-
-    Raises
-    ------
-    DataError
-        If the metadata are damaged.
-    """
+    """Return the labeller that the trees of a model correct."""
     if bundle.slug != SLUG:
         return bundle
     if BASE not in bundle.prepared:
@@ -152,23 +104,7 @@ def labeller_of(bundle: ModelBundle) -> ModelBundle:
 
 
 def added_trees(bundle: ModelBundle) -> BoostedTrees | None:
-    """Return the trees that correct a labeller.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        A model.
-
-    Returns
-    -------
-    BoostedTrees or None
-        The trees; None for a model that is not of `learn_corrections`.
-
-    Raises
-    ------
-    DataError
-        If the model was trained with other features.
-    """
+    """Return the trees that correct a labeller."""
     if bundle.slug != SLUG:
         return None
     if bundle.metadata.get("feature_names") != voxel_feature_names():
@@ -182,24 +118,7 @@ def added_trees(bundle: ModelBundle) -> BoostedTrees | None:
 def voxel_scores(
     bundle: ModelBundle, cloud: PointCloud, owner: NDArray[np.integer], n_voxels: int
 ) -> NDArray[np.float64]:
-    """Return the logarithms of the mean class probabilities of a model in voxels.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        A model of any method that labels points.
-    cloud : PointCloud
-        The points.
-    owner : ndarray of int, shape (n,)
-        Voxel of each point, -1 for none.
-    n_voxels : int
-        Number of voxels.
-
-    Returns
-    -------
-    ndarray of float64, shape (n_voxels, classes)
-        The scores; those of a voxel without a labelled point are equal.
-    """
+    """Return the logarithms of the mean class probabilities of a model in voxels."""
     soft = _softly(bundle, cloud)
     n_classes = len(bundle.metadata["classes"])
     sums = np.zeros((n_voxels, n_classes))
@@ -232,50 +151,12 @@ def _softly(bundle: ModelBundle, cloud: PointCloud) -> SoftLabels:
 
 
 def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Label the points of a cloud.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points, with the columns that the labeller uses.
-    bundle : ModelBundle
-        A model of `learn_corrections`.
-
-    Returns
-    -------
-    labels : ndarray of int16, shape (n,)
-        Classes; -1 for points that the labeller does not label.
-    confidence : ndarray of float32, shape (n,)
-        Probability of the class, or of its group.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is NaN or infinite, or the model is damaged.
-    """
+    """Label the points of a cloud."""
     return label_cloud_softly(cloud, bundle)[:2]
 
 
 def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
-    """Label the points of a cloud, and return the class probabilities.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points, with the columns that the labeller uses.
-    bundle : ModelBundle
-        A model of `learn_corrections`.
-
-    Returns
-    -------
-    SoftLabels
-        One row of probabilities for each combination of the labeller's rows and the voxels.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is NaN or infinite, or the model is damaged.
-    """
+    """Label the points of a cloud, and return the class probabilities."""
     base, trees = labeller_of(bundle), added_trees(bundle)
     soft = _softly(base, cloud)
     if trees is None or soft.probabilities is None or soft.owner is None or not inliers(cloud).any():

@@ -30,34 +30,7 @@ def describe_scene(
     around: int | None = None,
     n_threads: int = 1,
 ) -> VoxelFeatures:
-    """Compute the features of the voxels of a scene.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene, with at least one point that is no outlier. An intensity that is constant or NaN everywhere counts as
-        missing; single NaN are replaced by the median.
-    ground : Ground
-        Its ground. Where no point has a height, heights are measured from the lowest point.
-    voxel_size : float, default 0.2
-        Edge of a voxel, metres.
-    wanted : ndarray of bool, shape (n,), optional
-        Points whose voxels are described. None is all.
-    around : int, optional
-        Level of the smoothing, see `compute_voxel_features`.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    VoxelFeatures
-        The features; points that are outliers have no row.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is not finite.
-    """
+    """Compute the features of the voxels of a scene."""
     keep = inlier_rows(scene)
     xyz, height, intensity = scene.xyz[keep], ground["height"][keep], scene.get("intensity")
     if np.isnan(height).all():
@@ -76,28 +49,7 @@ def describe_scene(
 
 
 def voxel_probabilities(features: VoxelFeatures, bundle: ModelBundle, *, n_threads: int = 1) -> NDArray[np.float64]:
-    """Return the class probabilities of voxels.
-
-    Parameters
-    ----------
-    features : VoxelFeatures
-        The voxels.
-    bundle : ModelBundle
-        A model of `training.fit`.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    ndarray of float64, shape (v, classes)
-        Softmax of scores divided by the model's `temperature`, plus its `offsets`; smoothed over neighbouring voxels.
-        Those of voxels that are not described, or smoothed by such voxels, have no meaning.
-
-    Raises
-    ------
-    DataError
-        If the model was trained with other features.
-    """
+    """Return the class probabilities of voxels."""
     if bundle.metadata["feature_names"] != voxel_feature_names():
         raise DataError(f"model {bundle.slug!r} has other features than this version: train it again")
     if SLUG not in bundle.prepared:
@@ -116,60 +68,18 @@ def voxel_probabilities(features: VoxelFeatures, bundle: ModelBundle, *, n_threa
 
 
 def softmax(scores: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the probabilities of scores.
-
-    Parameters
-    ----------
-    scores : ndarray of float64, shape (n, c)
-        Scores.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, c)
-        Probabilities; each row has the sum 1.
-    """
+    """Return the probabilities of scores."""
     powers = np.exp(scores - largest_of_rows(scores))
     return powers / powers.sum(axis=1, keepdims=True)
 
 
 def parameters_of(bundle: ModelBundle) -> BoostedTreesParameters:
-    """Return the parameters that a model was trained with.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        A model of `training.fit`.
-
-    Returns
-    -------
-    BoostedTreesParameters
-        Its parameters.
-    """
+    """Return the parameters that a model was trained with."""
     return BoostedTreesParameters(**bundle.metadata["parameters"][SLUG])
 
 
 def label_scene(scene: PointCloud, ground: Ground, bundle: ModelBundle) -> PointLabels:
-    """Label the points of a scene.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene; its intensity is used if it has one.
-    ground : Ground
-        Its ground.
-    bundle : ModelBundle
-        A model of `training.fit`.
-
-    Returns
-    -------
-    PointLabels
-        Class and probability of each point, those of its voxel; outliers have no class.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is not finite, or the model was trained with other features.
-    """
+    """Label the points of a scene."""
     soft = _label_softly(scene, ground, bundle)
     return {"label": soft.labels, "confidence": soft.confidence}
 
@@ -194,50 +104,12 @@ def _label_softly(scene: PointCloud, ground: Ground, bundle: ModelBundle) -> Sof
 
 
 def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Label the points of a cloud: ground and trees.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points; intensity is used where there is any.
-    bundle : ModelBundle
-        A model of `training.fit`.
-
-    Returns
-    -------
-    labels : ndarray of int16, shape (n,)
-        Classes of the model's scheme; -1 for outliers.
-    confidence : ndarray of float32, shape (n,)
-        Probability of the class or, for a model with groups of classes, of its group; 0 for outliers.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is NaN or infinite.
-    """
+    """Label the points of a cloud: ground and trees."""
     return label_cloud_softly(cloud, bundle)[:2]
 
 
 def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
-    """Label the points of a cloud, and return the class probabilities of its voxels.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points; intensity is used where there is any.
-    bundle : ModelBundle
-        A model of `training.fit`.
-
-    Returns
-    -------
-    SoftLabels
-        Labels and confidences of `label_cloud`; probabilities are None where all points are outliers.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is NaN or infinite.
-    """
+    """Label the points of a cloud, and return the class probabilities of its voxels."""
     if len(cloud) == 0 or not inliers(cloud).any():
         return SoftLabels(*unlabelled(len(cloud)))
     return _label_softly(cloud, ground_of(cloud, GroundParameters(**bundle.metadata["parameters"]["ground"])), bundle)

@@ -14,65 +14,28 @@ _MAX_LEAVES, _MAX_BIN = 64, 255
 
 @dataclass(frozen=True)
 class BoostedTreesParameters:
-    """Parameters of the boosted trees.
+    """Parameters of the boosted trees."""
 
-    Parameters
-    ----------
-    voxel_size : float, default 0.2
-        Edge of a voxel, metres. Smaller voxels resolve thinner objects, and time grows with their number.
-    smoothing : float, default 0.5
-        Share of the mean probabilities around a voxel in its own probabilities; 0 disables the smoothing.
-    smoothing_level : int, default 1
-        Level of the 27 cells of this mean: their edge is that of a voxel times 2 to this power.
-    rounds : int, default 120
-        Rounds of boosting, of one tree per class each. Time and size of the model grow with them.
-    leaves : int, default 31
-        Maximum leaves of a tree, at most 64; above 32 the prediction takes twice as long.
-    learning_rate : float, default 0.1
-        Factor of the leaf values. Smaller values need more rounds.
-    min_child_samples : int, default 40
-        Minimum training voxels of a leaf.
-    feature_fraction : float, default 0.5
-        Share of the features that a tree may use; training time grows with it.
-    extra_trees : bool, default True
-        Draw one threshold per feature and node at random in place of the best one.
-    lambda_l2 : float, default 1.0
-        Penalty on the square of the leaf values.
-    max_bin : int, default 127
-        Maximum bins of a feature, at most 255.
-    max_per_class : int, default 2000
-        Maximum training voxels per scene and class.
-    prior : mapping of str to float
-        Class to its share of the training weight in each source; empty for the shares as found.
-    intensity_dropout : float, default 0.4
-        Share of the training voxels whose intensity is hidden; models then label surveys without intensity.
-    checkpoint_rounds : int, default 20
-        Rounds between two checkpoints. The trees depend on it.
-    seed : int, default 2026
-        Seed of samples, dropout and trees.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain.
-    """
-
+    # Edge of a voxel, metres. Smaller voxels resolve thinner objects, and time grows with their number.
     voxel_size: float = 0.2
+    # Share of the mean probabilities around a voxel in its own probabilities; 0 disables the smoothing
     smoothing: float = 0.5
-    smoothing_level: int = 1
-    rounds: int = 120
-    leaves: int = 31
-    learning_rate: float = 0.1
-    min_child_samples: int = 40
-    feature_fraction: float = 0.5
-    extra_trees: bool = True
-    lambda_l2: float = 1.0
-    max_bin: int = 127
-    max_per_class: int = 2000
+    smoothing_level: int = 1  # Level of the 27 cells of this mean: their edge is that of a voxel times 2 to this power
+    rounds: int = 120  # Rounds of boosting, of one tree per class each. Time and size of the model grow with them.
+    leaves: int = 31  # Maximum leaves of a tree, at most 64; above 32 the prediction takes twice as long
+    learning_rate: float = 0.1  # Factor of the leaf values. Smaller values need more rounds.
+    min_child_samples: int = 40  # Minimum training voxels of a leaf
+    feature_fraction: float = 0.5  # Share of the features that a tree may use; training time grows with it
+    extra_trees: bool = True  # Draw one threshold per feature and node at random in place of the best one
+    lambda_l2: float = 1.0  # Penalty on the square of the leaf values
+    max_bin: int = 127  # Maximum bins of a feature, at most 255
+    max_per_class: int = 2000  # Maximum training voxels per scene and class
+    # Class to its share of the training weight in each source; empty for the shares as found
     prior: Mapping[str, float] = field(default_factory=dict)
+    # Share of the training voxels whose intensity is hidden; models then label surveys without intensity
     intensity_dropout: float = 0.4
-    checkpoint_rounds: int = 20
-    seed: int = 2026
+    checkpoint_rounds: int = 20  # Rounds between two checkpoints. The trees depend on it.
+    seed: int = 2026  # Seed of samples, dropout and trees
 
     def __post_init__(self) -> None:
         for name in ("voxel_size", "learning_rate"):

@@ -25,54 +25,18 @@ from mlsroad_pipeline.algorithms.stages import ground_of, inliers
 
 
 class TrainingVoxels(TypedDict):
-    """Labelled voxels of a training scene.
+    """Labelled voxels of a training scene."""
 
-    Attributes
-    ----------
-    values : ndarray of float32, shape (v, f)
-        Features.
-    rows : ndarray of int16, shape (v,)
-        Row of `sets` of each voxel.
-    sets : ndarray of bool, shape (r, classes)
-        Allowed classes of each row.
-    found : ndarray of int64, shape (r,)
-        Labelled voxels of each row in the scene, of which those here are a sample.
-    """
-
-    values: NDArray[np.float32]
-    rows: NDArray[np.int16]
-    sets: NDArray[np.bool_]
-    found: NDArray[np.int64]
+    values: NDArray[np.float32]  # Features
+    rows: NDArray[np.int16]  # Row of `sets` of each voxel
+    sets: NDArray[np.bool_]  # Allowed classes of each row
+    found: NDArray[np.int64]  # Labelled voxels of each row in the scene, of which those here are a sample
 
 
 def training_voxels(
     scene: PointCloud, ground: Ground, *, parameters: BoostedTreesParameters, scheme: ClassScheme
 ) -> TrainingVoxels:
-    """Draw the training voxels of a scene labelled in a scheme.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene, with `label`; points outside `core` are not trained on.
-    ground : Ground
-        Its ground.
-    parameters : BoostedTreesParameters
-        Parameters of the method.
-    scheme : ClassScheme
-        The classes.
-
-    Returns
-    -------
-    TrainingVoxels
-        At most `max_per_class` voxels of each class.
-
-    Raises
-    ------
-    MissingColumnError
-        If the scene has no labels.
-    UnknownClassError
-        If a label is not in the scheme.
-    """
+    """Draw the training voxels of a scene labelled in a scheme."""
     labels = scheme.encode(scene["label"], source=scene.source)
     core = scene.get("core")
     if core is not None:
@@ -88,35 +52,7 @@ def coarse_training_voxels(
     scheme: ClassScheme,
     coarse: ClassScheme,
 ) -> TrainingVoxels:
-    """Draw the training voxels of a scene whose labels separate fewer classes than the scheme.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene, with `label`.
-    filtered : GroundParameters
-        Parameters of the ground filter.
-    own : BoostedTreesParameters
-        Parameters of the method.
-    scheme : ClassScheme
-        The classes of the model.
-    coarse : ClassScheme
-        The classes that the labels separate; each is a union of classes of `scheme`, all of which it allows.
-
-    Returns
-    -------
-    TrainingVoxels
-        At most `max_per_class` voxels of each coarse class.
-
-    Raises
-    ------
-    MissingColumnError
-        If the scene has no labels.
-    ParameterError
-        If a class of `scheme` falls into several classes of `coarse`.
-    DataError
-        If a class of `coarse` holds no class of `scheme`.
-    """
+    """Draw the training voxels of a scene whose labels separate fewer classes than the scheme."""
     truth = coarse.encode(scene["label"], source=scene.source)
     sets = scheme.coarsen(coarse)[None, :] == np.arange(len(coarse))[:, None]
     return sample_voxels(scene, ground_of(scene, filtered), truth, sets, parameters=own)
@@ -130,31 +66,7 @@ def sample_voxels(
     *,
     parameters: BoostedTreesParameters,
 ) -> TrainingVoxels:
-    """Draw the training voxels of a scene; a voxel takes the majority of its labelled points.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene.
-    ground : Ground
-        Its ground.
-    truth : ndarray of int, shape (n,)
-        Row of `sets` of each point; -1 where it is unknown.
-    sets : ndarray of bool, shape (r, classes)
-        Allowed classes of each row.
-    parameters : BoostedTreesParameters
-        Parameters of the method.
-
-    Returns
-    -------
-    TrainingVoxels
-        At most `max_per_class` voxels of each row.
-
-    Raises
-    ------
-    DataError
-        If a row of `sets` allows no class, or a truth is no row of it.
-    """
+    """Draw the training voxels of a scene; a voxel takes the majority of its labelled points."""
     if not sets.any(axis=1).all():
         raise DataError(f"{scene.source}: row {int(np.argmin(sets.any(axis=1)))} of the class sets allows no class")
     keep = inliers(scene)
@@ -181,38 +93,7 @@ def join_voxels(
     weights: Sequence[float] | None = None,
     sources: Sequence[str] | None = None,
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.float64]]:
-    """Join the voxels of scenes.
-
-    Parameters
-    ----------
-    scenes : sequence of TrainingVoxels
-        The scenes; those without voxels are skipped.
-    scheme : ClassScheme
-        The classes.
-    prior : mapping of str to float
-        Class to its share of the weight of each source; empty for the shares as found.
-    weights : sequence of float, optional
-        Weight of the source of each scene; equal for the scenes of a source. 1 by default.
-    sources : sequence of str, optional
-        Source of each scene; one for all by default.
-
-    Returns
-    -------
-    values : ndarray of float32, shape (v, f)
-        Features.
-    allowed : ndarray of bool, shape (v, classes)
-        Allowed classes of each voxel.
-    weight : ndarray of float64, shape (v,)
-        Weights, 1 on average. With a prior, the share of a class is divided among the rows that allow it, in
-        proportion to their voxels.
-
-    Raises
-    ------
-    DataError
-        If there is no scene or no labelled voxel, or a table has another number of classes.
-    ParameterError
-        If a class of `prior` is not in the scheme, or a class of the scheme has no prior.
-    """
+    """Join the voxels of scenes."""
     if not scenes:
         raise DataError("no training scenes: the split 'train' is empty")
     of_source = np.array(["" for _ in scenes] if sources is None else list(sources))

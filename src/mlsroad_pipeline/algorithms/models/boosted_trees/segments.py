@@ -21,43 +21,16 @@ _OFFSETS = [(i, j, k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1
 
 
 class Segments(NamedTuple):
-    """Segments of the voxels of a survey.
+    """Segments of the voxels of a survey."""
 
-    Attributes
-    ----------
-    owner : ndarray of int64, shape (v,)
-        Segment of each voxel.
-    size : ndarray of int64, shape (s,)
-        Number of voxels.
-    probabilities : ndarray of float64, shape (s, groups)
-        Mean probabilities of the groups of classes.
-    features : ndarray of float32, shape (s, f)
-        Mean standardised features.
-    """
-
-    owner: NDArray[np.int64]
-    size: NDArray[np.int64]
-    probabilities: NDArray[np.float64]
-    features: NDArray[np.float32]
+    owner: NDArray[np.int64]  # Segment of each voxel
+    size: NDArray[np.int64]  # Number of voxels
+    probabilities: NDArray[np.float64]  # Mean probabilities of the groups of classes
+    features: NDArray[np.float32]  # Mean standardised features
 
 
 def find_segments(xyz: ArrayLike, values: NDArray[np.float32], probabilities: NDArray[np.float64]) -> Segments:
-    """Return the segments of voxels.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (v, 3)
-        Places of the voxels, metres, of all scenes in one frame.
-    values : ndarray of float32, shape (v, f)
-        Their features.
-    probabilities : ndarray of float64, shape (v, groups)
-        Their probabilities of the groups of classes.
-
-    Returns
-    -------
-    Segments
-        Voxels of one most probable group, connected over `GAP`, within one cell of `CELL`.
-    """
+    """Return the segments of voxels."""
     points = np.asarray(xyz, np.float64)
     if not len(points):
         return Segments(np.zeros(0, np.int64), np.zeros(0, np.int64), probabilities[:0], values[:0])
@@ -85,26 +58,7 @@ def find_segments(xyz: ArrayLike, values: NDArray[np.float32], probabilities: ND
 def order_of_questions(
     segments: Segments, number: int, *, asked: ArrayLike = (), seed: int | None = None, least: int = LEAST
 ) -> NDArray[np.int64]:
-    """Return the segments to label next, in order.
-
-    Parameters
-    ----------
-    segments : Segments
-        The segments.
-    number : int
-        Number of segments; fewer if there are fewer of at least `least` voxels.
-    asked : array-like of int, optional
-        Segments that were asked before.
-    seed : int, optional
-        Seed of a factor of about 10 % on the worth of each segment, which breaks ties; none without a seed.
-    least : int, default `LEAST`
-        Fewest voxels of a segment. Smaller includes small segments too.
-
-    Returns
-    -------
-    ndarray of int64
-        Segments.
-    """
+    """Return the segments to label next, in order."""
     best = np.sort(segments.probabilities, axis=1)
     margin = best[:, -1] - best[:, -2] if best.shape[1] > 1 else np.zeros(len(best))
     worth = np.where(segments.size >= least, (_FLOOR + 1.0 - margin) * segments.size**_SIZE, 0.0)

@@ -43,43 +43,7 @@ def fit(
     n_threads: int = 1,
     checkpoints: Checkpoints | None = None,
 ) -> ModelBundle:
-    """Train boosted trees.
-
-    Parameters
-    ----------
-    scenes : sequence of TrainingVoxels
-        Voxels of `training_voxels` or `sample_voxels`.
-    parameters : BoostedTreesParameters
-        Parameters of the method.
-    ground : GroundParameters
-        Parameters of the ground filter that prepared the scenes.
-    scheme : ClassScheme
-        The classes.
-    trained_on : mapping
-        Description of the training data for the model's metadata; JSON values.
-    weights : sequence of float, optional
-        Weight of the source of each scene; 1 by default.
-    sources : sequence of str, optional
-        Source of each scene; one for all by default.
-    groups : sequence of int, optional
-        Group of each class, for labels that separate groups of classes alone, see `labeller.decide`.
-    n_threads : int, default 1
-        Threads of LightGBM; the trees do not depend on it.
-    checkpoints : Checkpoints, optional
-        Storage of the training state. An interrupted training resumes with the same bytes.
-
-    Returns
-    -------
-    ModelBundle
-        The model.
-
-    Raises
-    ------
-    DataError
-        If there are no labelled voxels.
-    ParameterError
-        If the prior does not fit the scheme.
-    """
+    """Train boosted trees."""
     values, allowed, weight = join_voxels(
         scenes, scheme=scheme, prior=parameters.prior, weights=weights, sources=sources
     )
@@ -115,31 +79,6 @@ def train_trees(
 
     The loss of a row is the negative logarithm of the summed probability of its classes. The rounds are trained in
     parts of `checkpoint_rounds`, each from the scores of the parts before; a resumed training gives the same bytes.
-
-    Parameters
-    ----------
-    values : ndarray of float32, shape (n, f)
-        Features; NaN is missing.
-    allowed : ndarray of bool, shape (n, classes)
-        Allowed classes of each row.
-    weight : ndarray of float64, shape (n,)
-        Weights, 1 on average.
-    parameters : BoostedTreesParameters
-        Parameters of the method.
-    n_threads : int, default 1
-        Threads of LightGBM; the trees do not depend on it.
-    checkpoints : Checkpoints, optional
-        Storage of the training state.
-
-    Returns
-    -------
-    BoostedTrees
-        The trees.
-
-    Raises
-    ------
-    ReadError
-        If the checkpoint is damaged.
     """
     import lightgbm  # noqa: PLC0415  # labelling needs none
 
@@ -193,21 +132,7 @@ def _log_shares(allowed: NDArray[np.bool_], weight: NDArray[np.float64]) -> NDAr
 
 
 def partial_label_objective(allowed: NDArray[np.bool_], weight: NDArray[np.float64]) -> Objective:
-    """Return the objective of labels that allow one or several classes.
-
-    Parameters
-    ----------
-    allowed : ndarray of bool, shape (n, classes)
-        Allowed classes of each row.
-    weight : ndarray of float64, shape (n,)
-        Weight of each row.
-
-    Returns
-    -------
-    callable
-        LightGBM's ``(scores, data)`` to gradient and Hessian, both float32 (n, classes). For one class per row they are
-        those of LightGBM's multi-class objective.
-    """
+    """Return the objective of labels that allow one or several classes."""
 
     def objective(scores: NDArray[np.float64], data: Any) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         gradient, hessian = np.empty(allowed.shape, np.float32), np.empty(allowed.shape, np.float32)

@@ -51,47 +51,18 @@ class BoostedTrees:
     """Trees whose leaf values are added per class.
 
     A row goes to the left child if its feature is at most the threshold, or if it is NaN and ``missing_left`` is true.
-
-    Parameters
-    ----------
-    n_leaves : ndarray of uint8, shape (t,)
-        Leaves of each tree, 1 to 64; a tree has one node less.
-    tree_class : ndarray of uint8, shape (t,)
-        Class of each tree.
-    feature : ndarray of int16, shape (m,)
-        Column that a node tests.
-    threshold : ndarray of float32, shape (m,)
-        Threshold of a node.
-    missing_left : ndarray of bool, shape (m,)
-        Whether NaN goes to the left child.
-    left : ndarray of int8, shape (m,)
-        Left child within the tree: a node, or ``-1 - leaf``.
-    right : ndarray of int8, shape (m,)
-        Right child.
-    leaf : ndarray of float32, shape (l,)
-        Values of the leaves, tree after tree.
-    initial : ndarray of float64, shape (classes,)
-        Scores before the first tree.
-    n_features : int
-        Number of features.
-
-    Raises
-    ------
-    DataError
-        If the sizes of the arrays differ, a tree has more than 64 leaves, a feature more than 254 thresholds, the
-        children of a tree are not each of its nodes and leaves once, or a number is NaN or infinite.
     """
 
-    n_leaves: NDArray[np.uint8]
-    tree_class: NDArray[np.uint8]
-    feature: NDArray[np.int16]
-    threshold: NDArray[np.float32]
-    missing_left: NDArray[np.bool_]
-    left: NDArray[np.int8]
-    right: NDArray[np.int8]
-    leaf: NDArray[np.float32]
-    initial: NDArray[np.float64]
-    n_features: int
+    n_leaves: NDArray[np.uint8]  # Leaves of each tree, 1 to 64; a tree has one node less
+    tree_class: NDArray[np.uint8]  # Class of each tree
+    feature: NDArray[np.int16]  # Column that a node tests
+    threshold: NDArray[np.float32]  # Threshold of a node
+    missing_left: NDArray[np.bool_]  # Whether NaN goes to the left child
+    left: NDArray[np.int8]  # Left child within the tree: a node, or ``-1 - leaf``
+    right: NDArray[np.int8]  # Right child
+    leaf: NDArray[np.float32]  # Values of the leaves, tree after tree
+    initial: NDArray[np.float64]  # Scores before the first tree
+    n_features: int  # Number of features
 
     def __post_init__(self) -> None:
         n_leaves = np.asarray(self.n_leaves, np.int64)
@@ -133,25 +104,7 @@ class BoostedTrees:
 
     @classmethod
     def from_lightgbm(cls, text: str, *, initial: ArrayLike | None = None) -> BoostedTrees:
-        """Convert a model of LightGBM.
-
-        Parameters
-        ----------
-        text : str
-            Result of ``Booster.model_to_string``; numerical features alone.
-        initial : array-like of shape (classes,), optional
-            Scores before the first tree, as in the initial scores of the training; 0 by default.
-
-        Returns
-        -------
-        BoostedTrees
-            The trees.
-
-        Raises
-        ------
-        DataError
-            If the text is no such model, or a tree is too large.
-        """
+        """Convert a model of LightGBM."""
         header = Fields(text.split("\nTree=", 1)[0])
         n_classes = header.integer("num_tree_per_iteration")
         trees = [read_tree(Fields(part)) for part in text.split("\nTree=")[1:]]
@@ -174,18 +127,7 @@ class BoostedTrees:
 
     @classmethod
     def joined(cls, parts: Sequence[BoostedTrees]) -> BoostedTrees:
-        """Join trees of the same features and classes; the first part gives the initial scores.
-
-        Parameters
-        ----------
-        parts : sequence of BoostedTrees
-            At least one part.
-
-        Returns
-        -------
-        BoostedTrees
-            All trees, in the order of the parts.
-        """
+        """Join trees of the same features and classes; the first part gives the initial scores."""
         own = {f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)[:8]}
         return cls(initial=parts[0].initial, n_features=parts[0].n_features, **own)
 
@@ -195,23 +137,7 @@ class BoostedTrees:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> BoostedTrees:
-        """Rebuild trees from the arrays of `to_arrays`.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            The arrays; other entries are ignored.
-
-        Returns
-        -------
-        BoostedTrees
-            The trees.
-
-        Raises
-        ------
-        DataError
-            If an array is missing, or of another type or shape.
-        """
+        """Rebuild trees from the arrays of `to_arrays`."""
         names = [f.name for f in fields(cls)]
         check_arrays(arrays, names, "boosted trees")
         own = {name: np.asarray(arrays[name]) for name in names}
@@ -225,27 +151,7 @@ class BoostedTrees:
         return _prepare(self)
 
     def scores(self, values: ArrayLike, *, n_threads: int = 1) -> NDArray[np.float64]:
-        """Return the sums of the initial scores and the leaf values per class.
-
-        Parameters
-        ----------
-        values : array-like of shape (n, f)
-            Features, compared as float32; NaN is missing.
-        n_threads : int, default 1
-            Threads; the result does not depend on it.
-
-        Returns
-        -------
-        ndarray of float64, shape (n, classes)
-            Raw scores, equal to those of LightGBM up to the rounding of the leaf values to float32.
-
-        Raises
-        ------
-        DataError
-            If `values` has another number of columns than the trees.
-        ParameterError
-            If `n_threads` is below 1.
-        """
+        """Return the sums of the initial scores and the leaf values per class."""
         table = np.ascontiguousarray(values, dtype=np.float32)
         if table.ndim != 2 or table.shape[1] != self.n_features:
             raise DataError(f"features must have shape (n, {self.n_features}), got {table.shape}")

@@ -12,15 +12,7 @@ class Checkpoints(Protocol):
         """Return a state, None if none was saved; raise ReadError if it is damaged."""
 
     def save(self, name: str, state: dict[str, Any]) -> None:
-        """Replace a state atomically.
-
-        Parameters
-        ----------
-        name : str
-            Name of the training.
-        state : dict
-            Plain values and, for networks, tensors.
-        """
+        """Replace a state atomically."""
 
     def remove(self, name: str) -> None:
         """Remove a state if there is one."""

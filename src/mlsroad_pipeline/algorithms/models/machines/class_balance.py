@@ -19,29 +19,7 @@ EXPONENTS = {"balanced": 0.0, "sqrt": 0.5, None: 1.0}
 def majority_labels(
     point_labels: ArrayLike, group_of_point: ArrayLike, n_classes: int
 ) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Return the majority class of the labelled points of each group.
-
-    Parameters
-    ----------
-    point_labels : array-like of int, shape (n,)
-        Class of each point, 0 to `n_classes` - 1; -1 for unlabelled points.
-    group_of_point : array-like of int, shape (n,)
-        Group of each point, from 0.
-    n_classes : int
-        Number of classes.
-
-    Returns
-    -------
-    labels : ndarray of int16, shape (s,)
-        Majority class, the lowest of equal counts; -1 for groups without labelled points.
-    purity : ndarray of float32, shape (s,)
-        Share of the majority class among the labelled points of the group; NaN without labelled points.
-
-    Raises
-    ------
-    DataError
-        If the two columns differ in length, a class is outside -1 to `n_classes` - 1 or a group is negative.
-    """
+    """Return the majority class of the labelled points of each group."""
     owners = np.asarray(group_of_point)
     classes = check_column(point_labels, len(owners), "point_labels")
     if len(owners) == 0:
@@ -61,22 +39,7 @@ def majority_labels(
 
 
 def draw_per_class(target: NDArray[np.integer], limit: int | None, *, seed: int) -> NDArray[np.int64]:
-    """Draw a random sample with a maximum size per class.
-
-    Parameters
-    ----------
-    target : ndarray of int, shape (s,)
-        Class of each group; -1 is excluded.
-    limit : int or None
-        Maximum size per class; None takes all groups.
-    seed : int
-        Seed of the sample.
-
-    Returns
-    -------
-    ndarray of int64
-        Rows of the sample, ascending.
-    """
+    """Draw a random sample with a maximum size per class."""
     rng = np.random.default_rng(seed)
     drawn = []
     for label in np.unique(target[target >= 0]):
@@ -88,47 +51,14 @@ def draw_per_class(target: NDArray[np.integer], limit: int | None, *, seed: int)
 def class_weights(
     sizes: NDArray[np.integer], drawn: NDArray[np.integer], class_weight: str | None
 ) -> dict[int, float] | None:
-    """Return the weight of one sample of each class.
-
-    Parameters
-    ----------
-    sizes : ndarray of int, shape (c,)
-        Groups of each class, all above 0.
-    drawn : ndarray of int, shape (c,)
-        Groups of each class in the training sample, all above 0.
-    class_weight : {"balanced", "sqrt"} or None
-        Total weight of a class: equal for all classes, the square root of its size, or its size.
-
-    Returns
-    -------
-    dict of int to float or None
-        Weight of one sample of each class, 1 on average; None if all weights are equal.
-    """
+    """Return the weight of one sample of each class."""
     total = sizes.astype(np.float64) ** EXPONENTS[class_weight]
     weights = total / drawn * (drawn.sum() / total.sum())
     return None if np.allclose(weights, 1.0) else dict(enumerate(weights.tolist()))
 
 
 def check_weight(sample_weight: ArrayLike | None, n: int) -> NDArray[np.float64] | None:
-    """Check sample weights and return them as an array.
-
-    Parameters
-    ----------
-    sample_weight : array-like of shape (n,) or None
-        Weights; None stays None.
-    n : int
-        Number of samples.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,), or None
-        The weights.
-
-    Raises
-    ------
-    DataError
-        If there are not `n` weights, or one is negative or not finite.
-    """
+    """Check sample weights and return them as an array."""
     if sample_weight is None:
         return None
     weight = np.asarray(sample_weight, dtype=np.float64)

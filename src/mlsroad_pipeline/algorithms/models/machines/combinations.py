@@ -31,22 +31,6 @@ def rank_pairs(
     """Return the distinct pairs in ascending order, and the rank of each pair.
 
     The time is linear for groups in which the first number is the same and few second ones occur.
-
-    Parameters
-    ----------
-    first : ndarray of int32, shape (n,)
-        Numbers from 0 to ``n_first - 1``; pairs with a negative number have no rank.
-    second : ndarray of int32, shape (n,)
-        Any numbers; pairs with a negative one have no rank.
-    n_first : int
-        Size of the range of the first numbers.
-
-    Returns
-    -------
-    first_of, second_of : ndarray of int32, shape (u,)
-        The distinct pairs.
-    ranks : ndarray of int32, shape (n,)
-        Index of each pair among the distinct ones, -1 for none.
     """
     n = len(first)
     starts = np.zeros(n_first + 1, np.int64)

@@ -32,38 +32,16 @@ class FlatForest:
     """Trees of a fitted forest as flat arrays.
 
     A row goes to ``child`` if its feature is at most the threshold, else to ``child + 1``.
-
-    Parameters
-    ----------
-    roots : ndarray of int64, shape (t + 1,)
-        First node of each tree; the nodes of a tree are contiguous, in breadth-first order.
-    feature : ndarray of int16, shape (m,)
-        Column tested by a node; -1 for leaves.
-    threshold : ndarray of float32, shape (m,)
-        Largest float32 not above scikit-learn's float64 threshold; comparisons with float32 features are unchanged.
-    missing_left : ndarray of bool, shape (m,)
-        True if NaN goes to ``child``, else to ``child + 1``.
-    child : ndarray of int32, shape (m,)
-        Left child, relative to the first node of the tree; for leaves the row of `leaf_values`.
-    leaf_values : ndarray of float32, shape (l, c)
-        Class probabilities of the leaves.
-    n_features : int
-        Number of features.
-
-    Raises
-    ------
-    DataError
-        If a tree has more than 4,194,304 nodes, there are more than 512 features, or the arrays are no trees: sizes
-        that differ, nodes without an own subtree, leaves without probabilities.
     """
 
-    roots: NDArray[np.int64]
-    feature: NDArray[np.int16]
+    roots: NDArray[np.int64]  # First node of each tree; the nodes of a tree are contiguous, in breadth-first order
+    feature: NDArray[np.int16]  # Column tested by a node; -1 for leaves
+    # Largest float32 not above scikit-learn's float64 threshold; comparisons with float32 features are unchanged
     threshold: NDArray[np.float32]
-    missing_left: NDArray[np.bool_]
-    child: NDArray[np.int32]
-    leaf_values: NDArray[np.float32]
-    n_features: int
+    missing_left: NDArray[np.bool_]  # True if NaN goes to ``child``, else to ``child + 1``
+    child: NDArray[np.int32]  # Left child, relative to the first node of the tree; for leaves the row of `leaf_values`
+    leaf_values: NDArray[np.float32]  # Class probabilities of the leaves
+    n_features: int  # Number of features
 
     def __post_init__(self) -> None:
         largest = int(np.diff(self.roots).max(initial=0))
@@ -105,23 +83,7 @@ class FlatForest:
 
     @classmethod
     def from_trees(cls, trees: Sequence[Any]) -> FlatForest:
-        """Convert scikit-learn trees.
-
-        Parameters
-        ----------
-        trees : sequence of sklearn.tree.DecisionTreeClassifier
-            The ``estimators_`` of a fitted ``RandomForestClassifier`` with one output.
-
-        Returns
-        -------
-        FlatForest
-            The trees.
-
-        Raises
-        ------
-        DataError
-            If there is no tree, or a tree or the number of features is too large.
-        """
+        """Convert scikit-learn trees."""
         if not trees:
             raise DataError("a forest needs at least one tree, got none")
         parts = [_flatten(estimator.tree_) for estimator in trees]
@@ -141,23 +103,7 @@ class FlatForest:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> FlatForest:
-        """Rebuild a forest from the arrays of `to_arrays`.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            The arrays; other entries are ignored.
-
-        Returns
-        -------
-        FlatForest
-            The forest.
-
-        Raises
-        ------
-        DataError
-            If an array is missing, or the arrays are no trees.
-        """
+        """Rebuild a forest from the arrays of `to_arrays`."""
         names = [field.name for field in fields(cls)]
         check_arrays(arrays, names, "a forest")
         own = {name: np.asarray(arrays[name]) for name in names}
@@ -175,27 +121,7 @@ class FlatForest:
         return threshold | column << np.uint64(_COLUMN_SHIFT) | child << np.uint64(_CHILD_SHIFT)
 
     def predict_proba(self, values: ArrayLike, *, n_threads: int = 1) -> NDArray[np.float32]:
-        """Return the mean class probabilities of the leaves that each row reaches.
-
-        Parameters
-        ----------
-        values : array-like of shape (n, f)
-            Features, compared as float32; NaN takes the branch chosen in training.
-        n_threads : int, default 1
-            Threads; the result does not depend on it.
-
-        Returns
-        -------
-        ndarray of float32, shape (n, c)
-            Class probabilities, equal to those of scikit-learn with one job up to float32 rounding.
-
-        Raises
-        ------
-        DataError
-            If `values` has another number of columns than the forest, or contains infinity.
-        ParameterError
-            If `n_threads` is below 1.
-        """
+        """Return the mean class probabilities of the leaves that each row reaches."""
         features = np.ascontiguousarray(values, dtype=np.float32)
         if features.ndim != 2 or features.shape[1] != self.n_features:
             raise DataError(f"features must have shape (n, {self.n_features}), got {features.shape}")

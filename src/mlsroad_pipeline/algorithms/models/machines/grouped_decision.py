@@ -12,21 +12,6 @@ def decide(
 ) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
     """Return the most probable class of each row, and the probability that it is right.
 
-    Parameters
-    ----------
-    probabilities : ndarray of float64, shape (n, classes)
-        Probabilities.
-    groups : ndarray of int, shape (classes,), optional
-        Group of each class, such as that of all vegetation, for models that learned from labels which separate the
-        groups alone. The most probable group is taken first, then its most probable class.
-
-    Returns
-    -------
-    labels : ndarray of int16, shape (n,)
-        Classes.
-    confidence : ndarray of float32, shape (n,)
-        Probability of the class; with groups, that of its group.
-
     Examples
     --------
     >>> import numpy as np
@@ -60,18 +45,7 @@ def _best_of_groups(
 
 @njit(cache=True, nogil=True)
 def largest_of_rows(values: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Return the largest value of each row; several times as fast as NumPy for few columns.
-
-    Parameters
-    ----------
-    values : ndarray of float32 or float64, shape (n, columns)
-        Values, at least one per row.
-
-    Returns
-    -------
-    ndarray of their dtype, shape (n, 1)
-        Largest values; NaN for rows with a NaN.
-    """
+    """Return the largest value of each row; several times as fast as NumPy for few columns."""
     largest = values[:, :1].copy()
     for i in range(len(values)):
         for k in range(1, values.shape[1]):

@@ -21,52 +21,27 @@ _BLOCK = 64
 
 @dataclass(frozen=True)
 class Choice:
-    """Hyperparameters chosen by cross-validation.
+    """Hyperparameters chosen by cross-validation."""
 
-    Attributes
-    ----------
-    cost, gamma : float
-        C, and gamma of the Gaussian kernel.
-    mean_f1 : float
-        Mean F1 over the classes on held-out samples.
-    """
-
-    cost: float
-    gamma: float
-    mean_f1: float
+    cost: float  # C, and gamma of the Gaussian kernel
+    gamma: float  # C, and gamma of the Gaussian kernel
+    mean_f1: float  # Mean F1 over the classes on held-out samples
 
 
 @dataclass(frozen=True)
 class KernelMachine:
-    """Support vectors, coefficients, and the sigmoids that map decision values to probabilities.
+    """Support vectors, coefficients, and the sigmoids that map decision values to probabilities."""
 
-    Parameters
-    ----------
-    shift, scale : ndarray of float32, shape (d,)
-        Features are standardised as (x - shift) / scale.
-    vectors : ndarray of float32, shape (v, d)
-        Support vectors in standardised features, class by class.
-    n_vectors : ndarray of int64, shape (t,)
-        Number of support vectors of each class.
-    coefficients : ndarray of float32, shape (t - 1, v)
-        Dual coefficients in the layout of LIBSVM: for a vector of class i, row j - 1 holds the coefficient against
-        class j > i, and row j that against class j < i.
-    intercepts : ndarray of float32, shape (t (t - 1) / 2,)
-        Intercepts of the pairs (0, 1), (0, 2), ..., (1, 2), ...
-    gamma : float
-        The kernel is exp(-gamma |x - y|^2).
-    sigmoids : ndarray of float64, shape (t (t - 1) / 2, 2)
-        Platt's a and b of each pair.
-    """
-
-    shift: NDArray[np.float32]
-    scale: NDArray[np.float32]
-    vectors: NDArray[np.float32]
-    n_vectors: NDArray[np.int64]
+    shift: NDArray[np.float32]  # Features are standardised as (x - shift) / scale
+    scale: NDArray[np.float32]  # Features are standardised as (x - shift) / scale
+    vectors: NDArray[np.float32]  # Support vectors in standardised features, class by class
+    n_vectors: NDArray[np.int64]  # Number of support vectors of each class
+    # Dual coefficients in the layout of LIBSVM: for a vector of class i, row j - 1 holds the coefficient against class
+    # j > i, and row j that against class j < i
     coefficients: NDArray[np.float32]
-    intercepts: NDArray[np.float32]
-    gamma: float
-    sigmoids: NDArray[np.float64]
+    intercepts: NDArray[np.float32]  # Intercepts of the pairs (0, 1), (0, 2), ..., (1, 2), ..
+    gamma: float  # The kernel is exp(-gamma |x - y|^2)
+    sigmoids: NDArray[np.float64]  # Platt's a and b of each pair
 
     @classmethod
     def from_svc(

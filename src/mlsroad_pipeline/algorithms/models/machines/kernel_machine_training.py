@@ -57,8 +57,7 @@ def fit_machine(
     """Train a support vector machine, and sigmoids on held-out decision values.
 
     `features`, float32 (n, d), are not standardised; `held_out`, those of the samples of the folds, are, with the mean
-    and standard deviation of `features`. A pair of classes without held-out decision values takes the sigmoid of all
-    pairs.
+    and standard deviation of `features`.
     """
     shift, scale = standardise(features)
     trained = np.unique(labels).astype(np.int64)

@@ -15,11 +15,6 @@ class ThresholdCodes:
 
     The kernel of the prediction has room for a limited number of thresholds per feature, so that trees which are added
     again and again must not bring new ones. A feature that the trees do not test has one value.
-
-    Parameters
-    ----------
-    trees : BoostedTrees
-        The trees.
     """
 
     def __init__(self, trees: BoostedTrees) -> None:

@@ -27,23 +27,7 @@ _NO_GPU = "Found no NVIDIA driver"
 
 
 def find_device(wanted: str) -> torch.device:
-    """Return the device that networks run on.
-
-    Parameters
-    ----------
-    wanted : {"auto", "cpu", "cuda"}
-        Requested device; "auto" is a GPU if there is one. Where it fails, a warning is logged, once per process.
-
-    Returns
-    -------
-    torch.device
-        The device.
-
-    Raises
-    ------
-    ParameterError
-        If the name is unknown, or "cuda" is requested without a GPU that works.
-    """
+    """Return the device that networks run on."""
     if wanted not in ("auto", "cpu", "cuda"):
         raise ParameterError(f"device must be one of auto, cpu, cuda, got {wanted!r}")
     if wanted == "cpu":
@@ -61,15 +45,7 @@ def find_device(wanted: str) -> torch.device:
 
 @functools.lru_cache(maxsize=8)
 def warn_of_cpu(library: str, failure: str) -> None:
-    """Warn that networks run on the CPU, although there is a GPU; once per reason.
-
-    Parameters
-    ----------
-    library : str
-        Name of the library.
-    failure : str
-        Why it cannot use the GPU.
-    """
+    """Warn that networks run on the CPU, although there is a GPU; once per reason."""
     logger.warning(
         "Networks run on the CPU, which is slower: %s cannot use the GPU (%s). Repair CUDA, or set the device to cpu",
         library,
@@ -95,18 +71,7 @@ def _cuda_failure() -> str | None:
 
 @contextmanager
 def reproducible(seed: int) -> Iterator[None]:
-    """Run PyTorch reproducibly: seeded, in one thread, with deterministic convolutions; restore its state afterwards.
-
-    Parameters
-    ----------
-    seed : int
-        The seed.
-
-    Yields
-    ------
-    None
-        Sums over several threads would depend on their number, and the fastest convolutions of a GPU on the run.
-    """
+    """Run PyTorch reproducibly: seeded, in one thread, with deterministic convolutions; restore its state afterwards."""
     cudnn = torch.backends.cudnn
     # A GPU that is not in use is left alone: reading its random state would take its memory.
     used = [torch.cuda.current_device()] if torch.cuda.is_initialized() else []
@@ -121,18 +86,7 @@ def reproducible(seed: int) -> Iterator[None]:
 
 @contextmanager
 def limited_threads(count: int) -> Iterator[None]:
-    """Limit the threads of PyTorch, which block each other on busy cores.
-
-    Parameters
-    ----------
-    count : int
-        Threads.
-
-    Yields
-    ------
-    None
-        The previous limit is restored afterwards.
-    """
+    """Limit the threads of PyTorch, which block each other on busy cores."""
     before = torch.get_num_threads()
     torch.set_num_threads(count)
     try:
@@ -142,20 +96,7 @@ def limited_threads(count: int) -> Iterator[None]:
 
 
 def learning_rate(step: int, n_steps: int, greatest: float) -> float:
-    """Return the learning rate of a step: cosine warm-up over the first fifth, then cosine decay to 0.
-
-    Parameters
-    ----------
-    step, n_steps : int
-        The step, from 0, and the number of steps.
-    greatest : float
-        Maximum rate.
-
-    Returns
-    -------
-    float
-        The rate.
-    """
+    """Return the learning rate of a step: cosine warm-up over the first fifth, then cosine decay to 0."""
     warm = max(0.2 * n_steps, 1.0)
     if step < warm:
         return greatest * (0.04 + 0.96 * 0.5 * (1 - float(np.cos(np.pi * step / warm))))
@@ -163,24 +104,7 @@ def learning_rate(step: int, n_steps: int, greatest: float) -> float:
 
 
 def load_weights(network: nn.Module, arrays: Mapping[str, NDArray], prefix: str, what: str) -> None:
-    """Load the weights of a network from arrays.
-
-    Parameters
-    ----------
-    network : Module
-        The network.
-    arrays : mapping of str to ndarray
-        Weights among other arrays.
-    prefix : str
-        Prefix of the names of the weights.
-    what : str
-        Name of the network in messages.
-
-    Raises
-    ------
-    DataError
-        If a weight is missing, unexpected or of another shape.
-    """
+    """Load the weights of a network from arrays."""
     state = {name: torch.from_numpy(np.array(values)) for name, values in arrays_under(arrays, prefix).items()}
     try:
         network.load_state_dict(state)

@@ -36,36 +36,12 @@ _LARGEST_ODDS, _LARGEST_GREEN, _LARGEST_WARM, _LARGEST_BRIGHT = 8.0, 0.4, 0.6, 1
 
 
 def ground_classes(classes: Sequence[str]) -> tuple[int, int]:
-    """Return the numbers of paved and natural ground.
-
-    Parameters
-    ----------
-    classes : sequence of str
-        Names of the classes, with `PAVED` and `NATURAL`.
-
-    Returns
-    -------
-    tuple of int
-        Their places.
-    """
+    """Return the numbers of paved and natural ground."""
     return classes.index(PAVED), classes.index(NATURAL)
 
 
 def natural_share(terms: Mapping[str, NDArray[np.float64]], weights: Mapping[str, float]) -> NDArray[np.float64]:
-    """Return the share of natural ground in the probability of the ground.
-
-    Parameters
-    ----------
-    terms : mapping of str to ndarray of float64, shape (k,)
-        Values of each of `TERMS`.
-    weights : mapping of str to float
-        Weight of each of `TERMS`, and `INTERCEPT`.
-
-    Returns
-    -------
-    ndarray of float64, shape (k,)
-        0 to 1.
-    """
+    """Return the share of natural ground in the probability of the ground."""
     score = np.full(len(terms[TERMS[0]]), float(weights[INTERCEPT]))
     for name, values in terms.items():
         score += float(weights[name]) * values
@@ -76,30 +52,7 @@ def ground_terms(
     probabilities: NDArray[np.floating], labels: NDArray[np.integer], classes: tuple[int, int],
     rgb: NDArray[np.uint8], owner: NDArray[np.int32], region: NDArray[np.integer],
 ) -> tuple[NDArray[np.intp], dict[str, NDArray[np.float64]]]:  # fmt: skip
-    """Return the terms of the regression for the voxels of ground that have a colour.
-
-    Parameters
-    ----------
-    probabilities : ndarray of float, shape (m, classes)
-        Class probabilities of m voxels.
-    labels : ndarray of int, shape (m,)
-        Their classes.
-    classes : tuple of int
-        Paved and natural ground.
-    rgb : ndarray of uint8, shape (n, 3)
-        Colours of points; black is no colour.
-    owner : ndarray of int32, shape (n,)
-        Voxel of each point, -1 for none.
-    region : ndarray of int, shape (m,)
-        Region of each voxel, such as its superpoint; colours are also averaged over regions.
-
-    Returns
-    -------
-    rows : ndarray of intp, shape (k,)
-        Ground voxels with colour; none if all colours of the ground are grey or of one tint.
-    terms : dict of str to ndarray of float64, shape (k,)
-        Values of each of `TERMS`.
-    """
+    """Return the terms of the regression for the voxels of ground that have a colour."""
     sums = colour_sums(rgb, owner, (labels == classes[0]) | (labels == classes[1]))
     rows = np.flatnonzero(sums[:, 3])
     own, of_region = sums[rows], region[rows]
@@ -116,22 +69,7 @@ def ground_terms(
 def split_terms(
     odds: NDArray[np.float64], colour: NDArray[np.float64], around: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the terms of the regression.
-
-    Parameters
-    ----------
-    odds : ndarray of float64, shape (k,)
-        Log odds of natural against paved ground in the pool.
-    colour, around : ndarray of float64, shape (k, 3)
-        Green, warm and bright of each voxel and of its region, less those of the paved ground of the scene. Green is
-        ``log G - (log R + log B) / 2``, the logarithmic form of the excess green index of Woebbecke et al. (1995), warm
-        ``log R - log B``, bright the mean of the logarithms.
-
-    Returns
-    -------
-    dict of str to ndarray of float64
-        The values of each of `TERMS`.
-    """
+    """Return the terms of the regression."""
     green, green_around = (np.clip(each[:, 0], -_LARGEST_GREEN, _LARGEST_GREEN) for each in (colour, around))
     warm, warm_around = (np.clip(each[:, 1], -_LARGEST_WARM, _LARGEST_WARM) for each in (colour, around))
     bright = np.clip(around[:, 2], -_LARGEST_BRIGHT, _LARGEST_BRIGHT)
@@ -148,22 +86,7 @@ def split_terms(
 
 @njit(cache=True, nogil=True)
 def colour_sums(rgb: NDArray[np.uint8], owner: NDArray[np.int32], chosen: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the sums of the colours of each chosen voxel, and its number of points that are not black.
-
-    Parameters
-    ----------
-    rgb : ndarray of uint8, shape (n, 3)
-        Colours of points; black is no colour.
-    owner : ndarray of int32, shape (n,)
-        Voxel of each point, -1 for none.
-    chosen : ndarray of bool, shape (m,)
-        Voxels to sum.
-
-    Returns
-    -------
-    ndarray of int64, shape (m, 4)
-        Sums of red, green and blue, and the number of points; zero for other voxels.
-    """
+    """Return the sums of the colours of each chosen voxel, and its number of points that are not black."""
     sums = np.zeros((len(chosen), 4), np.int64)
     for i in range(len(owner)):
         row = owner[i]

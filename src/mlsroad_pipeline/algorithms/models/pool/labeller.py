@@ -37,29 +37,7 @@ _SHARED = ("scheme", "parameters", "trained_on", "training_facts", "learned")  #
 
 
 def pool_bundle(members: Mapping[str, ModelBundle], weights: Mapping[str, float]) -> ModelBundle:
-    """Return the pool of several models as one.
-
-    Parameters
-    ----------
-    members : mapping of str to ModelBundle
-        Name to model, at least two, all with class probabilities. The others have the classes of the first in the same
-        order, or finer ones, whose probabilities are summed. The groups of classes of the first, the facts about its
-        training data and its ground filter are those of the pool. Colour and intensity are used if all members use
-        them.
-    weights : mapping of str to float
-        Name to weight, from 0 to 1; their sum is 1. A larger weight follows the member more.
-
-    Returns
-    -------
-    ModelBundle
-        The pool.
-
-    Raises
-    ------
-    ParameterError
-        If the classes of a member do not nest in those of the first, or the weights do not belong to the members or
-        have another sum.
-    """
+    """Return the pool of several models as one."""
     first = next(iter(members.values()))
     merged = {name: _merged(name, one, first) for name, one in members.items() if one.classes != first.classes}
     if set(weights) != set(members) or abs(sum(weights.values()) - 1.0) > 1e-6 or min(weights.values()) < 0:
@@ -79,40 +57,14 @@ def pool_bundle(members: Mapping[str, ModelBundle], weights: Mapping[str, float]
 
 
 def with_trees(bundle: ModelBundle, trees: ModelBundle) -> ModelBundle:
-    """Return a pool of trees and a network with other trees.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The shipped pool, or one with the same members.
-    trees : ModelBundle
-        The trees. Their classes are those of the pool; those of the network are the same or finer.
-
-    Returns
-    -------
-    ModelBundle
-        The pool, with the weights of `bundle`.
-    """
+    """Return a pool of trees and a network with other trees."""
     pool = pool_bundle({**members_of(bundle), TREES: trees}, bundle.metadata["weights"])
     weights = bundle.metadata.get(ground_colour.METADATA)
     return pool if weights is None else with_ground_colour(pool, weights)
 
 
 def with_ground_colour(bundle: ModelBundle, weights: Mapping[str, float]) -> ModelBundle:
-    """Return a pool that divides the ground into paved and natural ground by colour where a survey has one.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The pool.
-    weights : mapping of str to float
-        Weights of the regression, see `ground_colour.natural_share`.
-
-    Returns
-    -------
-    ModelBundle
-        The pool; as given if it does not have both classes.
-    """
+    """Return a pool that divides the ground into paved and natural ground by colour where a survey has one."""
     if not {ground_colour.PAVED, ground_colour.NATURAL} <= set(bundle.classes):
         return bundle
     return replace(bundle, metadata={**bundle.metadata, ground_colour.METADATA: dict(weights)})
@@ -130,23 +82,7 @@ def _merged(name: str, member: ModelBundle, first: ModelBundle) -> list[int]:
 
 
 def members_of(bundle: ModelBundle) -> dict[str, ModelBundle]:
-    """Return the models of a pool.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        A model of `pool_bundle`.
-
-    Returns
-    -------
-    dict of str to ModelBundle
-        Name to model, the first as given to `pool_bundle`.
-
-    Raises
-    ------
-    DataError
-        If the metadata are damaged.
-    """
+    """Return the models of a pool."""
     if SLUG not in bundle.prepared:
         stored: Mapping[str, Any] = bundle.metadata.get("members", {})
         weights = bundle.metadata.get("weights", {})
@@ -158,51 +94,13 @@ def members_of(bundle: ModelBundle) -> dict[str, ModelBundle]:
 
 
 def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Label the points of a cloud.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points; columns that no member uses are ignored.
-    bundle : ModelBundle
-        A model of `pool_bundle`.
-
-    Returns
-    -------
-    labels : ndarray of int16, shape (n,)
-        Classes; -1 for points that a member does not label.
-    confidence : ndarray of float32, shape (n,)
-        Probability of the group of the class in the pool.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is NaN or infinite, or the model is damaged.
-    """
+    """Label the points of a cloud."""
     soft = label_cloud_softly(cloud, bundle)
     return soft.labels, soft.confidence
 
 
 def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
-    """Label the points of a cloud, and return the class probabilities of the pool.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points; columns that no member uses are ignored.
-    bundle : ModelBundle
-        A model of `pool_bundle`.
-
-    Returns
-    -------
-    SoftLabels
-        One row of probabilities for each combination of the members' voxels or superpoints.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is NaN or infinite, or the model is damaged.
-    """
+    """Label the points of a cloud, and return the class probabilities of the pool."""
     pooled = pooled_voxels(cloud, bundle)
     if pooled is None:
         return SoftLabels(*unlabelled(len(cloud)))
@@ -220,43 +118,15 @@ def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
 
 
 class PooledVoxels(NamedTuple):
-    """Class probabilities of each combination of the members' voxels or superpoints.
+    """Class probabilities of each combination of the members' voxels or superpoints."""
 
-    Attributes
-    ----------
-    probabilities : ndarray of float64, shape (m, classes)
-        Probabilities of the pool.
-    owner : ndarray of int32, shape (n,)
-        Combination of each point, -1 for none.
-    region : ndarray of int32, shape (m,)
-        Voxel or superpoint of the last member that each combination is in.
-    """
-
-    probabilities: NDArray[np.float64]
-    owner: NDArray[np.int32]
-    region: NDArray[np.int32]
+    probabilities: NDArray[np.float64]  # Probabilities of the pool
+    owner: NDArray[np.int32]  # Combination of each point, -1 for none
+    region: NDArray[np.int32]  # Voxel or superpoint of the last member that each combination is in
 
 
 def pooled_voxels(cloud: PointCloud, bundle: ModelBundle) -> PooledVoxels | None:
-    """Return the class probabilities of the pool, before the ground is divided by colour.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points; columns other than the attributes of the pool are ignored.
-    bundle : ModelBundle
-        A model of `pool_bundle`.
-
-    Returns
-    -------
-    PooledVoxels or None
-        None if no point is labelled by all members.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is NaN or infinite, or the model is damaged.
-    """
+    """Return the class probabilities of the pool, before the ground is divided by colour."""
     members = members_of(bundle)
     tables: list[NDArray[np.float32]] = []
     rows: list[NDArray[np.int32]] = []  # of each table, per combination

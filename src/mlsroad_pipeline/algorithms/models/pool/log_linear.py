@@ -16,39 +16,22 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 
 @dataclass(frozen=True)
 class PoolParameters:
-    """Parameters of the fit of a `LogLinearPool`.
+    """Parameters of the fit of a `LogLinearPool`."""
 
-    Parameters
-    ----------
-    penalties : tuple of float, default (1e-2,)
-        Strengths of the L2 penalty towards the initial weights; one of several is selected by cross-validation over
-        contiguous parts of test set 1. Larger stays closer to the initial weights; smaller overfits small samples.
-    start : {"first", "product"}, default "first"
-        Initial weights: the first labeller alone, or the product of all probabilities. The product is Bayes' rule for
-        independent labellers; labellers of the same point are not independent.
-    balance : float, default 0.25
-        Exponent of the inverse class frequency in the weights of points: 0 optimises overall accuracy, 1 the mean
-        recall of the classes.
-    floor : float, default 1e-3
-        Lower bound of the probabilities of a labeller.
-    n_points : int, default 5000
-        Maximum number of points of the fit, evenly spaced within each class; rare classes are used whole. Larger takes
-        longer and changes the weights little.
-    n_folds : int, default 5
-        Number of contiguous parts of test set 1, in the order of its points, in the cross-validation.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain.
-    """
-
+    # Strengths of the L2 penalty towards the initial weights; one of several is selected by cross-validation over
+    # contiguous parts of test set 1. Larger stays closer to the initial weights; smaller overfits small samples.
     penalties: tuple[float, ...] = (1e-2,)
+    # Initial weights: the first labeller alone, or the product of all probabilities. The product is Bayes' rule for
+    # independent labellers; labellers of the same point are not independent.
     start: Literal["first", "product"] = "first"
+    # Exponent of the inverse class frequency in the weights of points: 0 optimises overall accuracy, 1 the mean recall
+    # of the classes
     balance: float = 0.25
-    floor: float = 1e-3
+    floor: float = 1e-3  # Lower bound of the probabilities of a labeller
+    # Maximum number of points of the fit, evenly spaced within each class; rare classes are used whole. Larger takes
+    # longer and changes the weights little.
     n_points: int = 5_000
-    n_folds: int = 5
+    n_folds: int = 5  # Number of contiguous parts of test set 1, in the order of its points, in the cross-validation
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "penalties", tuple(self.penalties))
@@ -71,61 +54,20 @@ class LogLinearPool:
     """Log-linear pool with a weight matrix per labeller.
 
     The log odds of the classes are a bias plus the sum of ``W_k log p_k + b_k`` over the labellers that see the point.
-    With the identity as W_k and the negative log prior as b_k it is Bayes' rule for independent labellers. W_k models
-    the reliability of a labeller per class and its confusions; its diagonal is a temperature per class.
-
-    Parameters
-    ----------
-    bias : ndarray of shape (classes,), float64
-        Log odds where no labeller sees the point.
-    weights : ndarray of shape (labellers, classes, classes), float64
-        W_k; rows are the pooled classes, columns those of the labeller.
-    offsets : ndarray of shape (labellers, classes), float64
-        b_k.
-    floor : float
-        Lower bound of the probabilities of a labeller.
-    penalty : float, default 0.0
-        Penalty of the fit.
-
-    References
-    ----------
-    .. [1] C. Genest, J. Zidek, "Combining probability distributions: a critique and an annotated bibliography",
-       Statistical Science 1(1), 1986, section 3.
-    .. [2] C. Guo et al., "On calibration of modern neural networks", ICML, 2017, section 4.2 (matrix scaling).
+    With the identity as W_k and the negative log prior as b_k it is Bayes' rule for independent labellers.
     """
 
-    bias: NDArray[np.float64]
-    weights: NDArray[np.float64]
-    offsets: NDArray[np.float64]
-    floor: float
-    penalty: float = 0.0
+    bias: NDArray[np.float64]  # Log odds where no labeller sees the point
+    weights: NDArray[np.float64]  # W_k; rows are the pooled classes, columns those of the labeller
+    offsets: NDArray[np.float64]  # b_k
+    floor: float  # Lower bound of the probabilities of a labeller
+    penalty: float = 0.0  # Penalty of the fit
 
     @classmethod
     def fit(
         cls, probabilities: Sequence[ArrayLike], reference: ArrayLike, *, parameters: PoolParameters | None = None
     ) -> LogLinearPool:
-        """Fit the weights on test set 1.
-
-        Parameters
-        ----------
-        probabilities : sequence of array-like, each of shape (n, classes)
-            Class probabilities of each labeller; rows of NaN where it does not see the point.
-        reference : array-like of int, shape (n,)
-            True labels; points labelled -1 are ignored. Points are in the order of the road, so that held-out points
-            are of another stretch of road.
-        parameters : PoolParameters, optional
-            Parameters of the fit; None uses the defaults.
-
-        Returns
-        -------
-        LogLinearPool
-            The fitted pool; the fit is deterministic.
-
-        Raises
-        ------
-        DataError
-            If there is no labeller, shapes differ, a row is partly NaN, or no point is labelled.
-        """
+        """Fit the weights on test set 1."""
         settings = PoolParameters() if parameters is None else parameters
         truth = np.asarray(reference)
         tables = _checked(probabilities, None if not len(probabilities) else (len(truth), _width(probabilities[0])))
@@ -146,23 +88,7 @@ class LogLinearPool:
         return cls(*problem.solve(penalty), floor=settings.floor, penalty=penalty)
 
     def predict_proba(self, probabilities: Sequence[ArrayLike]) -> NDArray[np.float64]:
-        """Pool the probabilities of all labellers.
-
-        Parameters
-        ----------
-        probabilities : sequence of array-like, each of shape (n, classes)
-            Class probabilities of each labeller, in the order of training; rows of NaN where it does not see the point.
-
-        Returns
-        -------
-        ndarray of shape (n, classes), float64
-            Probabilities that sum to 1; the softmax of the bias where no labeller sees the point.
-
-        Raises
-        ------
-        DataError
-            If the number of labellers or classes differs, or a row is partly NaN.
-        """
+        """Pool the probabilities of all labellers."""
         n = len(np.asarray(probabilities[0])) if len(probabilities) else 0
         tables = _checked(probabilities, (n, len(self.bias)))
         if len(tables) != len(self.weights):

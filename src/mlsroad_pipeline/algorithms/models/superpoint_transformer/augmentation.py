@@ -25,22 +25,6 @@ def cut_view(
 
     The scanner stands on the ground of the scene, or drives along it: the distance is then measured across the main
     direction of the scene. A random share of the points is dropped besides.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene.
-    height : ndarray of float, shape (n,)
-        Height of the points above the ground, metres; points of unknown height are kept.
-    parameters : AugmentationParameters
-        Range of the elevation and of the share of dropped points.
-    rng : Generator
-        Source of the random numbers.
-
-    Returns
-    -------
-    PointCloud
-        The visible points; the whole scene if no inlier is visible.
     """
     plan = scene.xyz[:, :2].astype(np.float64)
     low = np.flatnonzero(np.abs(np.nan_to_num(height, nan=np.inf)) < 0.3)  # metres: the scanner stands on the ground
@@ -61,24 +45,7 @@ def cut_view(
 def change_graph(
     graph: SuperpointGraph, scale: Scale, parameters: AugmentationParameters, rng: np.random.Generator
 ) -> SuperpointGraph:
-    """Return a changed graph: superpoints dropped, rotated, mirrored, stretched, noisy, attributes hidden.
-
-    Parameters
-    ----------
-    graph : SuperpointGraph
-        The graph of a training scene.
-    scale : Scale
-        Standard deviations of the features.
-    parameters : AugmentationParameters
-        Extents of the changes.
-    rng : Generator
-        Source of the random numbers.
-
-    Returns
-    -------
-    SuperpointGraph
-        The changed graph.
-    """
+    """Return a changed graph: superpoints dropped, rotated, mirrored, stretched, noisy, attributes hidden."""
     p = parameters
     keep = rng.random(len(graph.levels[0])) >= rng.uniform(0, p.drop)
     graph = subgraph(graph, keep) if keep.any() else graph
@@ -128,22 +95,7 @@ def _noisy(
 
 
 def crop_graph(graph: SuperpointGraph, radius: float, rng: np.random.Generator) -> SuperpointGraph:
-    """Return the superpoints within a radius, in plan, of a random labelled superpoint.
-
-    Parameters
-    ----------
-    graph : SuperpointGraph
-        The graph of a training scene.
-    radius : float
-        Radius in metres.
-    rng : Generator
-        Source of the random numbers.
-
-    Returns
-    -------
-    SuperpointGraph
-        The part of the graph.
-    """
+    """Return the superpoints within a radius, in plan, of a random labelled superpoint."""
     level = graph.levels[0]
     labelled = np.flatnonzero(level.histogram.sum(axis=1) > 0)
     middle = level.centroid[rng.choice(labelled), :2]

@@ -31,52 +31,19 @@ ATTRIBUTES = ("intensity_rank", "red", "green", "blue")
 
 
 def point_feature_names(parameters: HierarchyParameters) -> list[str]:
-    """Return the names of the features of a point.
-
-    Parameters
-    ----------
-    parameters : HierarchyParameters
-        Radii of the shape features.
-
-    Returns
-    -------
-    list of str
-        Names in the order of the columns.
-    """
+    """Return the names of the features of a point."""
     shapes = [f"{name}_{radius:g}m" for radius in parameters.ball_radii for name in SHAPES]
     return [*shapes, "height", *ATTRIBUTES]
 
 
 def shared_columns(names: NDArray[np.str_]) -> NDArray[np.int64]:
-    """Return the columns of a supervoxel table that the network takes: no radiometry, nothing detrended.
-
-    Parameters
-    ----------
-    names : ndarray of str, shape (f,)
-        Names of the table's columns.
-
-    Returns
-    -------
-    ndarray of int64
-        The columns.
-    """
+    """Return the columns of a supervoxel table that the network takes: no radiometry, nothing detrended."""
     radiometry = {*COLOUR_FEATURES, *INTENSITY_FEATURES}
     return np.flatnonzero([name not in radiometry and not name.endswith("_detrended") for name in names.tolist()])
 
 
 def superpoint_feature_names(names: NDArray[np.str_]) -> tuple[list[str], list[str], list[str]]:
-    """Return the names of the features of the superpoints of each level, given those of the supervoxel table.
-
-    Parameters
-    ----------
-    names : ndarray of str, shape (f,)
-        Names of the columns of the supervoxel table.
-
-    Returns
-    -------
-    tuple of list of str
-        Names of levels 1, 2 and 3.
-    """
+    """Return the names of the features of the superpoints of each level, given those of the supervoxel table."""
     shared = [str(names[column]) for column in shared_columns(names)]
     own = list(OWN_FEATURES)
     return [*(f"superpoint_{name}" for name in own), *shared], own, own
@@ -89,26 +56,7 @@ def build_graph(
     features: SupervoxelTable,
     parameters: HierarchyParameters,
 ) -> SuperpointGraph:
-    """Build the hierarchy of superpoints of a scene.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene; outliers are left out.
-    ground : Ground
-        Its ground.
-    supervoxels : SupervoxelPartition
-        Its supervoxels: level 1.
-    features : SupervoxelTable
-        Their features.
-    parameters : HierarchyParameters
-        Sizes and weights.
-
-    Returns
-    -------
-    SuperpointGraph
-        The hierarchy, without labels.
-    """
+    """Build the hierarchy of superpoints of a scene."""
     keep = inlier_rows(scene)
     xyz = scene.xyz[keep]
     labels = supervoxels["labels"][keep]
@@ -135,22 +83,7 @@ def build_graph(
 def points_of_superpoints(
     superpoint: NDArray[np.integer], voxel: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the points of level 0, the parts of voxels that lie in one superpoint.
-
-    Parameters
-    ----------
-    superpoint : ndarray of int, shape (n,)
-        Superpoint of each point of the cloud.
-    voxel : ndarray of int64, shape (n,)
-        Its voxel.
-
-    Returns
-    -------
-    owner : ndarray of int64, shape (m,)
-        Superpoint of each point of level 0, ascending.
-    row : ndarray of int64, shape (n,)
-        Point of level 0 of each point of the cloud.
-    """
+    """Return the points of level 0, the parts of voxels that lie in one superpoint."""
     n_voxels = int(voxel.max(initial=0)) + 1
     of_voxel = np.full(n_voxels, -1, np.int64)
     if _fill_whole_voxels(superpoint, voxel, of_voxel):  # voxels half as large as those of the superpoints mostly do
@@ -174,31 +107,7 @@ def _fill_whole_voxels(superpoint: NDArray[np.integer], voxel: NDArray[np.int64]
 def count_labels(
     scene: PointCloud, supervoxels: SupervoxelPartition, graph: SuperpointGraph, scheme: ClassScheme
 ) -> SuperpointGraph:
-    """Return the graph with the label histograms of the core points of a training scene.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene, with `label` and, for scenes that overlap, `core`.
-    supervoxels : SupervoxelPartition
-        Its supervoxels.
-    graph : SuperpointGraph
-        Its hierarchy.
-    scheme : ClassScheme
-        The classes.
-
-    Returns
-    -------
-    SuperpointGraph
-        The hierarchy with `histogram` on all levels.
-
-    Raises
-    ------
-    MissingColumnError
-        If the scene has no labels.
-    UnknownClassError
-        If a label is not in the scheme.
-    """
+    """Return the graph with the label histograms of the core points of a training scene."""
     keep = inliers(scene)
     labels = scheme.encode(scene["label"], source=scene.source)
     core = scene.get("core")
@@ -235,18 +144,7 @@ def _describe_points(
 
 
 def rank(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rank of each value as a share of the finite values, 0 to 1; NaN stays NaN.
-
-    Parameters
-    ----------
-    values : ndarray of float64, shape (n,)
-        Values in any unit; NaN where unknown.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        Ranks; equal values share one.
-    """
+    """Return the rank of each value as a share of the finite values, 0 to 1; NaN stays NaN."""
     finite = np.isfinite(values)
     out = np.full(len(values), np.nan)
     out[finite] = (rank_floats(values[finite]) - 0.5) / max(int(finite.sum()), 1)

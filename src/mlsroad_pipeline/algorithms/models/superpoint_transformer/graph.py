@@ -13,39 +13,17 @@ from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import
 
 @dataclass(frozen=True)
 class Level:
-    """Superpoints of a level.
+    """Superpoints of a level."""
 
-    Attributes
-    ----------
-    centroid : ndarray of float32, shape (n, 3)
-        Mean of the points, metres.
-    normal : ndarray of float32, shape (n, 3)
-        Unit normal; 0 with fewer than three points.
-    size : ndarray of float32, shape (n, 4)
-        Logarithms of length, surface, volume and number of points.
-    radius : ndarray of float32, shape (n,)
-        Largest distance of a point from the centroid, metres.
-    values : ndarray of float32, shape (n, f)
-        Features; NaN where undefined.
-    parent : ndarray of int32, shape (n,)
-        Superpoint of the next level; 0 throughout on the last level.
-    indptr : ndarray of int64, shape (n + 1,)
-        Start of the neighbours of each superpoint in `indices`.
-    indices : ndarray of int32, shape (e,)
-        Neighbours; each superpoint is its own neighbour too.
-    histogram : ndarray of float32, shape (n, classes)
-        Labelled points of each class; no columns without labels.
-    """
-
-    centroid: NDArray[np.float32]
-    normal: NDArray[np.float32]
-    size: NDArray[np.float32]
-    radius: NDArray[np.float32]
-    values: NDArray[np.float32]
-    parent: NDArray[np.int32]
-    indptr: NDArray[np.int64]
-    indices: NDArray[np.int32]
-    histogram: NDArray[np.float32]
+    centroid: NDArray[np.float32]  # Mean of the points, metres
+    normal: NDArray[np.float32]  # Unit normal; 0 with fewer than three points
+    size: NDArray[np.float32]  # Logarithms of length, surface, volume and number of points
+    radius: NDArray[np.float32]  # Largest distance of a point from the centroid, metres
+    values: NDArray[np.float32]  # Features; NaN where undefined
+    parent: NDArray[np.int32]  # Superpoint of the next level; 0 throughout on the last level
+    indptr: NDArray[np.int64]  # Start of the neighbours of each superpoint in `indices`
+    indices: NDArray[np.int32]  # Neighbours; each superpoint is its own neighbour too
+    histogram: NDArray[np.float32]  # Labelled points of each class; no columns without labels
 
     def __len__(self) -> int:
         """Return the number of superpoints."""
@@ -58,24 +36,13 @@ class Level:
 
 @dataclass(frozen=True)
 class SuperpointGraph:
-    """Points and superpoints of a scene.
+    """Points and superpoints of a scene."""
 
-    Attributes
-    ----------
-    offset : ndarray of float32, shape (m, 3)
-        Points relative to the centroid of their superpoint of level 1, metres; sorted by superpoint.
-    values : ndarray of float32, shape (m, f)
-        Features of the points; NaN where undefined or unknown.
-    indptr : ndarray of int64, shape (n + 1,)
-        Start of the points of each superpoint of level 1.
-    levels : tuple of Level
-        Levels 1, 2 and 3.
-    """
-
+    # Points relative to the centroid of their superpoint of level 1, metres; sorted by superpoint
     offset: NDArray[np.float32]
-    values: NDArray[np.float32]
-    indptr: NDArray[np.int64]
-    levels: tuple[Level, ...]
+    values: NDArray[np.float32]  # Features of the points; NaN where undefined or unknown
+    indptr: NDArray[np.int64]  # Start of the points of each superpoint of level 1
+    levels: tuple[Level, ...]  # Levels 1, 2 and 3
 
     def to_arrays(self) -> dict[str, NDArray]:
         """Return the graph as plain arrays."""
@@ -96,20 +63,7 @@ class SuperpointGraph:
 
 
 def ranges(starts: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the concatenated ranges ``starts[i]`` to ``starts[i] + counts[i]``.
-
-    Parameters
-    ----------
-    starts : ndarray of int64, shape (n,)
-        First values.
-    counts : ndarray of int64, shape (n,)
-        Lengths, at least 0.
-
-    Returns
-    -------
-    ndarray of int64
-        The ranges.
-    """
+    """Return the concatenated ranges ``starts[i]`` to ``starts[i] + counts[i]``."""
     total = int(counts.sum())
     shifts = starts - np.cumsum(counts) + counts
     return np.arange(total) + np.repeat(shifts, counts)
@@ -119,18 +73,6 @@ def subgraph(graph: SuperpointGraph, keep: NDArray[np.bool_]) -> SuperpointGraph
     """Return the graph of some superpoints of level 1, with their points and their ancestors.
 
     Attributes of the ancestors are those of the whole graph.
-
-    Parameters
-    ----------
-    graph : SuperpointGraph
-        The graph.
-    keep : ndarray of bool, shape (n,)
-        Superpoints of level 1 to keep.
-
-    Returns
-    -------
-    SuperpointGraph
-        The part of the graph.
     """
     rows: NDArray[np.integer] = np.flatnonzero(keep)
     counts = np.diff(graph.indptr)[rows]
@@ -162,18 +104,7 @@ def _take(level: Level, rows: NDArray[np.integer], parent: NDArray[np.integer]) 
 
 
 def join_graphs(graphs: Sequence[SuperpointGraph]) -> SuperpointGraph:
-    """Return one graph of several without edges between them.
-
-    Parameters
-    ----------
-    graphs : sequence of SuperpointGraph
-        At least one.
-
-    Returns
-    -------
-    SuperpointGraph
-        The graph; superpoints of the last level keep parent 0.
-    """
+    """Return one graph of several without edges between them."""
     return SuperpointGraph(
         np.concatenate([graph.offset for graph in graphs]),
         np.concatenate([graph.values for graph in graphs]),
@@ -203,20 +134,7 @@ def _join_pointers(pointers: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
 
 
 def with_histograms(graph: SuperpointGraph, histogram: NDArray[np.integer]) -> SuperpointGraph:
-    """Return the graph with the label histograms of level 1, summed over the hierarchy.
-
-    Parameters
-    ----------
-    graph : SuperpointGraph
-        The graph.
-    histogram : ndarray of int, shape (n, classes)
-        Labelled points of each class in each superpoint of level 1.
-
-    Returns
-    -------
-    SuperpointGraph
-        The graph with `histogram` on all levels.
-    """
+    """Return the graph with the label histograms of level 1, summed over the hierarchy."""
     levels, counts = [], histogram.astype(np.float64)
     for i, level in enumerate(graph.levels):
         levels.append(replace(level, histogram=counts.astype(np.float32)))

@@ -48,24 +48,7 @@ class _Stage:
 
 
 class TrainedNetwork:
-    """Network over the points and three levels of superpoints, for use alone.
-
-    Parameters
-    ----------
-    arrays : mapping of str to ndarray
-        Weights by their names in `network.SuperpointTransformer`.
-    parameters : NetworkParameters
-        Layers.
-    n_inputs : sequence of int
-        Inputs of a point and of a superpoint of each level.
-    n_classes : int
-        Classes.
-
-    Raises
-    ------
-    DataError
-        If the weights do not fit the network.
-    """
+    """Network over the points and three levels of superpoints, for use alone."""
 
     def __init__(
         self, arrays: Mapping[str, NDArray], parameters: NetworkParameters, n_inputs: Sequence[int], n_classes: int
@@ -81,18 +64,7 @@ class TrainedNetwork:
         self._head = np.ascontiguousarray(weights["heads.0.weight"].T), weights["heads.0.bias"]
 
     def scores(self, inputs: Inputs) -> Rows:
-        """Return the scores of the classes for the superpoints of level 1.
-
-        Parameters
-        ----------
-        inputs : Inputs
-            The inputs.
-
-        Returns
-        -------
-        ndarray of float32, shape (n, n_classes)
-            The scores.
-        """
+        """Return the scores of the classes for the superpoints of level 1."""
         levels = inputs.levels
         edges = [_through(layers, level.edges) for layers, level in zip(self._edges, levels, strict=True)]
         pooled = self._pooled_points(inputs)

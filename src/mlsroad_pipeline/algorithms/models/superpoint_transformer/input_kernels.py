@@ -23,29 +23,7 @@ def write_points(
     flags: NDArray[np.int64],
     out: NDArray[np.float32],
 ) -> None:
-    """Write standardised features, flags of known ones, relative position and radius of some points.
-
-    Parameters
-    ----------
-    values : ndarray of float32, shape (m, f)
-        Features of the points; NaN where unknown.
-    offset : ndarray of float32, shape (m, 3)
-        Points relative to their superpoint, metres.
-    rows : ndarray of int64, shape (r,)
-        Points to write.
-    owner : ndarray of int64, shape (r,)
-        Their superpoints.
-    scale : tuple of ndarray of float32, shape (f,)
-        Means and standard deviations of the features.
-    limit : float32
-        Limit of the standardised features.
-    radius : ndarray of float32, shape (n, 2)
-        Radius of the superpoints, metres, and its logarithm.
-    flags : ndarray of int64, shape (k,)
-        Features that get a flag.
-    out : ndarray of float32, shape (r, f + k + 4)
-        The inputs, which are written.
-    """
+    """Write standardised features, flags of known ones, relative position and radius of some points."""
     n_features, n_flags = values.shape[1], len(flags)
     mean, deviation = scale
     for i in range(len(rows)):
@@ -69,19 +47,7 @@ def write_edges(
     source: NDArray[np.int64],
     out: NDArray[np.float32],
 ) -> None:
-    """Write direction, distance, angles, ratios of sizes and height of edges; distance and height are in metres.
-
-    Parameters
-    ----------
-    centroid, normal : ndarray of float32, shape (n, 3)
-        See `Level`.
-    size : ndarray of float32, shape (n, 4)
-        See `Level`.
-    target, source : ndarray of int64, shape (e,)
-        Superpoints of the edges.
-    out : ndarray of float32, shape (e, 12)
-        The features, which are written.
-    """
+    """Write direction, distance, angles, ratios of sizes and height of edges; distance and height are in metres."""
     for e in range(len(target)):
         t, s, row = target[e], source[e], out[e]
         x, y, z = centroid[s, 0] - centroid[t, 0], centroid[s, 1] - centroid[t, 1], centroid[s, 2] - centroid[t, 2]

@@ -24,16 +24,10 @@ _SMALL = 0.05
 
 @dataclass(frozen=True)
 class Scale:
-    """Means and standard deviations of the features of points and of each level.
+    """Means and standard deviations of the features of points and of each level."""
 
-    Attributes
-    ----------
-    means, deviations : tuple of ndarray of float32
-        One row for the points, then one for each level.
-    """
-
-    means: tuple[NDArray[np.float32], ...]
-    deviations: tuple[NDArray[np.float32], ...]
+    means: tuple[NDArray[np.float32], ...]  # One row for the points, then one for each level
+    deviations: tuple[NDArray[np.float32], ...]  # One row for the points, then one for each level
 
     def to_arrays(self) -> dict[str, NDArray]:
         """Return the scale as plain arrays."""
@@ -54,18 +48,7 @@ class Scale:
 
 
 def find_scale(graphs: Sequence[SuperpointGraph]) -> Scale:
-    """Return the means and deviations of the finite features of training graphs; each graph counts the same.
-
-    Parameters
-    ----------
-    graphs : sequence of SuperpointGraph
-        The graphs, at least one.
-
-    Returns
-    -------
-    Scale
-        The scale; deviation 1 where a feature does not vary.
-    """
+    """Return the means and deviations of the finite features of training graphs; each graph counts the same."""
     means, deviations = [], []
     for i in range(N_LEVELS + 1):
         tables = [graph.values if i == 0 else graph.levels[i - 1].values for graph in graphs]
@@ -86,71 +69,27 @@ def find_scale(graphs: Sequence[SuperpointGraph]) -> Scale:
 
 @dataclass(frozen=True)
 class LevelInputs:
-    """Inputs of a level.
+    """Inputs of a level."""
 
-    Attributes
-    ----------
-    nodes : ndarray of float32, shape (n, f)
-        Features and positions of the superpoints.
-    edges : ndarray of float32, shape (e, EDGE_FEATURES)
-        Features of the edges, sorted by target.
-    target, source : ndarray of int64, shape (e,)
-        Superpoints of the edges.
-    parent : ndarray of int64, shape (n,)
-        Superpoint of the next level.
-    histogram : ndarray of float32, shape (n, classes)
-        Labelled points of each class.
-    """
-
-    nodes: NDArray[np.float32]
-    edges: NDArray[np.float32]
-    target: NDArray[np.int64]
-    source: NDArray[np.int64]
-    parent: NDArray[np.int64]
-    histogram: NDArray[np.float32]
+    nodes: NDArray[np.float32]  # Features and positions of the superpoints
+    edges: NDArray[np.float32]  # Features of the edges, sorted by target
+    target: NDArray[np.int64]  # Superpoints of the edges
+    source: NDArray[np.int64]  # Superpoints of the edges
+    parent: NDArray[np.int64]  # Superpoint of the next level
+    histogram: NDArray[np.float32]  # Labelled points of each class
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """Inputs of the network.
+    """Inputs of the network."""
 
-    Attributes
-    ----------
-    points : ndarray of float32, shape (m, f)
-        Features and positions of the points.
-    owner : ndarray of int64, shape (m,)
-        Superpoint of level 1 of each point, ascending.
-    levels : tuple of LevelInputs
-        Levels 1, 2 and 3.
-    """
-
-    points: NDArray[np.float32]
-    owner: NDArray[np.int64]
-    levels: tuple[LevelInputs, ...]
+    points: NDArray[np.float32]  # Features and positions of the points
+    owner: NDArray[np.int64]  # Superpoint of level 1 of each point, ascending
+    levels: tuple[LevelInputs, ...]  # Levels 1, 2 and 3
 
 
 def prepare_inputs(graph: SuperpointGraph, scale: Scale, points: NDArray[np.int64] | None = None) -> Inputs:
-    """Return the inputs of the network.
-
-    Parameters
-    ----------
-    graph : SuperpointGraph
-        The graph.
-    scale : Scale
-        Scale of the features.
-    points : ndarray of int64, optional
-        Points to take, ascending, at least one of each superpoint; None takes all.
-
-    Returns
-    -------
-    Inputs
-        Finite values.
-
-    Raises
-    ------
-    DataError
-        If the scale is of other features of points.
-    """
+    """Return the inputs of the network."""
     scales, n_features = (scale.means[0], scale.deviations[0]), graph.values.shape[1]
     if any(row.shape != (n_features,) for row in scales):
         raise DataError(f"the model's scale does not fit the {n_features} features of a point: the model is damaged")
@@ -166,37 +105,13 @@ def prepare_inputs(graph: SuperpointGraph, scale: Scale, points: NDArray[np.int6
 
 
 def n_inputs(scale: Scale) -> list[int]:
-    """Return the number of inputs of a point and of a superpoint of each level.
-
-    Parameters
-    ----------
-    scale : Scale
-        Scale of the features.
-
-    Returns
-    -------
-    list of int
-        Numbers for the points and levels 1, 2 and 3.
-    """
+    """Return the number of inputs of a point and of a superpoint of each level."""
     points, *levels = (len(mean) for mean in scale.means)
     return [points + 8, *(n + 6 for n in levels)]
 
 
 def even_points(graph: SuperpointGraph, n_points: int) -> NDArray[np.int64]:
-    """Return at most `n_points` evenly spaced points of each superpoint of level 1; they are in spatial order.
-
-    Parameters
-    ----------
-    graph : SuperpointGraph
-        The graph.
-    n_points : int
-        Points per superpoint, at least 1.
-
-    Returns
-    -------
-    ndarray of int64
-        Points, ascending.
-    """
+    """Return at most `n_points` evenly spaced points of each superpoint of level 1; they are in spatial order."""
     counts = np.diff(graph.indptr)
     taken = np.minimum(counts, n_points)
     place = ranges(np.zeros(len(counts), np.int64), taken)
@@ -205,22 +120,7 @@ def even_points(graph: SuperpointGraph, n_points: int) -> NDArray[np.int64]:
 
 
 def drawn_points(graph: SuperpointGraph, n_points: int, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Return at most `n_points` random points of each superpoint of level 1, ascending.
-
-    Parameters
-    ----------
-    graph : SuperpointGraph
-        The graph.
-    n_points : int
-        Points per superpoint, at least 1.
-    rng : Generator
-        Source of the random numbers.
-
-    Returns
-    -------
-    ndarray of int64
-        Points, ascending.
-    """
+    """Return at most `n_points` random points of each superpoint of level 1, ascending."""
     counts = np.diff(graph.indptr)
     owner = np.repeat(np.arange(len(counts)), counts)
     order = np.lexsort((rng.random(len(owner)), owner))

@@ -34,31 +34,7 @@ from mlsroad_pipeline.algorithms.stages import (
 def prepare(
     scene: PointCloud, stages: StageParameters, *, fresh: bool = False
 ) -> tuple[Ground, SupervoxelPartition, SupervoxelTable]:
-    """Run the stages before the network; `fresh` finds the ground anew where the scene has one.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene. Its columns `ground` and `height` are used if it has them, unless `fresh`.
-    stages : StageParameters
-        Parameters of the stages.
-    fresh : bool, default False
-        Find the ground anew.
-
-    Returns
-    -------
-    ground : Ground
-        Ground points and heights.
-    supervoxels : SupervoxelPartition
-        The supervoxels.
-    features : SupervoxelTable
-        Their features.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is NaN or infinite.
-    """
+    """Run the stages before the network; `fresh` finds the ground anew where the scene has one."""
     ground = find_ground(scene, stages.ground) if fresh else ground_of(scene, stages.ground)
     features = replace(stages.features, detrend=False)  # the network takes no detrended ones
     return ground, *supervoxels_with_features(scene, ground, stages.supervoxels, features)
@@ -71,31 +47,7 @@ def label_scene(
     features: SupervoxelTable,
     bundle: ModelBundle,
 ) -> PointLabels:
-    """Label the points of a prepared scene.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene.
-    ground : Ground
-        Its ground.
-    supervoxels : SupervoxelPartition
-        Its supervoxels.
-    features : SupervoxelTable
-        Their features.
-    bundle : ModelBundle
-        A model of `training.fit`.
-
-    Returns
-    -------
-    PointLabels
-        Class and probability of each point; outliers have no class.
-
-    Raises
-    ------
-    DataError
-        If the scene lacks features that the model needs, or the weights do not fit the network.
-    """
+    """Label the points of a prepared scene."""
     soft = _label_softly(scene, ground, supervoxels, features, bundle)
     return {"label": soft.labels, "confidence": soft.confidence}
 
@@ -138,68 +90,18 @@ def _decide(
 
 
 def parameters_of(bundle: ModelBundle) -> SuperpointTransformerParameters:
-    """Return the parameters that a model was trained with.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        A model of `training.fit`.
-
-    Returns
-    -------
-    SuperpointTransformerParameters
-        Its parameters.
-    """
+    """Return the parameters that a model was trained with."""
     return SuperpointTransformerParameters(**bundle.metadata["parameters"]["superpoint_transformer"])
 
 
 def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Label the points of a cloud: all stages and the network.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points; colour and intensity are used where there are any.
-    bundle : ModelBundle
-        A model of `training.fit`.
-
-    Returns
-    -------
-    labels : ndarray of int16, shape (n,)
-        Classes of the model's scheme; -1 for outliers.
-    confidence : ndarray of float32, shape (n,)
-        Probability of the class; 0 for outliers.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is NaN or infinite.
-    """
+    """Label the points of a cloud: all stages and the network."""
     soft = label_cloud_softly(cloud, bundle)
     return soft.labels, soft.confidence
 
 
 def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
-    """Label the points of a cloud, and return the class probabilities of the superpoints.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points; colour and intensity are used where there are any.
-    bundle : ModelBundle
-        A model of `training.fit`.
-
-    Returns
-    -------
-    SoftLabels
-        Labels and confidences of `label_cloud`; probabilities under the class weights of the training, which favour
-        rare classes.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is NaN or infinite.
-    """
+    """Label the points of a cloud, and return the class probabilities of the superpoints."""
     if len(cloud) == 0 or not inliers(cloud).any():
         return SoftLabels(*unlabelled(len(cloud)))
     stages = StageParameters.from_stored(bundle.metadata["parameters"])

@@ -35,30 +35,7 @@ def build_levels(
     adjacency: csr_array,
     parameters: HierarchyParameters,
 ) -> tuple[list[dict[str, NDArray]], list[NDArray[np.int32]]]:
-    """Describe the superpoints of all levels and merge those of a level into the next.
-
-    Parameters
-    ----------
-    places : ndarray of float64, shape (m, 3)
-        Points of level 0, metres.
-    height : ndarray of float64, shape (m,)
-        Their heights above the ground, metres; NaN where unknown.
-    owner : ndarray of int64, shape (m,)
-        Superpoint of level 1 of each point.
-    n : int
-        Superpoints of level 1, each with a point.
-    adjacency : csr_array of shape (n, n)
-        Superpoints of level 1 that touch.
-    parameters : HierarchyParameters
-        Merging and neighbours.
-
-    Returns
-    -------
-    levels : list of dict of str to ndarray
-        Attributes of each level, see `Level`; ``values`` are `OWN_FEATURES`.
-    parents : list of ndarray of int32
-        Parents of the superpoints of levels 1 and 2.
-    """
+    """Describe the superpoints of all levels and merge those of a level into the next."""
     levels, parents = [_describe_level(places, height, owner, n)], []
     touching = np.stack(adjacency.nonzero(), axis=1).astype(np.int64)
     for i in range(N_LEVELS):

@@ -44,24 +44,7 @@ def merge_regions(
     """Merge adjacent regions with similar values.
 
     The energy is the sum of the weighted squared distances of the regions from the mean of their group, plus
-    `regularisation` for each edge between groups. Pairs of groups that are each other's best partner are merged until
-    no merging lowers the energy.
-
-    Parameters
-    ----------
-    values : ndarray of float, shape (n, d)
-        Values of the regions; finite.
-    weights : ndarray of float, shape (n,)
-        Weights of the regions, above 0.
-    edges : ndarray of int, shape (e, 2)
-        Adjacent regions, each pair once, without loops.
-    regularisation : float
-        Cost of an edge between two groups. Larger values give fewer groups.
-
-    Returns
-    -------
-    ndarray of int32, shape (n,)
-        Group of each region, numbered by first region.
+    `regularisation` for each edge between groups.
     """
     owner: NDArray[np.integer] = np.arange(len(weights))
     means, mass = np.array(values, dtype=np.float64), np.asarray(weights, dtype=np.float64)

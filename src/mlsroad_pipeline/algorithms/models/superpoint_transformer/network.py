@@ -18,54 +18,27 @@ from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import
 
 @dataclass(frozen=True)
 class LevelTensors:
-    """Tensors of a level.
+    """Tensors of a level."""
 
-    Attributes
-    ----------
-    nodes, edges, target, source, parent, histogram : Tensor
-        See `LevelInputs`.
-    """
-
-    nodes: Tensor
-    edges: Tensor
-    target: Tensor
-    source: Tensor
-    parent: Tensor
-    histogram: Tensor
+    nodes: Tensor  # See `LevelInputs`
+    edges: Tensor  # See `LevelInputs`
+    target: Tensor  # See `LevelInputs`
+    source: Tensor  # See `LevelInputs`
+    parent: Tensor  # See `LevelInputs`
+    histogram: Tensor  # See `LevelInputs`
 
 
 @dataclass(frozen=True)
 class Tensors:
-    """Tensors of a batch.
+    """Tensors of a batch."""
 
-    Attributes
-    ----------
-    points, owner : Tensor
-        See `Inputs`.
-    levels : tuple of LevelTensors
-        Levels 1, 2 and 3.
-    """
-
-    points: Tensor
-    owner: Tensor
-    levels: tuple[LevelTensors, ...]
+    points: Tensor  # See `Inputs`
+    owner: Tensor  # See `Inputs`
+    levels: tuple[LevelTensors, ...]  # Levels 1, 2 and 3
 
 
 def to_tensors(inputs: Inputs, device: torch.device) -> Tensors:
-    """Move inputs to a device.
-
-    Parameters
-    ----------
-    inputs : Inputs
-        Inputs of the network.
-    device : torch.device
-        The device.
-
-    Returns
-    -------
-    Tensors
-        The inputs on the device.
-    """
+    """Move inputs to a device."""
     levels = (
         LevelTensors(**{name: torch.from_numpy(values).to(device) for name, values in vars(level).items()})
         for level in inputs.levels
@@ -75,22 +48,7 @@ def to_tensors(inputs: Inputs, device: torch.device) -> Tensors:
 
 
 def segment_softmax(logits: Tensor, target: Tensor, n: int) -> Tensor:
-    """Return the softmax over the edges of each target.
-
-    Parameters
-    ----------
-    logits : Tensor of shape (e, h)
-        Logits of the edges.
-    target : Tensor of int64, shape (e,)
-        Targets of the edges, ascending.
-    n : int
-        Number of targets.
-
-    Returns
-    -------
-    Tensor of shape (e, h)
-        Weights; they sum to 1 for each target with edges.
-    """
+    """Return the softmax over the edges of each target."""
     lengths = torch.bincount(target, minlength=n)
     top = torch.segment_reduce(logits.detach(), "max", lengths=lengths, axis=0, initial=-1e30)
     weights = torch.exp(logits - top.index_select(0, target))
@@ -99,22 +57,7 @@ def segment_softmax(logits: Tensor, target: Tensor, n: int) -> Tensor:
 
 
 def segment_max(values: Tensor, owner: Tensor, n: int) -> Tensor:
-    """Return the maximum of the rows of each owner.
-
-    Parameters
-    ----------
-    values : Tensor of shape (m, f)
-        Rows.
-    owner : Tensor of int64, shape (m,)
-        Owner of each row, in any order; each owner has at least one.
-    n : int
-        Number of owners.
-
-    Returns
-    -------
-    Tensor of shape (n, f)
-        The maxima.
-    """
+    """Return the maximum of the rows of each owner."""
     order = torch.argsort(owner, stable=True)
     lengths = torch.bincount(owner, minlength=n)
     return torch.segment_reduce(values.index_select(0, order), "max", lengths=lengths, axis=0)
@@ -128,13 +71,7 @@ def _mlp(widths: Sequence[int]) -> nn.Sequential:
 
 
 class EdgeAttention(nn.Module):
-    """Attention of superpoints to their neighbours; edges change keys, queries and values (equations 4 and 5).
-
-    Parameters
-    ----------
-    parameters : NetworkParameters
-        Widths and heads.
-    """
+    """Attention of superpoints to their neighbours; edges change keys, queries and values (equations 4 and 5)."""
 
     def __init__(self, parameters: NetworkParameters) -> None:
         super().__init__()
@@ -146,22 +83,7 @@ class EdgeAttention(nn.Module):
         self.out = nn.Linear(p.width, p.width)
 
     def forward(self, nodes: Tensor, edges: Tensor, target: Tensor, source: Tensor) -> Tensor:
-        """Return the features of the superpoints with what their neighbours add.
-
-        Parameters
-        ----------
-        nodes : Tensor of shape (n, width)
-            Features of the superpoints.
-        edges : Tensor of shape (e, edge_width)
-            Features of the edges.
-        target, source : Tensor of int64, shape (e,)
-            Superpoints of the edges; targets ascend.
-
-        Returns
-        -------
-        Tensor of shape (n, width)
-            The features.
-        """
+        """Return the features of the superpoints with what their neighbours add."""
         n, width = nodes.shape
         widths = [self.keys, self.keys, width]
         own = self.node(self.norm(nodes)).split(widths, dim=1)
@@ -178,17 +100,7 @@ class EdgeAttention(nn.Module):
 
 
 class Stage(nn.Module):
-    """Layers of a level: an MLP on the joined inputs, then attention blocks.
-
-    Parameters
-    ----------
-    inputs : int
-        Features that come in.
-    blocks : int
-        Attention blocks.
-    parameters : NetworkParameters
-        Widths.
-    """
+    """Layers of a level: an MLP on the joined inputs, then attention blocks."""
 
     def __init__(self, inputs: int, blocks: int, parameters: NetworkParameters) -> None:
         super().__init__()
@@ -197,22 +109,7 @@ class Stage(nn.Module):
         self.blocks = nn.ModuleList(EdgeAttention(p) for _ in range(blocks))
 
     def forward(self, features: Tensor, edges: Tensor, level: LevelTensors) -> Tensor:
-        """Return the features of the level's superpoints.
-
-        Parameters
-        ----------
-        features : Tensor of shape (n, inputs)
-            Features that come in.
-        edges : Tensor of shape (e, edge_width)
-            Features of the edges.
-        level : LevelTensors
-            The edges.
-
-        Returns
-        -------
-        Tensor of shape (n, width)
-            The features.
-        """
+        """Return the features of the level's superpoints."""
         nodes: Tensor = self.enter(features)
         for block in self.blocks:
             nodes = block(nodes, edges, level.target, level.source)
@@ -220,17 +117,7 @@ class Stage(nn.Module):
 
 
 class SuperpointTransformer(nn.Module):
-    """U-shaped network over the points and three levels of superpoints.
-
-    Parameters
-    ----------
-    parameters : NetworkParameters
-        Layers.
-    n_inputs : sequence of int
-        Inputs of a point and of a superpoint of each level.
-    n_classes : int
-        Classes.
-    """
+    """U-shaped network over the points and three levels of superpoints."""
 
     def __init__(self, parameters: NetworkParameters, n_inputs: Sequence[int], n_classes: int) -> None:
         super().__init__()
@@ -244,18 +131,7 @@ class SuperpointTransformer(nn.Module):
         self.heads = nn.ModuleList(nn.Linear(p.width, n_classes) for _ in range(N_LEVELS))
 
     def forward(self, batch: Tensors) -> list[Tensor]:
-        """Return the scores of the classes for the superpoints of each level.
-
-        Parameters
-        ----------
-        batch : Tensors
-            The inputs.
-
-        Returns
-        -------
-        list of Tensor of shape (n, n_classes)
-            Scores of levels 1, 2 and 3.
-        """
+        """Return the scores of the classes for the superpoints of each level."""
         owner, below = batch.owner, self.points(batch.points)
         edges = [layer(level.edges) for layer, level in zip(self.edges, batch.levels, strict=True)]
         features: list[Tensor] = []

@@ -57,8 +57,7 @@ def write_logits(
     """Write the logits of the edges of a range of targets, less the largest of each target and head.
 
     `own`, shape (n, components, heads), has queries, keys and values of the superpoints, `changes` those of the edges
-    of these targets. `keys` has an entry per component of a key: its length is a constant of the compiled loops, which
-    the compiler needs to vectorise over the heads.
+    of these targets.
     """
     n_heads, start = out.shape[1], indptr[targets[0]]
     top = np.empty(n_heads, np.float32)

@@ -44,24 +44,12 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Trained:
-    """A trained network.
+    """A trained network."""
 
-    Attributes
-    ----------
-    network : SuperpointTransformer
-        The network, in evaluation mode, on the CPU.
-    scale : Scale
-        Scale of its features.
-    class_weights : ndarray of float32, shape (classes,)
-        Weights of the classes in the loss; 0 for classes without labelled points.
-    losses : list of float
-        Loss of each step.
-    """
-
-    network: SuperpointTransformer
-    scale: Scale
-    class_weights: NDArray[np.float32]
-    losses: list[float]
+    network: SuperpointTransformer  # The network, in evaluation mode, on the CPU
+    scale: Scale  # Scale of its features
+    class_weights: NDArray[np.float32]  # Weights of the classes in the loss; 0 for classes without labelled points
+    losses: list[float]  # Loss of each step
 
 
 def train_network(
@@ -71,34 +59,7 @@ def train_network(
     parameters: SuperpointTransformerParameters,
     checkpoints: Checkpoints | None = None,
 ) -> Trained:
-    """Train a network on labelled graphs.
-
-    Parameters
-    ----------
-    graphs : sequence of SuperpointGraph
-        Graphs of the training scenes, with label histograms.
-    n_classes : int
-        Number of classes.
-    parameters : SuperpointTransformerParameters
-        Layers, augmentation and training.
-    checkpoints : Checkpoints, optional
-        Storage of the training state. A saved state of the same training is resumed, and the result is bitwise that of
-        an uninterrupted training; it is removed at the end.
-
-    Returns
-    -------
-    Trained
-        The network.
-
-    Raises
-    ------
-    DataError
-        If no graph has a labelled superpoint.
-    ReadError
-        If the checkpoint is damaged or of another training.
-    ParameterError
-        If a GPU is requested and none is available.
-    """
+    """Train a network on labelled graphs."""
     labelled = [graph for graph in graphs if graph.levels[0].histogram.sum() > 0]
     if not labelled:
         raise DataError("no labelled points in the training scenes: check the split 'train' and the class scheme")
@@ -211,20 +172,7 @@ class _Run:
 
 
 def balance_classes(graphs: Sequence[SuperpointGraph], exponent: float) -> NDArray[np.float32]:
-    """Return class weights: a power of the inverse share of superpoints, 1 on average; 0 for absent classes.
-
-    Parameters
-    ----------
-    graphs : sequence of SuperpointGraph
-        Labelled graphs.
-    exponent : float
-        Exponent of the inverse share.
-
-    Returns
-    -------
-    ndarray of float32, shape (classes,)
-        The weights.
-    """
+    """Return class weights: a power of the inverse share of superpoints, 1 on average; 0 for absent classes."""
     counts = sum(_shares(graph.levels[0].histogram).sum(axis=0) for graph in graphs)
     share = np.asarray(counts, dtype=np.float64) / np.sum(counts)
     weights = np.where(share > 0, np.maximum(share, 1e-5) ** -exponent, 0.0)
@@ -241,22 +189,6 @@ def sum_losses(
     """Return the weighted sum over the levels of the cross entropies with the label histograms.
 
     Superpoints of level 1 count the same. Those of the levels above count as the root of their labelled points.
-
-    Parameters
-    ----------
-    scores : sequence of Tensor of shape (n, classes)
-        Scores of each level.
-    histograms : sequence of Tensor of shape (n, classes)
-        Labelled points of each class; superpoints without any are left out.
-    class_weights : Tensor of shape (classes,)
-        Weights of the classes.
-    level_weights : sequence of float
-        Weights of the levels.
-
-    Returns
-    -------
-    Tensor
-        The loss.
     """
     total = scores[0].new_zeros(())
     for i, (score, histogram) in enumerate(zip(scores, histograms, strict=True)):

@@ -17,39 +17,24 @@ N_LEVELS = 3
 
 @dataclass(frozen=True)
 class HierarchyParameters:
-    """Parameters of the hierarchy of superpoints and of its features.
+    """Parameters of the hierarchy of superpoints and of its features."""
 
-    Parameters
-    ----------
-    voxel_size : float, default 0.1
-        Edge of the voxels whose centroids are the points of level 0, metres (robert2023: 0.03 to 0.1). Smaller voxels
-        resolve thinner objects and cost time.
-    ball_radii : sequence of float, default [0.5]
-        Radii of the neighbourhoods of the shape features of a point, metres (robert2023: 45 nearest neighbours). Larger
-        radii bridge the gaps of sparse scans and blur small objects.
-    ball_voxel_size : float, default 0.2
-        Edge of the voxels that are counted in these neighbourhoods, metres. Smaller values depend more on the density.
-    regularisation : sequence of float, default [0.05, 0.15]
-        Gain per removed edge of merging superpoints into level 2 and level 3 (robert2023: 0.1 to 0.6). Larger values
-        give fewer, larger superpoints.
-    spatial_weight : sequence of float, default [0.1, 0.03]
-        Weight of coordinates beside the shape features in the merging, per metre (robert2023: 0.1 and 0.01). Larger
-        values give more compact superpoints.
-    n_neighbors : sequence of int, default [5, 8, 8]
-        Nearest superpoints that each superpoint of levels 1, 2 and 3 attends to, beside those that it touches
-        (robert2023: up to 30 within a gap). Time grows with them.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain.
-    """
-
+    # Edge of the voxels whose centroids are the points of level 0, metres (robert2023: 0.03 to 0.1). Smaller voxels
+    # resolve thinner objects and cost time.
     voxel_size: float = 0.1
+    # Radii of the neighbourhoods of the shape features of a point, metres (robert2023: 45 nearest neighbours). Larger
+    # radii bridge the gaps of sparse scans and blur small objects.
     ball_radii: Sequence[float] = field(default_factory=lambda: [0.5])
+    # Edge of the voxels that are counted in these neighbourhoods, metres. Smaller values depend more on the density.
     ball_voxel_size: float = 0.2
+    # Gain per removed edge of merging superpoints into level 2 and level 3 (robert2023: 0.1 to 0.6). Larger values give
+    # fewer, larger superpoints.
     regularisation: Sequence[float] = field(default_factory=lambda: [0.05, 0.15])
+    # Weight of coordinates beside the shape features in the merging, per metre (robert2023: 0.1 and 0.01). Larger
+    # values give more compact superpoints.
     spatial_weight: Sequence[float] = field(default_factory=lambda: [0.1, 0.03])
+    # Nearest superpoints that each superpoint of levels 1, 2 and 3 attends to, beside those that it touches
+    # (robert2023: up to 30 within a gap). Time grows with them.
     n_neighbors: Sequence[int] = field(default_factory=lambda: [5, 8, 8])
 
     def __post_init__(self) -> None:
@@ -63,38 +48,18 @@ class HierarchyParameters:
 
 @dataclass(frozen=True)
 class NetworkParameters:
-    """Parameters of the layers.
+    """Parameters of the layers."""
 
-    Parameters
-    ----------
-    width : int, default 64
-        Features of a superpoint (robert2023: 64; 128 for KITTI-360). Weights and time grow with its square.
-    point_widths : sequence of int, default [32, 64]
-        Widths of the layers on single points below the first pooling (robert2023: 32, 64, 64).
-    n_heads : int, default 16
-        Heads of the attention, a divisor of `width` (robert2023: 16).
-    key_width : int, default 2
-        Features of a key and of a query per head (robert2023: 4). Time grows with it.
-    edge_width : int, default 32
-        Features of an edge (robert2023: 32).
-    blocks_down : sequence of int, default [1, 3, 3]
-        Attention blocks of levels 1, 2 and 3 on the way up the hierarchy (robert2023: 3 per level, two levels).
-    blocks_up : int, default 1
-        Attention blocks of levels 2 and 1 on the way back (robert2023: 1).
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain.
-    """
-
+    # Features of a superpoint (robert2023: 64; 128 for KITTI-360). Weights and time grow with its square.
     width: int = 64
+    # Widths of the layers on single points below the first pooling (robert2023: 32, 64, 64)
     point_widths: Sequence[int] = field(default_factory=lambda: [32, 64])
-    n_heads: int = 16
-    key_width: int = 2
-    edge_width: int = 32
+    n_heads: int = 16  # Heads of the attention, a divisor of `width` (robert2023: 16)
+    key_width: int = 2  # Features of a key and of a query per head (robert2023: 4). Time grows with it.
+    edge_width: int = 32  # Features of an edge (robert2023: 32)
+    # Attention blocks of levels 1, 2 and 3 on the way up the hierarchy (robert2023: 3 per level, two levels)
     blocks_down: Sequence[int] = field(default_factory=lambda: [1, 3, 3])
-    blocks_up: int = 1
+    blocks_up: int = 1  # Attention blocks of levels 2 and 1 on the way back (robert2023: 1)
 
     def __post_init__(self) -> None:
         for name in ("width", "n_heads", "key_width", "edge_width"):
@@ -110,46 +75,24 @@ class NetworkParameters:
 
 @dataclass(frozen=True)
 class AugmentationParameters:
-    """Changes of the training scenes.
+    """Changes of the training scenes."""
 
-    Parameters
-    ----------
-    cuts : int, default 1
-        Copies of each training scene that lack the points above the view of a virtual scanner; their ground,
-        supervoxels and features are computed anew (robert2023: none). Each copy takes the time of a scene.
-    elevation : sequence of float, default [1.0, 20.0]
-        Range of the largest elevation angle of the virtual scanners, degrees.
-    thin : float, default 0.7
-        Maximum share of points that a copy lacks besides (robert2023: none). Larger values suit sparser scanners.
-    rotate : bool, default True
-        Rotate about the vertical by any angle, mirror with probability 0.5 (robert2023: the same).
-    stretch : float, default 0.1
-        Maximum relative change of heights and vertical offsets, and of horizontal offsets (robert2023: 0.2).
-    jitter : float, default 0.05
-        Standard deviation of the noise on features, in standard deviations of the feature (robert2023: 0.05 m on
-        coordinates).
-    drop : float, default 0.2
-        Maximum share of dropped superpoints of level 1 (robert2023: 0.2).
-    hide_intensity : float, default 0.3
-        Share of the scenes with hidden intensity (robert2023: no intensity).
-    hide_colour : float, default 0.5
-        Share of the scenes with hidden colour (robert2023: 0.3).
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain.
-    """
-
+    # Copies of each training scene that lack the points above the view of a virtual scanner; their ground, supervoxels
+    # and features are computed anew (robert2023: none). Each copy takes the time of a scene.
     cuts: int = 1
+    # Range of the largest elevation angle of the virtual scanners, degrees
     elevation: Sequence[float] = field(default_factory=lambda: [1.0, 20.0])
+    # Maximum share of points that a copy lacks besides (robert2023: none). Larger values suit sparser scanners.
     thin: float = 0.7
-    rotate: bool = True
+    rotate: bool = True  # Rotate about the vertical by any angle, mirror with probability 0.5 (robert2023: the same)
+    # Maximum relative change of heights and vertical offsets, and of horizontal offsets (robert2023: 0.2)
     stretch: float = 0.1
+    # Standard deviation of the noise on features, in standard deviations of the feature (robert2023: 0.05 m on
+    # coordinates)
     jitter: float = 0.05
-    drop: float = 0.2
-    hide_intensity: float = 0.3
-    hide_colour: float = 0.5
+    drop: float = 0.2  # Maximum share of dropped superpoints of level 1 (robert2023: 0.2)
+    hide_intensity: float = 0.3  # Share of the scenes with hidden intensity (robert2023: no intensity)
+    hide_colour: float = 0.5  # Share of the scenes with hidden colour (robert2023: 0.3)
 
     def __post_init__(self) -> None:
         check_at_least(self.cuts, 0, f"{SLUG}.augmentation.cuts")
@@ -170,59 +113,30 @@ class AugmentationParameters:
 
 @dataclass(frozen=True)
 class TrainingParameters:
-    """Parameters of the training.
+    """Parameters of the training."""
 
-    Parameters
-    ----------
-    n_steps : int, default 3000
-        Number of batches (robert2023: 200 to 2000 epochs). Larger improves the scores; time grows with it.
-    batch_size : int, default 4
-        Crops per batch, each of another scene (robert2023: 4).
-    crop : float, default 15.0
-        Radius of a crop in plan, metres (robert2023: 7 to 50). Larger gives more context and takes longer.
-    n_points : int, default 24
-        Points of level 0 per superpoint of level 1, drawn at random in training and evenly in use (robert2023: 32 to
-        128).
-    learning_rate : float, default 0.005
-        Maximum learning rate of AdamW, with warm-up and cosine decay (robert2023: 0.01).
-    weight_decay : float, default 0.0001
-        Weight decay (robert2023: 0.0001).
-    clip : float, default 5.0
-        Maximum norm of the gradient (robert2023: none).
-    level_weights : sequence of float, default [1.0, 1.0, 0.5]
-        Weights of the losses of levels 1, 2 and 3 (robert2023: 1 and 50 for two levels).
-    class_balance : float, default 0.5
-        Exponent of the inverse class frequency in the weights of classes; 0 is unweighted, larger favours rare classes.
-        Confidences are corrected for the weights.
-    checkpoint_seconds : float, default 300.0
-        Time between checkpoints.
-    n_threads : int, default 1
-        Threads of PyTorch; the weights differ in the last digits between numbers of threads. Another thread prepares
-        the next batch.
-    device : {"auto", "cpu", "cuda"}, default "cpu"
-        Device of the training; "auto" is a GPU if there is one. The bytes of a model are reproducible on "cpu" alone.
-    seed : int, default 2023
-        Seed of the initial weights, the crops and the augmentation.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain.
-    """
-
+    # Number of batches (robert2023: 200 to 2000 epochs). Larger improves the scores; time grows with it.
     n_steps: int = 3000
-    batch_size: int = 4
+    batch_size: int = 4  # Crops per batch, each of another scene (robert2023: 4)
+    # Radius of a crop in plan, metres (robert2023: 7 to 50). Larger gives more context and takes longer.
     crop: float = 15.0
+    # Points of level 0 per superpoint of level 1, drawn at random in training and evenly in use (robert2023: 32 to 128)
     n_points: int = 24
-    learning_rate: float = 0.005
-    weight_decay: float = 0.0001
-    clip: float = 5.0
+    learning_rate: float = 0.005  # Maximum learning rate of AdamW, with warm-up and cosine decay (robert2023: 0.01)
+    weight_decay: float = 0.0001  # Weight decay (robert2023: 0.0001)
+    clip: float = 5.0  # Maximum norm of the gradient (robert2023: none)
+    # Weights of the losses of levels 1, 2 and 3 (robert2023: 1 and 50 for two levels)
     level_weights: Sequence[float] = field(default_factory=lambda: [1.0, 1.0, 0.5])
+    # Exponent of the inverse class frequency in the weights of classes; 0 is unweighted, larger favours rare classes.
+    # Confidences are corrected for the weights.
     class_balance: float = 0.5
-    checkpoint_seconds: float = 300.0
+    checkpoint_seconds: float = 300.0  # Time between checkpoints
+    # Threads of PyTorch; the weights differ in the last digits between numbers of threads. Another thread prepares the
+    # next batch.
     n_threads: int = 1
+    # Device of the training; "auto" is a GPU if there is one. The bytes of a model are reproducible on "cpu" alone.
     device: Literal["auto", "cpu", "cuda"] = "cpu"
-    seed: int = 2023
+    seed: int = 2023  # Seed of the initial weights, the crops and the augmentation
 
     def __post_init__(self) -> None:
         for name in ("n_steps", "batch_size", "n_points", "n_threads"):
@@ -238,24 +152,13 @@ class TrainingParameters:
 
 @dataclass(frozen=True)
 class SuperpointTransformerParameters:
-    """Parameters of the superpoint transformer.
+    """Parameters of the superpoint transformer."""
 
-    Parameters
-    ----------
-    hierarchy : HierarchyParameters or mapping
-        Superpoints and features.
-    network : NetworkParameters or mapping
-        Layers.
-    augmentation : AugmentationParameters or mapping
-        Changes of the training scenes.
-    training : TrainingParameters or mapping
-        Training.
-    """
-
-    hierarchy: HierarchyParameters = field(default_factory=HierarchyParameters)
-    network: NetworkParameters = field(default_factory=NetworkParameters)
+    hierarchy: HierarchyParameters = field(default_factory=HierarchyParameters)  # Superpoints and features
+    network: NetworkParameters = field(default_factory=NetworkParameters)  # Layers
+    # Changes of the training scenes
     augmentation: AugmentationParameters = field(default_factory=AugmentationParameters)
-    training: TrainingParameters = field(default_factory=TrainingParameters)
+    training: TrainingParameters = field(default_factory=TrainingParameters)  # Training
 
     def __post_init__(self) -> None:
         parse_groups(

@@ -25,27 +25,7 @@ from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import
 def predict_superpoints(
     graph: SuperpointGraph, bundle: ModelBundle, parameters: SuperpointTransformerParameters
 ) -> NDArray[np.float32]:
-    """Return the probabilities of the network for the superpoints of level 1.
-
-    Parameters
-    ----------
-    graph : SuperpointGraph
-        The graph of a scene.
-    bundle : ModelBundle
-        A model of `training.fit`.
-    parameters : SuperpointTransformerParameters
-        Its parameters.
-
-    Returns
-    -------
-    ndarray of float32, shape (n, classes)
-        Probabilities under the class weights of the training.
-
-    Raises
-    ------
-    DataError
-        If the weights do not fit the network, or the scale does not fit the features.
-    """
+    """Return the probabilities of the network for the superpoints of level 1."""
     scale = Scale.from_arrays(bundle.arrays)
     network = _network(bundle, scale, parameters)
     inputs = prepare_inputs(graph, scale, even_points(graph, parameters.training.n_points))

@@ -24,22 +24,7 @@ def _sum_columns(
 
 
 def means(row: NDArray[np.integer], columns: NDArray, n: int) -> NDArray[np.float64]:
-    """Return the means of columns per group.
-
-    Parameters
-    ----------
-    row : ndarray of int, shape (m,)
-        Group of each row.
-    columns : ndarray, shape (m, c)
-        Values; those that are not finite are left out.
-    n : int
-        Number of groups.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, c)
-        Means; NaN without finite values.
-    """
+    """Return the means of columns per group."""
     kind = np.float32 if columns.dtype == np.float32 else np.float64
     sums, counts = _sum_columns(row.astype(np.int64, copy=False), np.ascontiguousarray(columns, kind), n)
     with np.errstate(invalid="ignore"):
@@ -50,24 +35,7 @@ def means(row: NDArray[np.integer], columns: NDArray, n: int) -> NDArray[np.floa
 def sum_products(
     owner: NDArray[np.int64], places: NDArray[np.float64], centroid: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return sums of products of coordinates from the centroid, and the largest distance from it, per superpoint.
-
-    Parameters
-    ----------
-    owner : ndarray of int64, shape (m,)
-        Superpoint of each point.
-    places : ndarray of float64, shape (m, 3)
-        Points, metres.
-    centroid : ndarray of float64, shape (n, 3)
-        Centroids of the superpoints, metres.
-
-    Returns
-    -------
-    products : ndarray of float64, shape (n, 3, 3)
-        Sums, square metres.
-    radius : ndarray of float64, shape (n,)
-        Distances, metres; 0 without points.
-    """
+    """Return sums of products of coordinates from the centroid, and the largest distance from it, per superpoint."""
     products, radius = np.zeros((len(centroid), 3, 3)), np.zeros(len(centroid))
     offset = np.empty(3)
     for i in range(len(owner)):
@@ -88,22 +56,7 @@ def sum_products(
 def extremes(
     owner: NDArray[np.int64], values: NDArray[np.float64], n: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the smallest and the largest finite value of each superpoint, NaN without one.
-
-    Parameters
-    ----------
-    owner : ndarray of int64, shape (m,)
-        Superpoint of each value.
-    values : ndarray of float64, shape (m,)
-        Values.
-    n : int
-        Number of superpoints.
-
-    Returns
-    -------
-    low, high : ndarray of float64, shape (n,)
-        Extremes.
-    """
+    """Return the smallest and the largest finite value of each superpoint, NaN without one."""
     low, high = np.full(n, np.nan), np.full(n, np.nan)
     for i in range(len(owner)):
         o = owner[i]

@@ -31,35 +31,7 @@ def fit(
     trained_on: Mapping[str, Any],
     checkpoints: Checkpoints | None = None,
 ) -> tuple[ModelBundle, list[float]]:
-    """Train a network.
-
-    Parameters
-    ----------
-    graphs : sequence of mapping of str to ndarray
-        Labelled graphs of `training_graphs`, of all scenes and views.
-    parameters : SuperpointTransformerParameters
-        Parameters of the method.
-    stages : StageParameters
-        Parameters of the stages that prepared the scenes.
-    scheme : ClassScheme
-        The classes.
-    trained_on : mapping
-        Description of the training data for the model's metadata; JSON values.
-    checkpoints : Checkpoints, optional
-        Storage of the training state, for trainings that are interrupted.
-
-    Returns
-    -------
-    bundle : ModelBundle
-        The model.
-    losses : list of float
-        Loss of each step.
-
-    Raises
-    ------
-    DataError
-        If there are no labelled points, or scenes have different features.
-    """
+    """Train a network."""
     if not graphs:
         raise DataError("no training scenes: the split 'train' is empty")
     names = graphs[0]["names"].tolist()

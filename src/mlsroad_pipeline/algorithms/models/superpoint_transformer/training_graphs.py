@@ -29,37 +29,7 @@ def training_graphs(
     stages: StageParameters,
     scheme: ClassScheme,
 ) -> dict[str, dict[str, NDArray]]:
-    """Return the labelled graphs of a training scene: as it was scanned, and in views of virtual scanners.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene, with `label` and `core`.
-    ground : Ground
-        Its ground.
-    supervoxels : SupervoxelPartition
-        Its supervoxels.
-    features : SupervoxelTable
-        Their features.
-    parameters : SuperpointTransformerParameters
-        Hierarchy and augmentation.
-    stages : StageParameters
-        Stages that the views are prepared with.
-    scheme : ClassScheme
-        The classes.
-
-    Returns
-    -------
-    dict of str to dict of str to ndarray
-        ``scanned``, and ``view_1`` and so on: arrays of `SuperpointGraph.to_arrays`, and ``names`` and ``attributes``.
-
-    Raises
-    ------
-    MissingColumnError
-        If the scene has no labels.
-    UnknownClassError
-        If a label is not in the scheme.
-    """
+    """Return the labelled graphs of a training scene: as it was scanned, and in views of virtual scanners."""
     rng = np.random.default_rng([parameters.training.seed, len(scene)])
     graphs = {"scanned": _labelled_graph(scene, ground, supervoxels, features, parameters, scheme)}
     for number in range(1, parameters.augmentation.cuts + 1):

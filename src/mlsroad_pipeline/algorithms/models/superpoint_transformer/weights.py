@@ -21,68 +21,30 @@ _NAMED = 5
 
 @dataclass(frozen=True)
 class Layer:
-    """Linear layer with layer normalisation and leaky ReLU.
+    """Linear layer with layer normalisation and leaky ReLU."""
 
-    Attributes
-    ----------
-    linear : ndarray of float32, shape (inputs, outputs)
-        Weights, transposed.
-    bias, gain, shift : ndarray of float32, shape (outputs,)
-        Bias of the linear layer; gain and shift of the normalisation.
-    """
-
-    linear: NDArray[np.float32]
-    bias: NDArray[np.float32]
-    gain: NDArray[np.float32]
-    shift: NDArray[np.float32]
+    linear: NDArray[np.float32]  # Weights, transposed
+    bias: NDArray[np.float32]  # Bias of the linear layer; gain and shift of the normalisation
+    gain: NDArray[np.float32]  # Bias of the linear layer; gain and shift of the normalisation
+    shift: NDArray[np.float32]  # Bias of the linear layer; gain and shift of the normalisation
 
 
 @dataclass(frozen=True)
 class Attention:
-    """Attention block. Columns of queries, keys and values are sorted by component, then by head.
+    """Attention block. Columns of queries, keys and values are sorted by component, then by head."""
 
-    Attributes
-    ----------
-    gain, shift : ndarray of float32, shape (width,)
-        Gain and shift of the normalisation before the block.
-    node : ndarray of float32, shape (width, 2 * keys + width)
-        Weights of queries, keys and values of the superpoints; those of queries include the scale of the logits.
-    bias : ndarray of float32, shape (2 * keys + width,)
-        Their bias.
-    edge : ndarray of float32, shape (edge_width, 2 * keys + width)
-        Weights of the changes of queries, keys and values by the edges.
-    out : ndarray of float32, shape (width, width)
-        Weights of the last layer.
-    out_bias : ndarray of float32, shape (width,)
-        Its bias.
-    """
-
-    gain: NDArray[np.float32]
-    shift: NDArray[np.float32]
+    gain: NDArray[np.float32]  # Gain and shift of the normalisation before the block
+    shift: NDArray[np.float32]  # Gain and shift of the normalisation before the block
+    # Weights of queries, keys and values of the superpoints; those of queries include the scale of the logits
     node: NDArray[np.float32]
-    bias: NDArray[np.float32]
-    edge: NDArray[np.float32]
-    out: NDArray[np.float32]
-    out_bias: NDArray[np.float32]
+    bias: NDArray[np.float32]  # Their bias
+    edge: NDArray[np.float32]  # Weights of the changes of queries, keys and values by the edges
+    out: NDArray[np.float32]  # Weights of the last layer
+    out_bias: NDArray[np.float32]  # Its bias
 
 
 def weight_shapes(parameters: NetworkParameters, n_inputs: Sequence[int], n_classes: int) -> dict[str, tuple[int, ...]]:
-    """Return the names and shapes of the weights of a network.
-
-    Parameters
-    ----------
-    parameters : NetworkParameters
-        Layers.
-    n_inputs : sequence of int
-        Inputs of a point and of a superpoint of each level.
-    n_classes : int
-        Classes.
-
-    Returns
-    -------
-    dict of str to tuple of int
-        Name to shape, as PyTorch names them.
-    """
+    """Return the names and shapes of the weights of a network."""
     p = parameters
     shapes = _mlp_shapes("points", [n_inputs[0], *p.point_widths])
     below = [p.point_widths[-1], *[p.width] * (N_LEVELS - 1)]
@@ -125,27 +87,7 @@ def _attention_shapes(name: str, parameters: NetworkParameters) -> dict[str, tup
 def check_weights(
     arrays: Mapping[str, NDArray], shapes: Mapping[str, tuple[int, ...]], n_classes: int
 ) -> dict[str, NDArray[np.float32]]:
-    """Return the weights of a network in float32.
-
-    Parameters
-    ----------
-    arrays : mapping of str to ndarray
-        The weights.
-    shapes : mapping of str to tuple of int
-        Names and shapes of `weight_shapes`.
-    n_classes : int
-        Classes, for the message.
-
-    Returns
-    -------
-    dict of str to ndarray of float32
-        The weights.
-
-    Raises
-    ------
-    DataError
-        If a weight is missing, unexpected, of another shape or not of real numbers.
-    """
+    """Return the weights of a network in float32."""
     reasons = [f"Missing {name}" for name in shapes if name not in arrays]
     reasons += [f"Unexpected {name}" for name in arrays if name not in shapes]
     for name, shape in shapes.items():
@@ -161,20 +103,7 @@ def check_weights(
 
 
 def layers_of(weights: Weights, name: str) -> list[Layer]:
-    """Return the layers of an MLP.
-
-    Parameters
-    ----------
-    weights : mapping of str to ndarray of float32
-        Weights of the network.
-    name : str
-        Name of the MLP, such as ``"points"``.
-
-    Returns
-    -------
-    list of Layer
-        Its layers.
-    """
+    """Return the layers of an MLP."""
     layers, i = [], 0
     while f"{name}.{i}.weight" in weights:
         linear = np.ascontiguousarray(weights[f"{name}.{i}.weight"].T)
@@ -185,22 +114,7 @@ def layers_of(weights: Weights, name: str) -> list[Layer]:
 
 
 def attention_of(weights: Weights, name: str, parameters: NetworkParameters) -> Attention:
-    """Return an attention block.
-
-    Parameters
-    ----------
-    weights : mapping of str to ndarray of float32
-        Weights of the network.
-    name : str
-        Name of the block, such as ``"down.0.blocks.0"``.
-    parameters : NetworkParameters
-        Widths and heads.
-
-    Returns
-    -------
-    Attention
-        The block.
-    """
+    """Return an attention block."""
     p = parameters
     keys = p.n_heads * p.key_width
     by_component = np.arange(keys).reshape(p.n_heads, p.key_width).T.ravel()

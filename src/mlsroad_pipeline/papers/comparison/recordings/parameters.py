@@ -17,54 +17,28 @@ recording's own training part; this and simulated streets."""
 
 @dataclass(frozen=True)
 class StudyParameters:
-    """Parameters of the benchmark of recordings.
+    """Parameters of the benchmark of recordings."""
 
-    Parameters
-    ----------
-    root : str
-        Folder of the recordings.
-    sources : mapping
-        Name of each recording to the fields of `Source`.
-    streets : mapping
-        Name of each simulated street to its configuration, as in ``simulation.surveys``; with ``scan_spacing`` it gives
-        single scans.
-    street_weight : float
-        Weight of all simulated streets together, for methods that weigh sources; a recording has 1.
-    scheme : str
-        Class scheme of training and scoring. Its class ``other`` is counted, but no part of means.
-    models : sequence of str
-        Models of the package to score. ``pool`` has the other protocols too: with trees of the protocol and the network
-        of the package, which was trained on simulated streets alone.
-    method : str, optional
-        Method or model to run alone; None runs all labellers that need no images.
-    source : str, optional
-        Recording to score alone; None scores all.
-    protocol : str, optional
-        Protocol to run alone: ``shipped``, ``simulated``, ``others``, ``own`` or ``own_and_simulated``; None runs all.
-    gap : float
-        Width of the strip between training part and test part, metres. It exceeds the least distance of the two, 5 m,
-        by the error of the poses.
-    scenes_per_source : int
-        Most scenes of a recording to train on, evenly spread; more take longer.
-    least_points : int
-        Fewest points of a class in the scored part; rarer classes are no part of means.
-    pictured : sequence of str
-        Runs that are drawn, as ``method.protocol``.
-    """
-
-    root: str
-    sources: Mapping[str, Mapping[str, Any]]
+    root: str  # Folder of the recordings
+    sources: Mapping[str, Mapping[str, Any]]  # Name of each recording to the fields of `Source`
+    # Name of each simulated street to its configuration, as in ``simulation.surveys``; with ``scan_spacing`` it gives
+    # single scans
     streets: Mapping[str, Mapping[str, Any]]
-    street_weight: float
-    scheme: str
+    street_weight: float  # Weight of all simulated streets together, for methods that weigh sources; a recording has 1
+    scheme: str  # Class scheme of training and scoring. Its class ``other`` is counted, but no part of means.
+    # Models of the package to score. ``pool`` has the other protocols too: with trees of the protocol and the network
+    # of the package, which was trained on simulated streets alone.
     models: Sequence[str]
-    method: str | None
-    source: str | None
+    method: str | None  # Method or model to run alone; None runs all labellers that need no images
+    source: str | None  # Recording to score alone; None scores all
+    # Protocol to run alone: ``shipped``, ``simulated``, ``others``, ``own`` or ``own_and_simulated``; None runs all
     protocol: str | None
+    # Width of the strip between training part and test part, metres. It exceeds the least distance of the two, 5 m, by
+    # the error of the poses.
     gap: float
-    scenes_per_source: int
-    least_points: int
-    pictured: Sequence[str]
+    scenes_per_source: int  # Most scenes of a recording to train on, evenly spread; more take longer
+    least_points: int  # Fewest points of a class in the scored part; rarer classes are no part of means
+    pictured: Sequence[str]  # Runs that are drawn, as ``method.protocol``
 
     def __post_init__(self) -> None:
         for name in ("gap", "street_weight"):

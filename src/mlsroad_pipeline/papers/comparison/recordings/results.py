@@ -33,22 +33,7 @@ class StudyTables(Tables):
 def study_tables(
     plan: StudyPlan, results: Mapping[str, Mapping[str, Any]], times: Mapping[str, Mapping[str, NDArray]]
 ) -> StudyTables:
-    """Make the tables of all stored runs.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    results : mapping of str to mapping
-        Key of each run to the result of `score_source`.
-    times : mapping of str to mapping
-        Key of each model to the times of its training.
-
-    Returns
-    -------
-    StudyTables
-        The tables.
-    """
+    """Make the tables of all stored runs."""
     long, wide, bins = [], [], []
     for run in stored_runs(plan, results):
         result = results[run.key]

@@ -34,8 +34,7 @@ def score_source(
     """Label all scenes of a recording, and score all points and those of the test part.
 
     The model replaces the trees of `pool`, if that is given. A prediction of a class that a mixed class of the
-    recording holds counts as that class. The first scene is labelled twice, because the first call loads compiled code;
-    its time is that of the second call.
+    recording holds counts as that class.
     """
     bundle = stored_model(model) if pool is None else with_trees(stored_model(pool), stored_model(model))
     trained = bundle_scheme(bundle)

@@ -14,41 +14,22 @@ from mlsroad_pipeline.algorithms.scenes.parts import HalfPlane, Pose
 
 @dataclass(frozen=True, kw_only=True)
 class Source(LabelledRecording):
-    """One recording.
-
-    Parameters
-    ----------
-    classes : sequence of str
-        Common classes that the recording has; only these are scored.
-    scanner : str
-        The scanner.
-    test : mapping
-        Test part: ``azimuth`` and ``offset`` of a `HalfPlane`, or ``files``, patterns of the names of whole blocks.
-    group : str, optional
-        Recordings of one group are one source when a source is left out; the name by default.
-    labels : str, optional
-        Folder of SemanticKITTI labels relative to that of the point files; None where labels are found beside them.
-    mixed : mapping of str to sequence of str
-        A class of the recording to the common classes that it holds beside its own: predictions of these are right.
-        Such points train no model of other recordings.
-    poses : mapping of str to sequence of float
-        Name of each file, without extension, to x, y (metres) and heading (degrees) of the scan in the frame of the
-        drive; empty if the points are in one frame.
-
-    Raises
-    ------
-    ParameterError
-        If the test part has other keys or patterns.
-    """
+    """One recording."""
 
     section = "recordings_study.sources"
 
-    classes: Sequence[str]
-    scanner: str
+    classes: Sequence[str]  # Common classes that the recording has; only these are scored
+    scanner: str  # The scanner
+    # Test part: ``azimuth`` and ``offset`` of a `HalfPlane`, or ``files``, patterns of the names of whole blocks
     test: Mapping[str, Any]
-    group: str = ""
+    group: str = ""  # Recordings of one group are one source when a source is left out; the name by default
+    # Folder of SemanticKITTI labels relative to that of the point files; None where labels are found beside them
     labels: str | None = None
+    # A class of the recording to the common classes that it holds beside its own: predictions of these are right. Such
+    # points train no model of other recordings.
     mixed: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    # Name of each file, without extension, to x, y (metres) and heading (degrees) of the scan in the frame of the
+    # drive; empty if the points are in one frame
     poses: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -68,23 +49,7 @@ class Source(LabelledRecording):
         return HalfPlane(**self.test) if "azimuth" in self.test else None
 
     def paths(self, root: Path) -> dict[str, Path]:
-        """Return the point files by their names up to the first dot.
-
-        Parameters
-        ----------
-        root : Path
-            Folder of all recordings.
-
-        Returns
-        -------
-        dict of str to Path
-            The files, sorted by name.
-
-        Raises
-        ------
-        ReadError
-            If there is none.
-        """
+        """Return the point files by their names up to the first dot."""
         found = {path.name.partition(".")[0]: path for path in sorted(root.glob(self.files))}
         if not found:
             raise ReadError(
@@ -94,38 +59,11 @@ class Source(LabelledRecording):
         return found
 
     def is_test_block(self, path: Path) -> bool:
-        """Return whether a whole file belongs to the test part.
-
-        Parameters
-        ----------
-        path : Path
-            A point file.
-
-        Returns
-        -------
-        bool
-            False for every file of a recording that is divided by a plane.
-        """
+        """Return whether a whole file belongs to the test part."""
         return any(path.match(pattern) for pattern in self.test.get("files", ()))
 
     def pose(self, stem: str) -> Pose | None:
-        """Return the pose of a file; None for a recording whose points are in one frame.
-
-        Parameters
-        ----------
-        stem : str
-            Name of the file without extension.
-
-        Returns
-        -------
-        Pose or None
-            The pose.
-
-        Raises
-        ------
-        ParameterError
-            If the recording has poses, but none for this file.
-        """
+        """Return the pose of a file; None for a recording whose points are in one frame."""
         if not self.poses:
             return None
         if stem not in self.poses:
@@ -134,23 +72,7 @@ class Source(LabelledRecording):
 
 
 def sources_of(config: Mapping[str, Mapping[str, Any]]) -> dict[str, Source]:
-    """Return the recordings of a configuration.
-
-    Parameters
-    ----------
-    config : mapping of str to mapping
-        Name to the fields of `Source`.
-
-    Returns
-    -------
-    dict of str to Source
-        The recordings.
-
-    Raises
-    ------
-    ParameterError
-        If there is none, or one lacks a field or has an unknown one.
-    """
+    """Return the recordings of a configuration."""
     if not config:
         raise ParameterError("recordings_study.sources is empty: run the benchmark with --env=recordings")
     return Source.configured(config)

@@ -34,13 +34,7 @@ def _add_trees(
 
 
 class BoostedTrees:
-    """Sum of regression trees, initially zero.
-
-    Parameters
-    ----------
-    n_values : int
-        Number of values, one per class.
-    """
+    """Sum of regression trees, initially zero."""
 
     def __init__(self, n_values: int) -> None:
         self.n_values = n_values
@@ -65,25 +59,7 @@ class BoostedTrees:
         min_samples_leaf: int,
         seed: int,
     ) -> None:
-        """Fit a tree to a functional gradient by weighted least squares and add it.
-
-        Parameters
-        ----------
-        features : ndarray of float32, shape (n, d)
-            Features.
-        target : ndarray of shape (n, n_values)
-            Gradient at these features.
-        weight : ndarray of shape (n,)
-            Weight of each row.
-        step : float
-            Factor of the values of the tree.
-        max_depth : int
-            Maximum depth of the tree.
-        min_samples_leaf : int
-            Minimum rows per leaf.
-        seed : int
-            Seed for ties between splits.
-        """
+        """Fit a tree to a functional gradient by weighted least squares and add it."""
         if len(features) == 0 or not target.any():
             return
         fitted = DecisionTreeRegressor(
@@ -99,18 +75,7 @@ class BoostedTrees:
         self._value = np.concatenate([self._value, values.astype(np.float32)])
 
     def predict(self, features: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Return the sum of the trees.
-
-        Parameters
-        ----------
-        features : ndarray of float32, shape (n, d)
-            Features.
-
-        Returns
-        -------
-        ndarray of float64, shape (n, n_values)
-            Values.
-        """
+        """Return the sum of the trees."""
         check_tested(self._column, features.shape[1], "boosted trees")
         total = np.zeros((len(features), self.n_values))
         rows = np.ascontiguousarray(features, dtype=np.float32)
@@ -118,18 +83,7 @@ class BoostedTrees:
         return total
 
     def to_arrays(self, prefix: str) -> dict[str, NDArray]:
-        """Return the trees as named arrays.
-
-        Parameters
-        ----------
-        prefix : str
-            Prefix of the names.
-
-        Returns
-        -------
-        dict of str to ndarray
-            The arrays.
-        """
+        """Return the trees as named arrays."""
         return {
             f"{prefix}_roots": self._roots,
             f"{prefix}_column": self._column,
@@ -140,20 +94,7 @@ class BoostedTrees:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray], prefix: str) -> Self:
-        """Rebuild the trees from the arrays of `to_arrays`.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            The arrays; other entries are ignored.
-        prefix : str
-            Prefix of the names.
-
-        Returns
-        -------
-        BoostedTrees
-            The trees.
-        """
+        """Rebuild the trees from the arrays of `to_arrays`."""
         trees = cls(arrays[f"{prefix}_value"].shape[1])
         trees._roots, trees._column = arrays[f"{prefix}_roots"], arrays[f"{prefix}_column"]
         trees._threshold, trees._child = arrays[f"{prefix}_threshold"], arrays[f"{prefix}_child"]

@@ -23,21 +23,7 @@ SLUG = "max_margin_markov"
 
 
 class MaxMarginMarkov:
-    """Patch classifier with a max-margin Markov network.
-
-    Parameters
-    ----------
-    network : MarkovNetwork
-        The trained network.
-    clique_shares : sequence of float
-        Number of clusters of each segmentation as a fraction of the patches.
-    temperature : float
-        Divisor of the scores in the conversion to probabilities.
-    colour : ndarray of float32, shape (3,) or (0,)
-        Mean colour of the training patches, substituted in scenes without colour; empty if training had no colour.
-    errors : sequence of float
-        Fraction of wrong sites of the loss-augmented labelling in each round of training.
-    """
+    """Patch classifier with a max-margin Markov network."""
 
     def __init__(
         self,
@@ -54,20 +40,7 @@ class MaxMarginMarkov:
         self.errors = tuple(errors)
 
     def predict_proba(self, patches: Patches, edges: NDArray[np.int32]) -> NDArray[np.float64]:
-        """Return class probabilities.
-
-        Parameters
-        ----------
-        patches : Patches
-            Patches of one scene. Without colour they take the mean colour of the training patches, if there is one.
-        edges : ndarray of int32, shape (e, 2)
-            Pairs of adjacent patches.
-
-        Returns
-        -------
-        ndarray of float64, shape (n, n_classes)
-            Probabilities given the labels of all other patches; the class of the best labelling has the largest.
-        """
+        """Return class probabilities."""
         if len(patches) == 0:
             return np.zeros((0, self.network.n_labels))
         if len(self.colour) == 0:
@@ -89,18 +62,7 @@ class MaxMarginMarkov:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
-        """Rebuild a classifier from the arrays of `to_arrays`.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            The arrays; other entries are ignored.
-
-        Returns
-        -------
-        MaxMarginMarkov
-            The classifier.
-        """
+        """Rebuild a classifier from the arrays of `to_arrays`."""
         return cls(
             MarkovNetwork.from_arrays(arrays),
             arrays["clique_shares"].tolist(),

@@ -19,18 +19,6 @@ def kmeans_labels(points: NDArray[np.float64], n_clusters: int) -> NDArray[np.in
 
     The initial centres are points at equal steps of their order, which suits spatially ordered points. Empty clusters
     are removed.
-
-    Parameters
-    ----------
-    points : ndarray of float64, shape (n, d)
-        The points.
-    n_clusters : int
-        Initial number of clusters, 1 to n.
-
-    Returns
-    -------
-    ndarray of int32, shape (n,)
-        Cluster of each point, numbered by their first point.
     """
     offset = points - points.mean(axis=0)
     centres = offset[np.linspace(0, len(points) - 1, n_clusters).round().astype(np.int64)]
@@ -51,29 +39,14 @@ def kmeans_labels(points: NDArray[np.float64], n_clusters: int) -> NDArray[np.in
 
 @dataclass(frozen=True, eq=False)
 class MarkovGraph:
-    """Sites, pairs and cliques of one scene.
+    """Sites, pairs and cliques of one scene."""
 
-    Attributes
-    ----------
-    sites : ndarray of float32, shape (n, d)
-        Features of the patches: histogram, colour (if available) and height.
-    edges : ndarray of int32, shape (e, 2)
-        Pairs of patches.
-    pairs : ndarray of float32, shape (e, d2)
-        Features of the pairs: differences in shape, colour and height, and mean height.
-    indptr : ndarray of int64, shape (c + 1,)
-        Start of each clique in `members`.
-    members : ndarray of int32, shape (m,)
-        Patches of the cliques; a patch occurs at most once per segmentation.
-    groups : ndarray of float32, shape (c, d3)
-        Features of the cliques: mean features of the patches, extent, and logarithm of the size.
-    """
-
-    sites: NDArray[np.float32]
-    edges: NDArray[np.int32]
-    pairs: NDArray[np.float32]
-    indptr: NDArray[np.int64]
-    members: NDArray[np.int32]
+    sites: NDArray[np.float32]  # Features of the patches: histogram, colour (if available) and height
+    edges: NDArray[np.int32]  # Pairs of patches
+    pairs: NDArray[np.float32]  # Features of the pairs: differences in shape, colour and height, and mean height
+    indptr: NDArray[np.int64]  # Start of each clique in `members`
+    members: NDArray[np.int32]  # Patches of the cliques; a patch occurs at most once per segmentation
+    # Features of the cliques: mean features of the patches, extent, and logarithm of the size
     groups: NDArray[np.float32]
 
     @property
@@ -108,20 +81,6 @@ def build_markov_graph(patches: Patches, edges: NDArray[np.int32], clique_shares
 
     Cliques are the clusters of several k-means segmentations of the patch centroids (Luo et al. 2016, section IV-C;
     Munoz et al. 2009).
-
-    Parameters
-    ----------
-    patches : Patches
-        The patches of the scene, at least one.
-    edges : ndarray of int32, shape (e, 2)
-        Pairs of adjacent patches.
-    clique_shares : sequence of float
-        Number of clusters of each segmentation as a fraction of the patches (luo2016: 0.03 and 0.01).
-
-    Returns
-    -------
-    MarkovGraph
-        The graph; clusters of one patch are not cliques.
     """
     parts = [patches.fpfh, *([] if patches.rgb is None else [patches.rgb]), patches.height[:, None]]
     sites = np.concatenate(parts, axis=1).astype(np.float32)

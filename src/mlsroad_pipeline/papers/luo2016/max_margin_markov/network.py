@@ -75,15 +75,7 @@ def _add_groups(
 
 
 class MarkovNetwork:
-    """Scores of sites, of agreeing pairs and of mostly agreeing cliques, each a sum of regression trees.
-
-    Parameters
-    ----------
-    n_labels : int
-        Number of labels.
-    truncation : float
-        Fraction of deviating members at which the score of a clique reaches 0, above 0 and at most 0.5.
-    """
+    """Scores of sites, of agreeing pairs and of mostly agreeing cliques, each a sum of regression trees."""
 
     def __init__(self, n_labels: int, truncation: float) -> None:
         self.truncation = truncation
@@ -96,22 +88,7 @@ class MarkovNetwork:
         return len(self.known)
 
     def potentials(self, graph: MarkovGraph) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return the scores of labels.
-
-        Parameters
-        ----------
-        graph : MarkovGraph
-            A scene.
-
-        Returns
-        -------
-        sites : ndarray of float64, shape (n, l)
-            Score of each label at each site.
-        agreement : ndarray of float64, shape (e, l)
-            Score of a pair if both ends have the label, at least 0.
-        reward : ndarray of float64, shape (c, l)
-            Score of a clique if all members have the label, at least 0: the learned score per member times the size.
-        """
+        """Return the scores of labels."""
         sites = self.trees["sites"].predict(graph.sites)
         agreement = np.maximum(self.trees["pairs"].predict(graph.pairs), 0.0)
         sizes = graph.sizes[:, None].astype(np.float64)
@@ -124,22 +101,7 @@ class MarkovNetwork:
         potentials: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
         bonus: NDArray[np.float64] | float = 0.0,
     ) -> NDArray[np.int32]:
-        """Return the labelling of maximum score, by alpha-expansion.
-
-        Parameters
-        ----------
-        graph : MarkovGraph
-            A scene.
-        potentials : tuple of ndarray
-            Result of `potentials`.
-        bonus : ndarray of float64, shape (n, l), or float
-            Addition to the scores of the sites; the loss, in training.
-
-        Returns
-        -------
-        ndarray of int32, shape (n,)
-            The labels; labels without training samples are excluded.
-        """
+        """Return the labelling of maximum score, by alpha-expansion."""
         sites, agreement, reward = potentials
         unary = -(sites + bonus)
         unary[:, ~self.known] += 1e6
@@ -154,18 +116,6 @@ class MarkovNetwork:
         """Return the probability of each label at each site, given the labels of all other sites.
 
         The label of the best labelling is the most probable one, since a change at one site is an expansion.
-
-        Parameters
-        ----------
-        graph : MarkovGraph
-            A scene.
-        temperature : float
-            Divisor of the scores; larger values flatten the probabilities.
-
-        Returns
-        -------
-        ndarray of float64, shape (n, l)
-            Probabilities; rows sum to 1. Labels without training samples have 0.
         """
         potentials = self.potentials(graph)
         labels = self.best_labels(graph, potentials)
@@ -185,18 +135,7 @@ class MarkovNetwork:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
-        """Rebuild a network from the arrays of `to_arrays`.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            The arrays; other entries are ignored.
-
-        Returns
-        -------
-        MarkovNetwork
-            The network.
-        """
+        """Rebuild a network from the arrays of `to_arrays`."""
         network = cls(len(arrays["known"]), float(arrays["truncation"]))
         network.known = arrays["known"].astype(np.bool_)
         network.trees = {part: BoostedTrees.from_arrays(arrays, part) for part in PARTS}

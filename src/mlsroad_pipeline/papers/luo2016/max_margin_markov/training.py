@@ -31,53 +31,23 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class MarginParameters:
-    """Parameters of the network and of its training.
+    """Parameters of the network and of its training."""
 
-    Parameters
-    ----------
-    n_rounds : int, default 40
-        Trees of each kind. More trees fit the training scenes better; time grows linearly.
-    step : float, default 1.0
-        Factor of the first tree; round t divides it by the square root of t.
-    site_depth : int, default 8
-        Maximum depth of the trees of sites.
-    context_depth : int, default 3
-        Maximum depth of the trees of pairs and cliques.
-    min_samples_leaf : int, default 10
-        Minimum rows per leaf.
-    batch_patches : int, default 20000
-        Patches per round: scenes are added until this number is reached. Larger rounds are steadier and slower.
-    fit_rows : int, default 10000
-        Sites, pairs or cliques per tree, sampled by weight. Time grows with it.
-    class_weight : {"balanced", "sqrt", "none"}, default "sqrt"
-        Total weight of a class: equal for all classes, the square root of its patches, or their number.
-    clique_shares : sequence of float, default [0.03, 0.01]
-        Clusters of each k-means segmentation as a fraction of the patches (luo2016: 0.03, 0.01); empty for no cliques.
-    truncation : float, default 0.3
-        Fraction of deviating members at which the score of a clique reaches 0, at most 0.5.
-    temperature : float, default 1.0
-        Divisor of the scores in the conversion to probabilities.
-    seed : int, default 2009
-        Seed of the order of scenes, of the samples and of ties in trees.
-
-    Raises
-    ------
-    ParameterError
-        If a number is out of its range or `class_weight` is unknown.
-    """
-
-    n_rounds: int = 40
-    step: float = 1.0
-    site_depth: int = 8
-    context_depth: int = 3
-    min_samples_leaf: int = 10
+    n_rounds: int = 40  # Trees of each kind. More trees fit the training scenes better; time grows linearly.
+    step: float = 1.0  # Factor of the first tree; round t divides it by the square root of t
+    site_depth: int = 8  # Maximum depth of the trees of sites
+    context_depth: int = 3  # Maximum depth of the trees of pairs and cliques
+    min_samples_leaf: int = 10  # Minimum rows per leaf
+    # Patches per round: scenes are added until this number is reached. Larger rounds are steadier and slower.
     batch_patches: int = 20_000
-    fit_rows: int = 10_000
+    fit_rows: int = 10_000  # Sites, pairs or cliques per tree, sampled by weight. Time grows with it.
+    # Total weight of a class: equal for all classes, the square root of its patches, or their number
     class_weight: str = "sqrt"
+    # Clusters of each k-means segmentation as a fraction of the patches (luo2016: 0.03, 0.01); empty for no cliques
     clique_shares: Sequence[float] = field(default_factory=lambda: [0.03, 0.01])
-    truncation: float = 0.3
-    temperature: float = 1.0
-    seed: int = 2009
+    truncation: float = 0.3  # Fraction of deviating members at which the score of a clique reaches 0, at most 0.5
+    temperature: float = 1.0  # Divisor of the scores in the conversion to probabilities
+    seed: int = 2009  # Seed of the order of scenes, of the samples and of ties in trees
 
     def __post_init__(self) -> None:
         for name in ("n_rounds", "site_depth", "context_depth", "min_samples_leaf", "batch_patches", "fit_rows"):
@@ -176,31 +146,7 @@ def fit_max_margin(
     parameters: MarginParameters | None = None,
     n_threads: int = 1,
 ) -> MaxMarginMarkov:
-    """Train a max-margin Markov network on labelled patches.
-
-    Parameters
-    ----------
-    patches : Patches
-        Labelled patches of one or more scenes.
-    edges : ndarray of int32, shape (e, 2)
-        Pairs of adjacent patches; pairs across scenes are excluded.
-    n_classes : int
-        Classes of the scheme; classes without patches are never predicted.
-    parameters : MarginParameters, optional
-        The parameters; by default those of `MarginParameters()`.
-    n_threads : int, default 1
-        Threads over the scenes of a round; the network does not depend on them.
-
-    Returns
-    -------
-    MaxMarginMarkov
-        The trained classifier.
-
-    Raises
-    ------
-    DataError
-        If there is no patch, a label is outside the scheme, or all patches are of one class.
-    """
+    """Train a max-margin Markov network on labelled patches."""
     p = parameters if parameters is not None else MarginParameters()
     if len(patches) == 0:
         raise DataError("no patches to train on")

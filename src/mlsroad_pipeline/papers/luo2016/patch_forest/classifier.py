@@ -22,29 +22,12 @@ SLUG = "patch_forest"
 
 @dataclass(frozen=True)
 class PatchForestParameters:
-    """Parameters of the forest.
+    """Parameters of the forest."""
 
-    Parameters
-    ----------
-    n_trees : int, default 10
-        Trees (luo2016: 10). More trees give smoother probabilities; time grows linearly.
-    max_depth : int, default 15
-        Maximum depth of a tree (luo2016: 15). Deeper trees fit rare patches, and noise.
-    max_per_class : int, default 10000
-        Maximum patches per class in training (luo2016: 10,000).
-    seed : int, default 2016
-        Seed of the sample, the bootstrap and the splits.
-
-    Raises
-    ------
-    ParameterError
-        If a number is below 1.
-    """
-
-    n_trees: int = 10
-    max_depth: int = 15
-    max_per_class: int = 10_000
-    seed: int = 2016
+    n_trees: int = 10  # Trees (luo2016: 10). More trees give smoother probabilities; time grows linearly.
+    max_depth: int = 15  # Maximum depth of a tree (luo2016: 15). Deeper trees fit rare patches, and noise.
+    max_per_class: int = 10_000  # Maximum patches per class in training (luo2016: 10,000)
+    seed: int = 2016  # Seed of the sample, the bootstrap and the splits
 
     def __post_init__(self) -> None:
         for name in ("n_trees", "max_depth", "max_per_class"):
@@ -52,17 +35,7 @@ class PatchForestParameters:
 
 
 class PatchForest(PatchVariants):
-    """Trained forest for each feature set.
-
-    Parameters
-    ----------
-    n_classes : int
-        Classes of the scheme.
-    trained_classes : ndarray of int64, shape (t,)
-        Classes with training samples, ascending.
-    models : mapping of str to FlatForest
-        Feature set to forest.
-    """
+    """Trained forest for each feature set."""
 
     kind, slug = FlatForest, SLUG
 
@@ -76,31 +49,7 @@ class PatchForest(PatchVariants):
         n_classes: int,
         n_threads: int = 1,
     ) -> Self:
-        """Train on labelled patches.
-
-        Parameters
-        ----------
-        patches : Patches
-            Patches of the training scenes; those with label -1 are excluded.
-        edges : ndarray of int32, shape (m, 2), optional
-            Unused: patches are classified independently.
-        parameters : PatchForestParameters
-            Parameters of the forest.
-        n_classes : int
-            Classes of the scheme.
-        n_threads : int, default 1
-            Threads; the model does not depend on it.
-
-        Returns
-        -------
-        PatchForest
-            The forest.
-
-        Raises
-        ------
-        DataError
-            If no patch is labelled.
-        """
+        """Train on labelled patches."""
         from sklearn.ensemble import RandomForestClassifier  # noqa: PLC0415  not needed for prediction
 
         sample = draw_training_patches(patches, parameters.max_per_class, seed=parameters.seed)

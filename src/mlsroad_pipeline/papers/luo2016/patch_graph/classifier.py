@@ -25,35 +25,17 @@ from mlsroad_pipeline.papers.shared.patches.table import Patches
 
 @dataclass(frozen=True)
 class PatchGraphParameters:
-    """Parameters of the match graph.
+    """Parameters of the match graph."""
 
-    Parameters
-    ----------
-    n_matches : int, default 7
-        Number K of matches per patch, all from different scenes (luo2016: 7). Larger values smooth the labels.
-    scene_length : float, default 10.0
-        Length into which training scenes are cut, metres (luo2016: 10). More than K scenes are required.
-    max_patches : int, default 3000
-        Maximum patches per scene, sampled in proportion to the classes. Bounds the time and the size of the model.
-    seed : int, default 2016
-        Seed of the samples and of the search.
-    weights : CostWeights
-        Weights of the costs.
-    search : SearchParameters
-        Parameters of the search.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain.
-    """
-
+    # Number K of matches per patch, all from different scenes (luo2016: 7). Larger values smooth the labels.
     n_matches: int = 7
+    # Length into which training scenes are cut, metres (luo2016: 10). More than K scenes are required.
     scene_length: float = 10.0
+    # Maximum patches per scene, sampled in proportion to the classes. Bounds the time and the size of the model.
     max_patches: int = 3000
-    seed: int = 2016
-    weights: CostWeights = field(default_factory=CostWeights)
-    search: SearchParameters = field(default_factory=SearchParameters)
+    seed: int = 2016  # Seed of the samples and of the search
+    weights: CostWeights = field(default_factory=CostWeights)  # Weights of the costs
+    search: SearchParameters = field(default_factory=SearchParameters)  # Parameters of the search
 
     def __post_init__(self) -> None:
         for name, kind in (("weights", CostWeights), ("search", SearchParameters)):
@@ -73,19 +55,7 @@ def _from_mapping(kind: type, values: Mapping[str, Any], name: str) -> Any:
 
 
 class PatchGraphClassifier:
-    """Patch classifier by label transfer with the 3-D patch match graph.
-
-    Parameters
-    ----------
-    graph : TrainedGraph
-        The trained graph.
-    n_classes : int
-        Number of classes of the scheme.
-    weights : CostWeights
-        Weights of the costs.
-    search : SearchParameters
-        Parameters of the search.
-    """
+    """Patch classifier by label transfer with the 3-D patch match graph."""
 
     def __init__(self, graph: TrainedGraph, n_classes: int, *, weights: CostWeights, search: SearchParameters) -> None:
         self.graph = graph
@@ -103,31 +73,7 @@ class PatchGraphClassifier:
         parameters: PatchGraphParameters | None = None,
         n_threads: int = 1,
     ) -> PatchGraphClassifier:
-        """Build the match graph of labelled patches.
-
-        Parameters
-        ----------
-        patches : Patches
-            Labelled patches of the training scenes.
-        edges : ndarray of int32, shape (m, 2)
-            Pairs of adjacent patches.
-        n_classes : int
-            Number of classes of the scheme.
-        parameters : PatchGraphParameters, optional
-            Parameters of the graph.
-        n_threads : int, default 1
-            Threads; the result does not depend on it.
-
-        Returns
-        -------
-        PatchGraphClassifier
-            The classifier.
-
-        Raises
-        ------
-        DataError
-            If there are too few scenes, or a class is outside the scheme.
-        """
+        """Build the match graph of labelled patches."""
         chosen = parameters or PatchGraphParameters()
         if len(patches) and patches.label.max() >= n_classes:
             raise DataError(f"patches have class {patches.label.max()}, but the scheme has {n_classes} classes")
@@ -143,25 +89,7 @@ class PatchGraphClassifier:
         return cls(graph, n_classes, weights=chosen.weights, search=chosen.search)
 
     def predict_proba(self, patches: Patches, edges: NDArray[np.int32]) -> NDArray[np.float64]:
-        """Return the class probabilities of the patches of one scene (equation 6).
-
-        Parameters
-        ----------
-        patches : Patches
-            The patches; colour is used if both they and the training scenes have it.
-        edges : ndarray of int32, shape (m, 2)
-            Unused.
-
-        Returns
-        -------
-        ndarray of float64, shape (n, n_classes)
-            Probabilities.
-
-        Raises
-        ------
-        DataError
-            If the histograms have another length than those of the training.
-        """
+        """Return the class probabilities of the patches of one scene (equation 6)."""
         del edges
         matched = match_patches(patches, self.graph, weights=self.weights, search=self.search)
         return class_probabilities(self.graph.labels[matched.matches], self.n_classes)
@@ -178,23 +106,7 @@ class PatchGraphClassifier:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
-        """Rebuild the classifier from the arrays of `to_arrays`.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            The arrays.
-
-        Returns
-        -------
-        PatchGraphClassifier
-            The classifier.
-
-        Raises
-        ------
-        DataError
-            If an array is missing.
-        """
+        """Rebuild the classifier from the arrays of `to_arrays`."""
         graph = TrainedGraph.from_arrays(arrays)
         check_arrays(arrays, ("n_classes", "weights", "search"), "a patch graph")
         weights = CostWeights(*np.asarray(arrays["weights"]).tolist())
@@ -204,24 +116,7 @@ class PatchGraphClassifier:
 def select_training(
     patches: Patches, edges: NDArray[np.int32], parameters: PatchGraphParameters
 ) -> tuple[Patches, NDArray[np.int32]]:
-    """Cut the training scenes to the given length and thin them.
-
-    Parameters
-    ----------
-    patches : Patches
-        Labelled patches of the training scenes.
-    edges : ndarray of int32, shape (m, 2)
-        Pairs of adjacent patches.
-    parameters : PatchGraphParameters
-        Length, maximum patches and seed.
-
-    Returns
-    -------
-    patches : Patches
-        Patches of the graph.
-    edges : ndarray of int32
-        Edges between these patches.
-    """
+    """Cut the training scenes to the given length and thin them."""
     short = cut_scenes(patches, parameters.scene_length)
     return thin_scenes(short, edges, n_patches=parameters.max_patches, seed=parameters.seed)
 

@@ -21,28 +21,14 @@ _LEAST_OF_TWO = np.float32(1e-15)
 
 @dataclass(frozen=True)
 class CostWeights:
-    """Weights of the three costs of a match. Without colour, its weight is distributed over the other two.
+    """Weights of the three costs of a match. Without colour, its weight is distributed over the other two."""
 
-    Parameters
-    ----------
-    colour : float, default 0.3
-        Weight alpha_c of the summed absolute differences of red, green and blue in [0, 1] (equation 3).
-    height : float, default 0.3
-        Weight alpha_h of the difference of heights (equation 5).
-    shape : float, default 0.4
-        Weight alpha_f of the chi-square distance of the histograms (equation 4); bins empty in both contribute 0.
-    max_height : float, default 20.0
-        H_max, the height difference of cost 1, metres. Smaller values increase the influence of height.
-
-    Raises
-    ------
-    ParameterError
-        If a weight is negative or not finite, `height` and `shape` are both 0, or `max_height` is not positive.
-    """
-
+    # Weight alpha_c of the summed absolute differences of red, green and blue in [0, 1] (equation 3)
     colour: float = 0.3
-    height: float = 0.3
+    height: float = 0.3  # Weight alpha_h of the difference of heights (equation 5)
+    # Weight alpha_f of the chi-square distance of the histograms (equation 4); bins empty in both contribute 0
     shape: float = 0.4
+    # H_max, the height difference of cost 1, metres. Smaller values increase the influence of height.
     max_height: float = 20.0
 
     def __post_init__(self) -> None:
@@ -60,27 +46,7 @@ class CostWeights:
 
 
 def weigh_descriptors(patches: Patches, weights: CostWeights, *, with_colour: bool) -> NDArray[np.float32]:
-    """Scale descriptors so that a cost is a sum: absolute differences of four columns, chi-square of the rest.
-
-    Parameters
-    ----------
-    patches : Patches
-        The patches.
-    weights : CostWeights
-        The weights; without colour they are redistributed here.
-    with_colour : bool
-        Whether to use colour.
-
-    Returns
-    -------
-    ndarray of float32, shape (n, 4 + d)
-        alpha_c times colour (0 without colour), alpha_h times height over H_max, alpha_f times the histogram.
-
-    Raises
-    ------
-    DataError
-        If `with_colour` is set and the patches have no colour.
-    """
+    """Scale descriptors so that a cost is a sum: absolute differences of four columns, chi-square of the rest."""
     if with_colour and patches.rgb is None:
         raise DataError("the patches have no colour, but the patches to match have it")
     used = weights if with_colour else weights.without_colour()

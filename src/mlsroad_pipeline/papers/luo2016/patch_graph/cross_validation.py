@@ -31,32 +31,7 @@ def label_held_out(
     """Label training scenes by matches in other training scenes.
 
     With two or more surveys, whole surveys are held out: the surveys of a fold are labelled by a graph of the other
-    folds. With one survey, the trained graph labels each scene by matches in all other scenes, which show the same
-    street. Scenes are not thinned: they would have fewer edges than the scenes to label, and require a larger lambda.
-
-    Parameters
-    ----------
-    transfer : PatchGraphClassifier
-        Label transfer, fitted on the patches.
-    patches : Patches
-        Labelled patches of the training scenes.
-    edges : ndarray of int32, shape (m, 2)
-        Pairs of adjacent patches.
-    parameters : PatchGraphParameters
-        Parameters of the graph.
-    max_patches : int
-        Approximate number of patches to label: whole scenes, evenly spread.
-    surveys : ndarray of int32, shape (scenes,), optional
-        Survey of each scene; None holds out scenes.
-    n_folds : int, default 3
-        Folds of surveys, assigned in order; each fold trains a graph. 0 holds out scenes.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    list of ValidationScene
-        The labelled scenes, in order.
+    folds.
     """
     whole = cut_scenes(patches, parameters.scene_length)
     pieces = np.unique(whole.scene)

@@ -23,21 +23,11 @@ _SAMPLE = 32
 
 
 class DescriptionCells(NamedTuple):
-    """Patches of an index by clusters of similar descriptors.
+    """Patches of an index by clusters of similar descriptors."""
 
-    Attributes
-    ----------
-    centres : ndarray of float32, shape (c, 4 + d)
-        Mean weighted descriptor of each cell.
-    cell_starts : ndarray of int64, shape (c + 1,)
-        Start of each cell in `members`.
-    members : ndarray of int32, shape (n,)
-        Patches, cell by cell, ascending within a cell.
-    """
-
-    centres: NDArray[np.float32]
-    cell_starts: NDArray[np.int64]
-    members: NDArray[np.int32]
+    centres: NDArray[np.float32]  # Mean weighted descriptor of each cell
+    cell_starts: NDArray[np.int64]  # Start of each cell in `members`
+    members: NDArray[np.int32]  # Patches, cell by cell, ascending within a cell
 
 
 @njit(cache=True, nogil=True)
@@ -66,22 +56,7 @@ def _means(table: NDArray[np.float32], cell: NDArray[np.int32], centres: NDArray
 
 
 def build_description_cells(table: NDArray[np.float32], *, seed: int = 0, n_threads: int = 1) -> DescriptionCells:
-    """Cluster patches by k-means with the costs of matches, into about the square root of n cells.
-
-    Parameters
-    ----------
-    table : ndarray of float32, shape (n, 4 + d)
-        Weighted descriptors, at least one.
-    seed : int, default 0
-        Seed of the initial centres.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    DescriptionCells
-        The cells; some may be empty.
-    """
+    """Cluster patches by k-means with the costs of matches, into about the square root of n cells."""
     n_cells = ceil(sqrt(len(table)))
     rows = np.random.default_rng(seed).permutation(len(table))[: _SAMPLE * n_cells]
     sample = table[rows]

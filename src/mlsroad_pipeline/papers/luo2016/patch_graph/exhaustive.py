@@ -23,21 +23,7 @@ def minority_classes(labels: NDArray[np.int16]) -> list[int]:
 
 
 class NodeChooser:
-    """Selection of nodes for the exhaustive search, each at most once.
-
-    Parameters
-    ----------
-    labels : ndarray of int16, shape (n,)
-        Classes of the nodes.
-    minority : sequence of int
-        Classes of the second strategy (nodes of minority classes); empty to disable it.
-    minority_share : float
-        Fraction of the patches of these classes per iteration.
-    n_costly : int
-        Nodes of the first strategy (costly matches) per iteration.
-    seed : int
-        Seed of the selection.
-    """
+    """Selection of nodes for the exhaustive search, each at most once."""
 
     def __init__(
         self, labels: NDArray[np.int16], *, minority: Sequence[int], minority_share: float, n_costly: int, seed: int
@@ -54,18 +40,7 @@ class NodeChooser:
         return bool(self._done.all())
 
     def choose(self, costs: NDArray[np.float32]) -> NDArray[np.int32]:
-        """Select nodes with probability proportional to the cost of their best match, and nodes of minority classes.
-
-        Parameters
-        ----------
-        costs : ndarray of float32, shape (n, K)
-            Costs of the current matches.
-
-        Returns
-        -------
-        ndarray of int32
-            The nodes, ascending.
-        """
+        """Select nodes with probability proportional to the cost of their best match, and nodes of minority classes."""
         left = np.flatnonzero(~self._done)
         # Weighted sampling without replacement by the largest keys (Efraimidis and Spirakis).
         keys = np.log(self._random.random(len(left))) / np.maximum(costs[left].min(axis=1), 1e-12)

@@ -20,52 +20,31 @@ from mlsroad_pipeline.papers.luo2016.patch_graph.patch_index import PatchIndex
 
 @dataclass(frozen=True)
 class SearchParameters:
-    """Parameters of the search for matches.
+    """Parameters of the search for matches."""
 
-    Parameters
-    ----------
-    propagation_radius : float, default 0.5
-        R_pro, the radius of propagation between neighbours, metres. Time grows with about its fourth power.
-    search_radius : float, default 1.0
-        R_loc, the radius of the local search around a match, metres. Larger values find more per iteration and take
-        longer.
-    promise : float, default 1.5
-        Propagation searches around a match of a neighbour only if that match would cost the patch less than `promise`
-        times the match to replace. Infinity reproduces the paper: several times slower, with the same objective one or
-        two iterations earlier.
-    n_iterations : int, default 50
-        Maximum number of iterations.
-    tolerance : float, default 0.001
-        The search ends when an iteration lowers the objective by at most this fraction. 0 stops at no change, as in
-        the paper.
-    height_tolerance : float, default 0.1
-        Maximum height difference of patches of the same height in the initialisation, metres.
-    minority_share : float, default 0.001
-        Fraction of the patches of minority classes in the exhaustive search of each iteration.
-    n_costly : int, default 10
-        Patches with costly best matches in the exhaustive search of each iteration.
-    exhaustive_budget : int, default 50_000_000
-        Maximum pairs compared in an iteration for additional costly patches; 0 limits them to `n_costly`. If the number
-        of patches is below about its square root, all are searched at once and the graph is optimal.
-    n_probes : int, default 8
-        Descriptor clusters searched for each patch after the initialisation. Larger values find more and take longer.
-        0 reproduces the paper: three times slower, with a 2 % worse objective.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain.
-    """
-
+    # R_pro, the radius of propagation between neighbours, metres. Time grows with about its fourth power.
     propagation_radius: float = 0.5
+    # R_loc, the radius of the local search around a match, metres. Larger values find more per iteration and take
+    # longer.
     search_radius: float = 1.0
+    # Propagation searches around a match of a neighbour only if that match would cost the patch less than `promise`
+    # times the match to replace. Infinity reproduces the paper: several times slower, with the same objective one or
+    # two iterations earlier.
     promise: float = 1.5
-    n_iterations: int = 50
+    n_iterations: int = 50  # Maximum number of iterations
+    # The search ends when an iteration lowers the objective by at most this fraction. 0 stops at no change, as in the
+    # paper.
     tolerance: float = 1e-3
+    # Maximum height difference of patches of the same height in the initialisation, metres
     height_tolerance: float = 0.1
+    # Fraction of the patches of minority classes in the exhaustive search of each iteration
     minority_share: float = 0.001
-    n_costly: int = 10
+    n_costly: int = 10  # Patches with costly best matches in the exhaustive search of each iteration
+    # Maximum pairs compared in an iteration for additional costly patches; 0 limits them to `n_costly`. If the number
+    # of patches is below about its square root, all are searched at once and the graph is optimal.
     exhaustive_budget: int = 50_000_000
+    # Descriptor clusters searched for each patch after the initialisation. Larger values find more and take longer. 0
+    # reproduces the paper: three times slower, with a 2 % worse objective.
     n_probes: int = 8
 
     def __post_init__(self) -> None:
@@ -82,46 +61,17 @@ class SearchParameters:
 
 
 class MatchGraph(NamedTuple):
-    """Directed match graph of patches.
+    """Directed match graph of patches."""
 
-    Attributes
-    ----------
-    matches : ndarray of int32, shape (n, K)
-        Matches of each patch, cheapest first; all from different scenes, none from its own.
-    costs : ndarray of float32, shape (n, K)
-        Costs of the matches (equation 2).
-    objective : ndarray of float64, shape (iterations + 1,)
-        Equation 1 after the initialisation and after each iteration.
-    """
-
-    matches: NDArray[np.int32]
-    costs: NDArray[np.float32]
-    objective: NDArray[np.float64]
+    matches: NDArray[np.int32]  # Matches of each patch, cheapest first; all from different scenes, none from its own
+    costs: NDArray[np.float32]  # Costs of the matches (equation 2)
+    objective: NDArray[np.float64]  # Equation 1 after the initialisation and after each iteration
 
 
 def make_chooser(
     labels: NDArray[np.int16], minority: Sequence[int], n_targets: int, search: SearchParameters, seed: int
 ) -> NodeChooser:
-    """Return the selection of nodes for the exhaustive search.
-
-    Parameters
-    ----------
-    labels : ndarray of int16, shape (n,)
-        Classes of the nodes.
-    minority : sequence of int
-        Minority classes.
-    n_targets : int
-        Number of patches that a node is compared with.
-    search : SearchParameters
-        Parameters of the search.
-    seed : int
-        Seed of the selection.
-
-    Returns
-    -------
-    NodeChooser
-        The selection.
-    """
+    """Return the selection of nodes for the exhaustive search."""
     n_costly = max(search.n_costly, search.exhaustive_budget // n_targets)
     return NodeChooser(labels, minority=minority, minority_share=search.minority_share, n_costly=n_costly, seed=seed)
 
@@ -227,37 +177,7 @@ def find_matches(
     seed: int,
     n_threads: int,
 ) -> MatchGraph:
-    """Search matches from the patches of one index to those of another or of the same index.
-
-    Parameters
-    ----------
-    source, target : PatchIndex
-        Sources and targets of the matches.
-    heights : ndarray of float32, shape (n,)
-        Heights of the source patches, metres.
-    graph : ndarray of int32, shape (m, K), or None
-        Match graph of the target for forward enrichment; None if source and target are the same index, where edges are
-        followed in both directions.
-    n_matches : int
-        K.
-    search : SearchParameters
-        Parameters of the search.
-    chooser : NodeChooser
-        Selection of nodes for the exhaustive search.
-    cells : DescriptionCells
-        Descriptor clusters of the target.
-    apart : bool
-        Whether to exclude matches within a scene; scene numbers must then agree in both indices.
-    seed : int
-        Seed of the initialisation.
-    n_threads : int
-        Threads.
-
-    Returns
-    -------
-    MatchGraph
-        The matches, in the order of the source index.
-    """
+    """Search matches from the patches of one index to those of another or of the same index."""
     check_threads(n_threads)
     state = _State(source, heights, target, graph, n_matches, search, cells, apart, n_threads)
     state.initialise(seed)

@@ -42,18 +42,7 @@ train_printed = partial(train_model, slug=PRINTED_SLUG, fit=PatchGraphClassifier
 
 
 def ground_classes(scheme: ClassScheme) -> GroundClasses:
-    """Return the classes of grass and road in a scheme.
-
-    Parameters
-    ----------
-    scheme : ClassScheme
-        The classes.
-
-    Returns
-    -------
-    GroundClasses
-        Labels; equal if one class contains both, -1 if no class contains it.
-    """
+    """Return the classes of grass and road in a scheme."""
     places = {member: place for place, members in enumerate(scheme.members) for member in members}
     return GroundClasses(grass=places.get("grass", -1), road=places.get("road", -1))
 
@@ -67,33 +56,7 @@ def train_refinement(
     slug: str = REFINED_SLUG,
     n_threads: int = 1,
 ) -> ModelBundle:
-    """Choose the parameters of the Markov random field on the training scenes.
-
-    Parameters
-    ----------
-    training : PatchTraining
-        The training scenes.
-    transfer : ModelBundle
-        Model of `train` on the same scenes.
-    graph_parameters : PatchGraphParameters
-        Parameters of that model.
-    parameters : GridParameters
-        Grid of parameters.
-    slug : str, default "patch_graph_mrf"
-        The method's slug.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    ModelBundle
-        The model; its metadata hold the chosen parameters and the scores of the grid.
-
-    Raises
-    ------
-    DataError
-        If `transfer` is not a model of `train`.
-    """
+    """Choose the parameters of the Markov random field on the training scenes."""
     classifier, tried = refine_classifier(
         PatchGraphClassifier.from_arrays(transfer.arrays),
         training.patches,

@@ -29,24 +29,6 @@ def separate_masts(
 
     A mast is a narrow upright cluster between 1.0 and 2.5 m above ground. It stays with its component if its column
     holds half of the component or more, as the mast of a lamp that stands alone.
-
-    Parameters
-    ----------
-    component : ndarray of int, shape (n,)
-        Connected component of each patch.
-    positions : ndarray of shape (n, 3)
-        x, y and height above ground of the patches, metres.
-    edges : ndarray of int32, shape (m, 2)
-        Pairs of adjacent patches.
-    above : ndarray of bool, shape (n,)
-        Patches off the ground.
-    radius : float
-        Radius of the column around a mast, metres.
-
-    Returns
-    -------
-    ndarray of int64, shape (n,)
-        Numbers of the divided components.
     """
     n, height = len(component), positions[:, 2]
     divided = component.astype(np.int64)

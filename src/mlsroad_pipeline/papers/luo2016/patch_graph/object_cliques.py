@@ -21,16 +21,10 @@ LEAST_PATCHES = 4
 
 @dataclass(frozen=True)
 class GroundClasses:
-    """Ground classes with special weights in equation 11.
+    """Ground classes with special weights in equation 11."""
 
-    Parameters
-    ----------
-    grass, road : int
-        Labels, possibly equal; -1 if the scheme lacks the class.
-    """
-
-    grass: int = -1
-    road: int = -1
+    grass: int = -1  # Labels, possibly equal; -1 if the scheme lacks the class
+    road: int = -1  # Labels, possibly equal; -1 if the scheme lacks the class
 
 
 def object_cliques(
@@ -44,37 +38,7 @@ def object_cliques(
     positions: NDArray[np.floating] | None = None,
     mast_radius: float = 0.0,
 ) -> Cliques:
-    """Return a clique for each connected component of the patches that are neither grass nor road.
-
-    Parameters
-    ----------
-    labels : ndarray of int, shape (n,)
-        Labels before refinement.
-    edges : ndarray of int32, shape (m, 2)
-        Pairs of adjacent patches.
-    n_classes : int
-        Number of classes.
-    ground : GroundClasses
-        Labels of grass and road.
-    weight : float
-        Maximum cost of a clique per patch.
-    truncation : float
-        Share of deviating patches at which the maximum is reached, at most 0.5.
-    positions : ndarray of shape (n, 3), optional
-        x, y and height above ground of the patches, metres; needed for columns around masts.
-    mast_radius : float, default 0.0
-        Radius of the columns that separate masts from what they touch (`separate_masts`), metres; 0 for none.
-
-    Returns
-    -------
-    Cliques
-        Components of at least `LEAST_PATCHES` patches; uniform labels cost nothing.
-
-    Raises
-    ------
-    ParameterError
-        If columns are asked for without positions.
-    """
+    """Return a clique for each connected component of the patches that are neither grass nor road."""
     n = len(labels)
     rows = np.flatnonzero((labels != ground.grass) & (labels != ground.road))
     above = np.zeros(n, np.bool_)
@@ -100,23 +64,7 @@ def object_cliques(
 
 
 def clique_support(cliques: Cliques, labels: NDArray[np.integer], shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Return what each label saves a patch in its clique, given the labels of the others.
-
-    Parameters
-    ----------
-    cliques : Cliques
-        Disjoint cliques with uniform costs of 0.
-    labels : ndarray of int, shape (n,)
-        Labels of the patches.
-    shape : tuple of int
-        Number of patches and of classes.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, c)
-        Cost of a deviating patch for the label that most patches of its clique have, 0 for other labels and in cliques
-        with more deviating patches than the truncation.
-    """
+    """Return what each label saves a patch in its clique, given the labels of the others."""
     support = np.zeros(shape)
     owner = np.repeat(np.arange(len(cliques)), np.diff(cliques.indptr))
     counts = np.zeros((len(cliques), shape[1]))

@@ -20,37 +20,21 @@ class PatchIndex(NamedTuple):
     """Patches sorted by scene and, within a scene, by grid cell with x fastest.
 
     A ball around a patch covers a few rows of cells, and each row is a contiguous range of patches.
-
-    Attributes
-    ----------
-    table : ndarray of float32, shape (n, 4 + d)
-        Weighted descriptors, see `weigh_descriptors`.
-    xyz : ndarray of float32, shape (n, 3)
-        Centroids relative to the minimum corner of their scene, metres.
-    scene : ndarray of int32, shape (n,)
-        Scene of each patch, 0 to s - 1.
-    scene_starts : ndarray of int64, shape (s + 1,)
-        Start of each scene.
-    cell : ndarray of int32, shape (n,)
-        Cell of each patch.
-    near, far : ndarray of int32, shape (c, r, 2)
-        Range of patches (first, one past the last) of each row of cells within the propagation radius of a cell, and
-        within the radius of the local search.
-    by_height : ndarray of int32, shape (n,)
-        Patches sorted by height within each scene.
-    heights : ndarray of float32, shape (n,)
-        Their heights, metres.
     """
 
-    table: NDArray[np.float32]
-    xyz: NDArray[np.float32]
-    scene: NDArray[np.int32]
-    scene_starts: NDArray[np.int64]
-    cell: NDArray[np.int32]
+    table: NDArray[np.float32]  # Weighted descriptors, see `weigh_descriptors`
+    xyz: NDArray[np.float32]  # Centroids relative to the minimum corner of their scene, metres
+    scene: NDArray[np.int32]  # Scene of each patch, 0 to s - 1
+    scene_starts: NDArray[np.int64]  # Start of each scene
+    cell: NDArray[np.int32]  # Cell of each patch
+    # Range of patches (first, one past the last) of each row of cells within the propagation radius of a cell, and
+    # within the radius of the local search
     near: NDArray[np.int32]
+    # Range of patches (first, one past the last) of each row of cells within the propagation radius of a cell, and
+    # within the radius of the local search
     far: NDArray[np.int32]
-    by_height: NDArray[np.int32]
-    heights: NDArray[np.float32]
+    by_height: NDArray[np.int32]  # Patches sorted by height within each scene
+    heights: NDArray[np.float32]  # Their heights, metres
 
 
 @njit(cache=True, nogil=True)
@@ -72,30 +56,7 @@ def _row_limits(keys: NDArray, starts: NDArray, rows: NDArray, reach: int, first
 def build_patch_index(
     patches: Patches, weights: CostWeights, *, near_radius: float, far_radius: float, with_colour: bool
 ) -> tuple[PatchIndex, NDArray[np.int64], NDArray[np.int32]]:
-    """Sort patches for matching.
-
-    Parameters
-    ----------
-    patches : Patches
-        At least one patch.
-    weights : CostWeights
-        Weights of the costs.
-    near_radius : float
-        R_pro in metres.
-    far_radius : float
-        R_loc in metres.
-    with_colour : bool
-        Whether to use colour.
-
-    Returns
-    -------
-    index : PatchIndex
-        The sorted patches.
-    order : ndarray of int64, shape (n,)
-        Row in `patches` of each sorted patch.
-    scenes : ndarray of int32, shape (s,)
-        Scene number in `patches` of each scene of the index.
-    """
+    """Sort patches for matching."""
     # Cells are slightly wider than the radius: float32 rounding cannot put a neighbour outside the rows.
     size = max(near_radius, far_radius / _CELLS_PER_RADIUS) * (1 + 1e-5)
     reaches = ceil(near_radius / size), ceil(far_radius / size)

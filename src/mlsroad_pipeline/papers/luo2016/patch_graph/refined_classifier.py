@@ -29,53 +29,26 @@ from mlsroad_pipeline.papers.shared.patches.table import Patches
 
 @dataclass(frozen=True)
 class GridParameters:
-    """Grid of the parameters of the Markov random field; see `RefinementParameters`.
+    """Grid of the parameters of the Markov random field; see `RefinementParameters`."""
 
-    Parameters
-    ----------
-    smoothness : tuple of float, default (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4)
-        Values of lambda.
-    colour_decay : tuple of float, default (0.0, 10.0, 50.0)
-        Values of beta.
-    ground_penalty : float, default 0.0
-        Gamma (luo2016: 0).
-    floor : float, default 0.01
-        Lower bound of the class probabilities.
-    smooth_ground : bool, default False
-        Whether to smooth edges within grass and within road (luo2016: no, by equation 11 as printed).
-    max_patches : int, default 200_000
-        Approximate number of patches for the grid search: whole training scenes, evenly spread.
-    criterion : {"mean_f1", "overall_accuracy"}, default "mean_f1"
-        Criterion, computed over patches. The paper reports F1. The overall accuracy weighs classes by their size and
-        favours a larger lambda if small classes have few patches.
-    n_folds : int, default 3
-        Folds of whole surveys; each fold trains a graph. With 0, and always with a single survey, scenes are held out
-        and labelled by other scenes of the same survey. That is faster, but favours a smaller lambda than is optimal
-        for a new survey.
-    clique_weight : tuple of float, default (0.0,)
-        Weights of the cliques of separate objects; see `RefinementParameters`.
-    clique_truncation : float, default 0.3
-        Share of deviating patches at which a clique has its maximum cost.
-    mast_radius : float, default 0.0
-        Radius of the columns around masts; see `RefinementParameters`.
-
-    Raises
-    ------
-    ParameterError
-        If a list is empty, or a value is outside its domain.
-    """
-
-    smoothness: tuple[float, ...] = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4)
-    colour_decay: tuple[float, ...] = (0.0, 10.0, 50.0)
-    ground_penalty: float = 0.0
-    floor: float = 0.01
+    smoothness: tuple[float, ...] = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4)  # Values of lambda
+    colour_decay: tuple[float, ...] = (0.0, 10.0, 50.0)  # Values of beta
+    ground_penalty: float = 0.0  # Gamma (luo2016: 0)
+    floor: float = 0.01  # Lower bound of the class probabilities
+    # Whether to smooth edges within grass and within road (luo2016: no, by equation 11 as printed)
     smooth_ground: bool = False
+    # Approximate number of patches for the grid search: whole training scenes, evenly spread
     max_patches: int = 200_000
+    # Criterion, computed over patches. The paper reports F1. The overall accuracy weighs classes by their size and
+    # favours a larger lambda if small classes have few patches.
     criterion: str = "mean_f1"
+    # Folds of whole surveys; each fold trains a graph. With 0, and always with a single survey, scenes are held out and
+    # labelled by other scenes of the same survey. That is faster, but favours a smaller lambda than is optimal for a
+    # new survey.
     n_folds: int = 3
-    clique_weight: tuple[float, ...] = (0.0,)
-    clique_truncation: float = 0.3
-    mast_radius: float = 0.0
+    clique_weight: tuple[float, ...] = (0.0,)  # Weights of the cliques of separate objects; see `RefinementParameters`
+    clique_truncation: float = 0.3  # Share of deviating patches at which a clique has its maximum cost
+    mast_radius: float = 0.0  # Radius of the columns around masts; see `RefinementParameters`
 
     def __post_init__(self) -> None:
         for name in ("smoothness", "colour_decay", "clique_weight"):
@@ -101,17 +74,7 @@ class GridParameters:
 
 
 class RefinedPatchGraphClassifier:
-    """Patch classifier by label transfer and a Markov random field.
-
-    Parameters
-    ----------
-    transfer : PatchGraphClassifier
-        Label transfer.
-    parameters : RefinementParameters
-        Parameters of the field.
-    ground : GroundClasses
-        Labels of grass and road.
-    """
+    """Patch classifier by label transfer and a Markov random field."""
 
     def __init__(
         self, transfer: PatchGraphClassifier, *, parameters: RefinementParameters, ground: GroundClasses
@@ -121,53 +84,13 @@ class RefinedPatchGraphClassifier:
         self.ground = ground
 
     def predict_proba(self, patches: Patches, edges: NDArray[np.int32]) -> NDArray[np.float64]:
-        """Return the conditional class probabilities of the patches of one scene.
-
-        Parameters
-        ----------
-        patches : Patches
-            The patches.
-        edges : ndarray of int32, shape (m, 2)
-            Pairs of adjacent patches, each pair once.
-
-        Returns
-        -------
-        ndarray of float64, shape (n, n_classes)
-            Probabilities given the refined labels of the neighbours; the refined label has the largest.
-
-        Raises
-        ------
-        DataError
-            If the histograms have another length than those of training, or an edge has an invalid index.
-        """
+        """Return the conditional class probabilities of the patches of one scene."""
         return self.refine(self.transfer.predict_proba(patches, edges), patches, edges)[1]
 
     def refine(
         self, probabilities: NDArray[np.float64], patches: Patches, edges: NDArray[np.int32]
     ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-        """Refine transferred probabilities of the patches of one scene.
-
-        Parameters
-        ----------
-        probabilities : ndarray of float64, shape (n, n_classes)
-            Probabilities of the label transfer.
-        patches : Patches
-            The patches; colour is used if the graph has it.
-        edges : ndarray of int32, shape (m, 2)
-            Pairs of adjacent patches, each pair once.
-
-        Returns
-        -------
-        labels : ndarray of int32, shape (n,)
-            Refined labels.
-        conditional : ndarray of float64, shape (n, n_classes)
-            Probabilities given the refined labels of the neighbours.
-
-        Raises
-        ------
-        DataError
-            If the columns differ in length or an edge has an invalid index.
-        """
+        """Refine transferred probabilities of the patches of one scene."""
         colours = patches.rgb if self.transfer.graph.coloured else None
         return refine(
             probabilities, colours, edges, parameters=self.parameters, ground=self.ground, positions=patches.positions
@@ -180,23 +103,7 @@ class RefinedPatchGraphClassifier:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
-        """Rebuild the classifier from the arrays of `to_arrays`.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            The arrays.
-
-        Returns
-        -------
-        RefinedPatchGraphClassifier
-            The classifier.
-
-        Raises
-        ------
-        DataError
-            If an array is missing.
-        """
+        """Rebuild the classifier from the arrays of `to_arrays`."""
         check_arrays(arrays, ("refinement", "ground"), "a refined patch graph")
         # Models of earlier versions have no cliques.
         smoothness, decay, penalty, floor, smooth_ground, *cliques = np.asarray(arrays["refinement"]).tolist()
@@ -216,34 +123,7 @@ def refine_classifier(
     surveys: NDArray[np.int32] | None = None,
     n_threads: int = 1,
 ) -> tuple[RefinedPatchGraphClassifier, list[dict[str, float]]]:
-    """Choose the parameters of the field by cross-validation over training surveys, or over scenes of one survey.
-
-    Parameters
-    ----------
-    transfer : PatchGraphClassifier
-        Label transfer, fitted on the patches.
-    patches : Patches
-        Labelled patches of the training scenes.
-    edges : ndarray of int32, shape (m, 2)
-        Pairs of adjacent patches.
-    graph_parameters : PatchGraphParameters
-        Parameters of the graph.
-    grid : GridParameters
-        Grid of parameters.
-    ground : GroundClasses
-        Labels of grass and road.
-    surveys : ndarray of int32, shape (scenes,), optional
-        Survey of each scene; see `label_held_out`.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    classifier : RefinedPatchGraphClassifier
-        The refined classifier.
-    tried : list of dict
-        Scores of all parameters, see `choose_parameters`.
-    """
+    """Choose the parameters of the field by cross-validation over training surveys, or over scenes of one survey."""
     scenes = label_held_out(
         transfer, patches, edges, parameters=graph_parameters, max_patches=grid.max_patches, surveys=surveys,
         n_folds=grid.n_folds, n_threads=n_threads,

@@ -22,46 +22,28 @@ CRITERIA = ("mean_f1", "overall_accuracy")
 
 @dataclass(frozen=True)
 class RefinementParameters:
-    """Parameters of the Markov random field.
+    """Parameters of the Markov random field."""
 
-    Parameters
-    ----------
-    smoothness : float, default 1.0
-        Lambda of equation 9; larger values give smoother labels.
-    colour_decay : float, default 10.0
-        Beta of equation 11, the decay of edge weights with the squared difference of the colours in [0, 1]. Without
-        colour such edges have weight 1.
-    ground_penalty : float, default 0.0
-        Gamma of equation 11, the weight of edges from grass or road to other classes (luo2016: 0).
-    floor : float, default 0.01
-        Lower bound of the probability in equation 10: a class without votes costs 1 - log(floor). Larger values allow
-        neighbours to introduce classes without votes.
-    smooth_ground : bool, default False
-        Whether edges within grass and within road are smoothed like all others. As printed, equation 11 gives them the
-        weight `ground_penalty`; with 0, patches at the border of grass and road are attracted by the other class only.
-    clique_weight : float, default 0.0
-        Maximum cost of an object clique per patch (see `object_cliques`); 0 for no cliques (luo2016: none). Larger
-        values give the patches of a separate object one label.
-    clique_truncation : float, default 0.3
-        Share of deviating patches at which a clique has its maximum cost. Smaller values keep the minority in objects
-        that touch.
-    mast_radius : float, default 0.0
-        Radius of columns around masts that are cliques of their own (see `separate_masts`), metres; 0 for none. A
-        radius keeps lamps that stand in trees.
-
-    Raises
-    ------
-    ParameterError
-        If a value is negative or not finite, `floor` is not in (0, 1) or `clique_truncation` not in (0, 0.5].
-    """
-
-    smoothness: float = 1.0
+    smoothness: float = 1.0  # Lambda of equation 9; larger values give smoother labels
+    # Beta of equation 11, the decay of edge weights with the squared difference of the colours in [0, 1]. Without
+    # colour such edges have weight 1.
     colour_decay: float = 10.0
+    # Gamma of equation 11, the weight of edges from grass or road to other classes (luo2016: 0)
     ground_penalty: float = 0.0
+    # Lower bound of the probability in equation 10: a class without votes costs 1 - log(floor). Larger values allow
+    # neighbours to introduce classes without votes.
     floor: float = 0.01
+    # Whether edges within grass and within road are smoothed like all others. As printed, equation 11 gives them the
+    # weight `ground_penalty`; with 0, patches at the border of grass and road are attracted by the other class only.
     smooth_ground: bool = False
+    # Maximum cost of an object clique per patch (see `object_cliques`); 0 for no cliques (luo2016: none). Larger values
+    # give the patches of a separate object one label.
     clique_weight: float = 0.0
+    # Share of deviating patches at which a clique has its maximum cost. Smaller values keep the minority in objects
+    # that touch.
     clique_truncation: float = 0.3
+    # Radius of columns around masts that are cliques of their own (see `separate_masts`), metres; 0 for none. A radius
+    # keeps lamps that stand in trees.
     mast_radius: float = 0.0
 
     def __post_init__(self) -> None:
@@ -86,24 +68,6 @@ def edge_weights(
 
     The penalty for grass and road applies if either order of the ends meets the printed condition. Each edge thus has
     one weight, which depends only on the initial labels.
-
-    Parameters
-    ----------
-    labels : ndarray of int, shape (n,)
-        Initial labels y'.
-    rgb : ndarray of float32, shape (n, 3), or None
-        Colours in [0, 1].
-    edges : ndarray of int32, shape (m, 2)
-        Ends of the edges.
-    parameters : RefinementParameters
-        Beta and gamma.
-    ground : GroundClasses
-        Labels of grass and road.
-
-    Returns
-    -------
-    ndarray of float64, shape (m,)
-        The weights, without lambda.
     """
     if rgb is None:
         weights = np.ones(len(edges))
@@ -127,38 +91,7 @@ def refine(
     ground: GroundClasses | None = None,
     positions: NDArray[np.floating] | None = None,
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Refine labels by minimising the energy of equations 9 to 11, with object cliques if chosen, by alpha-expansion.
-
-    Parameters
-    ----------
-    probabilities : ndarray of shape (n, c)
-        Class probabilities of the patches after label transfer (equation 6).
-    rgb : ndarray of float32, shape (n, 3), or None
-        Colours of the patches in [0, 1].
-    edges : ndarray of int32, shape (m, 2)
-        Pairs of adjacent patches, each pair once.
-    parameters : RefinementParameters, optional
-        Parameters of the energy.
-    ground : GroundClasses, optional
-        Labels of grass and road; none by default.
-    positions : ndarray of shape (n, 3), optional
-        x, y and height above ground of the patches, metres; needed with a `mast_radius`.
-
-    Returns
-    -------
-    labels : ndarray of int32, shape (n,)
-        Refined labels.
-    conditional : ndarray of float64, shape (n, c)
-        Probability of each class given the refined labels of the neighbours. No change of a single patch lowers the
-        energy, hence the refined label has the largest probability.
-
-    Raises
-    ------
-    DataError
-        If the columns differ in length or an edge has an invalid index.
-    ParameterError
-        If there is a `mast_radius` without positions.
-    """
+    """Refine labels by minimising the energy of equations 9 to 11, with object cliques if chosen, by alpha-expansion."""
     chosen = parameters or RefinementParameters()
     if rgb is not None:
         check_column(rgb, len(probabilities), "rgb", 3)
@@ -195,27 +128,13 @@ def _conditional(
 
 @dataclass(frozen=True, eq=False)
 class ValidationScene:
-    """Training scene labelled by matches in other training scenes.
+    """Training scene labelled by matches in other training scenes."""
 
-    Attributes
-    ----------
-    probabilities : ndarray of shape (n, c)
-        Class probabilities of the patches.
-    rgb : ndarray of float32, shape (n, 3), or None
-        Colours of the patches.
-    edges : ndarray of int32, shape (m, 2)
-        Pairs of adjacent patches.
-    labels : ndarray of int16, shape (n,)
-        True classes of the patches.
-    positions : ndarray of shape (n, 3), optional
-        x, y and height above ground of the patches, metres.
-    """
-
-    probabilities: NDArray[np.floating]
-    rgb: NDArray[np.float32] | None
-    edges: NDArray[np.int32]
-    labels: NDArray[np.int16]
-    positions: NDArray[np.floating] | None = None
+    probabilities: NDArray[np.floating]  # Class probabilities of the patches
+    rgb: NDArray[np.float32] | None  # Colours of the patches
+    edges: NDArray[np.int32]  # Pairs of adjacent patches
+    labels: NDArray[np.int16]  # True classes of the patches
+    positions: NDArray[np.floating] | None = None  # x, y and height above ground of the patches, metres
 
 
 def choose_parameters(
@@ -228,37 +147,7 @@ def choose_parameters(
     base: RefinementParameters | None = None,
     ground: GroundClasses | None = None,
 ) -> tuple[RefinementParameters, list[dict[str, float]]]:
-    """Choose lambda, beta and the weight of object cliques by grid search on held-out scenes.
-
-    Parameters
-    ----------
-    scenes : sequence of ValidationScene
-        Held-out scenes.
-    smoothness : sequence of float
-        Values of lambda.
-    colour_decay : sequence of float
-        Values of beta; without colour they have no effect and the first is used.
-    clique_weight : sequence of float, default (0.0,)
-        Weights of the object cliques.
-    criterion : {"mean_f1", "overall_accuracy"}, default "mean_f1"
-        Mean F1 over the classes that occur, or overall accuracy.
-    base : RefinementParameters, optional
-        Values of the other parameters.
-    ground : GroundClasses, optional
-        Labels of grass and road.
-
-    Returns
-    -------
-    parameters : RefinementParameters
-        The best parameters, the first of equal ones.
-    grid : list of dict
-        ``smoothness``, ``colour_decay``, ``clique_weight``, ``mean_f1`` and ``overall_accuracy`` of each combination.
-
-    Raises
-    ------
-    ParameterError
-        If there is no scene, a list is empty, or the criterion is unknown.
-    """
+    """Choose lambda, beta and the weight of object cliques by grid search on held-out scenes."""
     if criterion not in CRITERIA:
         raise ParameterError(f"criterion must be one of {list(CRITERIA)}, got {criterion!r}")
     if not scenes or not smoothness or not colour_decay or not clique_weight:

@@ -15,23 +15,6 @@ def cut_scenes(patches: Patches, length: float) -> Patches:
 
     Matches come from different scenes; short scenes allow a patch more matches within one street. Patches without
     stations are cut along the main horizontal axis of their scene.
-
-    Parameters
-    ----------
-    patches : Patches
-        Patches of one scene or of several.
-    length : float
-        Length of a new scene in metres (luo2016: 10).
-
-    Returns
-    -------
-    Patches
-        The patches; `scene` numbers the new scenes from 0.
-
-    Raises
-    ------
-    ParameterError
-        If `length` is not positive.
     """
     check_positive(length, "scene_length")
     pieces = np.empty(len(patches), np.int32)
@@ -52,31 +35,7 @@ def cut_scenes(patches: Patches, length: float) -> Patches:
 def thin_scenes(
     patches: Patches, edges: NDArray[np.int32], *, n_patches: int, seed: int
 ) -> tuple[Patches, NDArray[np.int32]]:
-    """Thin scenes with too many patches by a random sample stratified by class.
-
-    Parameters
-    ----------
-    patches : Patches
-        Labelled patches.
-    edges : ndarray of int32, shape (m, 2)
-        Pairs of neighbouring patches.
-    n_patches : int
-        Maximum patches per scene.
-    seed : int
-        Seed of the sample.
-
-    Returns
-    -------
-    patches : Patches
-        The sampled patches, in the same order.
-    edges : ndarray of int32
-        Pairs with both ends in the sample.
-
-    Raises
-    ------
-    ParameterError
-        If `n_patches` is below 1.
-    """
+    """Thin scenes with too many patches by a random sample stratified by class."""
     check_at_least(n_patches, 1, "max_patches")
     random = np.random.default_rng(seed)
     # Every k-th patch in the order of scene, class and a random key is a sample stratified by class.

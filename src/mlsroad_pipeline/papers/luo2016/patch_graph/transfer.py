@@ -27,33 +27,15 @@ _ARRAYS = ("matches", "labels", "rows", "objective", "coloured")
 
 @dataclass(frozen=True, eq=False)
 class TrainedGraph:
-    """Match graph over labelled patches, the target of label transfer.
+    """Match graph over labelled patches, the target of label transfer."""
 
-    Attributes
-    ----------
-    index : PatchIndex
-        The labelled patches.
-    cells : DescriptionCells
-        Their descriptor clusters.
-    matches : ndarray of int32, shape (n, K)
-        Their matches, as rows of the index.
-    labels : ndarray of int16, shape (n,)
-        Their classes.
-    rows : ndarray of int64, shape (n,)
-        Their rows in the training patches.
-    objective : ndarray of float64
-        Equation 1 after each iteration of training.
-    coloured : bool
-        Whether the costs include colour.
-    """
-
-    index: PatchIndex
-    cells: DescriptionCells
-    matches: NDArray[np.int32]
-    labels: NDArray[np.int16]
-    rows: NDArray[np.int64]
-    objective: NDArray[np.float64]
-    coloured: bool
+    index: PatchIndex  # The labelled patches
+    cells: DescriptionCells  # Their descriptor clusters
+    matches: NDArray[np.int32]  # Their matches, as rows of the index
+    labels: NDArray[np.int16]  # Their classes
+    rows: NDArray[np.int64]  # Their rows in the training patches
+    objective: NDArray[np.float64]  # Equation 1 after each iteration of training
+    coloured: bool  # Whether the costs include colour
 
     def to_arrays(self) -> dict[str, NDArray]:
         """Return the graph as named arrays."""
@@ -62,23 +44,7 @@ class TrainedGraph:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> TrainedGraph:
-        """Rebuild a graph from the arrays of `to_arrays`.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            The arrays; other entries are ignored.
-
-        Returns
-        -------
-        TrainedGraph
-            The graph.
-
-        Raises
-        ------
-        DataError
-            If an array is missing.
-        """
+        """Rebuild a graph from the arrays of `to_arrays`."""
         check_arrays(arrays, (*PatchIndex._fields, *DescriptionCells._fields, *_ARRAYS), "a match graph")
         index = PatchIndex(**{name: np.asarray(arrays[name]) for name in PatchIndex._fields})
         cells = DescriptionCells(**{name: np.asarray(arrays[name]) for name in DescriptionCells._fields})
@@ -104,35 +70,7 @@ def train_graph(
     seed: int = 0,
     n_threads: int = 1,
 ) -> TrainedGraph:
-    """Build the match graph of labelled patches for label transfer.
-
-    Parameters
-    ----------
-    patches : Patches
-        Labelled patches of more than K scenes.
-    n_matches : int, default 7
-        Number K of matches.
-    weights : CostWeights, optional
-        Weights of the costs.
-    search : SearchParameters, optional
-        Parameters of the search.
-    seed : int, default 0
-        Seed of the search.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    TrainedGraph
-        The graph, in the order of its index.
-
-    Raises
-    ------
-    DataError
-        If a patch has no label, or the patches are of K scenes or fewer.
-    ParameterError
-        If a parameter is outside its domain.
-    """
+    """Build the match graph of labelled patches for label transfer."""
     unlabelled = int((patches.label == UNKNOWN).sum())
     if unlabelled:
         raise DataError(f"{unlabelled} of {len(patches)} training patches have no label")
@@ -162,39 +100,6 @@ def match_patches(
     """Match unlabelled patches with those of a trained graph.
 
     Edges lead only into the trained graph, which is fixed; there is no inverse enrichment.
-
-    Parameters
-    ----------
-    patches : Patches
-        Patches of one or more scenes, which are in the graph only with `own_scene`. Colour is used if both sides have
-        it.
-    graph : TrainedGraph
-        The trained graph.
-    weights : CostWeights, optional
-        Weights of the costs, the same as in training.
-    search : SearchParameters, optional
-        Parameters of the search. The exhaustive search selects only costly patches, since classes are unknown. If
-        `exhaustive_budget` suffices for all patches, the matches are optimal; otherwise `n_costly` patches are searched
-        per iteration.
-    own_scene : array-like of int, shape (n,), optional
-        For patches of scenes in the graph: index of the scene of each patch among the scenes of the graph. Matches in
-        this scene are excluded, so that a graph labels its own scenes without their labels.
-    seed : int, default 0
-        Seed of the search.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    MatchGraph
-        Matches as rows of the index of the trained graph, cheapest first.
-
-    Raises
-    ------
-    DataError
-        If the histograms have another length than those of the graph, or `own_scene` another length than `patches`.
-    ParameterError
-        If `n_threads` is below 1 or `seed` is negative.
     """
     search, weights = search or SearchParameters(), weights or CostWeights()
     n_matches = graph.matches.shape[1]
@@ -239,25 +144,7 @@ def match_patches(
 
 
 def class_probabilities(matched_labels: ArrayLike, n_classes: int) -> NDArray[np.float64]:
-    """Return class probabilities from the labels of the matches (equation 6, with the weight 1 / rank squared).
-
-    Parameters
-    ----------
-    matched_labels : array-like of int, shape (n, K)
-        Classes of the matches, cheapest match first.
-    n_classes : int
-        Number of classes.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, n_classes)
-        Probabilities; rows sum to 1. The largest of a row gives the class of the patch (equation 7).
-
-    Raises
-    ------
-    DataError
-        If a class is outside 0 to `n_classes` - 1.
-    """
+    """Return class probabilities from the labels of the matches (equation 6, with the weight 1 / rank squared)."""
     labels = np.asarray(matched_labels)
     if labels.size and not 0 <= labels.min() <= labels.max() < n_classes:
         raise DataError(f"classes of matches must be in 0..{n_classes - 1}, got {labels.min()}..{labels.max()}")

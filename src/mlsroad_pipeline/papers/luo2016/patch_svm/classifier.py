@@ -18,36 +18,18 @@ SLUG = "patch_svm"
 
 @dataclass(frozen=True)
 class PatchSvmParameters:
-    """Parameters of the support vector machine.
+    """Parameters of the support vector machine."""
 
-    Parameters
-    ----------
-    costs : sequence of float, default [3.0, 30.0, 300.0]
-        Values of C in the grid search. Larger values fit single patches more closely.
-    gammas : sequence of float, default [0.003, 0.01, 0.03, 0.1]
-        Values of gamma in the grid search, for standardised features. Larger values narrow the kernel.
-    n_folds : int, default 3
-        Folds of the cross-validation, at least 2; the patches of a scene share a fold.
-    cv_per_class : int, default 150
-        Maximum patches per class in the cross-validation; its time grows quadratically.
-    max_per_class : int, default 2000
-        Maximum patches per class in training (luo2016: 10,000). Training time grows quadratically, prediction time
-        linearly.
-    seed : int, default 2016
-        Seed of the samples and of the folds.
-
-    Raises
-    ------
-    ParameterError
-        If a list is empty, a value of a list is not above 0, or a number is below its minimum.
-    """
-
+    # Values of C in the grid search. Larger values fit single patches more closely.
     costs: Sequence[float] = field(default_factory=lambda: [3.0, 30.0, 300.0])
+    # Values of gamma in the grid search, for standardised features. Larger values narrow the kernel.
     gammas: Sequence[float] = field(default_factory=lambda: [0.003, 0.01, 0.03, 0.1])
-    n_folds: int = 3
-    cv_per_class: int = 150
+    n_folds: int = 3  # Folds of the cross-validation, at least 2; the patches of a scene share a fold
+    cv_per_class: int = 150  # Maximum patches per class in the cross-validation; its time grows quadratically
+    # Maximum patches per class in training (luo2016: 10,000). Training time grows quadratically, prediction time
+    # linearly.
     max_per_class: int = 2000
-    seed: int = 2016
+    seed: int = 2016  # Seed of the samples and of the folds
 
     def __post_init__(self) -> None:
         for name in ("costs", "gammas"):
@@ -60,25 +42,10 @@ class PatchSvmParameters:
 
 
 class PatchSvm(PatchVariants):
-    """Trained support vector machine for each feature set; see `training.fit_patch_svm`.
-
-    Parameters
-    ----------
-    n_classes : int
-        Classes of the scheme.
-    trained_classes : ndarray of int64, shape (t,)
-        Classes with training samples, ascending.
-    models : mapping of str to KernelMachine
-        Feature set to support vector machine.
-
-    Attributes
-    ----------
-    choice : Choice or None
-        C and gamma of a newly trained classifier; None after loading.
-    """
+    """Trained support vector machine for each feature set; see `training.fit_patch_svm`."""
 
     kind, slug = KernelMachine, SLUG
-    choice: Choice | None = None
+    choice: Choice | None = None  # C and gamma of a newly trained classifier; None after loading
 
 
 label_cloud = partial(label_patch_cloud, classifier=PatchSvm)

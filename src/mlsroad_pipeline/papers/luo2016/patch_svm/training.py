@@ -34,32 +34,7 @@ def fit_patch_svm(
     """Train on labelled patches.
 
     C and gamma maximise the mean F1 on held-out scenes; ties go to the smaller values. With fewer scenes than folds,
-    each scene is cut across its longer side into one part per fold, and a warning is logged. Sigmoids fitted to the
-    decisions on held-out patches give probabilities. A pair of classes without held-out decisions takes the sigmoid
-    of all pairs together. The machine without colour uses the C and gamma of the machine with colour.
-
-    Parameters
-    ----------
-    patches : Patches
-        Patches of the training scenes; those with label -1 are excluded.
-    edges : ndarray of int32, shape (m, 2), optional
-        Unused: patches are classified independently.
-    parameters : PatchSvmParameters
-        Parameters of the machine.
-    n_classes : int
-        Classes of the scheme.
-    n_threads : int, default 1
-        Threads; the model does not depend on it.
-
-    Returns
-    -------
-    PatchSvm
-        The support vector machines, with the choice of cross-validation.
-
-    Raises
-    ------
-    DataError
-        If no patch is labelled, all are of one class, or the patches do not suffice for the folds.
+    each scene is cut across its longer side into one part per fold, and a warning is logged.
     """
     sample = draw_training_patches(patches, parameters.max_per_class, seed=parameters.seed)
     trained = np.unique(sample.label).astype(np.int64)

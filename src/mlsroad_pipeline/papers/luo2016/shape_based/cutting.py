@@ -25,38 +25,19 @@ _CELL = 0.25  # edge of the cells of the map, about the size of a patch, metres
 
 @dataclass(frozen=True)
 class CutParameters:
-    """Parameters of location and segmentation.
+    """Parameters of location and segmentation."""
 
-    Parameters
-    ----------
-    spacing : float, default 0.6
-        Least distance in plan between two locations, and twice the standard deviation of the map's blur, metres. Larger
-        values find fewer.
-    radii : sequence of float
-        Candidate background radii at each location, metres, ascending. The smallest that isolates an object is used.
-    core : float, default 0.3
-        Sites within this distance of the location in plan are foreground, metres.
-    neighbours : int, default 8
-        Number of nearest sites that each site is linked to (golovinskiy2009: 4).
-    link : float, default 0.3
-        Distance over which the weight of a link falls to 1/e, metres.
-    background : float, default 0.05
-        Cost of a foreground site at the radius, in links of length 0. Larger values cut closer to the location.
-    isolated : float, default 0.1
-        A cut isolates an object where its links weigh less than this share of the number of foreground sites.
-
-    Raises
-    ------
-    ParameterError
-        If a number is not above zero or the radii do not ascend.
-    """
-
+    # Least distance in plan between two locations, and twice the standard deviation of the map's blur, metres. Larger
+    # values find fewer.
     spacing: float = 0.6
+    # Candidate background radii at each location, metres, ascending. The smallest that isolates an object is used.
     radii: tuple[float, ...] = (1.0, 2.0, 4.0)
-    core: float = 0.3
-    neighbours: int = 8
-    link: float = 0.3
+    core: float = 0.3  # Sites within this distance of the location in plan are foreground, metres
+    neighbours: int = 8  # Number of nearest sites that each site is linked to (golovinskiy2009: 4)
+    link: float = 0.3  # Distance over which the weight of a link falls to 1/e, metres
+    # Cost of a foreground site at the radius, in links of length 0. Larger values cut closer to the location.
     background: float = 0.05
+    # A cut isolates an object where its links weigh less than this share of the number of foreground sites
     isolated: float = 0.1
 
     def __post_init__(self) -> None:
@@ -69,20 +50,7 @@ class CutParameters:
 
 
 def locate(sites: NDArray[np.float64], *, spacing: float) -> NDArray[np.float64]:
-    """Return the locations of possible objects.
-
-    Parameters
-    ----------
-    sites : ndarray of float64, shape (n, 3)
-        Off-ground sites, metres.
-    spacing : float
-        Least distance in plan between two locations, metres.
-
-    Returns
-    -------
-    ndarray of float64, shape (p, 2)
-        Locations in plan, each the mean of the sites of a cell, in descending order of the map.
-    """
+    """Return the locations of possible objects."""
     cell = np.floor(sites[:, :2] / _CELL).astype(np.int64)
     cell -= cell.min(axis=0)
     height_map = np.zeros(cell.max(axis=0) + 1)
@@ -102,24 +70,7 @@ def locate(sites: NDArray[np.float64], *, spacing: float) -> NDArray[np.float64]
 def link_sites(
     sites: NDArray[np.float64], *, neighbours: int, link: float
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Link each site to its nearest neighbours.
-
-    Parameters
-    ----------
-    sites : ndarray of float64, shape (n, 3)
-        Off-ground sites, metres.
-    neighbours : int
-        Number of neighbours.
-    link : float
-        Distance over which the weight falls to 1/e, metres.
-
-    Returns
-    -------
-    edges : ndarray of int32, shape (e, 2)
-        Pairs of sites, each once.
-    weights : ndarray of float64, shape (e,)
-        ``exp(-distance / link)``.
-    """
+    """Link each site to its nearest neighbours."""
     k = min(neighbours + 1, len(sites))
     distance, nearest = cKDTree(sites).query(sites, k=k)
     rows = np.repeat(np.arange(len(sites)), k)
@@ -137,28 +88,7 @@ def cut_out(
     graph: CutGraph,
     parameters: CutParameters,
 ) -> tuple[NDArray[np.bool_], bool]:
-    """Divide the sites around a location into foreground and background.
-
-    Parameters
-    ----------
-    place : ndarray of float64, shape (2,)
-        The location in plan.
-    sites : ndarray of float64, shape (n, 3)
-        The sites around it.
-    edges, weights : ndarray
-        Links between them.
-    graph : CutGraph
-        The graph of these links.
-    parameters : CutParameters
-        The parameters.
-
-    Returns
-    -------
-    front : ndarray of bool, shape (n,)
-        Foreground of the smallest radius whose cut isolates it, otherwise of the largest.
-    isolated : bool
-        Whether the foreground is isolated.
-    """
+    """Divide the sites around a location into foreground and background."""
     distance = np.linalg.norm(sites[:, :2] - place, axis=1)
     core = distance <= parameters.core
     front = core
@@ -183,20 +113,7 @@ def segment_objects(sites: NDArray[np.float64], parameters: CutParameters) -> ND
     """Segment off-ground sites into objects.
 
     Locations within an object that an earlier cut isolated are skipped. A site in several foregrounds belongs to the
-    foreground of the nearest location in plan. The remaining sites, such as walls and crowns between the locations,
-    form connected components of their links.
-
-    Parameters
-    ----------
-    sites : ndarray of float64, shape (n, 3)
-        Off-ground sites, metres.
-    parameters : CutParameters
-        The parameters.
-
-    Returns
-    -------
-    ndarray of int32, shape (n,)
-        Object of each site, numbered by first site.
+    foreground of the nearest location in plan.
     """
     if len(sites) == 0:
         return np.zeros(0, np.int32)

@@ -33,42 +33,20 @@ _GREY = 0.5  # colour where the survey has none
 
 @dataclass(frozen=True)
 class ShapeParameters:
-    """Parameters of the method.
+    """Parameters of the method."""
 
-    Parameters
-    ----------
-    spacing : float, default 0.6
-        Least distance in plan between two locations of objects, metres. Larger values find fewer.
-    radii : sequence of float, default [1.0, 2.0, 4.0]
-        Candidate background radii of the cut at each location, metres, ascending.
-    background : float, default 0.05
-        Cost of a foreground site at the radius. Larger values cut closer to the location.
-    isolated : float, default 0.1
-        Weight of cut links per foreground site below which a cut isolates an object and larger radii are skipped.
-    appearance : bool, default True
-        Whether mean histogram and mean colour of the patches are features of an object. The paper uses shape and
-        context alone; the compared methods use them too.
-    n_trees : int, default 100
-        Number of trees of the random forest.
-    min_samples_leaf : int, default 1
-        Fewest objects in a leaf.
-    seed : int, default 2009
-        Seed of the forest.
-
-    Raises
-    ------
-    ParameterError
-        If a number is out of its range.
-    """
-
-    spacing: float = 0.6
+    spacing: float = 0.6  # Least distance in plan between two locations of objects, metres. Larger values find fewer.
+    # Candidate background radii of the cut at each location, metres, ascending
     radii: Sequence[float] = field(default_factory=lambda: [1.0, 2.0, 4.0])
-    background: float = 0.05
+    background: float = 0.05  # Cost of a foreground site at the radius. Larger values cut closer to the location.
+    # Weight of cut links per foreground site below which a cut isolates an object and larger radii are skipped
     isolated: float = 0.1
+    # Whether mean histogram and mean colour of the patches are features of an object. The paper uses shape and context
+    # alone; the compared methods use them too.
     appearance: bool = True
-    n_trees: int = 100
-    min_samples_leaf: int = 1
-    seed: int = 2009
+    n_trees: int = 100  # Number of trees of the random forest
+    min_samples_leaf: int = 1  # Fewest objects in a leaf
+    seed: int = 2009  # Seed of the forest
 
     def __post_init__(self) -> None:
         for name in ("n_trees", "min_samples_leaf"):
@@ -83,37 +61,14 @@ class ShapeParameters:
 
 
 class SceneObjects(TypedDict):
-    """Objects of a scene.
+    """Objects of a scene."""
 
-    Attributes
-    ----------
-    features : ndarray of float32, shape (o, d)
-        Features of each object.
-    object_of_patch : ndarray of int32, shape (p,)
-        Object of each patch; -1 on the ground.
-    """
-
-    features: NDArray[np.float32]
-    object_of_patch: NDArray[np.int32]
+    features: NDArray[np.float32]  # Features of each object
+    object_of_patch: NDArray[np.int32]  # Object of each patch; -1 on the ground
 
 
 def build_objects(ground: Ground, patches: ScenePatches, parameters: ShapeParameters) -> SceneObjects:
-    """Segment the off-ground patches of a scene into objects and compute their features.
-
-    Parameters
-    ----------
-    ground : Ground
-        Ground of the scene.
-    patches : ScenePatches
-        Its patches. A patch is off the ground when most of its points are.
-    parameters : ShapeParameters
-        The parameters.
-
-    Returns
-    -------
-    SceneObjects
-        The objects.
-    """
+    """Segment the off-ground patches of a scene into objects and compute their features."""
     owner = patches["patch_of_point"]
     n_patches = len(patches["height"])
     taken = owner >= 0
@@ -130,29 +85,7 @@ def build_objects(ground: Ground, patches: ScenePatches, parameters: ShapeParame
 
 
 def label_objects(scene: PointCloud, ground: Ground, patches: ScenePatches, bundle: ModelBundle) -> PointLabels:
-    """Label the off-ground points of a prepared scene.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene.
-    ground : Ground
-        Its ground.
-    patches : ScenePatches
-        Its patches, cut with the parameters of the model.
-    bundle : ModelBundle
-        A model of `fit`.
-
-    Returns
-    -------
-    PointLabels
-        Class of each point and its mean probability over the patches around; ground and outliers have no class.
-
-    Raises
-    ------
-    DataError
-        If the histograms of the patches have another size than those of the model.
-    """
+    """Label the off-ground points of a prepared scene."""
     stored = bundle.metadata["parameters"]
     objects = build_objects(ground, patches, ShapeParameters(**stored[SLUG]))
     label, confidence = unlabelled(len(scene))
@@ -172,27 +105,7 @@ def label_objects(scene: PointCloud, ground: Ground, patches: ScenePatches, bund
 
 
 def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Label the off-ground points of a cloud, starting from raw coordinates.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points. Existing columns `ground` and `height` replace the ground filter.
-    bundle : ModelBundle
-        A model of `fit`.
-
-    Returns
-    -------
-    labels : ndarray of int16, shape (n,)
-        Labels of the model's scheme, -1 for ground and outliers.
-    confidence : ndarray of float32, shape (n,)
-        Mean probability of the label over the patches around, 0 for ground and outliers.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is NaN or infinite.
-    """
+    """Label the off-ground points of a cloud, starting from raw coordinates."""
     if not inliers(cloud).any():
         return unlabelled(len(cloud))
     ground, patches = prepare_cloud(cloud, bundle)

@@ -80,26 +80,7 @@ def _context(sites: NDArray[np.float64], owner: NDArray[np.int32], sizes: NDArra
 def describe_objects(
     sites: NDArray[np.float64], height: NDArray[np.floating], appearance: NDArray[np.floating], owner: NDArray[np.int32]
 ) -> NDArray[np.float32]:
-    """Return the features of each object.
-
-    Parameters
-    ----------
-    sites : ndarray of float64, shape (n, 3)
-        Off-ground sites, metres.
-    height : ndarray of shape (n,)
-        Their heights above the ground, metres.
-    appearance : ndarray of shape (n, a)
-        Further features of the sites, which are averaged.
-    owner : ndarray of int32, shape (n,)
-        Object of each site, 0 to o - 1, each with a site.
-
-    Returns
-    -------
-    ndarray of float32, shape (o, d)
-        Number of sites (log), size in plan, spread and its shares along the principal axes, slope of the largest and
-        smallest axis, lowest, mean and highest height, their range and spread, spin image, numbers of objects and
-        sites around, means of `appearance`.
-    """
+    """Return the features of each object."""
     if len(sites) == 0:
         return np.zeros((0, 1), np.float32)
     sizes = np.bincount(owner).astype(np.float64)

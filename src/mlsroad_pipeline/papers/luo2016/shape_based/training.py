@@ -31,21 +31,11 @@ logger = logging.getLogger(__name__)
 
 
 class TrainingObjects(TypedDict):
-    """Labelled objects of a training scene.
+    """Labelled objects of a training scene."""
 
-    Attributes
-    ----------
-    features : ndarray of float32, shape (o, d)
-        Features of each object.
-    label : ndarray of int16, shape (o,)
-        Majority class of the object's labelled patches.
-    on_ground : ndarray of int64, shape (2, C)
-        Labelled patches of each class off the ground (row 0) and on it (row 1).
-    """
-
-    features: NDArray[np.float32]
-    label: NDArray[np.int16]
-    on_ground: NDArray[np.int64]
+    features: NDArray[np.float32]  # Features of each object
+    label: NDArray[np.int16]  # Majority class of the object's labelled patches
+    on_ground: NDArray[np.int64]  # Labelled patches of each class off the ground (row 0) and on it (row 1)
 
 
 def training_objects(
@@ -56,54 +46,13 @@ def training_objects(
     scheme: ClassScheme,
     parameters: ShapeParameters,
 ) -> TrainingObjects:
-    """Return the labelled objects of a training scene.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        A training scene, with `label`.
-    ground : Ground
-        Its ground.
-    patches : ScenePatches
-        Its patches.
-    scheme : ClassScheme
-        The classes.
-    parameters : ShapeParameters
-        The parameters.
-
-    Returns
-    -------
-    TrainingObjects
-        The labelled objects.
-
-    Raises
-    ------
-    MissingColumnError
-        If the scene has no labels.
-    UnknownClassError
-        If a label is not in the scheme.
-    """
+    """Return the labelled objects of a training scene."""
     objects = build_objects(ground, patches, parameters)
     return labelled_objects(objects, label_patches(scene, patches, scheme)["label"], len(scheme))
 
 
 def labelled_objects(objects: SceneObjects, labels: NDArray[np.integer], n_classes: int) -> TrainingObjects:
-    """Return the objects whose patches are labelled.
-
-    Parameters
-    ----------
-    objects : SceneObjects
-        Objects of a scene.
-    labels : ndarray of int, shape (p,)
-        Class of each patch; -1 for unlabelled ones.
-    n_classes : int
-        Number of classes.
-
-    Returns
-    -------
-    TrainingObjects
-        The labelled objects.
-    """
+    """Return the objects whose patches are labelled."""
     owner = objects["object_of_patch"]
     off = owner >= 0
     majority, _ = majority_labels(labels[off], owner[off], n_classes)
@@ -120,32 +69,7 @@ def fit(
     scheme: ClassScheme,
     trained_on: Mapping[str, Any],
 ) -> ModelBundle:
-    """Train the classifier of objects; the weight of an object is the square root of its number of patches.
-
-    Parameters
-    ----------
-    scenes : sequence of TrainingObjects
-        Labelled objects of each training scene.
-    parameters : ShapeParameters
-        The parameters.
-    stages : PatchStages
-        Preparation of the scenes.
-    scheme : ClassScheme
-        The classes.
-    trained_on : mapping
-        Description of the training data for the metadata; JSON values.
-
-    Returns
-    -------
-    ModelBundle
-        The model. ``classes_given`` in its metadata are the predicted classes: those of the training objects, without
-        classes whose patches are mostly on the ground.
-
-    Raises
-    ------
-    DataError
-        If there is no labelled object, or all are of one class.
-    """
+    """Train the classifier of objects; the weight of an object is the square root of its number of patches."""
     filled = [scene for scene in scenes if len(scene["label"])]
     if not filled:
         raise DataError("no labelled object in the training scenes: check their labels and the ground filter")

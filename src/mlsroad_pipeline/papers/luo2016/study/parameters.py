@@ -29,45 +29,27 @@ RUNS = tuple(method for method in METHODS if method not in REFINES.values())
 
 @dataclass(frozen=True)
 class StudyScale:
-    """Streets and settings of one scale.
+    """Streets and settings of one scale."""
 
-    Parameters
-    ----------
-    survey : mapping
-        ``preset`` and changes of `SimulationParameters`, without the seed. Fewer and longer training streets are more
-        similar to each other.
-    test_survey : mapping
-        Changes of `survey` for test streets. Longer streets take more time and reduce the spread between seeds.
-    repetitions : sequence of mapping
-        ``train``: seeds of the training streets, together more than K scenes of 10 m. ``test``: seeds of the test
-        streets, each scored separately. No test street is a training street of any repetition. With its own training
-        streets per repetition, the spread includes that of training; each repetition costs one training per method.
-    patch_sizes : sequence of float
-        Patch sizes L of Figures 7 and 8, metres.
-    search_radii : sequence of float
-        Local search radii R_loc of Figures 9 to 11, metres.
-    sensitivity : int
-        Repetitions of Figures 7 to 11: the first ones, each with its own training and test streets.
-    radius_patches : int
-        Maximum patches per training scene in Figures 9 to 11; the search of the paper takes minutes with all patches.
-    patches : mapping
-        Changes of `PatchParameters` for all methods but the printed ones, such as more bins than the paper's.
-    methods : mapping
-        Slug to changes of the method's parameters at this scale.
-    tuning : mapping
-        Slug to the settings that are tried on training streets, each a mapping of parameters. As many for baselines as
-        for the graph keep the comparison fair. Methods without settings here use their own grid search.
-    """
-
+    # ``preset`` and changes of `SimulationParameters`, without the seed. Fewer and longer training streets are more
+    # similar to each other.
     survey: Mapping[str, Any]
+    # Changes of `survey` for test streets. Longer streets take more time and reduce the spread between seeds.
     test_survey: Mapping[str, Any]
+    # ``train``: seeds of the training streets, together more than K scenes of 10 m. ``test``: seeds of the test
+    # streets, each scored separately. No test street is a training street of any repetition. With its own training
+    # streets per repetition, the spread includes that of training; each repetition costs one training per method.
     repetitions: Sequence[Mapping[str, Any]]
-    patch_sizes: Sequence[float]
-    search_radii: Sequence[float]
-    sensitivity: int
+    patch_sizes: Sequence[float]  # Patch sizes L of Figures 7 and 8, metres
+    search_radii: Sequence[float]  # Local search radii R_loc of Figures 9 to 11, metres
+    sensitivity: int  # Repetitions of Figures 7 to 11: the first ones, each with its own training and test streets
+    # Maximum patches per training scene in Figures 9 to 11; the search of the paper takes minutes with all patches
     radius_patches: int
+    # Changes of `PatchParameters` for all methods but the printed ones, such as more bins than the paper's
     patches: Mapping[str, Any]
-    methods: Mapping[str, Mapping[str, Any]]
+    methods: Mapping[str, Mapping[str, Any]]  # Slug to changes of the method's parameters at this scale
+    # Slug to the settings that are tried on training streets, each a mapping of parameters. As many for baselines as
+    # for the graph keep the comparison fair. Methods without settings here use their own grid search.
     tuning: Mapping[str, Sequence[Mapping[str, Any]]]
 
     def __post_init__(self) -> None:
@@ -102,16 +84,6 @@ class StudyScale:
 
 @dataclass(frozen=True)
 class StudyParameters(ScaledStudy[StudyScale], group="luo2016_study", kind=StudyScale):
-    """Parameters of the study of Luo et al. 2016.
+    """Parameters of the study of Luo et al. 2016."""
 
-    Parameters
-    ----------
-    scale : str
-        Name of the scale that is run.
-    scales : mapping
-        Name of each scale to the fields of `StudyScale`.
-    scheme : str
-        Class scheme; its class ``other`` is learned and counted, but excluded from means.
-    """
-
-    scheme: str
+    scheme: str  # Class scheme; its class ``other`` is learned and counted, but excluded from means

@@ -18,11 +18,6 @@ class HierarchyRecogniser(DescriptorRecogniser):
 
     The descriptor is published in a thesis only. Luo et al. describe it as 100 values that model the typical vertical
     features of a shape; this implementation follows that description.
-
-    Parameters
-    ----------
-    parameters : DescriptorParameters, optional
-        Candidates of the cross-validation.
     """
 
     slug = SLUG
@@ -30,19 +25,6 @@ class HierarchyRecogniser(DescriptorRecogniser):
 
     @staticmethod
     def describe_objects(objects: Sequence[ArrayLike], radius: float) -> NDArray[np.float32]:
-        """Return the descriptors of objects.
-
-        Parameters
-        ----------
-        objects : sequence of array-like of shape (n_i, 3)
-            Points of each object, metres.
-        radius : float
-            Not used.
-
-        Returns
-        -------
-        ndarray of float32, shape (objects, 100)
-            The descriptors.
-        """
+        """Return the descriptors of objects."""
         del radius
         return describe_layers(objects)

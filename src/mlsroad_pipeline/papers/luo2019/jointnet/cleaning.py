@@ -21,25 +21,7 @@ _BY_PAIRS = 1500
 def isolated_points(
     xyz: NDArray[np.float64], indptr: NDArray[np.int64], *, factor: float, least: int
 ) -> NDArray[np.bool_]:
-    """Return the points of objects that are isolated.
-
-    Parameters
-    ----------
-    xyz : ndarray of float64, shape (n, 3)
-        Points, object by object, metres.
-    indptr : ndarray of int64, shape (objects + 1,)
-        Start of the points of each object.
-    factor : float
-        A point is isolated if the mean distance of its four nearest points of the object is more than this factor times
-        the median of the object.
-    least : int
-        Objects with at most this number of points are left as they are.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        Isolated points; none of a pass that would leave an object with less than half of its points.
-    """
+    """Return the points of objects that are isolated."""
     alone = np.zeros(len(xyz), dtype=np.bool_)
     for first, last in zip(indptr[:-1].tolist(), indptr[1:].tolist(), strict=True):
         if last - first > least:

@@ -24,24 +24,12 @@ _FEW = 8
 
 @dataclass(frozen=True)
 class Points:
-    """Objects as flat arrays.
+    """Objects as flat arrays."""
 
-    Attributes
-    ----------
-    xyz : ndarray of float64, shape (n, 3)
-        Points, object by object, metres.
-    indptr : ndarray of int64, shape (objects + 1,)
-        Start of the points of each object.
-    intensity : ndarray of float64, shape (n,)
-        Intensity of each point; arbitrary where unknown.
-    known : ndarray of bool, shape (objects,)
-        Objects whose intensity is known.
-    """
-
-    xyz: NDArray[np.float64]
-    indptr: NDArray[np.int64]
-    intensity: NDArray[np.float64]
-    known: NDArray[np.bool_]
+    xyz: NDArray[np.float64]  # Points, object by object, metres
+    indptr: NDArray[np.int64]  # Start of the points of each object
+    intensity: NDArray[np.float64]  # Intensity of each point; arbitrary where unknown
+    known: NDArray[np.bool_]  # Objects whose intensity is known
 
     @property
     def owner(self) -> NDArray[np.int64]:
@@ -49,18 +37,7 @@ class Points:
         return np.repeat(np.arange(len(self.indptr) - 1), np.diff(self.indptr))
 
     def turned(self, angle: NDArray[np.float64] | float) -> Points:
-        """Rotate objects about z.
-
-        Parameters
-        ----------
-        angle : ndarray of float64, shape (objects,), or float
-            Angles in radians.
-
-        Returns
-        -------
-        Points
-            The rotated objects.
-        """
+        """Rotate objects about z."""
         each = np.broadcast_to(angle, (len(self.indptr) - 1,))[self.owner]
         low = self.xyz[self.indptr[:-1]][self.owner]  # rotation about a point of the object preserves precision
         x, y, z = (self.xyz - low).T
@@ -68,18 +45,7 @@ class Points:
         return replace(self, xyz=np.column_stack([x * cos - y * sin, x * sin + y * cos, z]))
 
     def kept(self, keep: NDArray[np.bool_]) -> Points:
-        """Remove points, except from objects that would keep fewer than 8.
-
-        Parameters
-        ----------
-        keep : ndarray of bool, shape (n,)
-            Points to keep.
-
-        Returns
-        -------
-        Points
-            The thinned objects.
-        """
+        """Remove points, except from objects that would keep fewer than 8."""
         left = np.add.reduceat(keep.astype(np.int64), self.indptr[:-1])
         keep = keep | (left < _FEW)[self.owner]
         counts = np.add.reduceat(keep.astype(np.int64), self.indptr[:-1])
@@ -88,22 +54,7 @@ class Points:
 
 
 def augment(points: Points, parameters: AugmentationParameters, rng: np.random.Generator) -> Points:
-    """Return randomly augmented objects.
-
-    Parameters
-    ----------
-    points : Points
-        The objects.
-    parameters : AugmentationParameters
-        Ranges of the changes.
-    rng : Generator
-        Random number generator.
-
-    Returns
-    -------
-    Points
-        The augmented objects.
-    """
+    """Return randomly augmented objects."""
     p, n = parameters, len(points.indptr) - 1
     if p.rotate:
         points = points.turned(rng.uniform(0, 2 * np.pi, n))
@@ -154,25 +105,7 @@ def _with_outliers(points: Points, most: float, rng: np.random.Generator) -> Poi
 def encode(
     points: Points, parameters: InputParameters, *, measures: NDArray[np.float32] | None = None
 ) -> tuple[dict[str, NDArray[np.float32]], NDArray[np.float32]]:
-    """Return the images and measures of objects.
-
-    Parameters
-    ----------
-    points : Points
-        The objects.
-    parameters : InputParameters
-        Views, channels and sizes.
-    measures : ndarray of float32, optional
-        Measures to reuse, since they do not depend on the heading.
-
-    Returns
-    -------
-    images : dict of str to ndarray of float32, shape (objects, 5, channels, size, size)
-        View to images. Counts are shares of the points multiplied by a quarter of the number of cells, which makes them
-        of order 1 for any size, or the square roots of these; without `InputParameters.relative` they are plain counts.
-    measures : ndarray of float32, shape (objects, `N_MEASURES` or 0)
-        Measures, see `measure_objects`.
-    """
+    """Return the images and measures of objects."""
     if parameters.clean:
         alone = isolated_points(points.xyz, points.indptr, factor=parameters.clean, least=_FEW)
         points = points.kept(~alone)

@@ -27,42 +27,17 @@ LANDMARKS, MOST_SAMPLES = 400, 20_000
 
 @dataclass(frozen=True)
 class MeasureRegression:
-    """Trained kernel logistic regression, as flat arrays.
+    """Trained kernel logistic regression, as flat arrays."""
 
-    Parameters
-    ----------
-    shift, scale : ndarray of float32, shape (d,)
-        Measures are standardised as (x - shift) / scale.
-    landmarks : ndarray of float32, shape (m, d)
-        Standardised measures that span the kernel.
-    mixing : ndarray of float32, shape (m, m)
-        Inverse square root of the kernel of the landmarks.
-    coefficients : ndarray of float32, shape (classes, m)
-        Weights of the classes.
-    intercepts : ndarray of float32, shape (classes,)
-        Their intercepts.
-    """
-
-    shift: NDArray[np.float32]
-    scale: NDArray[np.float32]
-    landmarks: NDArray[np.float32]
-    mixing: NDArray[np.float32]
-    coefficients: NDArray[np.float32]
-    intercepts: NDArray[np.float32]
+    shift: NDArray[np.float32]  # Measures are standardised as (x - shift) / scale
+    scale: NDArray[np.float32]  # Measures are standardised as (x - shift) / scale
+    landmarks: NDArray[np.float32]  # Standardised measures that span the kernel
+    mixing: NDArray[np.float32]  # Inverse square root of the kernel of the landmarks
+    coefficients: NDArray[np.float32]  # Weights of the classes
+    intercepts: NDArray[np.float32]  # Their intercepts
 
     def predict_proba(self, measures: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Return the probability of each class.
-
-        Parameters
-        ----------
-        measures : ndarray of float32, shape (objects, d)
-            Measures, see `measure_objects`.
-
-        Returns
-        -------
-        ndarray of float64, shape (objects, classes)
-            Probabilities.
-        """
+        """Return the probability of each class."""
         x = ((measures - self.shift) / self.scale).astype(np.float64)
         square = (
             (x**2).sum(axis=1)[:, None]
@@ -78,34 +53,12 @@ class MeasureRegression:
         return probabilities
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return the regression as named arrays.
-
-        Returns
-        -------
-        dict of str to ndarray
-            The arrays.
-        """
+        """Return the regression as named arrays."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
-        """Rebuild a regression from the arrays of `to_arrays`.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            The arrays.
-
-        Returns
-        -------
-        MeasureRegression
-            The regression.
-
-        Raises
-        ------
-        DataError
-            If an array is missing.
-        """
+        """Rebuild a regression from the arrays of `to_arrays`."""
         names = [field.name for field in fields(cls)]
         check_arrays(arrays, names, "a kernel logistic regression")
         return cls(**{name: np.asarray(arrays[name]) for name in names})
@@ -114,22 +67,7 @@ class MeasureRegression:
 def train_regression(
     points: Points, target: NDArray[np.int64], parameters: JointNetParameters
 ) -> MeasureRegression | None:
-    """Train the regression on objects and on augmented copies.
-
-    Parameters
-    ----------
-    points : Points
-        The training objects.
-    target : ndarray of int64, shape (objects,)
-        Their classes, from 0.
-    parameters : JointNetParameters
-        Inputs, augmentation, share and number of copies.
-
-    Returns
-    -------
-    MeasureRegression or None
-        The regression; None without measures or share.
-    """
+    """Train the regression on objects and on augmented copies."""
     p = parameters.training
     if not parameters.inputs.measures or not p.regression_share:
         return None

@@ -19,21 +19,6 @@ def measure_objects(
     """Compute the measures of objects.
 
     Lengths are logarithms of metres. "Along" is the horizontal direction of largest spread, "across" is perpendicular.
-
-    Parameters
-    ----------
-    xyz : ndarray of float64, shape (n, 3)
-        Points, object by object.
-    indptr : ndarray of int64, shape (objects + 1,)
-        Start of the points of each object.
-    value : ndarray of float64, shape (n,)
-        Intensity of each point.
-    out : ndarray of float32, shape (objects, N_MEASURES)
-        Output, filled except for the last column: height, extents along and across; standard deviations of height,
-        along and across; quartiles of the height; ranges between the 5 % and 95 % quantiles of height, along and
-        across; for each of four layers its share of the points and its deviations along and across; five quantiles of
-        the distance from the vertical axis; linearity, planarity, scattering, and steepness of the last and the first
-        axis; mean, deviation and five quantiles of the intensity.
     """
     for k in range(len(out)):
         first, last = indptr[k], indptr[k + 1]

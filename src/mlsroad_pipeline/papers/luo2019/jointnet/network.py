@@ -27,18 +27,7 @@ class Halving(nn.Module):
         super().__init__()
 
     def forward(self, maps: Tensor) -> Tensor:
-        """Pool feature maps.
-
-        Parameters
-        ----------
-        maps : Tensor of shape (batch, channels, height, width)
-            The maps.
-
-        Returns
-        -------
-        Tensor of shape (batch, channels, ceil(height / 2), ceil(width / 2))
-            The pooled values.
-        """
+        """Pool feature maps."""
         if self.training or maps.shape[2] % 2 or maps.shape[3] % 2:
             return nn.functional.max_pool2d(maps, 2, ceil_mode=True)
         rows = torch.maximum(maps[:, :, ::2], maps[:, :, 1::2])  # same values in a third of the time on a CPU
@@ -55,18 +44,7 @@ class PyramidPooling(nn.Module):
         super().__init__()
 
     def forward(self, maps: Tensor) -> Tensor:
-        """Pool feature maps.
-
-        Parameters
-        ----------
-        maps : Tensor of shape (batch, channels, height, width)
-            The maps.
-
-        Returns
-        -------
-        Tensor of shape (batch, 3 * channels)
-            The pooled values.
-        """
+        """Pool feature maps."""
         halves = nn.functional.adaptive_max_pool2d(maps, (2, 1)).flatten(1)
         return torch.cat([halves, maps.amax(dim=(2, 3))], dim=1)
 
@@ -75,16 +53,7 @@ class JointNet(nn.Module):
     """Network that scores the classes of objects from their images.
 
     The convolutional module f is shared by all images, as in equation 2; each view has its own two fusion modules,
-    whose scores are summed (equation 10). This agrees with Table 1 of the paper, 159 MB for one view and 223 MB for
-    three views: each further view adds 32 MB, and f alone has 127 MB. These sizes hold more than weights: PointNet's
-    42 MB are 12 bytes for each of its 3.47 million weights, as stored with two slots of an optimiser.
-
-    Parameters
-    ----------
-    parameters : JointNetParameters
-        Views and layers.
-    n_classes : int
-        Classes.
+    whose scores are summed (equation 10).
     """
 
     shift: Tensor
@@ -113,21 +82,7 @@ class JointNet(nn.Module):
                     nn.init.zeros_(module.bias)
 
     def forward(self, images: Mapping[str, Tensor], measures: Tensor) -> Tensor:
-        """Return the scores of objects.
-
-        Parameters
-        ----------
-        images : mapping of str to Tensor of shape (batch, 5, channels, size, size)
-            Images of each view.
-        measures : Tensor of shape (batch, n_measures)
-            Measures of the objects; (batch, 0) for the network as printed.
-
-        Returns
-        -------
-        Tensor of shape (heads, batch, n_classes)
-            Scores. The first head is the sum over the views (equation 10); the second, with measures, uses only these.
-            The class probability is the mean of the softmax of the heads.
-        """
+        """Return the scores of objects."""
         known = (measures - self.shift) / self.scale
         scores = []
         for view in self.views:
@@ -179,17 +134,7 @@ def _measures_head(p: NetworkParameters, n_measures: int, n_classes: int) -> nn.
 
 
 class CNN3(nn.Module):
-    """Second fusion module of one view: four convolutions and two fully connected layers.
-
-    Parameters
-    ----------
-    p : NetworkParameters
-        Widths of the layers.
-    n_measures : int
-        Measures concatenated with the values of the convolutions.
-    n_classes : int
-        Classes.
-    """
+    """Second fusion module of one view: four convolutions and two fully connected layers."""
 
     def __init__(self, p: NetworkParameters, n_measures: int, n_classes: int) -> None:
         super().__init__()
@@ -206,20 +151,7 @@ class CNN3(nn.Module):
         self.scores = nn.Linear(p.n_hidden, n_classes)
 
     def forward(self, maps: Tensor, measures: Tensor) -> Tensor:
-        """Return the scores of one view.
-
-        Parameters
-        ----------
-        maps : Tensor of shape (batch, channels, rows, columns)
-            Output of the first fusion module.
-        measures : Tensor of shape (batch, n_measures)
-            Measures of the objects.
-
-        Returns
-        -------
-        Tensor of shape (batch, n_classes)
-            Scores.
-        """
+        """Return the scores of one view."""
         values = self.dropout(torch.cat([self.convolutions(maps), measures], dim=1))
         scores: Tensor = self.scores(self.dropout(torch.relu(self.hidden(values))))
         return scores

@@ -30,53 +30,30 @@ def _whole(value: int, name: str, least: int = 1) -> None:
 
 @dataclass(frozen=True)
 class InputParameters:
-    """Inputs of the network.
+    """Inputs of the network."""
 
-    Parameters
-    ----------
-    views : sequence of str, default ["hssi", "vqai", "vaai"]
-        Kinds of images; a single one is a sub-network of the paper.
-    sizes : sequence of int, default [16, 8, 16]
-        Rows and columns of HSSI, VQAI and VAAI (luo2019: the same). Larger shows finer detail and more noise.
-    isotropic : bool, default True
-        Scale all axes of an object by the same factor (luo2019: each axis separately).
-    window : sequence of float, optional
-        Half width and height, in metres, of a fixed space for all objects, which preserves their size; `isotropic` has
-        no effect then. None scales every object to fill its space. Luo2019 can be read as either.
-    bilinear : bool, default False
-        Distribute a point over the four cells around it, as in the spin images of Johnson and Hebert (1999) that HSSI
-        follows; images of few points are less noisy then. Luo2019 prints one cell per point.
-    printed_rows : bool, default False
-        Rows of HSSI by equation 4 as printed, which leaves half of the image empty; see `compute_images`.
-    relative : bool, default True
-        Divide counts by the number of points of the object (luo2019: no).
-    clean : float, default 2.5
-        Leave out points whose mean distance to their four nearest points is more than this factor times the median of
-        the object (statistical outlier removal); 0 keeps all (luo2019: all).
-    compress : bool, default True
-        Take the square root of the counts, which emphasises sparse cells (luo2019: no).
-    intensity : bool, default True
-        Add the mean intensity of each cell as a second channel (luo2019: no). Objects without intensity can be
-        recognised too.
-    measures : bool, default True
-        Use the size and shape of the object in metres as an extra input, see `measures` (luo2019: no).
-
-    Raises
-    ------
-    ParameterError
-        If there is no view or an unknown one, a size is below 1, or the window is not two lengths above 0.
-    """
-
+    # Kinds of images; a single one is a sub-network of the paper
     views: Sequence[str] = field(default_factory=lambda: list(VIEWS))
+    # Rows and columns of HSSI, VQAI and VAAI (luo2019: the same). Larger shows finer detail and more noise.
     sizes: Sequence[int] = field(default_factory=lambda: [16, 8, 16])
-    isotropic: bool = True
+    isotropic: bool = True  # Scale all axes of an object by the same factor (luo2019: each axis separately)
+    # Half width and height, in metres, of a fixed space for all objects, which preserves their size; `isotropic` has no
+    # effect then. None scales every object to fill its space. Luo2019 can be read as either.
     window: Sequence[float] | None = None
+    # Distribute a point over the four cells around it, as in the spin images of Johnson and Hebert (1999) that HSSI
+    # follows; images of few points are less noisy then. Luo2019 prints one cell per point.
     bilinear: bool = False
+    # Rows of HSSI by equation 4 as printed, which leaves half of the image empty; see `compute_images`
     printed_rows: bool = False
-    relative: bool = True
+    relative: bool = True  # Divide counts by the number of points of the object (luo2019: no)
+    # Leave out points whose mean distance to their four nearest points is more than this factor times the median of the
+    # object (statistical outlier removal); 0 keeps all (luo2019: all)
     clean: float = 2.5
-    compress: bool = True
+    compress: bool = True  # Take the square root of the counts, which emphasises sparse cells (luo2019: no)
+    # Add the mean intensity of each cell as a second channel (luo2019: no). Objects without intensity can be recognised
+    # too.
     intensity: bool = True
+    # Use the size and shape of the object in metres as an extra input, see `measures` (luo2019: no)
     measures: bool = True
 
     def __post_init__(self) -> None:
@@ -96,39 +73,20 @@ class InputParameters:
 
 @dataclass(frozen=True)
 class NetworkParameters:
-    """Layers of the network; the paper gives their kinds and kernels, not their widths.
+    """Layers of the network; the paper gives their kinds and kernels, not their widths."""
 
-    Parameters
-    ----------
-    convolutional_widths : sequence of int, default [8, 16, 16, 16, 32]
-        Channels of the five convolutions of the convolutional module.
-    n_hidden : int, default 64
-        Width of the fully connected layers.
-    map_channels, map_size : int, default 4, 8
-        Channels, and rows and columns, of the maps that the fully connected values are reshaped to.
-    fusion_widths : sequence of int, default [16, 16]
-        Channels of the two convolutions of the first fusion module.
-    cnn3_widths : sequence of int, default [16, 16, 32, 32]
-        Channels of the four convolutions of the second fusion module.
-    dropout : float, default 0.3
-        Dropout rate before the last two layers (luo2019: 0.7, read as the keep probability of TensorFlow).
-    batch_norm : bool, default True
-        Apply batch normalisation after convolutions (luo2019: no).
-
-    Raises
-    ------
-    ParameterError
-        If a width is below 1, the number of widths is wrong, or `dropout` is not in [0, 1).
-    """
-
+    # Channels of the five convolutions of the convolutional module
     convolutional_widths: Sequence[int] = field(default_factory=lambda: [8, 16, 16, 16, 32])
-    n_hidden: int = 64
-    map_channels: int = 4
-    map_size: int = 8
+    n_hidden: int = 64  # Width of the fully connected layers
+    map_channels: int = 4  # Channels, and rows and columns, of the maps that the fully connected values are reshaped to
+    map_size: int = 8  # Channels, and rows and columns, of the maps that the fully connected values are reshaped to
+    # Channels of the two convolutions of the first fusion module
     fusion_widths: Sequence[int] = field(default_factory=lambda: [16, 16])
+    # Channels of the four convolutions of the second fusion module
     cnn3_widths: Sequence[int] = field(default_factory=lambda: [16, 16, 32, 32])
+    # Dropout rate before the last two layers (luo2019: 0.7, read as the keep probability of TensorFlow)
     dropout: float = 0.3
-    batch_norm: bool = True
+    batch_norm: bool = True  # Apply batch normalisation after convolutions (luo2019: no)
 
     def __post_init__(self) -> None:
         for name, number in (("convolutional_widths", 5), ("fusion_widths", 2), ("cnn3_widths", 4)):
@@ -143,38 +101,16 @@ class NetworkParameters:
 
 @dataclass(frozen=True)
 class AugmentationParameters:
-    """Augmentation of training objects in each epoch.
+    """Augmentation of training objects in each epoch."""
 
-    Parameters
-    ----------
-    rotate : bool, default True
-        Rotate about z by a random angle, and mirror with probability 0.5.
-    drop : float, default 0.5
-        Maximum share of dropped points.
-    occlude : float, default 0.3
-        Maximum share of the extent that is cut off from one side, with probability 0.5.
-    noise : float, default 0.0
-        Maximum standard deviation of the noise on coordinates, as a share of half the extent of the object.
-    scale : float, default 0.1
-        Maximum relative change of the extent along each axis.
-    outliers : float, default 0.1
-        Maximum share of points that become outliers.
-    hide_intensity : float, default 0.2
-        Share of the objects whose intensity is hidden, for robustness to missing intensity.
-
-    Raises
-    ------
-    ParameterError
-        If a value is not in [0, 1).
-    """
-
-    rotate: bool = True
-    drop: float = 0.5
-    occlude: float = 0.3
+    rotate: bool = True  # Rotate about z by a random angle, and mirror with probability 0.5
+    drop: float = 0.5  # Maximum share of dropped points
+    occlude: float = 0.3  # Maximum share of the extent that is cut off from one side, with probability 0.5
+    # Maximum standard deviation of the noise on coordinates, as a share of half the extent of the object
     noise: float = 0.0
-    scale: float = 0.1
-    outliers: float = 0.1
-    hide_intensity: float = 0.2
+    scale: float = 0.1  # Maximum relative change of the extent along each axis
+    outliers: float = 0.1  # Maximum share of points that become outliers
+    hide_intensity: float = 0.2  # Share of the objects whose intensity is hidden, for robustness to missing intensity
 
     def __post_init__(self) -> None:
         for name in ("drop", "occlude", "noise", "scale", "outliers", "hide_intensity"):
@@ -183,81 +119,41 @@ class AugmentationParameters:
 
 @dataclass(frozen=True)
 class TrainingParameters:
-    """Parameters of stochastic gradient descent, augmentation and prediction.
+    """Parameters of stochastic gradient descent, augmentation and prediction."""
 
-    Parameters
-    ----------
-    epochs : int, default 80
-        Passes over the training objects (luo2019: 150).
-    copies : int, default 1
-        Augmented copies of each training object per epoch (luo2019: not specified). Larger lengthens the epochs, which
-        the schedule "halving" counts.
-    batch_size : int, default 32
-        Objects per step (luo2019: 32).
-    learning_rate : float, default 0.05
-        Maximum learning rate (luo2019: 0.01 in one place, 0.001 in another).
-    momentum : float, default 0.9
-        Momentum (luo2019: 0.9).
-    weight_decay : float, default 0.0005
-        Weight decay (luo2019: 0.0005).
-    clip : float, default 0.0
-        Maximum norm of the gradient; larger gradients are clipped, which prevents dead rectifiers in networks without
-        batch normalisation. 0 disables clipping (luo2019: not specified).
-    schedule : {"one_cycle", "halving"}, default "one_cycle"
-        Learning rate: rising over the first fifth and falling to 0 as a cosine, or halved every 20 epochs (luo2019).
-    label_smoothing : float, default 0.1
-        Label smoothing of the cross entropy (luo2019: 0).
-    loss : {"mean", "sum"}, default "mean"
-        Mean of the cross entropy over a batch, or its sum (luo2019, equation 11), whose gradients are as many times
-        larger as a batch has objects.
-    augmentation : AugmentationParameters or mapping
-        Augmentation of the training objects.
-    regression_share : float, default 0.5
-        Share of a kernel logistic regression on the measures in the class probabilities, beside the networks; 0 for
-        none, and without measures (luo2019: 0).
-    regression_copies : int, default 6
-        Augmented copies of each object that the regression is trained on, beside the object itself.
-    n_members : int, default 2
-        Networks of the ensemble, from different initial weights; their probabilities are averaged (luo2019: 1).
-    n_turns : int, default 4
-        Rotations about z over which predictions are averaged (luo2019: 1).
-    validation : float, default 0.0
-        Share of the training objects held out for early stopping; 0 trains on all objects to the last epoch.
-    patience : int, default 30
-        Epochs without improvement of the held-out loss after which training stops.
-    device : {"auto", "cpu", "cuda"}, default "auto"
-        Device of the network; "auto" is a GPU if there is one.
-    mixed_precision : bool, default False
-        Use mixed precision with bfloat16 on a GPU.
-    seed : int, default 2019
-        Seed of initial weights, order, augmentation and held-out objects.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain or a name is unknown.
-    """
-
-    epochs: int = 80
+    epochs: int = 80  # Passes over the training objects (luo2019: 150)
+    # Augmented copies of each training object per epoch (luo2019: not specified). Larger lengthens the epochs, which
+    # the schedule "halving" counts.
     copies: int = 1
-    batch_size: int = 32
-    learning_rate: float = 0.05
-    momentum: float = 0.9
-    weight_decay: float = 0.0005
+    batch_size: int = 32  # Objects per step (luo2019: 32)
+    learning_rate: float = 0.05  # Maximum learning rate (luo2019: 0.01 in one place, 0.001 in another)
+    momentum: float = 0.9  # Momentum (luo2019: 0.9)
+    weight_decay: float = 0.0005  # Weight decay (luo2019: 0.0005)
+    # Maximum norm of the gradient; larger gradients are clipped, which prevents dead rectifiers in networks without
+    # batch normalisation. 0 disables clipping (luo2019: not specified).
     clip: float = 0.0
+    # Learning rate: rising over the first fifth and falling to 0 as a cosine, or halved every 20 epochs (luo2019)
     schedule: Literal["one_cycle", "halving"] = "one_cycle"
-    label_smoothing: float = 0.1
+    label_smoothing: float = 0.1  # Label smoothing of the cross entropy (luo2019: 0)
+    # Mean of the cross entropy over a batch, or its sum (luo2019, equation 11), whose gradients are as many times
+    # larger as a batch has objects
     loss: Literal["mean", "sum"] = "mean"
+    # Augmentation of the training objects
     augmentation: AugmentationParameters = field(default_factory=AugmentationParameters)
+    # Share of a kernel logistic regression on the measures in the class probabilities, beside the networks; 0 for none,
+    # and without measures (luo2019: 0)
     regression_share: float = 0.5
+    # Augmented copies of each object that the regression is trained on, beside the object itself
     regression_copies: int = 6
+    # Networks of the ensemble, from different initial weights; their probabilities are averaged (luo2019: 1)
     n_members: int = 2
-    n_turns: int = 4
+    n_turns: int = 4  # Rotations about z over which predictions are averaged (luo2019: 1)
+    # Share of the training objects held out for early stopping; 0 trains on all objects to the last epoch
     validation: float = 0.0
-    patience: int = 30
-    device: Literal["auto", "cpu", "cuda"] = "auto"
-    mixed_precision: bool = False
-    seed: int = 2019
+    patience: int = 30  # Epochs without improvement of the held-out loss after which training stops
+    device: Literal["auto", "cpu", "cuda"] = "auto"  # Device of the network; "auto" is a GPU if there is one
+    mixed_precision: bool = False  # Use mixed precision with bfloat16 on a GPU
+    seed: int = 2019  # Seed of initial weights, order, augmentation and held-out objects
 
     def __post_init__(self) -> None:
         parse_groups(self, augmentation=AugmentationParameters)
@@ -278,36 +174,15 @@ class TrainingParameters:
 
 @dataclass(frozen=True)
 class JointNetParameters:
-    """Parameters of JointNet.
+    """Parameters of JointNet."""
 
-    Parameters
-    ----------
-    inputs : InputParameters or mapping
-        Inputs of the network.
-    network : NetworkParameters or mapping
-        Layers.
-    training : TrainingParameters or mapping
-        Training and prediction.
-    """
-
-    inputs: InputParameters = field(default_factory=InputParameters)
-    network: NetworkParameters = field(default_factory=NetworkParameters)
-    training: TrainingParameters = field(default_factory=TrainingParameters)
+    inputs: InputParameters = field(default_factory=InputParameters)  # Inputs of the network
+    network: NetworkParameters = field(default_factory=NetworkParameters)  # Layers
+    training: TrainingParameters = field(default_factory=TrainingParameters)  # Training and prediction
 
     def __post_init__(self) -> None:
         parse_groups(self, inputs=InputParameters, network=NetworkParameters, training=TrainingParameters)
 
     def with_views(self, *views: str) -> Self:
-        """Return the parameters with other views.
-
-        Parameters
-        ----------
-        *views : str
-            Kinds of images.
-
-        Returns
-        -------
-        JointNetParameters
-            The parameters with these views.
-        """
+        """Return the parameters with other views."""
         return replace(self, inputs=replace(self.inputs, views=list(views)))

@@ -32,37 +32,14 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Trained:
-    """A trained network and its losses.
+    """A trained network and its losses."""
 
-    Attributes
-    ----------
-    network : JointNet
-        The network, in evaluation mode.
-    history : list of dict
-        Per epoch ``loss`` and, with held-out objects, ``validation_loss``.
-    """
-
-    network: JointNet
-    history: list[dict[str, float]]
+    network: JointNet  # The network, in evaluation mode
+    history: list[dict[str, float]]  # Per epoch ``loss`` and, with held-out objects, ``validation_loss``
 
 
 def scheduled_rate(step: int, n_steps: int, epoch: int, p: TrainingParameters) -> float:
-    """Return the learning rate of a step.
-
-    Parameters
-    ----------
-    step, n_steps : int
-        The step, from 0, and the number of steps of the training.
-    epoch : int
-        The epoch, from 0.
-    p : TrainingParameters
-        The schedule and its highest rate.
-
-    Returns
-    -------
-    float
-        The learning rate.
-    """
+    """Return the learning rate of a step."""
     if p.schedule == "halving":
         return p.learning_rate * float(0.5 ** (epoch // HALVE_EVERY))
     return learning_rate(step, n_steps, p.learning_rate)
@@ -71,24 +48,7 @@ def scheduled_rate(step: int, n_steps: int, epoch: int, p: TrainingParameters) -
 def to_tensors(
     images: dict[str, NDArray[np.float32]], measures: NDArray[np.float32], device: torch.device
 ) -> tuple[dict[str, Tensor], Tensor]:
-    """Move the encoded objects to a device.
-
-    Parameters
-    ----------
-    images : dict of str to ndarray of float32
-        Images of each view, see `encode`.
-    measures : ndarray of float32, shape (objects, m)
-        Measures, see `encode`.
-    device : torch.device
-        The device.
-
-    Returns
-    -------
-    images : dict of str to Tensor
-        The images on the device.
-    measures : Tensor
-        The measures on the device.
-    """
+    """Move the encoded objects to a device."""
     return {view: torch.from_numpy(v).to(device) for view, v in images.items()}, torch.from_numpy(measures).to(device)
 
 
@@ -102,40 +62,7 @@ def train_network(
     checkpoints: Checkpoints | None = None,
     progress: bool = False,
 ) -> Trained:
-    """Train one network.
-
-    Parameters
-    ----------
-    points : Points
-        The training objects.
-    target : ndarray of int64, shape (objects,)
-        Their classes, from 0.
-    n_classes : int
-        Number of classes.
-    parameters : JointNetParameters
-        Inputs, layers and training schedule.
-    member : int, default 0
-        Index of the network in the ensemble; initial weights and random numbers depend on it.
-    checkpoints : Checkpoints, optional
-        Storage of the training state, saved after every tenth epoch and the last. A saved state is resumed; the result
-        is bitwise the same as that of an uninterrupted training.
-    progress : bool, default False
-        Show a progress bar.
-
-    Returns
-    -------
-    Trained
-        The network and its losses.
-
-    Raises
-    ------
-    ReadError
-        If the checkpoint is damaged or of another training.
-    ParameterError
-        If a GPU is requested and none is available.
-    DataError
-        If the loss is no longer finite.
-    """
+    """Train one network."""
     run = _Run(points, target, n_classes, parameters, member)
     name = f"network_{member}"
     if checkpoints is not None and (state := checkpoints.load(name)) is not None:

@@ -13,54 +13,25 @@ SLUG = "pointnet"
 
 @dataclass(frozen=True)
 class PointNetParameters:
-    """Parameters of PointNet.
+    """Parameters of PointNet."""
 
-    Parameters
-    ----------
-    n_points : int, default 128
-        Points sampled per object, with repetition if it has fewer (Qi et al.: 1024, of objects with many more points).
-    widths : sequence of int, default [64, 128, 256]
-        Widths of the shared layers after the feature transform (Qi et al.: 64, 128, 1024).
-    hidden : sequence of int, default [128, 64]
-        Widths of the fully connected layers (Qi et al.: 512, 256).
-    dropout : float, default 0.3
-        Dropout rate before the last layer (Qi et al.: 0.3).
-    regularisation : float, default 0.001
-        Weight of the orthogonality penalty of the feature transform (Qi et al.: 0.001).
-    epochs : int, default 100
-        Passes over the training objects.
-    batch_size : int, default 32
-        Objects per step (Qi et al.: 32).
-    learning_rate : float, default 0.001
-        Maximum learning rate of Adam (Qi et al.: 0.001).
-    jitter : float, default 0.02
-        Standard deviation of the noise on the coordinates of training objects, which are scaled to a ball of radius 1
-        and rotated about z (Qi et al.: 0.02).
-    n_turns : int, default 4
-        Rotations about z over which predictions are averaged.
-    device : {"auto", "cpu", "cuda"}, default "auto"
-        Device of the network; "auto" is a GPU if there is one.
-    seed : int, default 2019
-        Seed of the initial weights, the order and the augmentation.
-
-    Raises
-    ------
-    ParameterError
-        If a number is outside its range.
-    """
-
+    # Points sampled per object, with repetition if it has fewer (Qi et al.: 1024, of objects with many more points)
     n_points: int = 128
+    # Widths of the shared layers after the feature transform (Qi et al.: 64, 128, 1024)
     widths: Sequence[int] = field(default_factory=lambda: [64, 128, 256])
+    # Widths of the fully connected layers (Qi et al.: 512, 256)
     hidden: Sequence[int] = field(default_factory=lambda: [128, 64])
-    dropout: float = 0.3
-    regularisation: float = 0.001
-    epochs: int = 100
-    batch_size: int = 32
-    learning_rate: float = 0.001
+    dropout: float = 0.3  # Dropout rate before the last layer (Qi et al.: 0.3)
+    regularisation: float = 0.001  # Weight of the orthogonality penalty of the feature transform (Qi et al.: 0.001)
+    epochs: int = 100  # Passes over the training objects
+    batch_size: int = 32  # Objects per step (Qi et al.: 32)
+    learning_rate: float = 0.001  # Maximum learning rate of Adam (Qi et al.: 0.001)
+    # Standard deviation of the noise on the coordinates of training objects, which are scaled to a ball of radius 1 and
+    # rotated about z (Qi et al.: 0.02)
     jitter: float = 0.02
-    n_turns: int = 4
-    device: str = "auto"
-    seed: int = 2019
+    n_turns: int = 4  # Rotations about z over which predictions are averaged
+    device: str = "auto"  # Device of the network; "auto" is a GPU if there is one
+    seed: int = 2019  # Seed of the initial weights, the order and the augmentation
 
     def __post_init__(self) -> None:
         for name, number in (("widths", 3), ("hidden", 2)):

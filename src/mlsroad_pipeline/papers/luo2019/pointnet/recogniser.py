@@ -33,15 +33,7 @@ def _dense(inputs: int, outputs: int) -> nn.Sequential:
 
 
 class TransformNet(nn.Module):
-    """Network that predicts a transform of the features of points into a common pose; it starts as the identity.
-
-    Parameters
-    ----------
-    n : int
-        Number of features: rows and columns of the matrix.
-    parameters : PointNetParameters
-        Widths of the layers.
-    """
+    """Network that predicts a transform of the features of points into a common pose; it starts as the identity."""
 
     def __init__(self, n: int, parameters: PointNetParameters) -> None:
         super().__init__()
@@ -55,32 +47,13 @@ class TransformNet(nn.Module):
             self.matrix.bias.copy_(torch.eye(n).flatten())
 
     def forward(self, points: Tensor) -> Tensor:
-        """Return the transform of each object.
-
-        Parameters
-        ----------
-        points : Tensor of shape (batch, n, points)
-            Features of each point.
-
-        Returns
-        -------
-        Tensor of shape (batch, n, n)
-            The matrices.
-        """
+        """Return the transform of each object."""
         matrix: Tensor = self.matrix(self.whole(self.points(points).amax(dim=2)))
         return matrix.reshape(-1, self.n, self.n)
 
 
 class PointNet(nn.Module):
-    """Classification network with input and feature transforms (Qi et al. 2017, Figure 2).
-
-    Parameters
-    ----------
-    parameters : PointNetParameters
-        Widths of the layers.
-    n_classes : int
-        Classes.
-    """
+    """Classification network with input and feature transforms (Qi et al. 2017, Figure 2)."""
 
     def __init__(self, parameters: PointNetParameters, n_classes: int) -> None:
         super().__init__()
@@ -93,20 +66,7 @@ class PointNet(nn.Module):
         self.scores = nn.Sequential(nn.Dropout(parameters.dropout), nn.Linear(parameters.hidden[1], n_classes))
 
     def forward(self, points: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the scores of objects.
-
-        Parameters
-        ----------
-        points : Tensor of shape (batch, 3, points)
-            Their points.
-
-        Returns
-        -------
-        scores : Tensor of shape (batch, n_classes)
-            Scores of the classes.
-        matrix : Tensor of shape (batch, 64, 64)
-            The feature transforms.
-        """
+        """Return the scores of objects."""
         posed = self.input_transform(points).transpose(1, 2) @ points
         features = self.first(posed)
         matrix: Tensor = self.feature_transform(features)
@@ -116,18 +76,7 @@ class PointNet(nn.Module):
 
 
 class PointNetRecogniser(ShapeRecogniser):
-    """PointNet as an estimator.
-
-    Parameters
-    ----------
-    parameters : PointNetParameters, optional
-        Layers and training.
-
-    Attributes
-    ----------
-    classes_ : ndarray
-        The classes, sorted; columns of `predict_proba`.
-    """
+    """PointNet as an estimator."""
 
     slug = SLUG
 
@@ -185,25 +134,7 @@ class PointNetRecogniser(ShapeRecogniser):
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray], parameters: PointNetParameters) -> Self:
-        """Rebuild a recogniser from the arrays of `to_arrays`.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            Classes and weights.
-        parameters : PointNetParameters
-            Parameters of the training.
-
-        Returns
-        -------
-        PointNetRecogniser
-            The trained recogniser.
-
-        Raises
-        ------
-        DataError
-            If the classes are missing, or the weights do not fit the parameters.
-        """
+        """Rebuild a recogniser from the arrays of `to_arrays`."""
         self = cls._restored(arrays, parameters)
         self.network_ = PointNet(parameters, len(self.classes_))
         load_weights(self.network_, arrays, "weights/", f"{SLUG} with {len(self.classes_)} classes")

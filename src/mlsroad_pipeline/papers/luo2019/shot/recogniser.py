@@ -18,32 +18,13 @@ N_NEIGHBORS = 10
 
 
 class ShotRecogniser(DescriptorRecogniser):
-    """Recogniser by one SHOT descriptor of 352 values per object, at its centroid; normals point away from it.
-
-    Parameters
-    ----------
-    parameters : DescriptorParameters, optional
-        Candidates of the cross-validation.
-    """
+    """Recogniser by one SHOT descriptor of 352 values per object, at its centroid; normals point away from it."""
 
     slug = SLUG
 
     @staticmethod
     def describe_objects(objects: Sequence[ArrayLike], radius: float) -> NDArray[np.float32]:
-        """Return the descriptors of objects.
-
-        Parameters
-        ----------
-        objects : sequence of array-like of shape (n_i, 3)
-            Points of each object, metres.
-        radius : float
-            Radius of the ball, metres; 0 is the extent of the object.
-
-        Returns
-        -------
-        ndarray of float32, shape (objects, 352)
-            The descriptors.
-        """
+        """Return the descriptors of objects."""
         descriptors = np.zeros((len(objects), SIZE), dtype=np.float32)
         for i, xyz in enumerate(objects):
             points = check_xyz(xyz, minimum=1, name=f"object {i}").astype(np.float64)

@@ -15,32 +15,13 @@ SLUG = "spin_image"
 
 
 class SpinImageRecogniser(DescriptorRecogniser):
-    """Recogniser by one spin image of 153 values per object, about the vertical axis through the centre of its box.
-
-    Parameters
-    ----------
-    parameters : DescriptorParameters, optional
-        Candidates of the cross-validation.
-    """
+    """Recogniser by one spin image of 153 values per object, about the vertical axis through the centre of its box."""
 
     slug = SLUG
 
     @staticmethod
     def describe_objects(objects: Sequence[ArrayLike], radius: float) -> NDArray[np.float32]:
-        """Return the descriptors of objects.
-
-        Parameters
-        ----------
-        objects : sequence of array-like of shape (n_i, 3)
-            Points of each object, metres.
-        radius : float
-            Radius and half height of the image, metres; 0 is the extent of the object.
-
-        Returns
-        -------
-        ndarray of float32, shape (objects, 153)
-            The images.
-        """
+        """Return the descriptors of objects."""
         images = np.zeros((len(objects), 153), dtype=np.float32)
         for i, xyz in enumerate(objects):
             points = check_xyz(xyz, minimum=1, name=f"object {i}").astype(np.float64)

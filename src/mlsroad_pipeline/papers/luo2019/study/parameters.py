@@ -26,49 +26,32 @@ CLEAN, LABELS, COMBINED = "clean", "labels", "combined"
 
 @dataclass(frozen=True)
 class StudyScale:
-    """Levels and settings of one scale.
+    """Levels and settings of one scale."""
 
-    Parameters
-    ----------
-    seeds : sequence of int
-        Seeds of the methods. All methods are trained once per seed; the counts of all seeds are summed.
-    sizes : sequence of int
-        Image sizes of Figure 7, each tried for one kind of image while the others keep theirs (luo2019: 8 to 256).
-        Computing time grows with the square of the size.
-    noise, keep, outliers, occlusion : sequence of float
-        Levels of test objects in Figure 12.
-    training : mapping of str to sequence of float
-        Levels of training objects in Figure 13, by kind; ``labels`` are shares of wrong classes (Figure 14c, luo2019:
-        1/32 to 8/32).
-    combined : sequence of sequence of float
-        Noise, share of points kept, outliers and occlusion of training objects in Figures 14a and 14b. The paper gives
-        the first, (0.01, 0.5, 0.05, 0.05).
-    variants : mapping
-        Changes of JointNet's parameters for Figures 7, 13 and 14, which take many trainings.
-    images_alone : mapping
-        Changes of the parameters of JointNet and its sub-networks for Figures 9 and 10, where images alone are used.
-    grid : sequence of int
-        Image sizes of which all combinations for the three kinds of images are tried; empty for none. The paper tries
-        6 x 6 x 6 = 216 (section 4.2).
-    methods : mapping
-        Slug to changes of the method's parameters at this scale.
-    tuning : mapping
-        Slug to the settings to try; the one with the highest accuracy on validation objects is used. Methods without
-        settings here use their parameters or choose by cross-validation.
-    """
-
+    # Seeds of the methods. All methods are trained once per seed; the counts of all seeds are summed.
     seeds: Sequence[int]
+    # Image sizes of Figure 7, each tried for one kind of image while the others keep theirs (luo2019: 8 to 256).
+    # Computing time grows with the square of the size.
     sizes: Sequence[int]
-    noise: Sequence[float]
-    keep: Sequence[float]
-    outliers: Sequence[float]
-    occlusion: Sequence[float]
+    noise: Sequence[float]  # Levels of test objects in Figure 12
+    keep: Sequence[float]  # Levels of test objects in Figure 12
+    outliers: Sequence[float]  # Levels of test objects in Figure 12
+    occlusion: Sequence[float]  # Levels of test objects in Figure 12
+    # Levels of training objects in Figure 13, by kind; ``labels`` are shares of wrong classes (Figure 14c, luo2019:
+    # 1/32 to 8/32)
     training: Mapping[str, Sequence[float]]
+    # Noise, share of points kept, outliers and occlusion of training objects in Figures 14a and 14b. The paper gives
+    # the first, (0.01, 0.5, 0.05, 0.05).
     combined: Sequence[Sequence[float]]
-    variants: Mapping[str, Any]
+    variants: Mapping[str, Any]  # Changes of JointNet's parameters for Figures 7, 13 and 14, which take many trainings
+    # Changes of the parameters of JointNet and its sub-networks for Figures 9 and 10, where images alone are used
     images_alone: Mapping[str, Any]
+    # Image sizes of which all combinations for the three kinds of images are tried; empty for none. The paper tries 6 x
+    # 6 x 6 = 216 (section 4.2).
     grid: Sequence[int]
-    methods: Mapping[str, Mapping[str, Any]]
+    methods: Mapping[str, Mapping[str, Any]]  # Slug to changes of the method's parameters at this scale
+    # Slug to the settings to try; the one with the highest accuracy on validation objects is used. Methods without
+    # settings here use their parameters or choose by cross-validation.
     tuning: Mapping[str, Sequence[Mapping[str, Any]]]
 
     def __post_init__(self) -> None:
@@ -122,23 +105,12 @@ class StudyScale:
 
 @dataclass(frozen=True)
 class StudyParameters(ScaledStudy[StudyScale], group="luo2019_study", kind=StudyScale):
-    """Parameters of the study of Luo et al. 2019.
+    """Parameters of the study of Luo et al. 2019."""
 
-    Parameters
-    ----------
-    scale : str
-        Name of the scale that is run.
-    scales : mapping
-        Name of each scale to the fields of `StudyScale`.
-    sydney : str, optional
-        Folder of the Sydney Urban Objects, whose folds are also recognised (Tables 2 and 3, Figures 11c and 12i to
-        12l); None omits them.
-    seed : int
-        Seed of the disturbances, which are the same for all methods.
-    """
-
+    # Folder of the Sydney Urban Objects, whose folds are also recognised (Tables 2 and 3, Figures 11c and 12i to 12l);
+    # None omits them
     sydney: str | None
-    seed: int
+    seed: int  # Seed of the disturbances, which are the same for all methods
 
 
 def seeded(parameters: Any, seed: int) -> Any:

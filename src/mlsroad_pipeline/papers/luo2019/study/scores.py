@@ -32,8 +32,7 @@ def precision_recall(
     """Return thresholds, precision and recall as in the paper: an object has every class i with ``|1 - S_i|`` below
     the threshold.
 
-    Equations 14 and 15, averaged over the classes that occur. A class without predicted objects has no precision and is
-    excluded from its mean.
+    Equations 14 and 15, averaged over the classes that occur.
     """
     if not len(label):
         return np.zeros(0), np.zeros(0), np.zeros(0)

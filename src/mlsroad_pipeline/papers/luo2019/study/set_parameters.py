@@ -22,25 +22,14 @@ BY_HAND = "by_hand"
 
 @dataclass(frozen=True)
 class ObjectSetParameters:
-    """Parameters of one simulated set of objects.
+    """Parameters of one simulated set of objects."""
 
-    Parameters
-    ----------
-    share : float
-        Objects as a share of the paper's; 1 is the same number. Every class has the same share, so that the class
-        imbalance is the paper's as far as the streets have enough objects.
-    survey : mapping
-        ``preset`` and changes of `SimulationParameters`, without the seed.
-    first_seed : int
-        Seed of the first street; the seeds are consecutive.
-    streets : int
-        Number of streets, at least 3: every split has at least one.
-    """
-
+    # Objects as a share of the paper's; 1 is the same number. Every class has the same share, so that the class
+    # imbalance is the paper's as far as the streets have enough objects.
     share: float
-    survey: Mapping[str, Any]
-    first_seed: int
-    streets: int
+    survey: Mapping[str, Any]  # ``preset`` and changes of `SimulationParameters`, without the seed
+    first_seed: int  # Seed of the first street; the seeds are consecutive
+    streets: int  # Number of streets, at least 3: every split has at least one
 
     def __post_init__(self) -> None:
         if not 0 < self.share <= 1:
@@ -65,31 +54,16 @@ class ObjectSetParameters:
 
 @dataclass(frozen=True)
 class CutParameters:
-    """Selection of the segments that become objects of a set.
+    """Selection of the segments that become objects of a set."""
 
-    Parameters
-    ----------
-    min_points : int
-        Fewest points of an object; smaller segments are excluded.
-    purity : float
-        Smallest share of a segment's points in instances of its class; mixed segments are excluded.
-    completeness : float
-        Smallest share of an instance's points in its segment; smaller fragments are excluded.
-    max_points : int
-        Most points of an object; larger ones are sampled randomly.
-    segmentation : str
-        Name of the segmentation, see `SegmentationParameters`; its parameters are those of the stage. "by_hand" takes
-        the simulator's instances instead, as the paper's objects were separated by hand.
-    reach : float
-        Largest distance of points from the track, metres.
-    """
-
-    min_points: int
-    purity: float
-    completeness: float
-    max_points: int
+    min_points: int  # Fewest points of an object; smaller segments are excluded
+    purity: float  # Smallest share of a segment's points in instances of its class; mixed segments are excluded
+    completeness: float  # Smallest share of an instance's points in its segment; smaller fragments are excluded
+    max_points: int  # Most points of an object; larger ones are sampled randomly
+    # Name of the segmentation, see `SegmentationParameters`; its parameters are those of the stage. "by_hand" takes the
+    # simulator's instances instead, as the paper's objects were separated by hand.
     segmentation: str
-    reach: float
+    reach: float  # Largest distance of points from the track, metres
 
     def __post_init__(self) -> None:
         RecognitionParameters(min_points=self.min_points, purity=self.purity)
@@ -107,24 +81,13 @@ class CutParameters:
 
 @dataclass(frozen=True)
 class SimulatedObjectsParameters:
-    """Parameters of the simulated sets.
+    """Parameters of the simulated sets."""
 
-    Parameters
-    ----------
-    scale : str
-        Name of the scale that is made.
-    scales : mapping
-        Name of each scale to its sets, ``hdr9`` or ``smd6``, each with the fields of `ObjectSetParameters`.
-    cut : CutParameters or mapping
-        Selection of the segments that become objects.
-    seed : int
-        Seed of the sampling of objects.
-    """
-
-    scale: str
+    scale: str  # Name of the scale that is made
+    # Name of each scale to its sets, ``hdr9`` or ``smd6``, each with the fields of `ObjectSetParameters`
     scales: Mapping[str, Mapping[str, Any]]
-    cut: CutParameters
-    seed: int
+    cut: CutParameters  # Selection of the segments that become objects
+    seed: int  # Seed of the sampling of objects
 
     def __post_init__(self) -> None:
         parse_groups(self, cut=CutParameters)

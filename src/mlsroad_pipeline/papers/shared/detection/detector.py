@@ -30,18 +30,10 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class DetectionStages:
-    """Parameters of the stages before detection, stored in the model and applied to new surveys.
+    """Parameters of the stages before detection, stored in the model and applied to new surveys."""
 
-    Parameters
-    ----------
-    ground : GroundParameters
-        The ground filter.
-    segmentation : SegmentationParameters
-        The segmentation into objects.
-    """
-
-    ground: GroundParameters
-    segmentation: SegmentationParameters
+    ground: GroundParameters  # The ground filter
+    segmentation: SegmentationParameters  # The segmentation into objects
 
 
 class TrainedDetector(Protocol):
@@ -62,43 +54,12 @@ class TrainedDetector(Protocol):
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray], *, intensity: bool) -> Self:
-        """Rebuild a detector.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            State returned by `to_arrays`.
-        intensity : bool
-            Whether it was trained with intensity.
-
-        Returns
-        -------
-        TrainedDetector
-            The detector.
-        """
+        """Rebuild a detector."""
         ...
 
 
 def choose_variant(parts: Description, bundle: ModelBundle) -> str:
-    """Choose the variant of a model that fits a scene.
-
-    Parameters
-    ----------
-    parts : mapping
-        Description of the scene's objects.
-    bundle : ModelBundle
-        The model.
-
-    Returns
-    -------
-    str
-        `WITH_INTENSITY` where scene and model have it, else `GEOMETRY`.
-
-    Raises
-    ------
-    DataError
-        If the scene has no intensities and the model has no variant without.
-    """
+    """Choose the variant of a model that fits a scene."""
     variants = bundle.metadata["variants"]
     variant = WITH_INTENSITY if bool(parts["intensity"]) and WITH_INTENSITY in variants else GEOMETRY
     if variant not in variants:
@@ -109,27 +70,7 @@ def choose_variant(parts: Description, bundle: ModelBundle) -> str:
 
 
 def detect_by_description(parts: Description, bundle: ModelBundle, detector: type[TrainedDetector]) -> Detections:
-    """Detect the objects of a scene.
-
-    Parameters
-    ----------
-    parts : mapping
-        Description of the scene's objects.
-    bundle : ModelBundle
-        The model.
-    detector : type
-        The method's class.
-
-    Returns
-    -------
-    Detections
-        Class and scores of each object.
-
-    Raises
-    ------
-    DataError
-        If the scene has no intensities and the model has no variant without, or an array of the model is missing.
-    """
+    """Detect the objects of a scene."""
     variant = choose_variant(parts, bundle)
     trained = detector.from_arrays(arrays_under(bundle.arrays, f"{variant}."), intensity=variant == WITH_INTENSITY)
     scores = trained.score(parts)
@@ -140,29 +81,7 @@ def detect_by_description(parts: Description, bundle: ModelBundle, detector: typ
 def label_detected_objects(
     cloud: PointCloud, bundle: ModelBundle, detect: Callable[[Segments], ObjectLabels]
 ) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Label the points of detected objects, starting from raw coordinates.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points. An existing column `ground` replaces the ground filter.
-    bundle : ModelBundle
-        The model.
-    detect : callable
-        Detects the segmented objects.
-
-    Returns
-    -------
-    labels : ndarray of int16, shape (n,)
-        Labels of the model's scheme, -1 outside detected objects.
-    confidence : ndarray of float32, shape (n,)
-        Score of the object; 0 outside.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is NaN or infinite, or an array of the model is missing.
-    """
+    """Label the points of detected objects, starting from raw coordinates."""
     labels, confidence = np.full(len(cloud), IGNORE, dtype=np.int16), np.zeros(len(cloud), dtype=np.float32)
     if len(cloud) == 0:
         return labels, confidence
@@ -194,49 +113,12 @@ def label_described_objects(
     describe: Callable[[PointCloud, Segments, Mapping[str, Any]], Description],
     detect: Callable[[Description, ModelBundle], ObjectLabels],
 ) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Label points by a method that describes objects before it detects them; see `label_detected_objects`.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points.
-    bundle : ModelBundle
-        The model.
-    describe : callable
-        Describes a scene, given its segments and the parameters stored in the model.
-    detect : callable
-        Detects described objects by the model.
-
-    Returns
-    -------
-    labels : ndarray of int16, shape (n,)
-        Labels of the model's scheme, -1 outside detected objects.
-    confidence : ndarray of float32, shape (n,)
-        Score of the object; 0 outside.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is NaN or infinite, or an array of the model is missing.
-    """
+    """Label points by a method that describes objects before it detects them; see `label_detected_objects`."""
     stored = bundle.metadata["parameters"]
     return label_detected_objects(cloud, bundle, lambda objects: detect(describe(cloud, objects, stored), bundle))
 
 
 def detect_objects(parts: Description, bundle: ModelBundle) -> Detections:
-    """Detect the described objects of a scene by the method of the model.
-
-    Parameters
-    ----------
-    parts : mapping
-        Description of the scene's objects.
-    bundle : ModelBundle
-        Model of a detector.
-
-    Returns
-    -------
-    Detections
-        Class and scores of each object.
-    """
+    """Detect the described objects of a scene by the method of the model."""
     detected: Detections = METHODS[bundle.slug].load("use")(parts, bundle)
     return detected

@@ -28,11 +28,6 @@ def detection_outcomes(
     """Return the reference class and the outcome of the detection of each point of a scene.
 
     Detections are matched as in `scoring.count_detections_of_scene`.
-
-    Raises
-    ------
-    MissingColumnError
-        If the scene has no labels.
     """
     segments = objects["objects"]
     wanted_labels = parameters.labels_in(scheme)

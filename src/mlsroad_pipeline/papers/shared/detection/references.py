@@ -17,29 +17,6 @@ def wanted_objects(
 
     A sign on a lamp may belong to the instance of the lamp while its points are labelled as a sign. The points of each
     further wanted class are then an object.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        A scene with `label` and perhaps `instance`.
-    scheme : ClassScheme
-        The classes.
-    wanted : ndarray of int16
-        The labels of the wanted classes in it.
-
-    Returns
-    -------
-    instances : ndarray of int32, shape (n,)
-        Number of the object, from 1; 0 for none. Objects that were split off have the highest numbers.
-    classes : ndarray of int16, shape (number of objects + 1,)
-        Majority class of each object's points; -1 for number 0 and where no point is labelled.
-
-    Raises
-    ------
-    MissingColumnError
-        If the scene has no labels.
-    UnknownClassError
-        If a label is not in the scheme.
     """
     instances, classes = reference_objects(scene, scheme)
     labels = scheme.encode(scene["label"], source=scene.source)
@@ -58,27 +35,7 @@ def without_reference(
     scheme: ClassScheme,
     wanted: NDArray[np.int16],
 ) -> NDArray[np.bool_]:
-    """Return which segments have no reference information and are excluded from training and scores.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene, with `label`.
-    segments : ndarray of int, shape (n,)
-        Segment of each point, -1 for none.
-    n_segments : int
-        Number of segments.
-    scheme : ClassScheme
-        The classes.
-    wanted : ndarray of int16
-        The labels of the wanted classes in it.
-
-    Returns
-    -------
-    ndarray of bool, shape (n_segments,)
-        True where more than half of a segment's points have a label that the scheme ignores or, in a survey with
-        instances, the label of a wanted class but no instance: such objects are in the scene but not in the reference.
-    """
+    """Return which segments have no reference information and are excluded from training and scores."""
     labels = scheme.encode(scene["label"], source=scene.source)
     unknown = labels == IGNORE
     if "instance" in scene:

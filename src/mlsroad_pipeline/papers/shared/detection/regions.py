@@ -29,30 +29,18 @@ _BINS = 4  # of each of the four pair features: 16 in all
 
 @dataclass(frozen=True)
 class RegionParameters:
-    """Parameters of feature regions.
+    """Parameters of feature regions."""
 
-    Parameters
-    ----------
-    voxel_size, seed_resolution : float, default 0.1, 0.2
-        Voxel size and seed resolution of the supervoxels, metres (yu2016: 0.05 and 0.1). Larger values give fewer and
-        coarser words.
-    pattern : {"first_order", "single"}, default "first_order"
-        A region is a supervoxel with its first-order neighbours, as in the paper, or alone (its Figure 12a).
-    normal_radius : float, default 0.25
-        Neighbourhood of the normals, metres. Not in the paper.
-    fpfh_radius : float, default 0.5
-        Neighbourhood of the FPFH, metres. Larger values describe a larger surrounding of a region. Not in the paper.
-
-    Raises
-    ------
-    ParameterError
-        If a length is not positive or the pattern is unknown.
-    """
-
+    # Voxel size and seed resolution of the supervoxels, metres (yu2016: 0.05 and 0.1). Larger values give fewer and
+    # coarser words.
     voxel_size: float = 0.1
+    # Voxel size and seed resolution of the supervoxels, metres (yu2016: 0.05 and 0.1). Larger values give fewer and
+    # coarser words.
     seed_resolution: float = 0.2
+    # A region is a supervoxel with its first-order neighbours, as in the paper, or alone (its Figure 12a)
     pattern: Literal["first_order", "single"] = "first_order"
-    normal_radius: float = 0.25
+    normal_radius: float = 0.25  # Neighbourhood of the normals, metres. Not in the paper.
+    # Neighbourhood of the FPFH, metres. Larger values describe a larger surrounding of a region. Not in the paper.
     fpfh_radius: float = 0.5
 
     def __post_init__(self) -> None:
@@ -64,28 +52,16 @@ class RegionParameters:
 
 @dataclass(frozen=True)
 class FeatureRegions:
-    """Feature regions of objects, ordered by object.
+    """Feature regions of objects, ordered by object."""
 
-    Attributes
-    ----------
-    descriptors : ndarray of float32, shape (g, 20)
-        a_1D, a_2D, a_3D (equations 5 to 7), the FPFH, which sums to 1, and the intensity (equation 8); 0 without
-        intensity.
-    orientations : ndarray of float32, shape (g, 3)
-        First eigenvector of the scatter matrix (equation 10), a unit vector without a sign.
-    scales : ndarray of float32, shape (g,)
-        The longest distance to a first-order neighbour, at least the seed resolution, metres.
-    centres : ndarray of float64, shape (g, 3)
-        Centres of the supervoxels, metres, in the coordinates of the points.
-    objects : ndarray of int32, shape (g,)
-        Object of each region.
-    """
-
+    # a_1D, a_2D, a_3D (equations 5 to 7), the FPFH, which sums to 1, and the intensity (equation 8); 0 without
+    # intensity
     descriptors: NDArray[np.float32]
+    # First eigenvector of the scatter matrix (equation 10), a unit vector without a sign
     orientations: NDArray[np.float32]
-    scales: NDArray[np.float32]
-    centres: NDArray[np.float64]
-    objects: NDArray[np.int32]
+    scales: NDArray[np.float32]  # The longest distance to a first-order neighbour, at least the seed resolution, metres
+    centres: NDArray[np.float64]  # Centres of the supervoxels, metres, in the coordinates of the points
+    objects: NDArray[np.int32]  # Object of each region
 
     def __len__(self) -> int:
         """Return the number of regions."""
@@ -104,31 +80,6 @@ def describe_regions(
 
     Objects are first moved apart by whole voxels, so that neither supervoxels nor neighbourhoods reach from one object
     into another.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points without the ground, metres.
-    objects : array-like of shape (n,), integer
-        Object of each point; points of -1 are excluded.
-    intensity : array-like of shape (n,), optional
-        Normalised intensity in [0, 1].
-    parameters : RegionParameters
-        Supervoxels and neighbourhoods.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    FeatureRegions
-        One region per supervoxel.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is not finite, or a column has another length.
-    ParameterError
-        If `n_threads` is below 1 or the seed resolution is below the voxels' size.
     """
     points = check_xyz(xyz).astype(np.float64)
     owner = check_column(objects, len(points), "objects")
@@ -182,24 +133,7 @@ def _no_regions() -> FeatureRegions:
 def stand_apart(
     points: NDArray[np.float64], owner: NDArray[np.integer], *, cell: float, gap: float
 ) -> NDArray[np.float64]:
-    """Return translations that place objects side by side along x, so that neighbourhoods of objects do not overlap.
-
-    Parameters
-    ----------
-    points : ndarray of float64, shape (n, 3)
-        Points, ordered by object, metres.
-    owner : ndarray of int, shape (n,)
-        Object of each.
-    cell : float
-        Objects are translated by whole cells of this edge, metres.
-    gap : float
-        Least distance between two objects, metres.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 3)
-        Translation of each point, metres.
-    """
+    """Return translations that place objects side by side along x, so that neighbourhoods of objects do not overlap."""
     starts = np.flatnonzero(np.diff(owner, prepend=-1))
     low = np.minimum.reduceat(points, starts)
     width = np.maximum.reduceat(points[:, 0], starts) - low[:, 0]

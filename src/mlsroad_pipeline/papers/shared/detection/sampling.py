@@ -14,30 +14,15 @@ from mlsroad_pipeline.papers.shared.detection.types import Description, object_b
 
 
 class TrainingObjects(NamedTuple):
-    """All training objects, as a method fits one variant of a detector to them.
+    """All training objects, as a method fits one variant of a detector to them."""
 
-    Attributes
-    ----------
-    parts : Description
-        The described objects.
-    labels : ndarray of int16, shape (n,)
-        Class of each object; -1 for others.
-    n_classes : int
-        Number of wanted classes.
-    intensity : bool, default False
-        Whether to use intensity.
-    weights : ndarray of float64, shape (n,), optional
-        Weight of each object in threshold selection, see `training_weights`; 1 by default.
-    n_threads : int, default 1
-        Threads; the detector does not depend on it.
-    """
-
-    parts: Description
-    labels: NDArray[np.int16]
-    n_classes: int
-    intensity: bool = False
+    parts: Description  # The described objects
+    labels: NDArray[np.int16]  # Class of each object; -1 for others
+    n_classes: int  # Number of wanted classes
+    intensity: bool = False  # Whether to use intensity
+    # Weight of each object in threshold selection, see `training_weights`; 1 by default
     weights: NDArray[np.float64] | None = None
-    n_threads: int = 1
+    n_threads: int = 1  # Threads; the detector does not depend on it
 
     def sample(self, parameters: Any) -> TrainingSample:
         """Sample the objects that a detector is fitted to, by `max_per_class`, `max_others` and `seed` of a method.
@@ -51,21 +36,11 @@ class TrainingObjects(NamedTuple):
 
 
 class TrainingSample(NamedTuple):
-    """Sampled training objects.
+    """Sampled training objects."""
 
-    Attributes
-    ----------
-    rows : ndarray of int64, shape (n,)
-        Indices among all training objects, ascending.
-    parts : Description
-        Their description.
-    labels : ndarray of int16, shape (n,)
-        Their classes; -1 for others.
-    """
-
-    rows: NDArray[np.int64]
-    parts: Description
-    labels: NDArray[np.int16]
+    rows: NDArray[np.int64]  # Indices among all training objects, ascending
+    parts: Description  # Their description
+    labels: NDArray[np.int16]  # Their classes; -1 for others
 
     def candidates(self, label: int, most: int, rng: np.random.Generator) -> NDArray[np.int64]:
         """Return up to `most` described objects of a class, as indices in the sample, ascending."""
@@ -77,11 +52,6 @@ def join_descriptions(parts: Sequence[Description], keep: Sequence[NDArray[np.bo
     """Join the described objects of scenes, and number those that are kept from 0.
 
     `keep` has one flag per object of each scene. The joined ``intensity`` is true where all scenes have it.
-
-    Raises
-    ------
-    DataError
-        If there is no scene, or not one flag per object.
     """
     if not parts:
         raise DataError("there are no described scenes to join")

@@ -31,55 +31,28 @@ _COUNTED = ("label", "score", "right", "object", "curve_label", "curve_score", "
 
 
 class ObjectClasses(TypedDict):
-    """Reference classes of the objects of a training scene, as `object_classes` returns them.
+    """Reference classes of the objects of a training scene, as `object_classes` returns them."""
 
-    Attributes
-    ----------
-    label : ndarray of int16, shape (objects,)
-        Index in `DetectionParameters.classes`; -1 for objects that match no wanted class.
-    own : ndarray of bool, shape (objects,)
-        Whether the scene's core owns the object and a detector may be trained on it.
-    weight : float, default 1
-        Weight of all objects of the scene, 0 or more. Objects of weight 0 are trained on, and are excluded from
-        threshold selection: for scenes in which easily confused objects are far more frequent than in the target
-        survey.
-    """
-
-    label: NDArray[np.int16]
-    own: NDArray[np.bool_]
+    label: NDArray[np.int16]  # Index in `DetectionParameters.classes`; -1 for objects that match no wanted class
+    own: NDArray[np.bool_]  # Whether the scene's core owns the object and a detector may be trained on it
+    # Weight of all objects of the scene, 0 or more. Objects of weight 0 are trained on, and are excluded from threshold
+    # selection: for scenes in which easily confused objects are far more frequent than in the target survey.
     weight: NotRequired[float]
 
 
 @dataclass(frozen=True)
 class DetectionParameters:
-    """Wanted classes and criterion of a true positive.
+    """Wanted classes and criterion of a true positive."""
 
-    Parameters
-    ----------
-    scheme : str, default "yu2016"
-        Class scheme.
-    classes : sequence of str, default ("light pole", "traffic sign", "car")
-        The classes to detect.
-    iou_threshold : float, default 0.5
-        A detection is a true positive when its points overlap a still unmatched reference object of its class with at
-        least this IoU.
-    min_points : int, default 30
-        Reference objects with fewer points are excluded.
-    prevalence : mapping of str to float, default {}
-        Ratio of the frequency of a class in the target survey to that in the training scenes; 1 for other classes.
-        Rare objects are over-represented in training scenes, and thresholds chosen there give too many false positives
-        where these objects are rarer. Smaller values raise the threshold.
-
-    Raises
-    ------
-    ParameterError
-        If no class is named, `prevalence` names another class, or a number is outside its domain.
-    """
-
-    scheme: str = "yu2016"
-    classes: Sequence[str] = ("light pole", "traffic sign", "car")
+    scheme: str = "yu2016"  # Class scheme
+    classes: Sequence[str] = ("light pole", "traffic sign", "car")  # The classes to detect
+    # A detection is a true positive when its points overlap a still unmatched reference object of its class with at
+    # least this IoU
     iou_threshold: float = 0.5
-    min_points: int = 30
+    min_points: int = 30  # Reference objects with fewer points are excluded
+    # Ratio of the frequency of a class in the target survey to that in the training scenes; 1 for other classes. Rare
+    # objects are over-represented in training scenes, and thresholds chosen there give too many false positives where
+    # these objects are rarer. Smaller values raise the threshold.
     prevalence: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -101,23 +74,7 @@ class DetectionParameters:
         return np.array([float(self.prevalence.get(name, 1.0)) for name in self.classes])
 
     def labels_in(self, scheme: ClassScheme) -> NDArray[np.int16]:
-        """Return the labels of the wanted classes.
-
-        Parameters
-        ----------
-        scheme : ClassScheme
-            The scheme.
-
-        Returns
-        -------
-        ndarray of int16
-            Indices in the scheme, in the order of `classes`.
-
-        Raises
-        ------
-        ParameterError
-            If the scheme has no such class.
-        """
+        """Return the labels of the wanted classes."""
         unknown = [name for name in self.classes if name not in scheme.classes]
         if unknown:
             raise ParameterError(
@@ -134,27 +91,6 @@ def object_classes(
 
     An object is excluded from training where it matches a reference object of a wanted class with fewer than
     `parameters.min_points`, or lies where the reference has no information (`without_reference`).
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene, with `label`.
-    objects : Segments
-        Object of each point.
-    scheme : ClassScheme
-        The classes.
-    parameters : DetectionParameters
-        The wanted classes, the least IoU and the smallest reference.
-
-    Returns
-    -------
-    ObjectClasses
-        Class of each object, and whether it may be trained on.
-
-    Raises
-    ------
-    MissingColumnError
-        If the scene has no labels.
     """
     segments = objects["objects"]
     n = int(segments.max(initial=-1)) + 1
@@ -188,31 +124,6 @@ def count_detections_of_scene(
     """Match the detections of a scene with its reference objects; each object counts in the scene that owns it.
 
     Detections where the reference has no information (`without_reference`) are excluded.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene, with `label`.
-    objects : Segments
-        Object of each point.
-    detections : Detections
-        Class and scores of each object.
-    scheme : ClassScheme
-        The classes.
-    parameters : DetectionParameters
-        The wanted classes, the least IoU and the smallest reference.
-
-    Returns
-    -------
-    dict of str to ndarray
-        ``n_objects`` int64 (c,): reference objects of each wanted class. ``label``, ``score``, ``right`` (true
-        positive) and ``object`` of each detection that the scene owns. ``curve_label``, ``curve_score`` and
-        ``curve_right`` for precision-recall curves: the same of every object with a score above 0, once per class.
-
-    Raises
-    ------
-    DataError
-        If there is not one detection per object, or not one score per object and class.
     """
     segments = objects["objects"]
     n = int(segments.max(initial=-1)) + 1
@@ -252,22 +163,7 @@ def count_detections_of_scene(
 def detection_table(
     counted: Mapping[str, Mapping[str, NDArray]], *, method: str, classes: Sequence[str]
 ) -> pd.DataFrame:
-    """Return precision, recall and F-score of each split.
-
-    Parameters
-    ----------
-    counted : mapping of str to mapping
-        Counts of `count_detections_of_scene` by scene name, which begins with the split and a dot.
-    method : str
-        The method's slug.
-    classes : sequence of str
-        The wanted classes.
-
-    Returns
-    -------
-    DataFrame
-        The table of scores, see `metrics.scores`. Detected objects below the smallest size count as objects.
-    """
+    """Return precision, recall and F-score of each split."""
     tables = []
     for split, scenes in group_by_split(counted).items():
         label, right, n_objects, _ = _joined(scenes)
@@ -282,22 +178,7 @@ def detection_table(
 def detection_curves(
     counted: Mapping[str, Mapping[str, NDArray]], *, split: str, classes: Sequence[str]
 ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]:
-    """Return precision and recall of each class at all thresholds on its score, over the scenes of a split.
-
-    Parameters
-    ----------
-    counted : mapping of str to mapping
-        Counts of `count_detections_of_scene` of each scene.
-    split : str
-        The split.
-    classes : sequence of str
-        The wanted classes.
-
-    Returns
-    -------
-    dict of str to (threshold, precision, recall)
-        Per class that has objects.
-    """
+    """Return precision and recall of each class at all thresholds on its score, over the scenes of a split."""
     label, right, n_objects, score = _joined(group_by_split(counted)[split], "curve_")
     curves = {}
     for k, name in enumerate(classes):

@@ -9,20 +9,7 @@ from mlsroad_pipeline.algorithms.core.classes import IGNORE
 
 
 def object_weights(labels: NDArray[np.integer], prevalence: NDArray[np.floating] | None) -> NDArray[np.float64]:
-    """Weigh training objects by the prevalence of their classes in the target survey.
-
-    Parameters
-    ----------
-    labels : ndarray of int, shape (n,)
-        Class of each object, -1 for others.
-    prevalence : ndarray of float, shape (c,), or None
-        Factor of each class, see `DetectionParameters.prevalence`; None stands for 1.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        Weights; 1 for others.
-    """
+    """Weigh training objects by the prevalence of their classes in the target survey."""
     weights = np.ones(len(labels))
     if prevalence is not None:
         wanted = labels >= 0
@@ -33,25 +20,7 @@ def object_weights(labels: NDArray[np.integer], prevalence: NDArray[np.floating]
 def best_threshold(
     scores: NDArray[np.floating], truth: NDArray[np.bool_], weights: NDArray[np.floating] | None = None
 ) -> tuple[float, float]:
-    """Find the threshold on a score with the best F-score.
-
-    Parameters
-    ----------
-    scores : ndarray of float, shape (n,)
-        Score of each training object by a model that was not fitted to it. 0 is no similarity and never detected.
-    truth : ndarray of bool, shape (n,)
-        Whether each is of the class.
-    weights : ndarray of float, shape (n,), optional
-        Weight of each object, 1 by default; objects of weight 0 are excluded.
-
-    Returns
-    -------
-    f_score : float
-        The best F-score.
-    threshold : float
-        Midpoint of the two scores between which the F-score is best. The smallest positive number where no object of
-        the class has a score above 0; infinity where the class has no object of positive weight.
-    """
+    """Find the threshold on a score with the best F-score."""
     counted = np.ones(len(scores)) if weights is None else np.asarray(weights, dtype=np.float64)
     scores, truth, counted = scores[counted > 0], truth[counted > 0], counted[counted > 0]
     if not truth.any():
@@ -72,28 +41,7 @@ def best_threshold(
 def choose_queries(
     similarity: NDArray[np.float64], candidates: NDArray[np.int64], truth: NDArray[np.bool_], *, max_queries: int
 ) -> tuple[list[int], float, float]:
-    """Select the queries of a class greedily: each is the candidate that raises the F-score most.
-
-    Parameters
-    ----------
-    similarity : ndarray of float64, shape (k, n)
-        Similarity of each object to each candidate.
-    candidates : ndarray of int64, shape (k,)
-        Index of each candidate among the objects; no object is compared with itself.
-    truth : ndarray of bool, shape (n,)
-        Whether each object is of the class.
-    max_queries : int
-        The largest number of queries.
-
-    Returns
-    -------
-    chosen : list of int
-        Indices among the candidates.
-    threshold : float
-        The best threshold on the similarity to the nearest of them.
-    f_score : float
-        The F-score at this threshold.
-    """
+    """Select the queries of a class greedily: each is the candidate that raises the F-score most."""
     similarity = similarity.copy()
     similarity[np.arange(len(candidates)), candidates] = 0.0
     best = np.zeros(similarity.shape[1])
@@ -116,22 +64,7 @@ def choose_queries(
 def detect_by_thresholds(
     scores: NDArray[np.floating], thresholds: NDArray[np.floating]
 ) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Assign each object to the class whose threshold its score exceeds by the largest factor.
-
-    Parameters
-    ----------
-    scores : ndarray of float, shape (n, c)
-        Score of each class.
-    thresholds : ndarray of float, shape (c,)
-        Lowest score at which an object is detected.
-
-    Returns
-    -------
-    labels : ndarray of int16, shape (n,)
-        Class of each object; -1 where no score reaches its threshold.
-    scores : ndarray of float32, shape (n,)
-        Score of that class; 0 for none.
-    """
+    """Assign each object to the class whose threshold its score exceeds by the largest factor."""
     best = (scores / np.maximum(thresholds, 1e-12)).argmax(axis=1)
     score = scores[np.arange(len(scores)), best]
     passed = (score >= thresholds[best]) & (score > 0)

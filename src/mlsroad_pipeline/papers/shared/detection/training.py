@@ -23,58 +23,21 @@ logger = logging.getLogger(__name__)
 
 
 class FittedVariant(NamedTuple):
-    """One variant of a trained detector.
+    """One variant of a trained detector."""
 
-    Attributes
-    ----------
-    arrays : mapping of str to ndarray
-        Its state.
-    facts : mapping of str to any
-        Figures of its training; JSON values.
-    """
-
-    arrays: Mapping[str, NDArray]
-    facts: Mapping[str, Any]
+    arrays: Mapping[str, NDArray]  # Its state
+    facts: Mapping[str, Any]  # Figures of its training; JSON values
 
 
 def training_weights(scenes: Sequence[ObjectClasses], prevalence: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Weigh the objects that training scenes own.
-
-    Parameters
-    ----------
-    scenes : sequence of ObjectClasses
-        Classes of the objects of each scene; ``weight`` multiplies the weights of a scene's objects.
-    prevalence : ndarray of float, shape (c,)
-        Factor of each class, see `DetectionParameters.prevalence`.
-
-    Returns
-    -------
-    ndarray of float64
-        One weight per object, scene by scene.
-    """
+    """Weigh the objects that training scenes own."""
     own = [scene["label"][scene["own"]] for scene in scenes]
     each = [float(scene.get("weight", 1.0)) for scene in scenes]
     return np.concatenate([w * object_weights(labels, prevalence) for labels, w in zip(own, each, strict=True)])
 
 
 def training_keys(labels: Mapping[str, ObjectClasses]) -> list[str]:
-    """Return the keys of the training scenes, sorted.
-
-    Parameters
-    ----------
-    labels : mapping of str to ObjectClasses
-        Classes of the objects of each training scene.
-
-    Returns
-    -------
-    list of str
-        At least one key.
-
-    Raises
-    ------
-    DataError
-        If there are no training scenes.
-    """
+    """Return the keys of the training scenes, sorted."""
     if not labels:
         raise DataError("no training scenes: the split 'train' is empty")
     return sorted(labels)
@@ -90,30 +53,7 @@ def bundle_variants(
     scheme: ClassScheme,
     trained_on: Mapping[str, Any],
 ) -> ModelBundle:
-    """Return the model of a detector.
-
-    Parameters
-    ----------
-    variants : mapping of str to FittedVariant
-        `WITH_INTENSITY`, `GEOMETRY` or both.
-    slug : str
-        The method.
-    parameters : mapping
-        Parameters of the method by name; JSON values.
-    stages : DetectionStages
-        Preparation of the scenes.
-    detection : DetectionParameters
-        The wanted classes.
-    scheme : ClassScheme
-        The classes.
-    trained_on : mapping
-        Description of the training data for the metadata; JSON values.
-
-    Returns
-    -------
-    ModelBundle
-        The model.
-    """
+    """Return the model of a detector."""
     metadata = {
         "classes": list(scheme.classes),
         "wanted": detection.labels_in(scheme).tolist(),
@@ -145,41 +85,6 @@ def train_object_detector(
     """Train a detector on the objects that the training scenes own.
 
     The model never detects a class without training objects; a warning is logged.
-
-    Parameters
-    ----------
-    parts : mapping of str to Description
-        Description of each training scene.
-    labels : mapping of str to ObjectClasses
-        Classes of the objects of each of them.
-    fit : callable
-        Fits one variant to objects with the parameters of the method; returns a detector and figures of its training.
-    slug : str
-        The method.
-    uses_intensity : bool
-        Whether the method uses intensity: then there are variants with it, where all scenes have it, and without.
-    parameters : dataclass
-        Parameters of the method.
-    stages : DetectionStages
-        Preparation of the scenes.
-    detection : DetectionParameters
-        The wanted classes.
-    scheme : ClassScheme
-        The classes.
-    trained_on : mapping
-        Description of the training data for the metadata; JSON values.
-    n_threads : int, default 1
-        Threads; the model does not depend on it.
-
-    Returns
-    -------
-    ModelBundle
-        The model.
-
-    Raises
-    ------
-    DataError
-        If there are no training scenes.
     """
     keys = training_keys(labels)
     joined = join_descriptions([parts[key] for key in keys], [labels[key]["own"] for key in keys])

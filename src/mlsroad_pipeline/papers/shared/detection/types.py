@@ -19,30 +19,16 @@ whether the scene has it. All other arrays have one row per part and belong to t
 
 
 class ObjectLabels(TypedDict):
-    """Detected class and score of each object of a scene.
+    """Detected class and score of each object of a scene."""
 
-    Attributes
-    ----------
-    label : ndarray of int16, shape (objects,)
-        Index in the wanted classes; -1 for none.
-    score : ndarray of float32, shape (objects,)
-        Score of that class; 0 for none.
-    """
-
-    label: NDArray[np.int16]
-    score: NDArray[np.float32]
+    label: NDArray[np.int16]  # Index in the wanted classes; -1 for none
+    score: NDArray[np.float32]  # Score of that class; 0 for none
 
 
 class Detections(ObjectLabels):
-    """Detections in a scene with the scores of all classes.
+    """Detections in a scene with the scores of all classes."""
 
-    Attributes
-    ----------
-    scores : ndarray of float32, shape (objects, c)
-        Score of each object for each wanted class; 0 is no similarity at all.
-    """
-
-    scores: NDArray[np.float32]
+    scores: NDArray[np.float32]  # Score of each object for each wanted class; 0 is no similarity at all
 
 
 def object_bounds(parts: Description) -> NDArray[np.int64]:

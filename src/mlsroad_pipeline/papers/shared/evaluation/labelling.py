@@ -18,25 +18,7 @@ from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
 
 
 def coarse_labels(label: NDArray[np.integer], trained: ClassScheme, scored: ClassScheme) -> NDArray[np.int16]:
-    """Convert labels of the training scheme of a method to labels of the scoring scheme.
-
-    Parameters
-    ----------
-    label : ndarray of int, shape (n,)
-        Labels of `trained`, -1 for none.
-    trained, scored : ClassScheme
-        The schemes; the first nests in the second.
-
-    Returns
-    -------
-    ndarray of int16, shape (n,)
-        Labels of `scored`, -1 for none.
-
-    Raises
-    ------
-    ParameterError
-        If the schemes do not nest.
-    """
+    """Convert labels of the training scheme of a method to labels of the scoring scheme."""
     if trained == scored:
         return label.astype(np.int16)
     table = np.append(trained.coarsen(scored), np.int16(IGNORE))  # -1 indexes the last entry
@@ -44,41 +26,14 @@ def coarse_labels(label: NDArray[np.integer], trained: ClassScheme, scored: Clas
 
 
 class SceneMatrix(TypedDict):
-    """Confusion matrix of a scene.
+    """Confusion matrix of a scene."""
 
-    Attributes
-    ----------
-    matrix : ndarray of int64, shape (C, C + 1) or (k, C, C + 1)
-        Points by true and predicted class, see `confusion_matrix`; k matrices for k sets of points.
-    """
-
+    # Points by true and predicted class, see `confusion_matrix`; k matrices for k sets of points
     matrix: NDArray[np.int64]
 
 
 def count_scene(scene: PointCloud, labels: PointLabels, *, trained: ClassScheme, scored: ClassScheme) -> SceneMatrix:
-    """Return the confusion matrix of the core points of a scene.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene, with columns `label` and `core`.
-    labels : PointLabels
-        Predicted labels of the training scheme; the confidence is not used.
-    trained, scored : ClassScheme
-        The schemes of training and scoring.
-
-    Returns
-    -------
-    SceneMatrix
-        The confusion matrix, C classes of `scored`.
-
-    Raises
-    ------
-    MissingColumnError
-        If the scene has no labels.
-    UnknownClassError
-        If a label is not in the scheme.
-    """
+    """Return the confusion matrix of the core points of a scene."""
     return {"matrix": count_labels(scene, labels["label"], scene["core"], trained=trained, scored=scored)}
 
 
@@ -90,48 +45,13 @@ def count_labels(
     trained: ClassScheme,
     scored: ClassScheme,
 ) -> NDArray[np.int64]:
-    """Return the confusion matrix of some points of a scene.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene, with column `label`.
-    label : ndarray of int, shape (n,)
-        Predicted labels of the training scheme, -1 for none.
-    counted : ndarray of bool, shape (n,)
-        Points to count.
-    trained, scored : ClassScheme
-        The schemes of training and scoring.
-
-    Returns
-    -------
-    ndarray of int64, shape (C, C + 1)
-        The confusion matrix.
-
-    Raises
-    ------
-    MissingColumnError
-        If the scene has no labels.
-    UnknownClassError
-        If a label is not in the scheme.
-    """
+    """Return the confusion matrix of some points of a scene."""
     truth = scored.encode(scene["label"][counted], source=scene.source)
     return confusion_matrix(truth, coarse_labels(label[counted], trained, scored), len(scored))
 
 
 def sum_by_split(matrices: Mapping[str, SceneMatrix]) -> dict[str, NDArray[np.int64]]:
-    """Return the sum of the confusion matrices of each split.
-
-    Parameters
-    ----------
-    matrices : mapping of str to SceneMatrix
-        Key of the scene to its matrix.
-
-    Returns
-    -------
-    dict of str to ndarray
-        Split to the sum of its matrices.
-    """
+    """Return the sum of the confusion matrices of each split."""
     total: dict[str, NDArray[np.int64]] = {}
     for key, counted in matrices.items():
         split = SceneKey.parse(key).split
@@ -140,25 +60,7 @@ def sum_by_split(matrices: Mapping[str, SceneMatrix]) -> dict[str, NDArray[np.in
 
 
 def given_classes(metadata: Mapping[str, Any], trained: ClassScheme, scored: ClassScheme) -> list[str]:
-    """Return the classes that a model can predict, in the scoring scheme.
-
-    Parameters
-    ----------
-    metadata : mapping
-        Metadata of the model; ``classes_given`` names classes of `trained`, default all.
-    trained, scored : ClassScheme
-        The schemes; the first nests in the second.
-
-    Returns
-    -------
-    list of str
-        Classes of `scored` in label order.
-
-    Raises
-    ------
-    ParameterError
-        If the schemes do not nest.
-    """
+    """Return the classes that a model can predict, in the scoring scheme."""
     if "classes_given" not in metadata:
         return list(scored.classes)
     own = np.array([trained.classes.index(name) for name in metadata["classes_given"]], np.int16)
@@ -168,24 +70,7 @@ def given_classes(metadata: Mapping[str, Any], trained: ClassScheme, scored: Cla
 def scores_table(
     matrices: Mapping[str, NDArray[np.int64]], *, method: str, scheme: ClassScheme, given: Sequence[str] | None = None
 ) -> pd.DataFrame:
-    """Return the scores of a method on all splits.
-
-    Parameters
-    ----------
-    matrices : mapping of str to ndarray
-        Split to confusion matrix.
-    method : str
-        Slug of the method.
-    scheme : ClassScheme
-        The scheme of the matrices.
-    given : sequence of str, optional
-        Classes that the method can predict; None is all.
-
-    Returns
-    -------
-    DataFrame
-        The table of scores.
-    """
+    """Return the scores of a method on all splits."""
     tables = [
         labelling_scores(matrix, method=method, split=split, classes=scheme.classes, given=given)
         for split, matrix in matrices.items()

@@ -39,52 +39,20 @@ SUPERVOXEL_SCORES = ("boundary_recall", "under_segmentation_error", "accuracy_ce
 
 
 class GroundCounts(TypedDict):
-    """Counts of a ground filter on a scene.
+    """Counts of a ground filter on a scene."""
 
-    Attributes
-    ----------
-    counts : ndarray of int64, shape (4,)
-        See `count_ground`.
-    """
-
-    counts: NDArray[np.int64]
+    counts: NDArray[np.int64]  # See `count_ground`
 
 
 class SupervoxelQuality(TypedDict):
-    """Quality of the supervoxels of a scene.
+    """Quality of the supervoxels of a scene."""
 
-    Attributes
-    ----------
-    quality : ndarray of float64, shape (3,)
-        The scores of `SUPERVOXEL_SCORES`; NaN where undefined.
-    weights : ndarray of int64, shape (2,)
-        Numbers of scored points and of supervoxels.
-    """
-
-    quality: NDArray[np.float64]
-    weights: NDArray[np.int64]
+    quality: NDArray[np.float64]  # The scores of `SUPERVOXEL_SCORES`; NaN where undefined
+    weights: NDArray[np.int64]  # Numbers of scored points and of supervoxels
 
 
 def count_ground_points(scene: PointCloud, ground: GroundMask) -> GroundCounts:
-    """Count the core points of a scene by true and predicted ground.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene, with `label` and `core`.
-    ground : GroundMask
-        Predicted ground points.
-
-    Returns
-    -------
-    GroundCounts
-        The counts; unlabelled points are excluded.
-
-    Raises
-    ------
-    MissingColumnError
-        If the scene has no labels.
-    """
+    """Count the core points of a scene by true and predicted ground."""
     label = scene["label"]
     truth = np.isin(label, [TAXONOMY[name] for name in GROUND_CLASSES])
     known = ~np.isin(label, [TAXONOMY[name] for name in UNSCORED]) & scene["core"]
@@ -92,18 +60,7 @@ def count_ground_points(scene: PointCloud, ground: GroundMask) -> GroundCounts:
 
 
 def ground_table(counts: Mapping[str, GroundCounts]) -> pd.DataFrame:
-    """Return the scores of the ground filter per split.
-
-    Parameters
-    ----------
-    counts : mapping of str to GroundCounts
-        Key of the scene to its counts.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``split, type_1, type_2, total, kappa, n_ground, n_object``; errors as fractions.
-    """
+    """Return the scores of the ground filter per split."""
     sums = {split: np.sum([s["counts"] for s in scenes], axis=0) for split, scenes in group_by_split(counts).items()}
     return pd.DataFrame([{"split": split, **asdict(scores_of_counts(total))} for split, total in sums.items()])
 
@@ -112,23 +69,6 @@ def measure_supervoxels(scene: PointCloud, supervoxels: SupervoxelPartition) -> 
     """Return the quality of the supervoxels of a scene over its core points.
 
     The boundary recall is estimated from a seeded sample of the points.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene, with `label`.
-    supervoxels : SupervoxelPartition
-        The supervoxels.
-
-    Returns
-    -------
-    SupervoxelQuality
-        Scores and weights.
-
-    Raises
-    ------
-    MissingColumnError
-        If the scene has no labels.
     """
     label = scene["label"]
     keep = scene["core"] & inliers(scene) & ~np.isin(label, [TAXONOMY[name] for name in UNSCORED])
@@ -151,18 +91,7 @@ def _near_pairs(xyz: NDArray[np.floating], *, sample: int = 20_000, k: int = 10)
 
 
 def supervoxel_table(measured: Mapping[str, SupervoxelQuality]) -> pd.DataFrame:
-    """Return the scores of the supervoxels per split: means over scenes, weighted by their points.
-
-    Parameters
-    ----------
-    measured : mapping of str to SupervoxelQuality
-        Key of the scene to its scores.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``split``, those of `SUPERVOXEL_SCORES`, ``n_points`` and ``n_supervoxels``.
-    """
+    """Return the scores of the supervoxels per split: means over scenes, weighted by their points."""
     rows = []
     for split, scenes in group_by_split(measured).items():
         quality, weights = np.array([s["quality"] for s in scenes]), np.array([s["weights"] for s in scenes])

@@ -21,39 +21,19 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class PatchParameters:
-    """Parameters of patch extraction and of the votes for point labels.
+    """Parameters of patch extraction and of the votes for point labels."""
 
-    Parameters
-    ----------
-    patch_size : float, default 0.2
-        Edge L of an octree leaf, metres (luo2016: 0.2). Larger patches are fewer and mix adjacent objects.
-    voxel_size : float, default 0.1
-        Edge of the voxels whose centroids are the support points of the histograms, metres; divides `patch_size`.
-        Smaller voxels resolve finer shape. Time grows with the number of voxels times that of their neighbours.
-    normal_radius : float, default 0.3
-        Search radius of the normals, metres.
-    fpfh_radius : float, default 0.8
-        Search radius of the histograms, metres. Larger values include more context and more adjacent objects.
-    n_bins : int, default 4
-        Bins of each pair feature (luo2016: 16 values in total, read as 4 features of 4 bins).
-    use_distance : bool, default True
-        Whether to use the distance as a fourth pair feature beside the three angles.
-    area_radius : float, default 0.3
-        Radius R_area within which patches vote for the label of a point, metres (luo2016: 0.3).
-
-    Raises
-    ------
-    ParameterError
-        If a length is not above zero, `n_bins` is not in 1 to 255, or `voxel_size` does not divide `patch_size`.
-    """
-
+    # Edge L of an octree leaf, metres (luo2016: 0.2). Larger patches are fewer and mix adjacent objects.
     patch_size: float = 0.2
+    # Edge of the voxels whose centroids are the support points of the histograms, metres; divides `patch_size`. Smaller
+    # voxels resolve finer shape. Time grows with the number of voxels times that of their neighbours.
     voxel_size: float = 0.1
-    normal_radius: float = 0.3
+    normal_radius: float = 0.3  # Search radius of the normals, metres
+    # Search radius of the histograms, metres. Larger values include more context and more adjacent objects.
     fpfh_radius: float = 0.8
-    n_bins: int = 4
-    use_distance: bool = True
-    area_radius: float = 0.3
+    n_bins: int = 4  # Bins of each pair feature (luo2016: 16 values in total, read as 4 features of 4 bins)
+    use_distance: bool = True  # Whether to use the distance as a fourth pair feature beside the three angles
+    area_radius: float = 0.3  # Radius R_area within which patches vote for the label of a point, metres (luo2016: 0.3)
 
     def __post_init__(self) -> None:
         for name in ("patch_size", "voxel_size", "normal_radius", "fpfh_radius", "area_radius"):
@@ -70,21 +50,11 @@ class PatchParameters:
 
 @dataclass(frozen=True, eq=False)
 class PatchScene:
-    """Patches of one scene, with the relation of patches to points and to each other.
+    """Patches of one scene, with the relation of patches to points and to each other."""
 
-    Attributes
-    ----------
-    patches : Patches
-        The patches.
-    patch_of_point : ndarray of int32, shape (n,)
-        Patch of each point; `UNKNOWN` (-1) for excluded points.
-    edges : ndarray of int32, shape (m, 2)
-        Pairs of 26-adjacent leaves, each pair once, the lower index first.
-    """
-
-    patches: Patches
-    patch_of_point: NDArray[np.int32]
-    edges: NDArray[np.int32]
+    patches: Patches  # The patches
+    patch_of_point: NDArray[np.int32]  # Patch of each point; `UNKNOWN` (-1) for excluded points
+    edges: NDArray[np.int32]  # Pairs of 26-adjacent leaves, each pair once, the lower index first
 
 
 def extract_patches(
@@ -98,32 +68,7 @@ def extract_patches(
     """Extract the patches of a scene and their descriptors (Luo et al. 2016, section III-A).
 
     Patches are the occupied leaves of an octree. Leaf corners are multiples of the leaf size in world coordinates, so
-    that overlapping scenes of a survey share them. The support points of the histograms are the centroids of smaller
-    voxels. The histogram of a patch is the mean over its voxels, normalised to sum 1.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        The scene; its column `rgb` is used if it exists.
-    height : array-like of shape (n,)
-        Height of each point above the local ground, metres, see `stages.find_ground`. If all are NaN (a scene without
-        ground), heights are measured from the lowest point and a warning is logged.
-    parameters : PatchParameters, optional
-        Sizes and radii; by default those of `PatchParameters()`.
-    keep : array-like of bool, shape (n,), optional
-        Points to use; all by default.
-    scene : int, default 0
-        Scene number, stored with every patch.
-
-    Returns
-    -------
-    PatchScene
-        Unlabelled patches, patch of each point, and edges.
-
-    Raises
-    ------
-    DataError
-        If no point is used, a coordinate is not finite, or a column has another length.
+    that overlapping scenes of a survey share them.
     """
     sizes = parameters if parameters is not None else PatchParameters()
     used = np.ones(len(cloud), np.bool_) if keep is None else check_column(keep, len(cloud), "keep").astype(np.bool_)

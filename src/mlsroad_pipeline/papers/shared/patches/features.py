@@ -17,41 +17,12 @@ GEOMETRY, COLOURED = "geometry", "geometry+rgb"
 
 
 def variants_of(patches: Patches) -> tuple[str, ...]:
-    """Return the feature sets available for patches, the largest last.
-
-    Parameters
-    ----------
-    patches : Patches
-        The patches.
-
-    Returns
-    -------
-    tuple of str
-        `GEOMETRY`, followed by `COLOURED` if the patches have colour.
-    """
+    """Return the feature sets available for patches, the largest last."""
     return (GEOMETRY,) if patches.rgb is None else (GEOMETRY, COLOURED)
 
 
 def patch_features(patches: Patches, variant: str) -> NDArray[np.float32]:
-    """Return the feature vectors of patches.
-
-    Parameters
-    ----------
-    patches : Patches
-        The patches.
-    variant : str
-        `GEOMETRY` or `COLOURED`.
-
-    Returns
-    -------
-    ndarray of float32, shape (n, d + 1) or (n, d + 4)
-        Histogram, height in metres and, with colour, red, green and blue in [0, 1].
-
-    Raises
-    ------
-    DataError
-        If `variant` is `COLOURED` and the patches have no colour.
-    """
+    """Return the feature vectors of patches."""
     parts = [patches.fpfh, patches.height[:, None]]
     if variant == COLOURED:
         if patches.rgb is None:
@@ -61,27 +32,7 @@ def patch_features(patches: Patches, variant: str) -> NDArray[np.float32]:
 
 
 def draw_training_patches(patches: Patches, max_per_class: int, *, seed: int) -> Patches:
-    """Draw a random sample with a maximum size per class (Luo et al. 2016, section IV-C: 10,000).
-
-    Parameters
-    ----------
-    patches : Patches
-        Patches; unlabelled ones are excluded.
-    max_per_class : int
-        Maximum patches per class; smaller classes are taken whole.
-    seed : int
-        Seed of the sample.
-
-    Returns
-    -------
-    Patches
-        The sample, in the order of `patches`.
-
-    Raises
-    ------
-    DataError
-        If no patch is labelled.
-    """
+    """Draw a random sample with a maximum size per class (Luo et al. 2016, section IV-C: 10,000)."""
     rows = draw_per_class(patches.label, max_per_class, seed=seed)
     if len(rows) == 0:
         raise DataError("no labelled patches to train on")

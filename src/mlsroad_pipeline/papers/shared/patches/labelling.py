@@ -35,27 +35,7 @@ logger = logging.getLogger(__name__)
 
 
 def build_patches(scene: PointCloud, ground: Ground, parameters: PatchParameters) -> ScenePatches:
-    """Cut a scene into patches.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene; outliers are excluded.
-    ground : Ground
-        Its ground.
-    parameters : PatchParameters
-        Sizes and radii.
-
-    Returns
-    -------
-    ScenePatches
-        The patches, unlabelled.
-
-    Raises
-    ------
-    DataError
-        If all points are outliers or a coordinate is not finite.
-    """
+    """Cut a scene into patches."""
     cut = extract_patches(scene, height=ground["height"], parameters=parameters, keep=inliers(scene))
     arrays = {**cut.patches.to_arrays(), "patch_of_point": cut.patch_of_point, "edges": cut.edges}
     return cast(ScenePatches, arrays)
@@ -64,32 +44,7 @@ def build_patches(scene: PointCloud, ground: Ground, parameters: PatchParameters
 def label_patches(
     scene: PointCloud, patches: ScenePatches, scheme: ClassScheme, *, station: NDArray[np.float64] | None = None
 ) -> PatchLabels:
-    """Assign to each patch the majority class of its labelled core points (Luo et al. 2016, section III-A).
-
-    Parameters
-    ----------
-    scene : PointCloud
-        A training scene with `label` and, if it has a buffer, `core`.
-    patches : ScenePatches
-        Its patches.
-    scheme : ClassScheme
-        The classes.
-    station : ndarray of float64, shape (p,), optional
-        Station of each patch along the trajectory, metres. By default the position along the main horizontal axis of
-        the patches, which lies across the road if the scene is wider than long.
-
-    Returns
-    -------
-    PatchLabels
-        Class of each patch, the lowest of equal counts, and its station.
-
-    Raises
-    ------
-    MissingColumnError
-        If the scene has no labels.
-    UnknownClassError
-        If a label is not in the scheme.
-    """
+    """Assign to each patch the majority class of its labelled core points (Luo et al. 2016, section III-A)."""
     labels = scheme.encode(scene["label"], source=scene.source)
     core = scene.get("core")
     owner = patches["patch_of_point"]
@@ -101,18 +56,7 @@ def label_patches(
 
 
 def main_axis_stations(centroid: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the position of patches along their main horizontal axis.
-
-    Parameters
-    ----------
-    centroid : ndarray of float64, shape (p, 3)
-        Centroids of the patches of one scene, metres.
-
-    Returns
-    -------
-    ndarray of float64, shape (p,)
-        Metres from the first patch.
-    """
+    """Return the position of patches along their main horizontal axis."""
     plan = centroid[:, :2] - centroid[:, :2].mean(axis=0)
     _, axes = np.linalg.eigh(plan.T @ plan)
     along: NDArray[np.float64] = plan @ axes[:, 1]
@@ -127,29 +71,7 @@ def label_patch_scene(
     bundle: ModelBundle,
     classifier: type[PatchClassifier],
 ) -> PointLabels:
-    """Label the points of a prepared scene.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene.
-    patches : ScenePatches
-        Its patches, cut with the parameters of the model.
-    bundle : ModelBundle
-        A model of `training.bundle_model`.
-    classifier : type
-        Class of the method's classifier.
-
-    Returns
-    -------
-    PointLabels
-        Class of each point and its mean probability over the patches around; outliers have no class.
-
-    Raises
-    ------
-    DataError
-        If the histograms have another length than those of the model.
-    """
+    """Label the points of a prepared scene."""
     table = Patches.from_arrays(patches)
     if "rgb" not in bundle.metadata["attributes"]:
         table = table.with_columns(rgb=None)
@@ -169,30 +91,7 @@ def label_patch_scene(
 def label_patch_cloud(
     cloud: PointCloud, bundle: ModelBundle, classifier: type[PatchClassifier]
 ) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Label the points of a cloud: all stages and the classifier.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points; colour is used if both cloud and model have it. The columns `ground` and `height` are used if the cloud
-        has them.
-    bundle : ModelBundle
-        A model of `training.bundle_model`.
-    classifier : type
-        Class of the method's classifier.
-
-    Returns
-    -------
-    labels : ndarray of int16, shape (n,)
-        Classes of the model's scheme; -1 for outliers.
-    confidence : ndarray of float32, shape (n,)
-        Mean probability of the class over the patches around; 0 for outliers.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is NaN or infinite.
-    """
+    """Label the points of a cloud: all stages and the classifier."""
     if not inliers(cloud).any():
         return unlabelled(len(cloud))
     _, patches = prepare_cloud(cloud, bundle)
@@ -201,27 +100,7 @@ def label_patch_cloud(
 
 
 def prepare_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[Ground, ScenePatches]:
-    """Run the stages before a classifier with the parameters of its model.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points, at least one of them an inlier. Its columns `ground` and `height` are used if it has them.
-    bundle : ModelBundle
-        The model.
-
-    Returns
-    -------
-    ground : Ground
-        Ground points and heights.
-    patches : ScenePatches
-        The patches.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is NaN or infinite.
-    """
+    """Run the stages before a classifier with the parameters of its model."""
     absent = missing_attributes(bundle, list(cloud.columns))
     if absent:
         level = logging.INFO if "core" in cloud else logging.WARNING  # scenes of a survey: the caller warns once

@@ -29,38 +29,17 @@ _OPTIONAL = ("rgb", "station")
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """Patches of one or more scenes, one row per patch.
+    """Patches of one or more scenes, one row per patch."""
 
-    Parameters
-    ----------
-    fpfh : array-like of shape (n, d)
-        Histogram of each patch, stored as float32. Histograms of `extract_patches` sum to 1, or to 0 for a patch
-        without neighbouring support points.
-    rgb : array-like of shape (n, 3) or None
-        Mean colour in [0, 1], stored as float32; None without colour.
-    height : array-like of shape (n,)
-        Mean height of the points above the local ground in metres, stored as float32.
-    centroid : array-like of shape (n, 3)
-        Mean of the patch's points in metres, stored as float64.
-    scene : array-like of int, shape (n,)
-        Scene number, stored as int32.
-    label : array-like of int, shape (n,)
-        Class, stored as int16; `UNKNOWN` (-1) if unknown.
-    station : array-like of shape (n,), optional
-        Station along the road in metres, stored as float64; training scenes are cut by it. None if unknown.
-
-    Raises
-    ------
-    DataError
-        If a column has another shape or length, or a value is NaN or infinite.
-    """
-
+    # Histogram of each patch, stored as float32. Histograms of `extract_patches` sum to 1, or to 0 for a patch without
+    # neighbouring support points.
     fpfh: NDArray[np.float32]
-    rgb: NDArray[np.float32] | None
-    height: NDArray[np.float32]
-    centroid: NDArray[np.float64]
-    scene: NDArray[np.int32]
-    label: NDArray[np.int16]
+    rgb: NDArray[np.float32] | None  # Mean colour in [0, 1], stored as float32; None without colour
+    height: NDArray[np.float32]  # Mean height of the points above the local ground in metres, stored as float32
+    centroid: NDArray[np.float64]  # Mean of the patch's points in metres, stored as float64
+    scene: NDArray[np.int32]  # Scene number, stored as int32
+    label: NDArray[np.int16]  # Class, stored as int16; `UNKNOWN` (-1) if unknown
+    # Station along the road in metres, stored as float64; training scenes are cut by it. None if unknown.
     station: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
@@ -101,46 +80,14 @@ class Patches:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Any]) -> Patches:
-        """Rebuild patches from the arrays of `to_arrays`.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            The arrays; other entries are ignored.
-
-        Returns
-        -------
-        Patches
-            The patches.
-
-        Raises
-        ------
-        DataError
-            If an array other than `rgb` and `station` is missing, or the arrays do not fit together.
-        """
+        """Rebuild patches from the arrays of `to_arrays`."""
         check_arrays(arrays, (name for name in _COLUMNS if name not in _OPTIONAL), "patches")
         columns: dict[str, Any] = {name: arrays.get(name) for name in _COLUMNS}
         return cls(**columns)
 
 
 def join_patches(parts: Sequence[Patches]) -> Patches:
-    """Concatenate patches.
-
-    Parameters
-    ----------
-    parts : sequence of Patches
-        At least one element; all histograms have the same length.
-
-    Returns
-    -------
-    Patches
-        All patches; with colour and with stations only if every part has them.
-
-    Raises
-    ------
-    DataError
-        If there is no part, or the histograms differ in length.
-    """
+    """Concatenate patches."""
     if not parts:
         raise DataError("no patches to join")
     widths = sorted({part.fpfh.shape[1] for part in parts})

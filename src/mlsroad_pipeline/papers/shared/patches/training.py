@@ -23,45 +23,18 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, eq=False)
 class PatchTraining:
-    """Labelled patches of all training scenes.
+    """Labelled patches of all training scenes."""
 
-    Attributes
-    ----------
-    patches : Patches
-        The labelled patches; `scene` numbers their scenes from 0.
-    edges : ndarray of int32, shape (m, 2)
-        Pairs of adjacent patches of a scene, each pair once.
-    stages : PatchStages
-        Parameters of the stages that prepared the scenes.
-    scheme : ClassScheme
-        The classes.
-    trained_on : mapping
-        Description of the training data for the model's metadata; JSON values.
-    surveys : ndarray of int32, shape (scenes,), optional
-        Survey of each scene, see `number_surveys`; None if unknown.
-    """
-
-    patches: Patches
-    edges: NDArray[np.int32]
-    stages: PatchStages
-    scheme: ClassScheme
-    trained_on: Mapping[str, Any]
-    surveys: NDArray[np.int32] | None = None
+    patches: Patches  # The labelled patches; `scene` numbers their scenes from 0
+    edges: NDArray[np.int32]  # Pairs of adjacent patches of a scene, each pair once
+    stages: PatchStages  # Parameters of the stages that prepared the scenes
+    scheme: ClassScheme  # The classes
+    trained_on: Mapping[str, Any]  # Description of the training data for the model's metadata; JSON values
+    surveys: NDArray[np.int32] | None = None  # Survey of each scene, see `number_surveys`; None if unknown
 
 
 def number_surveys(keys: Iterable[str]) -> NDArray[np.int32]:
-    """Return the survey of each training scene; scenes of one file or one drive belong to one survey.
-
-    Parameters
-    ----------
-    keys : iterable of str
-        Keys of the scenes in the stores (`SceneKey`).
-
-    Returns
-    -------
-    ndarray of int32, shape (scenes,)
-        Number of the survey, from 0, in the order of the sorted keys, which is that of `join_training_scenes`.
-    """
+    """Return the survey of each training scene; scenes of one file or one drive belong to one survey."""
     surveys = [SceneKey.parse(key).parent for key in sorted(keys)]
     return np.unique(surveys, return_inverse=True)[1].astype(np.int32)
 
@@ -69,27 +42,7 @@ def number_surveys(keys: Iterable[str]) -> NDArray[np.int32]:
 def join_training_scenes(
     scenes: Mapping[str, ScenePatches], labels: Mapping[str, PatchLabels]
 ) -> tuple[Patches, NDArray[np.int32]]:
-    """Join the labelled patches of all training scenes.
-
-    Parameters
-    ----------
-    scenes : mapping of str to ScenePatches
-        Patches of each scene.
-    labels : mapping of str to PatchLabels
-        Classes and stations of the patches of each training scene; other scenes are excluded.
-
-    Returns
-    -------
-    patches : Patches
-        The labelled patches, scene by scene in the order of the sorted keys; `scene` numbers the scenes from 0.
-    edges : ndarray of int32, shape (m, 2)
-        Pairs of adjacent labelled patches, each pair once.
-
-    Raises
-    ------
-    DataError
-        If there is no training scene, or no labelled patch, or a scene has no stations.
-    """
+    """Join the labelled patches of all training scenes."""
     if not labels:
         raise DataError("no training scenes: the split 'train' is empty")
     parts, edges, shift = [], [], 0
@@ -118,26 +71,7 @@ def bundle_model(
     parameters: Any,
     facts: Mapping[str, Any] | None = None,
 ) -> ModelBundle:
-    """Pack a trained classifier as a model bundle.
-
-    Parameters
-    ----------
-    slug : str
-        The method's slug.
-    classifier : PatchClassifier
-        The classifier.
-    training : PatchTraining
-        The training scenes.
-    parameters : dataclass
-        The method's parameters.
-    facts : mapping, optional
-        Further metadata, such as the choice of cross-validation; JSON values.
-
-    Returns
-    -------
-    ModelBundle
-        The model.
-    """
+    """Pack a trained classifier as a model bundle."""
     patches, scheme = training.patches, training.scheme
     counts = np.bincount(patches.label[patches.label >= 0], minlength=len(scheme))
     missing = [name for name, count in zip(scheme.classes, counts, strict=True) if count == 0]
@@ -170,34 +104,7 @@ def train_model(
     describe: Callable[[Any], Mapping[str, Any]] | None = None,
     n_threads: int = 1,
 ) -> ModelBundle:
-    """Fit a classifier to the training scenes and pack it; ``train`` of a method binds `slug`, `fit` and `describe`.
-
-    Parameters
-    ----------
-    training : PatchTraining
-        The training scenes.
-    slug : str
-        The method's slug.
-    fit : callable
-        Takes patches and edges, and the keywords ``parameters``, ``n_classes`` and ``n_threads``; returns a
-        `PatchClassifier`.
-    parameters : dataclass
-        The method's parameters.
-    describe : callable, optional
-        Takes the classifier; returns further metadata of the model.
-    n_threads : int, default 1
-        Threads; the model does not depend on them.
-
-    Returns
-    -------
-    ModelBundle
-        The model.
-
-    Raises
-    ------
-    DataError
-        If the classifier cannot be trained on these scenes.
-    """
+    """Fit a classifier to the training scenes and pack it; ``train`` of a method binds `slug`, `fit` and `describe`."""
     classifier = fit(
         training.patches, training.edges, parameters=parameters, n_classes=len(training.scheme), n_threads=n_threads
     )

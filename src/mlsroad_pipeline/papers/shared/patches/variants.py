@@ -15,17 +15,7 @@ from mlsroad_pipeline.papers.shared.patches.table import Patches
 
 
 class PatchVariants:
-    """Trained classifier of patches with one model per feature set.
-
-    Parameters
-    ----------
-    n_classes : int
-        Classes of the scheme.
-    trained_classes : ndarray of int64, shape (t,)
-        Classes with training samples, ascending.
-    models : mapping of str to model
-        Feature set to the model trained on it, an instance of `kind`.
-    """
+    """Trained classifier of patches with one model per feature set."""
 
     kind: ClassVar[Any]
     slug: ClassVar[str]

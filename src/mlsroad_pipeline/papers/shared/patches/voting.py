@@ -91,36 +91,7 @@ def _vote(
 def vote_on_points(
     xyz: ArrayLike, centroids: ArrayLike, probabilities: ArrayLike, *, radius: float, n_threads: int = 1
 ) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Label points by the majority vote of the patches within a radius (Luo et al. 2016, equation 8).
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points in metres.
-    centroids : array-like of shape (p, 3)
-        Centroids of the patches in the same frame; at least one.
-    probabilities : array-like of shape (p, c)
-        Class probabilities of the patches. A patch votes for its most probable class, the lowest of equal ones.
-    radius : float
-        Radius R_area of the vote, metres (luo2016: 0.3). Larger values smooth more. A point without a patch within the
-        radius takes the class of the nearest patch.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    label : ndarray of int16, shape (n,)
-        Class of each point. Ties go to the class with the larger summed probability, then to the lowest.
-    confidence : ndarray of float32, shape (n,)
-        Mean probability of that class over the voting patches.
-
-    Raises
-    ------
-    DataError
-        If coordinates are not (n, 3) and finite, there is no patch, or probabilities are not finite and (p, c).
-    ParameterError
-        If `radius` is not positive or `n_threads` is below 1.
-    """
+    """Label points by the majority vote of the patches within a radius (Luo et al. 2016, equation 8)."""
     check_positive(radius, "radius")
     check_threads(n_threads)
     points = check_xyz(xyz).astype(np.float64, copy=False)

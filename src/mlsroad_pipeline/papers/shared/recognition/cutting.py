@@ -18,37 +18,18 @@ from mlsroad_pipeline.papers.shared.recognition.object_set import ObjectArrays, 
 
 @dataclass(frozen=True)
 class RecognitionParameters:
-    """Selection of objects.
+    """Selection of objects."""
 
-    Parameters
-    ----------
-    scheme : str, default "hdr9"
-        Class scheme of the objects.
-    min_points : int, default 30
-        Minimum number of points of an object.
-    purity : float, default 0.8
-        Minimum share of the labelled points of an object in one class; other objects are excluded from training and
-        scores.
-    max_per_class : int, default 2000
-        Maximum number of training objects of a class.
-    folds : str, optional
-        Glob pattern below the root of the survey; each match lists the object files of a fold, whose names contain the
-        class. Cross-validation over the folds. None takes the objects of scenes.
-    seed : int, default 2019
-        Seed of the sample of training objects.
-
-    Raises
-    ------
-    ParameterError
-        If a number is out of range.
-    """
-
-    scheme: str = "hdr9"
-    min_points: int = 30
+    scheme: str = "hdr9"  # Class scheme of the objects
+    min_points: int = 30  # Minimum number of points of an object
+    # Minimum share of the labelled points of an object in one class; other objects are excluded from training and
+    # scores
     purity: float = 0.8
-    max_per_class: int = 2000
+    max_per_class: int = 2000  # Maximum number of training objects of a class
+    # Glob pattern below the root of the survey; each match lists the object files of a fold, whose names contain the
+    # class. Cross-validation over the folds. None takes the objects of scenes.
     folds: str | None = None
-    seed: int = 2019
+    seed: int = 2019  # Seed of the sample of training objects
 
     def __post_init__(self) -> None:
         for name in ("min_points", "max_per_class"):
@@ -58,32 +39,13 @@ class RecognitionParameters:
 
 
 class SceneObjectArrays(ObjectArrays):
-    """Arrays of the objects of a scene.
+    """Arrays of the objects of a scene."""
 
-    Attributes
-    ----------
-    object : ndarray of int32, shape (objects,)
-        Segment number of each object in the scene.
-    """
-
-    object: NDArray[np.int32]
+    object: NDArray[np.int32]  # Segment number of each object in the scene
 
 
 def objects_of_segments(cloud: PointCloud, segments: NDArray[np.int32]) -> ObjectSet:
-    """Return the points of each segment as objects.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points; intensity is kept if present.
-    segments : ndarray of int32, shape (n,)
-        Segment of each point, -1 for none.
-
-    Returns
-    -------
-    ObjectSet
-        One object per segment, of unknown class.
-    """
+    """Return the points of each segment as objects."""
     n = int(segments.max(initial=-1)) + 1
     rows = np.flatnonzero(segments >= 0)
     rows = rows[np.argsort(segments[rows], kind="stable")]
@@ -95,24 +57,7 @@ def objects_of_segments(cloud: PointCloud, segments: NDArray[np.int32]) -> Objec
 def cut_objects(
     scene: PointCloud, objects: Segments, *, scheme: ClassScheme, parameters: RecognitionParameters
 ) -> SceneObjectArrays:
-    """Return the objects that a scene owns, with the majority class of their points.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene; without labels all classes are -1.
-    objects : Segments
-        Segments of the points.
-    scheme : ClassScheme
-        The classes.
-    parameters : RecognitionParameters
-        Minimum size and purity.
-
-    Returns
-    -------
-    SceneObjectArrays
-        The objects with their segment numbers.
-    """
+    """Return the objects that a scene owns, with the majority class of their points."""
     segments = objects["objects"]
     every = objects_of_segments(scene, segments)
     n = len(every)
@@ -131,25 +76,7 @@ def cut_objects(
 
 
 def training_objects(sets: Sequence[ObjectArrays], parameters: RecognitionParameters) -> ObjectSet:
-    """Concatenate sets and sample the training objects.
-
-    Parameters
-    ----------
-    sets : sequence of ObjectArrays
-        The sets.
-    parameters : RecognitionParameters
-        Maximum number of objects of a class, and the seed.
-
-    Returns
-    -------
-    ObjectSet
-        Training objects; all have a class.
-
-    Raises
-    ------
-    DataError
-        If no object has a class.
-    """
+    """Concatenate sets and sample the training objects."""
     joined = ObjectSet.join([ObjectSet.from_arrays(arrays) for arrays in sets])
     rng = np.random.default_rng(parameters.seed)
     drawn = [

@@ -26,36 +26,18 @@ from mlsroad_pipeline.papers.shared.recognition.shape_recogniser import ShapeRec
 
 @dataclass(frozen=True)
 class DescriptorParameters:
-    """Parameters of a descriptor with a support vector machine.
+    """Parameters of a descriptor with a support vector machine."""
 
-    Parameters
-    ----------
-    radii : sequence of float, default [0.0, 2.0, 4.0]
-        Candidate radii of the descriptor, selected by cross-validation, metres; 0 is the extent of each object. The
-        hierarchy descriptor has no radius.
-    costs : sequence of float, default [1.0, 10.0, 100.0]
-        Candidate values of C. Larger fits single objects more closely.
-    gammas : sequence of float, default [0.001, 0.003, 0.01, 0.03]
-        Candidate values of gamma, for features of standard deviation 1.
-    n_folds : int, default 4
-        Folds of the cross-validation, at least 2.
-    max_per_class : int, default 1000
-        Maximum number of training objects of a class.
-    seed : int, default 2019
-        Seed of the folds and of the sample.
-
-    Raises
-    ------
-    ParameterError
-        If a list is empty or a value is out of range.
-    """
-
+    # Candidate radii of the descriptor, selected by cross-validation, metres; 0 is the extent of each object. The
+    # hierarchy descriptor has no radius.
     radii: Sequence[float] = field(default_factory=lambda: [0.0, 2.0, 4.0])
+    # Candidate values of C. Larger fits single objects more closely.
     costs: Sequence[float] = field(default_factory=lambda: [1.0, 10.0, 100.0])
+    # Candidate values of gamma, for features of standard deviation 1
     gammas: Sequence[float] = field(default_factory=lambda: [0.001, 0.003, 0.01, 0.03])
-    n_folds: int = 4
-    max_per_class: int = 1000
-    seed: int = 2019
+    n_folds: int = 4  # Folds of the cross-validation, at least 2
+    max_per_class: int = 1000  # Maximum number of training objects of a class
+    seed: int = 2019  # Seed of the folds and of the sample
 
     def __post_init__(self) -> None:
         for name in ("radii", "costs", "gammas"):
@@ -69,20 +51,7 @@ class DescriptorParameters:
 
 
 class DescriptorRecogniser(ShapeRecogniser):
-    """Descriptor with a support vector machine; subclasses define the descriptor.
-
-    Parameters
-    ----------
-    parameters : DescriptorParameters, optional
-        Candidates of the cross-validation.
-
-    Attributes
-    ----------
-    classes_ : ndarray
-        The classes, sorted; columns of `predict_proba`.
-    radius_ : float
-        The selected radius, metres; 0 is the extent of each object.
-    """
+    """Descriptor with a support vector machine; subclasses define the descriptor."""
 
     has_radius: ClassVar[bool] = True
 
@@ -92,20 +61,7 @@ class DescriptorRecogniser(ShapeRecogniser):
     @staticmethod
     @abstractmethod
     def describe_objects(objects: Sequence[ArrayLike], radius: float) -> NDArray[np.float32]:
-        """Return the descriptors of objects.
-
-        Parameters
-        ----------
-        objects : sequence of array-like of shape (n_i, 3)
-            Points of each object, metres.
-        radius : float
-            Radius of the descriptor, metres; 0 is the extent of the object.
-
-        Returns
-        -------
-        ndarray of float32, shape (objects, d)
-            One descriptor per object.
-        """
+        """Return the descriptors of objects."""
 
     def _learn(self, objects: Sequence[ArrayLike], target: NDArray[np.int64]) -> None:
         p = self.parameters
@@ -144,25 +100,7 @@ class DescriptorRecogniser(ShapeRecogniser):
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray], parameters: DescriptorParameters) -> Self:
-        """Rebuild a recogniser from the arrays of `to_arrays`.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            The arrays.
-        parameters : DescriptorParameters
-            Parameters of the training.
-
-        Returns
-        -------
-        DescriptorRecogniser
-            The trained recogniser.
-
-        Raises
-        ------
-        DataError
-            If an array is missing, or the number of classes of the machine differs.
-        """
+        """Rebuild a recogniser from the arrays of `to_arrays`."""
         self = cls._restored(arrays, parameters, "radius")
         self.radius_ = float(arrays["radius"])
         self.machine_ = KernelMachine.from_arrays(arrays)

@@ -16,30 +16,16 @@ from mlsroad_pipeline.algorithms.core.validation import check_xyz
 
 @dataclass(frozen=True)
 class Disturbance:
-    """Levels of disturbance; they apply in the order of the parameters.
+    """Levels of disturbance; they apply in the order of the parameters."""
 
-    Parameters
-    ----------
-    keep : float, default 1.0
-        Share of the points to keep, above 0 and at most 1 (paper: down to 1/64); at least one point is kept.
-    noise : float, default 0.0
-        Standard deviation of Gaussian noise on each axis in normalised space (paper: up to 0.1).
-    outliers : float, default 0.0
-        Share of outliers in the result, at least 0 and below 1 (equation 13; paper: up to 0.3). Outliers are uniformly
-        distributed over the normalised space.
-    occlusion : float, default 0.0
-        Hidden share of the normalised space, at least 0 and below 1 (equation 19): a slab from one side along x or y.
-        At least one point is kept.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its range.
-    """
-
+    # Share of the points to keep, above 0 and at most 1 (paper: down to 1/64); at least one point is kept
     keep: float = 1.0
-    noise: float = 0.0
+    noise: float = 0.0  # Standard deviation of Gaussian noise on each axis in normalised space (paper: up to 0.1)
+    # Share of outliers in the result, at least 0 and below 1 (equation 13; paper: up to 0.3). Outliers are uniformly
+    # distributed over the normalised space.
     outliers: float = 0.0
+    # Hidden share of the normalised space, at least 0 and below 1 (equation 19): a slab from one side along x or y. At
+    # least one point is kept.
     occlusion: float = 0.0
 
     def __post_init__(self) -> None:
@@ -61,64 +47,19 @@ PAPER_LEVELS = (
 
 
 def down_sample(xyz: ArrayLike, share: float, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Return a random subset of the points.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points of an object.
-    share : float
-        Share to keep.
-    rng : Generator
-        Random number generator.
-
-    Returns
-    -------
-    ndarray of int64
-        Rows of the kept points, ascending; at least one.
-    """
+    """Return a random subset of the points."""
     n = len(np.asarray(xyz))
     return np.sort(rng.choice(n, max(round(share * n), 1), replace=False))
 
 
 def add_noise(xyz: ArrayLike, deviation: float, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Add Gaussian noise to each point.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points of an object, metres.
-    deviation : float
-        Standard deviation in normalised space: multiplied by half the extent of the object along each axis.
-    rng : Generator
-        Random number generator.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 3)
-        The noisy points, metres.
-    """
+    """Add Gaussian noise to each point."""
     points = check_xyz(xyz, minimum=1).astype(np.float64)
     return points + rng.normal(size=points.shape) * deviation * 0.5 * np.ptp(points, axis=0)
 
 
 def draw_outliers(xyz: ArrayLike, rate: float, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return outliers, uniformly distributed over the bounding box of an object.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points of an object, metres.
-    rate : float
-        Share of outliers among points and outliers (equation 13).
-    rng : Generator
-        Random number generator.
-
-    Returns
-    -------
-    ndarray of float64, shape (round(n rate / (1 - rate)), 3)
-        The outliers, metres.
-    """
+    """Return outliers, uniformly distributed over the bounding box of an object."""
     points = check_xyz(xyz, minimum=1).astype(np.float64)
     low, high = points.min(axis=0), points.max(axis=0)
     return low + rng.uniform(size=(round(len(points) * rate / (1 - rate)), 3)) * (high - low)
@@ -129,20 +70,6 @@ def occlude(xyz: ArrayLike, rate: float, rng: np.random.Generator) -> NDArray[np
 
     The paper hides a share of the extent along one horizontal axis over the full width and height (equation 19); the
     position is not specified. Here the slab is at one end of the x or y axis, each of the four with equal probability.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points of an object, metres.
-    rate : float
-        Hidden share of the box.
-    rng : Generator
-        Random number generator.
-
-    Returns
-    -------
-    ndarray of int64
-        Rows of the visible points, ascending; if there is none, the point farthest from the hidden end.
     """
     points = check_xyz(xyz, minimum=1).astype(np.float64)
     axis, end = rng.integers(2), rng.choice([-1.0, 1.0])
@@ -154,31 +81,7 @@ def occlude(xyz: ArrayLike, rate: float, rng: np.random.Generator) -> NDArray[np
 def disturb(
     xyz: ArrayLike, disturbance: Disturbance, *, seed: int, intensity: ArrayLike | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-    """Disturb an object.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points of an object, metres.
-    disturbance : Disturbance
-        The levels.
-    seed : int
-        Seed of the random numbers.
-    intensity : array-like of shape (n,), optional
-        Intensity of each point; an outlier has that of a random point.
-
-    Returns
-    -------
-    xyz : ndarray of float64, shape (m, 3)
-        The disturbed object.
-    intensity : ndarray of float64, shape (m,), or None
-        Its intensities; None without `intensity`.
-
-    Raises
-    ------
-    DataError
-        If the object has no points or a coordinate is not finite.
-    """
+    """Disturb an object."""
     rng = np.random.default_rng(seed)
     points = check_xyz(xyz, minimum=1).astype(np.float64)
     values = None if intensity is None else np.asarray(intensity, dtype=np.float64)

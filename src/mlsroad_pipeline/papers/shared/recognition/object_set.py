@@ -19,41 +19,13 @@ class Recogniser(Protocol):
     def fit(
         self, objects: Sequence[ArrayLike], classes: ArrayLike, *, intensities: Sequence[ArrayLike] | None = None
     ) -> Self:
-        """Train on objects and their classes.
-
-        Parameters
-        ----------
-        objects : sequence of array-like of shape (n_i, 3)
-            Points of each object, metres, z up.
-        classes : array-like of shape (objects,)
-            Class of each object, any sortable values.
-        intensities : sequence of array-like of shape (n_i,), optional
-            Intensity of each point in [0, 1].
-
-        Returns
-        -------
-        Recogniser
-            The fitted recogniser.
-        """
+        """Train on objects and their classes."""
         ...
 
     def predict_proba(
         self, objects: Sequence[ArrayLike], *, intensities: Sequence[ArrayLike] | None = None
     ) -> NDArray[np.float64]:
-        """Return the class probabilities of objects, columns in the order of the sorted classes.
-
-        Parameters
-        ----------
-        objects : sequence of array-like of shape (n_i, 3)
-            Points of each object, metres, z up.
-        intensities : sequence of array-like of shape (n_i,), optional
-            Intensity of each point in [0, 1].
-
-        Returns
-        -------
-        ndarray of float64, shape (objects, classes)
-            Probabilities.
-        """
+        """Return the class probabilities of objects, columns in the order of the sorted classes."""
         ...
 
     def to_arrays(self) -> dict[str, NDArray]:
@@ -72,29 +44,12 @@ class ObjectArrays(TypedDict):
 
 @dataclass(frozen=True)
 class ObjectSet:
-    """Objects with their classes, concatenated into flat arrays.
+    """Objects with their classes, concatenated into flat arrays."""
 
-    Parameters
-    ----------
-    xyz : ndarray of float64, shape (n, 3)
-        Points, object by object, metres.
-    indptr : ndarray of int64, shape (objects + 1,)
-        Start of the points of each object; the last entry is n.
-    label : ndarray of int16, shape (objects,)
-        Class of each object, -1 for unknown.
-    intensity : ndarray of float32, shape (n,), or None
-        Intensity of each point in [0, 1].
-
-    Raises
-    ------
-    DataError
-        If the lengths of the arrays are inconsistent.
-    """
-
-    xyz: NDArray[np.float64]
-    indptr: NDArray[np.int64]
-    label: NDArray[np.int16]
-    intensity: NDArray[np.float32] | None = None
+    xyz: NDArray[np.float64]  # Points, object by object, metres
+    indptr: NDArray[np.int64]  # Start of the points of each object; the last entry is n
+    label: NDArray[np.int16]  # Class of each object, -1 for unknown
+    intensity: NDArray[np.float32] | None = None  # Intensity of each point in [0, 1]
 
     def __post_init__(self) -> None:
         bad = self.intensity is not None and len(self.intensity) != len(self.xyz)
@@ -108,27 +63,7 @@ class ObjectSet:
     def from_objects(
         cls, objects: Sequence[ArrayLike], label: ArrayLike, intensities: Sequence[ArrayLike] | None = None
     ) -> Self:
-        """Build a set from lists of points.
-
-        Parameters
-        ----------
-        objects : sequence of array-like of shape (n_i, 3)
-            Points of each object.
-        label : array-like of int, shape (objects,)
-            Class of each object.
-        intensities : sequence of array-like of shape (n_i,), optional
-            Intensity of each point.
-
-        Returns
-        -------
-        ObjectSet
-            The set.
-
-        Raises
-        ------
-        DataError
-            If an object is empty or not finite, or there is not one class per object.
-        """
+        """Build a set from lists of points."""
         xyz, indptr = concatenate_objects(objects)
         intensity = None if intensities is None else concatenate_values(intensities, indptr, "intensities")
         return cls(
@@ -140,23 +75,7 @@ class ObjectSet:
 
     @classmethod
     def join(cls, sets: Sequence[Self]) -> Self:
-        """Concatenate sets; intensity is kept if all sets have it.
-
-        Parameters
-        ----------
-        sets : sequence of ObjectSet
-            The sets, at least one.
-
-        Returns
-        -------
-        ObjectSet
-            All objects, in the order of the sets.
-
-        Raises
-        ------
-        DataError
-            If there is no set.
-        """
+        """Concatenate sets; intensity is kept if all sets have it."""
         if not sets:
             raise DataError("there are no sets of objects to join")
         counts = np.concatenate([np.diff(part.indptr) for part in sets])
@@ -170,18 +89,7 @@ class ObjectSet:
 
     @classmethod
     def from_arrays(cls, arrays: ObjectArrays) -> Self:
-        """Build a set from the arrays of `to_arrays`.
-
-        Parameters
-        ----------
-        arrays : ObjectArrays
-            The arrays.
-
-        Returns
-        -------
-        ObjectSet
-            The set.
-        """
+        """Build a set from the arrays of `to_arrays`."""
         return cls(arrays["xyz"], arrays["indptr"], arrays["label"], arrays.get("intensity"))
 
     def to_arrays(self) -> ObjectArrays:
@@ -208,18 +116,7 @@ class ObjectSet:
         return np.split(self.intensity, self.indptr[1:-1]) if len(self) else []
 
     def take(self, rows: ArrayLike) -> ObjectSet:
-        """Return a subset of the objects.
-
-        Parameters
-        ----------
-        rows : array-like of int or bool
-            Indices, in any order, or a mask.
-
-        Returns
-        -------
-        ObjectSet
-            The selected objects.
-        """
+        """Return a subset of the objects."""
         chosen = np.arange(len(self))[np.asarray(rows)]
         counts = np.diff(self.indptr)[chosen]
         indptr = np.append(0, np.cumsum(counts)).astype(np.int64)
@@ -231,29 +128,7 @@ class ObjectSet:
 def check_training(
     objects: Sequence[ArrayLike], classes: ArrayLike, *, method: str
 ) -> tuple[NDArray, NDArray[np.int64]]:
-    """Validate training data and number the classes.
-
-    Parameters
-    ----------
-    objects : sequence of array-like
-        The objects.
-    classes : array-like of shape (objects,)
-        Their classes.
-    method : str
-        Name of the method in messages.
-
-    Returns
-    -------
-    classes : ndarray
-        The classes that occur, sorted.
-    target : ndarray of int64, shape (objects,)
-        Index of the class of each object.
-
-    Raises
-    ------
-    DataError
-        If there is not one class per object, or fewer than two classes.
-    """
+    """Validate training data and number the classes."""
     values = np.asarray(classes)
     if values.shape != (len(objects),):
         raise DataError(f"{method}: classes must have shape ({len(objects)},), got {values.shape}")

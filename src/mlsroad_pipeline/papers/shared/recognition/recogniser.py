@@ -38,25 +38,7 @@ def _recogniser_of(slug: str) -> Method:
 
 
 def make_recogniser(slug: str, parameters: Any) -> Any:
-    """Return an untrained recogniser.
-
-    Parameters
-    ----------
-    slug : str
-        Slug of a recogniser in `METHODS`.
-    parameters : dataclass
-        Parameters of the method; a sub-network takes those of JointNet.
-
-    Returns
-    -------
-    Recogniser
-        The recogniser.
-
-    Raises
-    ------
-    ParameterError
-        If no recogniser has this slug.
-    """
+    """Return an untrained recogniser."""
     method = _recogniser_of(slug)
     return method.load("use")(parameters.with_views(method.variant) if method.variant else parameters)
 
@@ -71,35 +53,7 @@ def train_recogniser(
     scheme: ClassScheme,
     trained_on: Mapping[str, Any],
 ) -> ModelBundle:
-    """Train a method and return its model.
-
-    Parameters
-    ----------
-    sets : sequence of ObjectArrays
-        The training objects, see `ObjectSet.to_arrays`.
-    slug : str
-        Slug of the method.
-    parameters : dataclass
-        Parameters of the method.
-    recognition : RecognitionParameters
-        Selection of the objects.
-    stages : DetectionStages
-        Parameters of ground removal and segmentation.
-    scheme : ClassScheme
-        The classes.
-    trained_on : mapping
-        Metadata of the training data; JSON values.
-
-    Returns
-    -------
-    ModelBundle
-        The model.
-
-    Raises
-    ------
-    DataError
-        If there are no objects of at least two classes.
-    """
+    """Train a method and return its model."""
     chosen = training_objects(sets, recognition)
     recogniser = make_recogniser(slug, parameters).fit(chosen.objects, chosen.label, intensities=chosen.intensities)
     metadata = {
@@ -116,25 +70,7 @@ def train_recogniser(
 
 
 def load_recogniser(bundle: ModelBundle) -> Any:
-    """Rebuild the recogniser of a model.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        A model of `train_recogniser`.
-
-    Returns
-    -------
-    Recogniser
-        The recogniser.
-
-    Raises
-    ------
-    ParameterError
-        If no recogniser has this slug.
-    DataError
-        If the arrays do not fit the method, or its classes differ from those in the metadata.
-    """
+    """Rebuild the recogniser of a model."""
     method = _recogniser_of(bundle.slug)
     kind, parameters = method.load("use"), method.load("parameters")
     recogniser = kind.from_arrays(bundle.arrays, parameters(**bundle.metadata["parameters"]["recogniser"]))
@@ -150,40 +86,15 @@ def load_recogniser(bundle: ModelBundle) -> Any:
 
 
 class Recognitions(TypedDict):
-    """Classes of objects.
+    """Classes of objects."""
 
-    Attributes
-    ----------
-    label : ndarray of int16, shape (objects,)
-        Most probable class.
-    score : ndarray of float32, shape (objects,)
-        Its probability.
-    scores : ndarray of float32, shape (objects, classes)
-        Probabilities of the classes of the scheme; 0 for classes that were not learned.
-    """
-
-    label: NDArray[np.int16]
-    score: NDArray[np.float32]
-    scores: NDArray[np.float32]
+    label: NDArray[np.int16]  # Most probable class
+    score: NDArray[np.float32]  # Its probability
+    scores: NDArray[np.float32]  # Probabilities of the classes of the scheme; 0 for classes that were not learned
 
 
 def probabilities(recogniser: Any, objects: ObjectSet, n_classes: int) -> Recognitions:
-    """Recognise objects.
-
-    Parameters
-    ----------
-    recogniser : Recogniser
-        A trained recogniser whose classes are labels.
-    objects : ObjectSet
-        The objects.
-    n_classes : int
-        Number of classes of the scheme.
-
-    Returns
-    -------
-    Recognitions
-        Class and probabilities of each object.
-    """
+    """Recognise objects."""
     scores = np.zeros((len(objects), n_classes), dtype=np.float32)
     if len(objects):
         scores[:, recogniser.classes_] = recogniser.predict_proba(objects.objects, intensities=objects.intensities)
@@ -192,20 +103,7 @@ def probabilities(recogniser: Any, objects: ObjectSet, n_classes: int) -> Recogn
 
 
 def recognise_objects(objects: ObjectArrays, bundle: ModelBundle) -> Recognitions:
-    """Recognise a set of objects with a model.
-
-    Parameters
-    ----------
-    objects : ObjectArrays
-        The objects.
-    bundle : ModelBundle
-        The model.
-
-    Returns
-    -------
-    Recognitions
-        Class and probabilities of each object.
-    """
+    """Recognise a set of objects with a model."""
     return probabilities(load_recogniser(bundle), ObjectSet.from_arrays(objects), len(bundle.classes))
 
 
@@ -218,55 +116,14 @@ def train_and_recognise(
     recognition: RecognitionParameters,
     n_classes: int,
 ) -> Recognitions:
-    """Train on some folds and recognise another.
-
-    Parameters
-    ----------
-    train : mapping of str to ObjectArrays
-        Training folds.
-    test : ObjectArrays
-        The fold to recognise.
-    slug : str
-        Slug of the method.
-    parameters : dataclass
-        Parameters of the method.
-    recognition : RecognitionParameters
-        Selection of the objects.
-    n_classes : int
-        Number of classes of the scheme.
-
-    Returns
-    -------
-    Recognitions
-        Class and probabilities of each object of `test`.
-    """
+    """Train on some folds and recognise another."""
     chosen = training_objects([train[key] for key in sorted(train)], recognition)
     recogniser = make_recogniser(slug, parameters).fit(chosen.objects, chosen.label, intensities=chosen.intensities)
     return probabilities(recogniser, ObjectSet.from_arrays(test), n_classes)
 
 
 def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Segment a point cloud and label the points of its objects.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points. Columns `ground` and `height` (see `Ground`) are used if present, otherwise computed.
-    bundle : ModelBundle
-        A model of `train_recogniser`.
-
-    Returns
-    -------
-    labels : ndarray of int16, shape (n,)
-        Labels of the scheme of the model, -1 outside objects.
-    confidence : ndarray of float32, shape (n,)
-        Probability of the class; 0 outside objects.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is NaN or infinite, or the model is inconsistent.
-    """
+    """Segment a point cloud and label the points of its objects."""
     recogniser = load_recogniser(bundle)
     min_points = RecognitionParameters(**bundle.metadata["parameters"]["recognition"]).min_points
 

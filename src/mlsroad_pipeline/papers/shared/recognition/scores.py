@@ -25,26 +25,7 @@ def score_recognitions(
     scheme: ClassScheme,
     folds: bool,
 ) -> tuple[pd.DataFrame, dict[str, NDArray[np.int64]]]:
-    """Score recognised objects; objects of unknown class are excluded.
-
-    Parameters
-    ----------
-    truth, predicted : mapping of str to ndarray of int
-        Key of the scene (``<split>.<scene>``) or fold to the class of each object; -1 is unknown.
-    method : str
-        The method's slug.
-    scheme : ClassScheme
-        The classes.
-    folds : bool
-        True if the keys are folds: each is a split then, and the split ``test`` is all of them together.
-
-    Returns
-    -------
-    scores : DataFrame
-        Table of scores, see `metrics.scores`.
-    matrices : dict of str to ndarray of int64, shape (C, C + 1)
-        Split to confusion matrix, ``test`` last.
-    """
+    """Score recognised objects; objects of unknown class are excluded."""
     matrices: dict[str, NDArray[np.int64]] = {}
     for key, labels in truth.items():
         counted = confusion_matrix(labels, predicted[key], len(scheme))

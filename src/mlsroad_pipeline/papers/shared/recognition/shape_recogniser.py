@@ -15,18 +15,7 @@ from mlsroad_pipeline.papers.shared.recognition.object_set import check_training
 
 
 class ShapeRecogniser(ABC):
-    """Recogniser by shape; subclasses implement training and prediction.
-
-    Parameters
-    ----------
-    parameters : dataclass
-        Parameters of the method.
-
-    Attributes
-    ----------
-    classes_ : ndarray
-        The classes, sorted; columns of `predict_proba`.
-    """
+    """Recogniser by shape; subclasses implement training and prediction."""
 
     slug: ClassVar[str]
 
@@ -36,27 +25,7 @@ class ShapeRecogniser(ABC):
     def fit(
         self, objects: Sequence[ArrayLike], classes: ArrayLike, *, intensities: Sequence[ArrayLike] | None = None
     ) -> Self:
-        """Train.
-
-        Parameters
-        ----------
-        objects : sequence of array-like of shape (n_i, 3)
-            Points of each object, metres, z up.
-        classes : array-like of shape (objects,)
-            Class of each object.
-        intensities : sequence of array-like, optional
-            Not used.
-
-        Returns
-        -------
-        ShapeRecogniser
-            The fitted recogniser.
-
-        Raises
-        ------
-        DataError
-            If an object is empty or not finite, there is not one class per object, or only one class occurs.
-        """
+        """Train."""
         del intensities
         self.classes_, target = check_training(objects, classes, method=self.slug)
         self._learn(objects, target)
@@ -69,20 +38,7 @@ class ShapeRecogniser(ABC):
     def predict_proba(
         self, objects: Sequence[ArrayLike], *, intensities: Sequence[ArrayLike] | None = None
     ) -> NDArray[np.float64]:
-        """Return the class probabilities of objects.
-
-        Parameters
-        ----------
-        objects : sequence of array-like of shape (n_i, 3)
-            Points of each object, metres, z up.
-        intensities : sequence of array-like, optional
-            Not used.
-
-        Returns
-        -------
-        ndarray of float64, shape (objects, classes)
-            Probabilities.
-        """
+        """Return the class probabilities of objects."""
         del intensities
         return self._probabilities(objects) if len(objects) else np.zeros((0, len(self.classes_)))
 

@@ -31,52 +31,6 @@ Features = SupervoxelFeatures | ArrayLike
 class DetrendedForestClassifier(BaseEstimator):
     """Random forest on detrended supervoxel features.
 
-    Parameters
-    ----------
-    n_classes : int, optional
-        Classes of the scheme, one column of the probabilities each. By default the highest label in `fit` plus one.
-    n_trees : int, default 200
-        Trees (tomic2019: 200, chosen by the out-of-bag error). Time grows linearly.
-    max_depth : int, optional
-        Maximum depth of a tree; unlimited by default.
-    min_samples_leaf : int, default 5
-        Minimum supervoxels per leaf (not given in the paper). Larger leaves give smoother probabilities, a smaller and
-        faster model, and better accuracy of rare classes.
-    max_features : {"sqrt", "log2"}, int, float or None, default "sqrt"
-        Features tried at each split.
-    class_weight : {"balanced", "sqrt"} or None, default "balanced"
-        Total weight of a class: equal for all classes, by weights from the bootstrap sample of each tree; the square
-        root of its size; or its size. "balanced" is scikit-learn's ``"balanced_subsample"``: with its ``"balanced"``,
-        rare supervoxels are sampled so often that none is out of bag.
-    max_per_class : int, optional
-        Maximum supervoxels per class in training, sampled at random; all by default. Bounds the training time. The
-        class weights compensate for the sampling.
-    out_of_bag : bool, default True
-        Whether to compute the out-of-bag error, which adds about a tenth of the training time.
-    random_state : int, default 0
-        Seed; the forest does not depend on `n_jobs`.
-    n_jobs : int, default 1
-        Jobs for training and threads for prediction.
-
-    Attributes
-    ----------
-    forest_ : FlatForest
-        The trees as flat arrays.
-    trained_classes_ : ndarray of int64, shape (t,)
-        Labels with training samples; the probability of the others is 0.
-    missing_classes_ : ndarray of int64
-        Labels of the scheme without training samples.
-    feature_names_in_ : tuple of str
-        Names of the features.
-    feature_importances_ : dict of str to float
-        Mean decrease of impurity of each feature, in the order of the features; the values sum to 1.
-    oob_error_curve_ : ndarray of float64, shape (n_trees,)
-        Out-of-bag error of the first 1, 2, ... trees: the fraction of wrong supervoxels among those with a vote.
-    oob_balanced_error_curve_ : ndarray of float64, shape (n_trees,)
-        Out-of-bag error averaged over classes.
-    oob_score_ : float
-        One minus the out-of-bag error of all trees. This and the curves exist only with `out_of_bag`.
-
     Examples
     --------
     >>> import numpy as np
@@ -119,30 +73,7 @@ class DetrendedForestClassifier(BaseEstimator):
         *,
         sample_weight: ArrayLike | None = None,
     ) -> DetrendedForestClassifier:
-        """Grow the forest.
-
-        Parameters
-        ----------
-        features : SupervoxelFeatures or array-like of shape (s, f)
-            Features; each split assigns NaN to one side.
-        labels : array-like of int, shape (s,)
-            Class of each supervoxel, see `majority_labels`; -1 is excluded.
-        sample_weight : array-like of shape (s,), optional
-            Weight of each supervoxel, such as its purity.
-
-        Returns
-        -------
-        DetrendedForestClassifier
-            The fitted estimator. Classes of the scheme without supervoxels raise a `UserWarning`.
-
-        Raises
-        ------
-        DataError
-            If shapes do not match, a feature is infinite, a label is outside the scheme, a weight is negative or not
-            finite, or there are fewer than two classes among the labelled supervoxels.
-        ParameterError
-            If a parameter is outside its domain.
-        """
+        """Grow the forest."""
         self._check_parameters()
         values, names = _as_table(features)
         target = np.asarray(labels)
@@ -178,25 +109,7 @@ class DetrendedForestClassifier(BaseEstimator):
         return self
 
     def predict_proba(self, features: Features) -> NDArray[np.float32]:
-        """Return the class probabilities of supervoxels.
-
-        Parameters
-        ----------
-        features : SupervoxelFeatures or array-like of shape (s, f)
-            The features of training, in the same order.
-
-        Returns
-        -------
-        ndarray of float32, shape (s, n_classes)
-            Probabilities; 0 for classes without training samples.
-
-        Raises
-        ------
-        DataError
-            If the features differ from those of training, or a feature is infinite.
-        sklearn.exceptions.NotFittedError
-            If the forest has not been fitted.
-        """
+        """Return the class probabilities of supervoxels."""
         if not hasattr(self, "forest_"):
             raise NotFittedError("this DetrendedForestClassifier is not fitted yet: call fit first")
         values, names = _as_table(features)
@@ -208,18 +121,7 @@ class DetrendedForestClassifier(BaseEstimator):
         return out
 
     def predict(self, features: Features) -> NDArray[np.int16]:
-        """Return the most probable class of each supervoxel, the lowest of equally probable ones.
-
-        Parameters
-        ----------
-        features : SupervoxelFeatures or array-like of shape (s, f)
-            The features of training, in the same order.
-
-        Returns
-        -------
-        ndarray of int16, shape (s,)
-            Classes.
-        """
+        """Return the most probable class of each supervoxel, the lowest of equally probable ones."""
         return self.predict_proba(features).argmax(axis=1).astype(np.int16)
 
     def to_arrays(self) -> dict[str, NDArray]:
@@ -234,25 +136,7 @@ class DetrendedForestClassifier(BaseEstimator):
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray], *, n_jobs: int = 1) -> DetrendedForestClassifier:
-        """Rebuild a fitted classifier, with identical predictions, from the arrays of `to_arrays`.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            The arrays, for example of an NPZ file.
-        n_jobs : int, default 1
-            Threads for prediction.
-
-        Returns
-        -------
-        DetrendedForestClassifier
-            A fitted classifier without the out-of-bag error.
-
-        Raises
-        ------
-        DataError
-            If an array is missing.
-        """
+        """Rebuild a fitted classifier, with identical predictions, from the arrays of `to_arrays`."""
         check_arrays(arrays, _OWN_ARRAYS, "a classifier")
         forest = FlatForest.from_arrays(arrays)
         n_classes = int(arrays["n_classes"])

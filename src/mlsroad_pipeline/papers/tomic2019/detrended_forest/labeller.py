@@ -29,29 +29,7 @@ logger = logging.getLogger(__name__)
 def label_scene(
     scene: PointCloud, supervoxels: SupervoxelPartition, features: SupervoxelTable, bundle: ModelBundle
 ) -> PointLabels:
-    """Label the points of a prepared scene.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene.
-    supervoxels : SupervoxelPartition
-        Its supervoxels.
-    features : SupervoxelTable
-        Their features.
-    bundle : ModelBundle
-        A model of `training.fit`.
-
-    Returns
-    -------
-    PointLabels
-        Class and probability of each point; outliers have no class.
-
-    Raises
-    ------
-    DataError
-        If the scene lacks features that the model needs.
-    """
+    """Label the points of a prepared scene."""
     probabilities = supervoxel_probabilities(scene, supervoxels, features, bundle)
     keep = inliers(scene)
     label, confidence = unlabelled(len(scene))
@@ -68,29 +46,7 @@ def label_scene(
 def supervoxel_probabilities(
     scene: PointCloud, supervoxels: SupervoxelPartition, features: SupervoxelTable, bundle: ModelBundle
 ) -> NDArray[np.float32]:
-    """Return the class probabilities of the supervoxels of a prepared scene.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene.
-    supervoxels : SupervoxelPartition
-        Its supervoxels.
-    features : SupervoxelTable
-        Their features.
-    bundle : ModelBundle
-        A model of `training.fit`.
-
-    Returns
-    -------
-    ndarray of float32, shape (s, classes)
-        Probabilities, smoothed over first-order neighbours if the smoothing weight of the model is above 0.
-
-    Raises
-    ------
-    DataError
-        If the scene lacks features that the model needs.
-    """
+    """Return the class probabilities of the supervoxels of a prepared scene."""
     have = [name for name in bundle.metadata["attributes"] if name in scene]
     variant = "+".join(("geometry", *have))
     names = [str(name) for name in features["names"]]
@@ -116,29 +72,7 @@ def _predict(bundle: ModelBundle, variant: str, values: NDArray[np.float32]) -> 
 
 
 def prepare(scene: PointCloud, bundle: ModelBundle) -> tuple[Ground, SupervoxelPartition, SupervoxelTable]:
-    """Run the stages before the forest with the parameters of the model.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene. Its columns `ground` and `height` are used if it has them.
-    bundle : ModelBundle
-        A model of `training.fit`.
-
-    Returns
-    -------
-    ground : Ground
-        Ground points and heights.
-    supervoxels : SupervoxelPartition
-        The supervoxels.
-    features : SupervoxelTable
-        Their features.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is NaN or infinite.
-    """
+    """Run the stages before the forest with the parameters of the model."""
     stages = StageParameters.from_stored(bundle.metadata["parameters"])
     ground = ground_of(scene, stages.ground)
     supervoxels = build_supervoxels(scene, stages.supervoxels)
@@ -146,27 +80,7 @@ def prepare(scene: PointCloud, bundle: ModelBundle) -> tuple[Ground, SupervoxelP
 
 
 def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Label the points of a cloud: all stages and the forest.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points; colour and intensity are used if both cloud and model have them.
-    bundle : ModelBundle
-        A model of `training.fit`.
-
-    Returns
-    -------
-    labels : ndarray of int16, shape (n,)
-        Classes of the model's scheme; -1 for outliers.
-    confidence : ndarray of float32, shape (n,)
-        Probability of the class; 0 for outliers.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is NaN or infinite.
-    """
+    """Label the points of a cloud: all stages and the forest."""
     if len(cloud) == 0:
         return unlabelled(0)
     absent = missing_attributes(bundle, list(cloud.columns))

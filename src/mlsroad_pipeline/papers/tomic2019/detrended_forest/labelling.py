@@ -21,27 +21,6 @@ def smooth_probabilities(
 
     Tomic et al. 2019, section 4, mention this local regularisation without a formula. Here
     P' = (1 - weight) P + weight mean(P of the neighbours).
-
-    Parameters
-    ----------
-    probabilities : ndarray of float32, shape (s, c)
-        Class probabilities of the supervoxels.
-    adjacency : csr_array of shape (s, s)
-        First-order neighbours.
-    weight : float
-        Weight of the neighbours, 0 to 1. Larger values remove more isolated supervoxels, both wrong and right ones.
-
-    Returns
-    -------
-    ndarray of float32, shape (s, c)
-        Smoothed probabilities; unchanged for supervoxels without neighbours.
-
-    Raises
-    ------
-    DataError
-        If the shape of the adjacency does not match.
-    ParameterError
-        If `weight` is outside 0 to 1.
     """
     if not 0 <= weight <= 1:
         raise ParameterError(f"weight must be in [0, 1], got {weight!r}")
@@ -63,38 +42,7 @@ def label_points(
     supervoxel_labels: ArrayLike | None = None,
     n_threads: int = 1,
 ) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Assign to each point the most probable class of its supervoxel (Tomic et al. 2019, sections 2 and 3.3).
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points in metres.
-    centroids : array-like of shape (s, 3)
-        Centroids of the supervoxels in the same frame, metres; unused with the rule "own".
-    probabilities : array-like of shape (s, c)
-        Class probabilities of the supervoxels.
-    rule : {"nearest", "own"}, default "nearest"
-        Supervoxel with the nearest centroid (the paper), or the supervoxel that contains the point.
-    supervoxel_labels : array-like of int, shape (n,), optional
-        Supervoxel of each point; required by the rule "own".
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    labels : ndarray of int16, shape (n,)
-        Class of each point, the lowest of equally probable ones.
-    confidence : ndarray of float32, shape (n,)
-        Probability of the class.
-
-    Raises
-    ------
-    DataError
-        If coordinates are not (n, 3) and finite, probabilities are not (s, c) and finite, or the rule "own" lacks valid
-        supervoxel labels.
-    ParameterError
-        If the rule is unknown or `n_threads` is below 1.
-    """
+    """Assign to each point the most probable class of its supervoxel (Tomic et al. 2019, sections 2 and 3.3)."""
     table = np.asarray(probabilities, dtype=np.float32)
     n_supervoxels = len(np.asarray(centroids))
     if table.ndim != 2 or len(table) != n_supervoxels or not table.shape[1] or not np.isfinite(table).all():

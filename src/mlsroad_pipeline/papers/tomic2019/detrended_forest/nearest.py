@@ -117,27 +117,6 @@ def nearest_supervoxels(xyz: ArrayLike, centroids: ArrayLike, *, n_threads: int 
     """Return the supervoxel with the nearest centroid for each point (exact search).
 
     Points are sorted into cells. The centroids that can be nearest to a point of a cell are collected once per cell.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points in metres.
-    centroids : array-like of shape (s, 3)
-        Centroids of the supervoxels in the same frame.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    ndarray of int32, shape (n,)
-        Supervoxel of each point, the lowest of equally near ones.
-
-    Raises
-    ------
-    DataError
-        If coordinates are not (n, 3) and finite, or there is no centroid.
-    ParameterError
-        If `n_threads` is below 1.
     """
     check_threads(n_threads)
     seeds = check_xyz(centroids, minimum=1, name="centroids").astype(np.float64)

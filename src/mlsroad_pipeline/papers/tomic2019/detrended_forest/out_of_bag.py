@@ -10,24 +10,7 @@ from sklearn.ensemble import RandomForestClassifier
 def out_of_bag_curves(
     model: RandomForestClassifier, values: NDArray[np.float32], target: NDArray[np.integer]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the out-of-bag error of the first 1, 2, ... trees, overall and averaged over classes.
-
-    Parameters
-    ----------
-    model : RandomForestClassifier
-        A fitted forest of t trees.
-    values : ndarray of float32, shape (s, f)
-        Training features.
-    target : ndarray of int, shape (s,)
-        Training classes as indices into ``model.classes_``.
-
-    Returns
-    -------
-    error : ndarray of float64, shape (t,)
-        Fraction of wrong supervoxels among those with a vote.
-    balanced_error : ndarray of float64, shape (t,)
-        Mean over the classes with votes; NaN without votes.
-    """
+    """Return the out-of-bag error of the first 1, 2, ... trees, overall and averaged over classes."""
     n_trees = len(model.estimators_)
     votes = np.zeros((len(values), len(model.classes_)))
     per_class = np.bincount(target, minlength=votes.shape[1])

@@ -33,45 +33,23 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class ForestParameters:
-    """Parameters of the forest.
+    """Parameters of the forest."""
 
-    Parameters
-    ----------
-    n_trees : int, default 200
-        Trees; training and prediction time grow with them (tomic2019: 200, where the out-of-bag error converges).
-    fallback_trees : int, default 50
-        Trees of each forest for surveys without colour or intensity.
-    min_samples_leaf : int, default 2
-        Minimum supervoxels per leaf. Larger values give smoother probabilities and a smaller model.
-    max_features : float, default 0.1
-        Fraction of the features tried at each split; training time grows with it.
-    class_weight : {"balanced", "sqrt", "none"}, default "balanced"
-        Total weight of a class: equal for all classes, the square root of its supervoxels, or their number.
-    max_per_class : int, default 3000
-        Maximum supervoxels of a class to train on; bounds the training time.
-    smoothing : float, default 0.3
-        Weight of the first-order neighbours in a supervoxel's class probabilities, see `smooth_probabilities`; 0
-        disables it.
-    rule : {"nearest", "own"}, default "nearest"
-        Supervoxel whose label a point takes: the one with the nearest centroid (tomic2019, 3.3) or its own.
-    seed : int, default 2019
-        Seed of the bootstrap and of the splits.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain.
-    """
-
+    # Trees; training and prediction time grow with them (tomic2019: 200, where the out-of-bag error converges)
     n_trees: int = 200
-    fallback_trees: int = 50
+    fallback_trees: int = 50  # Trees of each forest for surveys without colour or intensity
+    # Minimum supervoxels per leaf. Larger values give smoother probabilities and a smaller model.
     min_samples_leaf: int = 2
-    max_features: float = 0.1
+    max_features: float = 0.1  # Fraction of the features tried at each split; training time grows with it
+    # Total weight of a class: equal for all classes, the square root of its supervoxels, or their number
     class_weight: Literal["balanced", "sqrt", "none"] = "balanced"
-    max_per_class: int = 3000
+    max_per_class: int = 3000  # Maximum supervoxels of a class to train on; bounds the training time
+    # Weight of the first-order neighbours in a supervoxel's class probabilities, see `smooth_probabilities`; 0 disables
+    # it
     smoothing: float = 0.3
+    # Supervoxel whose label a point takes: the one with the nearest centroid (tomic2019, 3.3) or its own
     rule: Literal["nearest", "own"] = "nearest"
-    seed: int = 2019
+    seed: int = 2019  # Seed of the bootstrap and of the splits
 
     def __post_init__(self) -> None:
         for name in ("n_trees", "fallback_trees", "min_samples_leaf", "max_per_class"):
@@ -89,18 +67,10 @@ class ForestParameters:
 
 
 class TrainingRows(SupervoxelTable):
-    """Labelled supervoxels of a training scene, with their features.
+    """Labelled supervoxels of a training scene, with their features."""
 
-    Attributes
-    ----------
-    labels : ndarray of int16, shape (s,)
-        Class of each supervoxel.
-    columns : ndarray of str
-        Those of ``"rgb"`` and ``"intensity"`` that the scene has.
-    """
-
-    labels: NDArray[np.int16]
-    columns: NDArray[np.str_]
+    labels: NDArray[np.int16]  # Class of each supervoxel
+    columns: NDArray[np.str_]  # Those of ``"rgb"`` and ``"intensity"`` that the scene has
 
 
 def training_rows(
@@ -109,29 +79,6 @@ def training_rows(
     """Return the labelled supervoxels of a training scene.
 
     A supervoxel takes the majority class of its core points. Supervoxels without labelled core points are excluded.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene, with `label` and `core`.
-    supervoxels : SupervoxelPartition
-        Its supervoxels.
-    features : SupervoxelTable
-        Their features.
-    scheme : ClassScheme
-        The classes.
-
-    Returns
-    -------
-    TrainingRows
-        The labelled supervoxels.
-
-    Raises
-    ------
-    MissingColumnError
-        If the scene has no labels.
-    UnknownClassError
-        If a label is not in the scheme.
     """
     keep = inliers(scene)
     labels = scheme.encode(scene["label"], source=scene.source)
@@ -152,20 +99,7 @@ def training_rows(
 
 
 def feature_columns(names: Sequence[str], attributes: Sequence[str]) -> NDArray[np.int64]:
-    """Return the columns of the features that need no attributes but the given ones.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names of all features; a detrended feature has the name of its source and the suffix ``_detrended``.
-    attributes : sequence of str
-        Subset of ``"rgb"`` and ``"intensity"``.
-
-    Returns
-    -------
-    ndarray of int64
-        Their columns.
-    """
+    """Return the columns of the features that need no attributes but the given ones."""
     excluded = {name for attribute, group in _ATTRIBUTES.items() if attribute not in attributes for name in group}
     return np.flatnonzero([name.removesuffix("_detrended") not in excluded for name in names])
 
@@ -180,38 +114,7 @@ def fit(
     n_jobs: int = 1,
     fallbacks: bool = True,
 ) -> tuple[ModelBundle, DetrendedForestClassifier]:
-    """Train the forests.
-
-    Parameters
-    ----------
-    rows : sequence of TrainingRows
-        Labelled supervoxels of each training scene.
-    parameters : ForestParameters
-        Parameters of the forest.
-    stages : StageParameters
-        Parameters of the stages that prepared the scenes.
-    scheme : ClassScheme
-        The classes.
-    trained_on : mapping
-        Description of the training data for the model's metadata; JSON values.
-    n_jobs : int, default 1
-        Worker processes; the model does not depend on them.
-    fallbacks : bool, default True
-        Also train forests for surveys without colour or intensity; each takes about as long as the full forest. False
-        suffices for trials on surveys with the attributes of the training scenes.
-
-    Returns
-    -------
-    bundle : ModelBundle
-        The model.
-    classifier : DetrendedForestClassifier
-        The forest on all attributes, with its out-of-bag error and feature importances.
-
-    Raises
-    ------
-    DataError
-        If there are no labelled supervoxels, or scenes have different features.
-    """
+    """Train the forests."""
     if not rows:
         raise DataError("no training scenes: the split 'train' is empty")
     attributes = [name for name in _ATTRIBUTES if all(name in row["columns"] for row in rows)]

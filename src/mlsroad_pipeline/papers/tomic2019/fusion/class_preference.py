@@ -18,56 +18,19 @@ class ClassPreference:
     """Preferred labeller of each class.
 
     Every labeller is scored by F1 on test set 1, over the points that it labels; the best one is preferred for the
-    class. A label of the preferred labeller of its class outranks other labels. Between labels of equal rank the one
-    with the higher F1 is chosen. Ties go to the first labeller. Labellers without a label for a point are ignored, so
-    the rule serves both steps of the paper: the choice among cameras and that between the methods.
-
-    Parameters
-    ----------
-    f1 : ndarray of shape (labellers, classes), float64
-        F1 on test set 1; 0 where it is not defined.
-    delegate : bool, default True
-        Whether preferred labellers outrank others. False compares F1 alone, a reading of the paper that its Table 5
-        contradicts.
-
-    References
-    ----------
-    .. [1] D. Tomic et al., "Fusion of feature based and deep learning methods for classification of MMS point clouds",
-       ISPRS Archives, 2019, sections 2.3 and 3.3, Tables 2 and 5.
+    class. A label of the preferred labeller of its class outranks other labels.
     """
 
-    f1: NDArray[np.float64]
+    f1: NDArray[np.float64]  # F1 on test set 1; 0 where it is not defined
+    # Whether preferred labellers outrank others. False compares F1 alone, a reading of the paper that its Table 5
+    # contradicts.
     delegate: bool = True
 
     @classmethod
     def fit(
         cls, labels: Sequence[ArrayLike], reference: ArrayLike, *, n_classes: int, delegate: bool = True
     ) -> ClassPreference:
-        """Score labellers on test set 1.
-
-        Parameters
-        ----------
-        labels : sequence of array-like of int, each of shape (n,)
-            Labels of each labeller, -1 where it has none.
-        reference : array-like of int, shape (n,)
-            True labels; points labelled -1 are ignored.
-        n_classes : int
-            Number of classes.
-        delegate : bool, default True
-            Whether preferred labellers outrank others.
-
-        Returns
-        -------
-        ClassPreference
-            The fitted rule.
-
-        Raises
-        ------
-        DataError
-            If there is no labeller, lengths differ, or a label is outside -1 to ``n_classes - 1``.
-        ParameterError
-            If `n_classes` is below 1.
-        """
+        """Score labellers on test set 1."""
         if not len(labels):
             raise DataError("fusion needs at least one labeller")
         truth = np.asarray(reference)
@@ -85,25 +48,7 @@ class ClassPreference:
         return self.f1.argmax(axis=0)
 
     def fuse(self, labels: Sequence[ArrayLike]) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
-        """Fuse the labels of all labellers.
-
-        Parameters
-        ----------
-        labels : sequence of array-like of int, each of shape (n,)
-            Labels of each labeller, in the order of `fit`; -1 where it has none.
-
-        Returns
-        -------
-        label : ndarray of shape (n,), int16
-            The labels; -1 where no labeller has one.
-        labeller : ndarray of shape (n,), int16
-            Index of the labeller chosen, the first of equal scores; -1 where there is none.
-
-        Raises
-        ------
-        DataError
-            If the number of labellers or their lengths differ, or a label is outside -1 to ``classes - 1``.
-        """
+        """Fuse the labels of all labellers."""
         table = stack_labels(labels, *self.f1.shape)
         named = np.maximum(table, 0)
         score = np.take_along_axis(self.f1, named, axis=1)
@@ -116,25 +61,7 @@ class ClassPreference:
 
 
 def stack_labels(labels: Sequence[ArrayLike], n_labellers: int, n_classes: int) -> NDArray[np.int64]:
-    """Validate the labels of several labellers and return them as rows.
-
-    Parameters
-    ----------
-    labels : sequence of array-like of int, each of shape (n,)
-        Labels, -1 for none.
-    n_labellers, n_classes : int
-        Expected numbers of labellers and classes.
-
-    Returns
-    -------
-    ndarray of shape (n_labellers, n), int64
-        The labels.
-
-    Raises
-    ------
-    DataError
-        If the number of labellers or their lengths differ, or a label is outside -1 to ``n_classes - 1``.
-    """
+    """Validate the labels of several labellers and return them as rows."""
     lengths = sorted({len(np.asarray(mine)) for mine in labels})
     if len(labels) != n_labellers or len(lengths) != 1:
         raise DataError(f"expected labels of {n_labellers} labellers of one length, got {len(labels)} of {lengths}")
@@ -145,25 +72,7 @@ def stack_labels(labels: Sequence[ArrayLike], n_labellers: int, n_classes: int) 
 
 
 def count_agreement(labels: Sequence[ArrayLike], fused: ArrayLike) -> NDArray[np.int64]:
-    """Count points by the numbers of labellers and of labellers that agree with the fusion (redundancy).
-
-    Parameters
-    ----------
-    labels : sequence of array-like of int, each of shape (n,)
-        Labels of each labeller, -1 where it has none.
-    fused : array-like of int, shape (n,)
-        The labels of the fusion.
-
-    Returns
-    -------
-    ndarray of shape (labellers + 1, labellers + 1), int64
-        Points by the number of labellers that label them (row) and the number that agree with the fusion (column).
-
-    Raises
-    ------
-    DataError
-        If lengths differ.
-    """
+    """Count points by the numbers of labellers and of labellers that agree with the fusion (redundancy)."""
     final = np.asarray(fused)
     table = stack_labels(labels, len(labels), int(np.iinfo(np.int16).max))
     if table.shape[1] != len(final):

@@ -24,23 +24,10 @@ SLUG = "fusion"
 
 @dataclass(frozen=True)
 class FusionParameters:
-    """Parameters of the fusion.
+    """Parameters of the fusion."""
 
-    Parameters
-    ----------
-    share : float, default 0.5
-        Share of each drive's scenes, from its beginning, in test set 1; the rest is test set 2.
-    pool : PoolParameters or mapping
-        Parameters of the log-linear pool.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain.
-    """
-
-    share: float = 0.5
-    pool: PoolParameters = field(default_factory=PoolParameters)
+    share: float = 0.5  # Share of each drive's scenes, from its beginning, in test set 1; the rest is test set 2
+    pool: PoolParameters = field(default_factory=PoolParameters)  # Parameters of the log-linear pool
 
     def __post_init__(self) -> None:
         parse_groups(self, pool=PoolParameters)
@@ -49,67 +36,25 @@ class FusionParameters:
 
 
 class FusionSample(TypedDict):
-    """Predictions of both methods for the core points of a scene of test set 1, with the reference.
+    """Predictions of both methods for the core points of a scene of test set 1, with the reference."""
 
-    Attributes
-    ----------
-    labels : ndarray of int16, shape (n,)
-        Labels of the feature-based method, -1 for none.
-    confidence : ndarray of float32, shape (n,)
-        Their confidence, 0 to 1.
-    cameras : ndarray of float16, shape (n, groups, classes)
-        Class probabilities of each camera; NaN where it does not see the point.
-    reference : ndarray of int16, shape (n,)
-        True labels, -1 for none.
-    """
-
-    labels: NDArray[np.int16]
-    confidence: NDArray[np.float32]
-    cameras: NDArray[np.float16]
-    reference: NDArray[np.int16]
+    labels: NDArray[np.int16]  # Labels of the feature-based method, -1 for none
+    confidence: NDArray[np.float32]  # Their confidence, 0 to 1
+    cameras: NDArray[np.float16]  # Class probabilities of each camera; NaN where it does not see the point
+    reference: NDArray[np.int16]  # True labels, -1 for none
 
 
 class FusedSceneLabels(PointLabels):
-    """Fused labels of a scene's points, with the labels of the single methods.
+    """Fused labels of a scene's points, with the labels of the single methods."""
 
-    Attributes
-    ----------
-    pool_label : ndarray of int16, shape (n,)
-        Labels of the log-linear pool, -1 for none.
-    image_label : ndarray of int16, shape (n,)
-        Labels chosen among the cameras, -1 where no camera sees the point.
-    feature_label : ndarray of int16, shape (n,)
-        Labels of the feature-based method, -1 for none.
-    seen : ndarray of bool, shape (n,)
-        Points that at least one camera sees.
-    """
-
-    pool_label: NDArray[np.int16]
-    image_label: NDArray[np.int16]
-    feature_label: NDArray[np.int16]
-    seen: NDArray[np.bool_]
+    pool_label: NDArray[np.int16]  # Labels of the log-linear pool, -1 for none
+    image_label: NDArray[np.int16]  # Labels chosen among the cameras, -1 where no camera sees the point
+    feature_label: NDArray[np.int16]  # Labels of the feature-based method, -1 for none
+    seen: NDArray[np.bool_]  # Points that at least one camera sees
 
 
 def divide_scenes(keys: Sequence[str], share: float) -> tuple[list[str], list[str]]:
-    """Divide the scenes of each drive along the road.
-
-    Parameters
-    ----------
-    keys : sequence of str
-        Keys of scenes, see `SceneKey`, in the order of the road.
-    share : float
-        Share of each drive's scenes, from its beginning, in the first set.
-
-    Returns
-    -------
-    first, second : list of str
-        Test sets 1 and 2; each has at least one scene of every drive.
-
-    Raises
-    ------
-    DataError
-        If a drive has a single scene, or there are no scenes.
-    """
+    """Divide the scenes of each drive along the road."""
     drives: dict[str, list[str]] = {}
     for key in keys:
         drives.setdefault(SceneKey.parse(key).parent, []).append(key)
@@ -128,29 +73,7 @@ def divide_scenes(keys: Sequence[str], share: float) -> tuple[list[str], list[st
 def fusion_sample(
     scene: PointCloud, features: PointLabels, images: ImagePredictions, *, scheme: ClassScheme
 ) -> FusionSample:
-    """Return the training sample of a scene of test set 1: its core points.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene, with columns `label` and `core`.
-    features : PointLabels
-        Labels of the feature-based method.
-    images : ImagePredictions
-        Predictions of the cameras.
-    scheme : ClassScheme
-        The classes.
-
-    Returns
-    -------
-    FusionSample
-        Predictions and reference of the core points.
-
-    Raises
-    ------
-    UnknownClassError
-        If the scheme does not name a code.
-    """
+    """Return the training sample of a scene of test set 1: its core points."""
     core = scene["core"]
     return {
         "labels": features["label"][core],
@@ -164,31 +87,7 @@ def fit(
     samples: Sequence[FusionSample], *, parameters: FusionParameters, scheme: ClassScheme, cameras: Sequence[str],
     trained_on: Mapping[str, Any],
 ) -> ModelBundle:  # fmt: skip
-    """Fit class preferences and pool weights on test set 1.
-
-    Parameters
-    ----------
-    samples : sequence of FusionSample
-        One sample per scene of test set 1.
-    parameters : FusionParameters
-        Parameters of the fusion.
-    scheme : ClassScheme
-        The classes.
-    cameras : sequence of str
-        Names of the cameras.
-    trained_on : mapping
-        Metadata of the training data; JSON values.
-
-    Returns
-    -------
-    ModelBundle
-        The model, for the registry.
-
-    Raises
-    ------
-    DataError
-        If no point is labelled.
-    """
+    """Fit class preferences and pool weights on test set 1."""
     labels = np.concatenate([sample["labels"] for sample in samples])
     confidence = np.concatenate([sample["confidence"] for sample in samples])
     probabilities = np.concatenate([sample["cameras"] for sample in samples])
@@ -212,28 +111,7 @@ def _by_camera(probabilities: NDArray[np.floating]) -> NDArray[np.float32]:
 
 
 def fuse_scene(features: PointLabels, images: ImagePredictions, bundle: ModelBundle) -> FusedSceneLabels:
-    """Fuse the labels of both methods.
-
-    Parameters
-    ----------
-    features : PointLabels
-        Labels of the feature-based method.
-    images : ImagePredictions
-        Predictions of the cameras.
-    bundle : ModelBundle
-        A model of `fit`.
-
-    Returns
-    -------
-    FusedSceneLabels
-        ``label`` is that of the class preference, ``confidence`` the pool's probability of it. Points that the
-        feature-based method does not label have none.
-
-    Raises
-    ------
-    DataError
-        If the cameras differ from those of test set 1.
-    """
+    """Fuse the labels of both methods."""
     cameras = _by_camera(images["probabilities"])
     single = spread_confidence(features["label"], features["confidence"], cameras.shape[2])
     fused = TwoMethodFusion.from_arrays(dict(bundle.arrays)).fuse(single, cameras)

@@ -18,19 +18,7 @@ _FLAT = 1e-9  # minimum width of the first tetrahedron, as a share of its length
 
 
 def hull_vertices(points: NDArray[np.float64]) -> NDArray[np.int64] | None:
-    """Return the vertices of the convex hull.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3), float64
-        At least four points. Of coincident points only the first can be a vertex.
-
-    Returns
-    -------
-    ndarray of shape (v,), int64, or None
-        Rows of the vertices, ascending; convexity is verified at each edge of the hull. None if the points are coplanar
-        or rounding errors made the surface inconsistent; use another method then.
-    """
+    """Return the vertices of the convex hull."""
     corners = _first_corners(points)
     if corners is None:
         return None
@@ -42,18 +30,7 @@ def hull_vertices(points: NDArray[np.float64]) -> NDArray[np.int64] | None:
 
 
 def insertion_order(points: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the insertion order of points.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3), float64
-        Points whose hull contains the origin.
-
-    Returns
-    -------
-    ndarray of shape (n,), int64
-        A permutation. Equal points keep their order.
-    """
+    """Return the insertion order of points."""
     code, distance = _direction_codes(points)
     n = len(points)
     row = np.sort(code * n + np.arange(n)) % n

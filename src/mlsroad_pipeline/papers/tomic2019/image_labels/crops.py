@@ -22,24 +22,7 @@ Batch = tuple[NDArray[np.uint8], NDArray[np.int64]]
 
 
 class Crops:
-    """Sampler of random crops.
-
-    Parameters
-    ----------
-    samples : sequence of (ndarray, ndarray)
-        Images and labels; each is read from the sequence when needed.
-    n_classes : int
-        Number of classes.
-    parameters : TrainingParameters
-        Batch size, crop size, scales and share of crops around a class.
-    filling : sequence of int
-        Colour outside the images.
-
-    Raises
-    ------
-    DataError
-        If there are no images, an image and its labels differ in size, or a label is outside -1 to ``n_classes - 1``.
-    """
+    """Sampler of random crops."""
 
     def __init__(
         self, samples: Sequence[Sample], n_classes: int, parameters: TrainingParameters, filling: Sequence[int]
@@ -71,20 +54,7 @@ class Crops:
         return count / max(count.sum(), 1)
 
     def batches(self, rng: np.random.Generator) -> Iterator[Batch]:
-        """Yield the batches of a training; images are drawn without replacement, except for crops around a class.
-
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-            Random numbers of images, positions, scales and flips.
-
-        Yields
-        ------
-        images : ndarray of shape (batch_size, crop, crop, 3), uint8
-            Crops.
-        labels : ndarray of shape (batch_size, crop, crop), int64
-            Labels; -1 outside the image.
-        """
+        """Yield the batches of a training; images are drawn without replacement, except for crops around a class."""
         order: list[int] = []
         for _ in range(self._parameters.n_steps):
             crops = []

@@ -18,28 +18,7 @@ def nearest_discs(
     u: NDArray[np.float32], v: NDArray[np.float32], z: NDArray[np.float32],
     focal: float, diameter: float, width: int, height: int,
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:  # fmt: skip
-    """Return the point with the nearest disc in each cell, and its depth.
-
-    Parameters
-    ----------
-    u, v : ndarray of shape (n,), float32
-        Positions in cells; integers are cell centres.
-    z : ndarray of shape (n,), float32
-        Depths above 0, metres.
-    focal : float
-        Focal length in cells.
-    diameter : float
-        Diameter of a disc, metres.
-    width, height : int
-        Size of the buffer, cells.
-
-    Returns
-    -------
-    index : ndarray of shape (height, width), int32
-        Row of the point, -1 where there is none.
-    depth : ndarray of shape (height, width), float32
-        Its depth, metres; infinite where there is none.
-    """
+    """Return the point with the nearest disc in each cell, and its depth."""
     depth = np.full((height, width), np.float32(np.inf))
     index = np.full((height, width), np.int32(-1))
     for i in range(len(z)):
@@ -66,20 +45,6 @@ def typical_spacing(
 
     Points are counted in blocks of the image and shells of depth. The spacing in a filled block is that of the same
     number of points spread evenly across the line of sight.
-
-    Parameters
-    ----------
-    u, v, z : ndarray of shape (n,), float32
-        As for `nearest_discs`.
-    focal : float
-        Focal length in cells.
-    width, height : int
-        Size of the buffer, cells.
-
-    Returns
-    -------
-    float
-        Median over the filled blocks, metres; 0 where none is filled.
     """
     counts = _count_blocks(u, v, z, width, height)
     filled = np.flatnonzero(counts >= _FILLED)
@@ -107,28 +72,7 @@ def behind_discs(
     u: NDArray[np.float32], v: NDArray[np.float32], z: NDArray[np.float32], relief: NDArray[np.float32],
     index: NDArray[np.int32], depth: NDArray[np.float32], focal: float, slack: float, relative: float, angle: float,
 ) -> NDArray[np.bool_]:  # fmt: skip
-    """Return which points lie behind the nearest disc of their cell.
-
-    Parameters
-    ----------
-    u, v, z : ndarray of shape (n,), float32
-        As for `nearest_discs`.
-    relief : ndarray of shape (n,), float32
-        Depth tolerance on the ground, see `ground_relief`, metres.
-    index, depth : ndarray of shape (height, width)
-        Nearest discs, see `nearest_discs`.
-    focal : float
-        Focal length in cells.
-    slack, relative : float
-        Depth tolerance within a surface, metres and share of the depth.
-    angle : float
-        Minimum angle between the line of sight and a surface, radians; below it a surface does not hide itself.
-
-    Returns
-    -------
-    ndarray of shape (n,), bool
-        True where the point is hidden.
-    """
+    """Return which points lie behind the nearest disc of their cell."""
     height, width = index.shape
     hidden = np.zeros(len(z), dtype=np.bool_)
     for i in range(len(z)):
@@ -144,19 +88,7 @@ def hide_in_gaps(
     index: NDArray[np.int32], depth: NDArray[np.float32], focal: float, gap: float, slack: float, relative: float,
     angle: float, sides: int, hidden: NDArray[np.bool_],
 ) -> None:  # fmt: skip
-    """Hide points behind gaps: points with nearer discs on both sides in several directions.
-
-    Parameters
-    ----------
-    u, v, z, relief, index, depth, focal, slack, relative, angle : as for `behind_discs`
-        Points, discs and tolerances.
-    gap : float
-        Largest lateral distance of the sides of a gap, metres at their own depth.
-    sides : int
-        Number of directions, of four 45 degrees apart, in which both sides must be nearer.
-    hidden : ndarray of shape (n,), bool
-        Changed in place.
-    """
+    """Hide points behind gaps: points with nearer discs on both sides in several directions."""
     height, width = index.shape
     for i in range(len(z)):
         if hidden[i]:
@@ -192,26 +124,6 @@ def ground_relief(
     """Return the depth tolerance of ground points against ground in front of them.
 
     At grazing incidence the line of sight runs within the roughness of the ground over metres.
-
-    Parameters
-    ----------
-    xyz : ndarray of shape (n, 3)
-        All points, metres, z up.
-    rows : ndarray of shape (m,), int64
-        Rows of the points in the image.
-    eye : ndarray of shape (3,), float64
-        Position of the camera, metres.
-    cell : float
-        Edge length of the squares whose lowest point is the ground, metres.
-    height : float
-        Height above it up to which points count as ground, metres.
-    relief : float
-        Height of the roughness, metres.
-
-    Returns
-    -------
-    ndarray of shape (m,), float32
-        Metres along the line of sight; 0 for points not on the ground or not below the camera.
     """
     out = np.zeros(len(rows), dtype=np.float32)
     if len(rows) == 0:

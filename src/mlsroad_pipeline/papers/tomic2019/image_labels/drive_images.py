@@ -30,18 +30,10 @@ _CACHE_BYTES = 2**30
 
 @dataclass(frozen=True)
 class DriveImages:
-    """Images of a drive.
+    """Images of a drive."""
 
-    Parameters
-    ----------
-    calibration : str
-        File of cameras and poses.
-    images : SurveyImages
-        The images.
-    """
-
-    calibration: str
-    images: SurveyImages
+    calibration: str  # File of cameras and poses
+    images: SurveyImages  # The images
 
     @property
     def folder(self) -> str:
@@ -79,17 +71,7 @@ def images_of_drives(
 
 
 class LabelledImages(Sequence[tuple[NDArray[np.uint8], NDArray[np.int16]]]):
-    """Images and their labels, read on access; the first GiB stays in memory.
-
-    Parameters
-    ----------
-    drives : sequence of DriveImages
-        Training drives.
-    folder : str
-        Name of the folder of label images beside that of the pictures.
-    scheme : ClassScheme
-        The classes.
-    """
+    """Images and their labels, read on access; the first GiB stays in memory."""
 
     def __init__(self, drives: Sequence[DriveImages], folder: str, scheme: ClassScheme) -> None:
         self._images = [image for drive in drives for image in drive.images]

@@ -45,35 +45,7 @@ def fit(
     samples: Sequence[Sample], *, parameters: ImageLabelsParameters, scheme: ClassScheme, cameras: Sequence[str],
     trained_on: Mapping[str, Any],
 ) -> tuple[ModelBundle, list[float]]:  # fmt: skip
-    """Train the network.
-
-    Parameters
-    ----------
-    samples : sequence of (ndarray, ndarray)
-        Images and their labels, see `encode_label_image`.
-    parameters : ImageLabelsParameters
-        Parameters of the labeller; ``network`` and ``device`` are used here.
-    scheme : ClassScheme
-        The classes of points.
-    cameras : sequence of str
-        Names of the survey's cameras.
-    trained_on : mapping
-        Metadata of the training data; JSON values.
-
-    Returns
-    -------
-    bundle : ModelBundle
-        The model, for the registry.
-    losses : list of float
-        Loss of each step.
-
-    Raises
-    ------
-    DataError
-        If there are no images, or an image and its labels differ in size.
-    ParameterError
-        If a GPU is requested and none is available.
-    """
+    """Train the network."""
     network, losses = train_network(
         samples, n_classes=len(image_classes(scheme)), parameters=parameters.network, device=parameters.device
     )
@@ -89,28 +61,7 @@ def make_model(
     arrays: Mapping[str, NDArray], segmentation: Mapping[str, Any], *, parameters: ImageLabelsParameters,
     scheme: ClassScheme, cameras: Sequence[str], trained_on: Mapping[str, Any],
 ) -> ModelBundle:  # fmt: skip
-    """Return a model whose images are segmented in a given way.
-
-    Parameters
-    ----------
-    arrays : mapping of str to ndarray
-        Weights of a network, or the bytes of an ONNX model as ``onnx``; none for masks.
-    segmentation : mapping
-        See `segmentation_of`.
-    parameters : ImageLabelsParameters
-        Parameters of the labeller.
-    scheme : ClassScheme
-        The classes of points.
-    cameras : sequence of str
-        Names of the survey's cameras.
-    trained_on : mapping
-        Metadata of the training data; JSON values.
-
-    Returns
-    -------
-    ModelBundle
-        The model.
-    """
+    """Return a model whose images are segmented in a given way."""
     metadata = {
         "classes": list(scheme.classes),
         "scheme": asdict(scheme),
@@ -126,30 +77,7 @@ def make_model(
 def label_scene(
     scene: PointCloud, around: Sequence[PointCloud], views: Iterable[View], bundle: ModelBundle
 ) -> ImagePredictions:
-    """Label the points of a scene by the pixels that show them.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene.
-    around : sequence of PointCloud
-        The neighbouring scenes, whose points may occlude those of the scene.
-    views : iterable of (str, Camera, callable)
-        Images that may show the scene, with poses relative to the origin of the scene.
-    bundle : ModelBundle
-        A model of `fit`.
-
-    Returns
-    -------
-    ImagePredictions
-        ``label`` is the most probable class over all images, -1 where no image shows the point; ``confidence`` its
-        probability, 0 there.
-
-    Raises
-    ------
-    DataError
-        If an image is of a camera not in the metadata of the model.
-    """
+    """Label the points of a scene by the pixels that show them."""
     others = [part.moved_to(scene.origin).xyz[part["core"] & inliers(part)] for part in around]
     return label_points(scene, others, views, bundle, cameras=bundle.metadata["cameras"])
 
@@ -158,32 +86,7 @@ def label_points(
     scene: PointCloud, others: Sequence[NDArray[np.floating]], views: Iterable[View], bundle: ModelBundle, *,
     cameras: Sequence[str],
 ) -> ImagePredictions:  # fmt: skip
-    """Label the points of a scene by the pixels that show them.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene.
-    others : sequence of ndarray of shape (m, 3)
-        Surrounding points that may occlude, relative to the origin of the scene, metres.
-    views : iterable of (str, Camera, callable)
-        Images that may show the scene, with poses relative to the origin of the scene; images that show none of its
-        points are not read.
-    bundle : ModelBundle
-        A model of `fit`.
-    cameras : sequence of str
-        Names of the survey's cameras.
-
-    Returns
-    -------
-    ImagePredictions
-        As `label_scene`.
-
-    Raises
-    ------
-    DataError
-        If an image is of a camera not in `cameras`.
-    """
+    """Label the points of a scene by the pixels that show them."""
     scheme, groups = bundle_scheme(bundle), list(cameras)
     keep = np.flatnonzero(inliers(scene))
     visibility = visibility_method(bundle.metadata["parameters"].get("visibility", "depth_buffer"))

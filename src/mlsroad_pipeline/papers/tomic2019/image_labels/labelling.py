@@ -24,21 +24,12 @@ that computes them; it is called only if the image shows a point."""
 
 @dataclass(frozen=True)
 class ImageLabels:
-    """Class probabilities of points from images, per camera of the survey.
+    """Class probabilities of points from images, per camera of the survey."""
 
-    Parameters
-    ----------
-    groups : tuple of str
-        Names of the cameras.
-    probabilities : ndarray of shape (groups, n, classes), float32
-        Mean class probabilities over the images of each camera; NaN where none of them shows the point.
-    n_images : ndarray of shape (groups, n), int16
-        Number of images of each camera that show the point (redundancy).
-    """
-
-    groups: tuple[str, ...]
+    groups: tuple[str, ...]  # Names of the cameras
+    # Mean class probabilities over the images of each camera; NaN where none of them shows the point
     probabilities: NDArray[np.float32]
-    n_images: NDArray[np.int16]
+    n_images: NDArray[np.int16]  # Number of images of each camera that show the point (redundancy)
 
     @property
     def labels(self) -> NDArray[np.int16]:
@@ -52,13 +43,7 @@ class ImageLabels:
         return np.nan_to_num(self.probabilities).max(axis=2)
 
     def pooled(self) -> NDArray[np.float32]:
-        """Return the mean over the images of all cameras.
-
-        Returns
-        -------
-        ndarray of shape (n, classes), float32
-            Class probabilities; NaN where no image sees the point.
-        """
+        """Return the mean over the images of all cameras."""
         total = np.einsum("gnc,gn->nc", np.nan_to_num(self.probabilities), self.n_images.astype(np.float32))
         count = self.n_images.sum(axis=0, dtype=np.float32)[:, None]
         return np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0)
@@ -69,37 +54,7 @@ def label_through_images(
     visibility: DepthBuffer | HiddenPointRemoval | None = None, max_distance: float = np.inf,
     n_labelled: int | None = None,
 ) -> ImageLabels:  # fmt: skip
-    """Return the class probabilities of points from segmented images.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        All points that may occlude, in the frame of the poses, metres.
-    images : iterable of (str, Camera, ndarray)
-        Segmented images, consumed one at a time; pixels of NaN give no class.
-    groups : sequence of str
-        Names of the survey's cameras.
-    n_classes : int
-        Number of classes.
-    visibility : DepthBuffer or HiddenPointRemoval, optional
-        Method of the visibility; see `visible_points`.
-    max_distance : float, default infinite
-        Distance beyond which an image labels no points, metres. Distant objects are a few pixels wide and are segmented
-        less accurately; points that only distant images show remain without a label.
-    n_labelled : int, optional
-        Number of points, from the first, that receive labels; the others only occlude. None labels all.
-
-    Returns
-    -------
-    ImageLabels
-        Means of the probabilities over the images of each camera, for the points that receive labels.
-
-    Raises
-    ------
-    DataError
-        If `xyz` is not (n, 3) or not finite, an image is of a camera not in `groups`, or its
-        probabilities do not have the size of its camera and the number of classes.
-    """
+    """Return the class probabilities of points from segmented images."""
     points = check_xyz(xyz)
     labelled = len(points) if n_labelled is None else n_labelled
     total = np.zeros((len(groups), labelled, n_classes), dtype=np.float32)

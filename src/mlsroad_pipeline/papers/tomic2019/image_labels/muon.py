@@ -20,26 +20,7 @@ class Muon(torch.optim.Optimizer):
     """Stochastic gradient descent with momentum whose steps have singular values near one.
 
     A kernel is treated as the matrix from a neighbourhood to its output channels. AdamW follows the few directions of
-    large gradients; Muon learns all directions at the same rate. The small backbone needs a quarter of the steps of
-    AdamW for the same score.
-
-    Parameters
-    ----------
-    kernels : iterable of Parameter
-        Parameters of two or more dimensions; the first is that of the output channels.
-    learning_rate : float
-        Learning rate; the root mean square of the values of a step is a fifth of it, as with AdamW.
-    momentum : float, default 0.95
-        Decay of the running mean of the gradients, in [0, 1).
-    weight_decay : float, default 0.0
-        Decoupled weight decay, multiplied by the learning rate.
-
-    References
-    ----------
-    .. [1] K. Jordan et al., "Muon: an optimizer for hidden layers in neural networks", 2024.
-    .. [2] J. Liu et al., "Muon is scalable for LLM training", 2025 (step size).
-    .. [3] N. Amsel et al., "The Polar Express: optimal matrix sign methods and their application to the Muon
-       algorithm", 2025 (coefficients of the rounds, here for three rounds).
+    large gradients; Muon learns all directions at the same rate.
     """
 
     def __init__(
@@ -55,18 +36,7 @@ class Muon(torch.optim.Optimizer):
 
     @torch.no_grad()
     def step(self, closure: Callable[[], float] | None = None) -> float | None:
-        """Update the kernels.
-
-        Parameters
-        ----------
-        closure : callable, optional
-            Recomputes the loss and the gradients, as with other optimisers.
-
-        Returns
-        -------
-        float or None
-            The value of the closure, if there is one.
-        """
+        """Update the kernels."""
         loss = None
         if closure is not None:
             with torch.enable_grad():
@@ -94,17 +64,6 @@ def orthogonalised(matrix: Tensor) -> Tensor:
 
     The iteration X <- (a + b X X' + c (X X')^2) X is computed on X X' alone, since all its factors commute. The kernels
     of a network have many more columns than rows, so this saves products with the wide matrix.
-
-    Parameters
-    ----------
-    matrix : Tensor of shape (rows, columns)
-        The matrix.
-
-    Returns
-    -------
-    Tensor of shape (rows, columns)
-        Singular values are 0.9 to 1.1 where those of the input are at least a fiftieth of its Frobenius norm, and
-        smaller below that; zeros for zeros.
     """
     wide = matrix if matrix.shape[0] <= matrix.shape[1] else matrix.T
     wide = wide / (wide.norm() + 1e-7)

@@ -30,28 +30,7 @@ _TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(ui
 
 
 class OnnxNetwork:
-    """Segmentation network of an ONNX file.
-
-    Parameters
-    ----------
-    content : bytes
-        The file. Its one input is a batch of one image, channels first or last: float (standardised colours) or uint8
-        (colours as they are). Its first output has scores or probabilities (1, classes, rows, columns), or integer
-        class numbers (1, rows, columns).
-    n_numbers : int
-        Class numbers known; the number of scores of a network that returns class numbers.
-    mean, spread : sequence of float
-        Mean and standard deviation of colours in its training, 0 to 255.
-    device : {"auto", "cpu", "cuda"}, default "auto"
-        Requested device; "auto" is a GPU if onnxruntime has one.
-    source : str, default "ONNX model"
-        Name of the file in messages.
-
-    Raises
-    ------
-    DataError
-        If the content is no ONNX model that runs here, or its input is no image.
-    """
+    """Segmentation network of an ONNX file."""
 
     def __init__(
         self, content: bytes, *, n_numbers: int, mean: Sequence[float] = MEAN, spread: Sequence[float] = SPREAD,
@@ -77,25 +56,7 @@ class OnnxNetwork:
         self.n_classes = int(self(torch.zeros(1, 3, 2 * STEP, 2 * STEP))[0].shape[1])
 
     def __call__(self, x: Tensor, /) -> tuple[Tensor, None]:
-        """Return the log odds of the classes of each pixel.
-
-        Parameters
-        ----------
-        x : Tensor of shape (1, 3, height, width)
-            Standardised colours.
-
-        Returns
-        -------
-        scores : Tensor of shape (1, n_classes, height, width)
-            Log odds, or logarithms of probabilities.
-        auxiliary : None
-            Nothing.
-
-        Raises
-        ------
-        DataError
-            If the network fails on an image, or its output is neither scores nor class numbers.
-        """
+        """Return the log odds of the classes of each pixel."""
         size = x.shape[2:]
         sides = [own or STEP * max(1, round(side / STEP)) for own, side in zip(self._sides, size, strict=True)]
         image = _resized(x, sides)

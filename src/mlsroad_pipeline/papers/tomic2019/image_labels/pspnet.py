@@ -73,28 +73,7 @@ class PSPNet(nn.Module):
     """Pyramid Scene Parsing Network.
 
     A dilated ResNet (stages 3 and 4 keep an eighth of the size of the image), the pyramid pooling module and a head,
-    with an auxiliary head on stage 3 in training. Parameters are named as in published PyTorch weights. The small
-    backbone is not dilated: a decoder restores the resolution of the image, for thin objects, and the auxiliary head
-    is on its first level.
-
-    Parameters
-    ----------
-    n_classes : int
-        Classes, at least 2.
-    backbone : str, default "small"
-        One of `BACKBONES`.
-    dropout : float, default 0.1
-        Dropout rate of the channels of the heads.
-
-    Raises
-    ------
-    ParameterError
-        If the backbone is unknown, there are fewer than 2 classes, or the dropout is outside [0, 1).
-
-    References
-    ----------
-    .. [1] H. Zhao et al., "Pyramid scene parsing network", CVPR, 2017.
-    .. [2] F. Yu, V. Koltun, "Multi-scale context aggregation by dilated convolutions", ICLR, 2016.
+    with an auxiliary head on stage 3 in training. Parameters are named as in published PyTorch weights.
     """
 
     def __init__(self, n_classes: int, *, backbone: str = "small", dropout: float = 0.1) -> None:
@@ -120,30 +99,11 @@ class PSPNet(nn.Module):
         return next(self.parameters()).device
 
     def end_layers(self) -> list[nn.Module]:
-        """Return the input layer and the output layers.
-
-        Returns
-        -------
-        list of Module
-            Three convolutions.
-        """
+        """Return the input layer and the output layers."""
         return [self.layer0[0], self.cls[-1] if self.decoder is None else self.decoder.pixels, self.aux[-1]]
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the log odds of the classes.
-
-        Parameters
-        ----------
-        x : Tensor of shape (images, 3, height, width)
-            Standardised colours, see `network_input`.
-
-        Returns
-        -------
-        main : Tensor of shape (images, n_classes, height, width)
-            Log odds of the head; in training the small backbone returns every second pixel, from the first.
-        auxiliary : Tensor of shape (images, n_classes, rows, columns)
-            Log odds of the auxiliary head: of the size of the image, with the small backbone a 32nd of it.
-        """
+        """Return the log odds of the classes."""
         height, width = x.shape[2:]
         stem = self.layer0(x)
         first = self.layer1(stem)
@@ -171,20 +131,7 @@ def _every_pixel(x: Tensor, height: int, width: int) -> Tensor:
 def network_input(
     images: NDArray[np.uint8], *, mean: Sequence[float] = MEAN, spread: Sequence[float] = SPREAD
 ) -> Tensor:
-    """Standardise images for the network.
-
-    Parameters
-    ----------
-    images : ndarray of shape (images, height, width, 3), uint8
-        Red, green and blue.
-    mean, spread : sequence of float
-        Mean and standard deviation of the colours in training, 0 to 255.
-
-    Returns
-    -------
-    Tensor of shape (images, 3, height, width)
-        Colours minus `mean`, divided by `spread`.
-    """
+    """Standardise images for the network."""
     colours = torch.tensor(images).permute(0, 3, 1, 2)  # channels last in memory: faster
     middle, scale = (torch.tensor([float(v) for v in values])[:, None, None] for values in (mean, spread))
     return (colours.float() - middle) / scale

@@ -13,39 +13,24 @@ from torch.nn import functional
 
 @dataclass(frozen=True)
 class Backbone:
-    """Layer sizes of a dilated residual network and of its head.
+    """Layer sizes of a dilated residual network and of its head."""
 
-    Parameters
-    ----------
-    stem : tuple of int
-        Channels of the convolutions before the first stage; with a decoder each of them halves the resolution.
-    planes : tuple of int
-        Channels within the blocks of the four stages.
-    blocks : tuple of int
-        Blocks per stage.
-    expansion : int
-        4 for bottleneck blocks (three convolutions, four times the channels at the end), 1 for basic blocks (two).
-    head, auxiliary : int
-        Channels of the head and of the auxiliary head.
-    decoder : tuple of int
-        Channels of the decoder at the resolutions of the third, second and first stage and of the stem, with skip
-        connections; each stage then halves the resolution instead of being dilated. Empty for no decoder, as in the
-        paper.
-    contracted : bool, default False
-        Halve the dilation in the first block of a dilated stage, as the dilated ResNets of mmsegmentation and of MIT
-        CSAIL do.
-    corners : bool, default True
-        Interpolate so that the centres of the corner pixels coincide (PSPNet's own code); otherwise their outer edges.
-    """
-
+    # Channels of the convolutions before the first stage; with a decoder each of them halves the resolution
     stem: tuple[int, ...]
-    planes: tuple[int, int, int, int]
-    blocks: tuple[int, int, int, int]
+    planes: tuple[int, int, int, int]  # Channels within the blocks of the four stages
+    blocks: tuple[int, int, int, int]  # Blocks per stage
+    # 4 for bottleneck blocks (three convolutions, four times the channels at the end), 1 for basic blocks (two)
     expansion: int
-    head: int
-    auxiliary: int
+    head: int  # Channels of the head and of the auxiliary head
+    auxiliary: int  # Channels of the head and of the auxiliary head
+    # Channels of the decoder at the resolutions of the third, second and first stage and of the stem, with skip
+    # connections; each stage then halves the resolution instead of being dilated. Empty for no decoder, as in the
+    # paper.
     decoder: tuple[int, ...] = ()
+    # Halve the dilation in the first block of a dilated stage, as the dilated ResNets of mmsegmentation and of MIT
+    # CSAIL do
     contracted: bool = False
+    # Interpolate so that the centres of the corner pixels coincide (PSPNet's own code); otherwise their outer edges
     corners: bool = True
 
     @property
@@ -71,17 +56,7 @@ small one for training on CPUs."""
 
 
 class Block(nn.Module):
-    """Residual block; the names of parameters are those of published ResNets.
-
-    Parameters
-    ----------
-    inputs, planes : int
-        Channels of the input and within the block.
-    expansion : int
-        Ratio of output channels to `planes`; 4 is a bottleneck block, 1 a basic block.
-    stride, dilation : int
-        Stride and dilation of its 3 x 3 convolutions; only the first has the stride.
-    """
+    """Residual block; the names of parameters are those of published ResNets."""
 
     def __init__(self, inputs: int, planes: int, expansion: int, stride: int, dilation: int) -> None:
         super().__init__()
@@ -109,18 +84,7 @@ class Block(nn.Module):
 
 
 def make_stem(size: Backbone) -> nn.Sequential:
-    """Return the convolutions before the first stage, which reduce the image to a quarter of its size.
-
-    Parameters
-    ----------
-    size : Backbone
-        The sizes.
-
-    Returns
-    -------
-    Sequential
-        The layers.
-    """
+    """Return the convolutions before the first stage, which reduce the image to a quarter of its size."""
     parts: list[nn.Module] = []
     for k, (inputs, outputs) in enumerate(pairwise((3, *size.stem))):
         wide, stride = (5, 2) if k == 0 and size.decoder else (3, 2 if k == 0 or size.decoder else 1)
@@ -129,18 +93,7 @@ def make_stem(size: Backbone) -> nn.Sequential:
 
 
 def make_stages(size: Backbone) -> list[nn.Sequential]:
-    """Return the four stages.
-
-    Parameters
-    ----------
-    size : Backbone
-        The sizes.
-
-    Returns
-    -------
-    list of Sequential
-        The stages; without a decoder the third and fourth are dilated and keep an eighth of the size of the image.
-    """
+    """Return the four stages."""
     strides, dilations = ((2, 2, 2, 2), (1, 1, 1, 1)) if size.decoder else ((1, 2, 1, 1), (1, 1, 2, 4))
     stages = []
     for k, planes in enumerate(size.planes):
@@ -153,36 +106,10 @@ def make_stages(size: Backbone) -> list[nn.Sequential]:
 
 
 def normalised(width: int) -> tuple[nn.Module, nn.Module]:
-    """Return batch normalisation and ReLU for the output of a convolution.
-
-    Parameters
-    ----------
-    width : int
-        Channels.
-
-    Returns
-    -------
-    tuple of Module
-        The layers.
-    """
+    """Return batch normalisation and ReLU for the output of a convolution."""
     return nn.BatchNorm2d(width), nn.ReLU(inplace=True)
 
 
 def resized(x: Tensor, size: Sequence[int], *, corners: bool = True) -> Tensor:
-    """Return features interpolated to another size.
-
-    Parameters
-    ----------
-    x : Tensor of shape (images, channels, height, width)
-        The features.
-    size : sequence of int
-        Height and width.
-    corners : bool, default True
-        See `Backbone`.
-
-    Returns
-    -------
-    Tensor
-        Features of that size.
-    """
+    """Return features interpolated to another size."""
     return functional.interpolate(x, size=tuple(size), mode="bilinear", align_corners=corners)

@@ -16,31 +16,7 @@ from mlsroad_pipeline.papers.tomic2019.image_labels.pspnet_weights import load_s
 
 
 def load_published(path: str | Path, *, n_classes: int | None = None, backbone: str | None = None) -> PSPNet:
-    """Read published PyTorch weights of a PSPNet, such as those trained on Cityscapes.
-
-    Parameters
-    ----------
-    path : str or Path
-        A state dict, bare or below ``state_dict``; names may begin with ``module.``. Nothing but tensors is read from
-        the file, no code. The names are those of semseg, MIT CSAIL (encoder and decoder in one file, with the prefixes
-        ``encoder.`` and ``decoder.``) or mmsegmentation.
-    n_classes : int, optional
-        Classes of the weights; None takes those of the file.
-    backbone : str, optional
-        One of `BACKBONES`; None recognises it by the names and the number of blocks.
-
-    Returns
-    -------
-    PSPNet
-        The network, ready to predict.
-
-    Raises
-    ------
-    ReadError
-        If the file is missing or no state dict.
-    DataError
-        If names or shapes are not those of the network; see `load_state`.
-    """
+    """Read published PyTorch weights of a PSPNet, such as those trained on Cityscapes."""
     source = Path(path)
     if not source.is_file():
         raise ReadError(f"{source}: no such weights")

@@ -40,28 +40,7 @@ _DEPTHS = {6: "resnet50", 23: "resnet101"}
 
 
 def recognise_weights(state: Mapping[str, Value], *, source: str) -> tuple[str, dict[str, Value]]:
-    """Return the backbone of published weights, and the weights by the names of `PSPNet`.
-
-    Parameters
-    ----------
-    state : mapping of str to any
-        Weights by their published names: of semseg (``layer0.0.weight``), MIT CSAIL (``encoder.``, ``decoder.``) or
-        mmsegmentation (``backbone.``, ``decode_head.``), optionally after ``module.``.
-    source : str
-        Name of the weights in messages.
-
-    Returns
-    -------
-    backbone : str
-        One of `BACKBONES`.
-    weights : dict of str to any
-        The weights.
-
-    Raises
-    ------
-    DataError
-        If the names are of none of these.
-    """
+    """Return the backbone of published weights, and the weights by the names of `PSPNet`."""
     plain = {name.removeprefix("module."): value for name, value in state.items()}
     layout = next((name for name, mark in _MARKS.items() if mark in plain), None)
     if layout is None:

@@ -26,35 +26,7 @@ def train_network(
     samples: Sequence[Sample], *, n_classes: int, parameters: TrainingParameters | None = None,
     network: PSPNet | None = None, device: str = "auto",
 ) -> tuple[PSPNet, list[float]]:  # fmt: skip
-    """Train a PSPNet.
-
-    Parameters
-    ----------
-    samples : sequence of (ndarray, ndarray)
-        Images and labels; each is read from the sequence when needed.
-    n_classes : int
-        Number of classes.
-    parameters : TrainingParameters, optional
-        Parameters of the training; None uses the defaults.
-    network : PSPNet, optional
-        Network to fine-tune in place, such as one with published weights; None starts a new one.
-    device : {"auto", "cpu", "cuda"}, default "auto"
-        Device of the training; "auto" is a GPU if there is one.
-
-    Returns
-    -------
-    network : PSPNet
-        The network, ready to predict, on the CPU.
-    losses : list of float
-        Loss of each step.
-
-    Raises
-    ------
-    DataError
-        If there are no images, an image and its labels differ in size, or a label is outside -1 to ``n_classes - 1``.
-    ParameterError
-        If the number of classes of `network` differs from `n_classes`, or a GPU is requested and none is available.
-    """
+    """Train a PSPNet."""
     training = TrainingParameters() if parameters is None else parameters
     crops = Crops(samples, n_classes, training, np.round(MEAN).astype(int).tolist())
     torch.manual_seed(training.random_state)
@@ -162,25 +134,7 @@ def _thinned(labels: Tensor, like: Tensor) -> Tensor:
 
 
 def overlap_loss(probabilities: Tensor, labels: Tensor) -> Tensor:
-    """Return 1 minus the mean soft IoU over the classes present in a batch.
-
-    Parameters
-    ----------
-    probabilities : Tensor of shape (images, classes, height, width)
-        Class probabilities.
-    labels : Tensor of int64, shape (images, height, width)
-        Labels; pixels of -1 are ignored.
-
-    Returns
-    -------
-    Tensor
-        The loss, 0 to 1; 0 where no pixel is labelled.
-
-    References
-    ----------
-    .. [1] M. A. Rahman, Y. Wang, "Optimizing intersection-over-union in deep neural networks for image segmentation",
-       ISVC, 2016.
-    """
+    """Return 1 minus the mean soft IoU over the classes present in a batch."""
     n_classes = probabilities.shape[1]
     # Class masks are faster than gather and scatter: one pass over memory.
     own = (labels[:, None] == torch.arange(n_classes, device=labels.device)[:, None, None]).float()

@@ -14,22 +14,7 @@ from mlsroad_pipeline.papers.tomic2019.image_labels.pspnet import PSPNet
 
 
 def load_state(network: PSPNet, state: Mapping[str, Tensor], *, source: str = "weights") -> None:
-    """Load weights into a network; those of the auxiliary head are optional.
-
-    Parameters
-    ----------
-    network : PSPNet
-        The network; changed.
-    state : mapping of str to Tensor
-        Names, optionally with the prefix ``module.``, to weights.
-    source : str, default "weights"
-        Name of the weights in messages.
-
-    Raises
-    ------
-    DataError
-        If a weight is missing, unknown or of another shape; the message names the first and gives the counts.
-    """
+    """Load weights into a network; those of the auxiliary head are optional."""
     plain = {name.removeprefix("module."): value for name, value in state.items()}
     own = network.state_dict()
     optional = {name for name in own if name.startswith("aux.") or name.endswith("num_batches_tracked")}
@@ -50,43 +35,12 @@ def load_state(network: PSPNet, state: Mapping[str, Tensor], *, source: str = "w
 
 
 def to_arrays(network: PSPNet) -> dict[str, NDArray]:
-    """Return the weights as arrays, for files without code.
-
-    Parameters
-    ----------
-    network : PSPNet
-        The network.
-
-    Returns
-    -------
-    dict of str to ndarray
-        Name to weights.
-    """
+    """Return the weights as arrays, for files without code."""
     return {name: value.cpu().numpy().copy() for name, value in network.state_dict().items()}
 
 
 def from_arrays(arrays: Mapping[str, NDArray], *, n_classes: int, backbone: str) -> PSPNet:
-    """Rebuild a network from the arrays of `to_arrays`.
-
-    Parameters
-    ----------
-    arrays : mapping of str to ndarray
-        Name to weights.
-    n_classes : int
-        Classes.
-    backbone : str
-        One of `BACKBONES`.
-
-    Returns
-    -------
-    PSPNet
-        The network, ready to predict.
-
-    Raises
-    ------
-    DataError
-        If names or shapes do not fit the network.
-    """
+    """Rebuild a network from the arrays of `to_arrays`."""
     network = PSPNet(n_classes, backbone=backbone)
     load_state(network, {name: torch.from_numpy(np.array(value)) for name, value in arrays.items()})
     return network.eval()

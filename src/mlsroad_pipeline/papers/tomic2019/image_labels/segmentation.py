@@ -18,17 +18,7 @@ from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import c
 
 
 class Segmenter(Protocol):
-    """Network that scores the pixels of images, such as a `PSPNet`.
-
-    Attributes
-    ----------
-    n_classes : int
-        Number of scores of a pixel.
-    mean, spread : sequence of float
-        Mean and standard deviation of colours in its training, 0 to 255.
-    device : torch.device
-        Where it computes.
-    """
+    """Network that scores the pixels of images, such as a `PSPNet`."""
 
     @property
     def n_classes(self) -> int:
@@ -54,39 +44,7 @@ def segment_image(
     network: Segmenter, image: NDArray[np.uint8], *, window: tuple[int, int] | None = None, overlap: float = 1 / 3,
     flip: bool = False, magnification: float | Sequence[float] = 1.0, n_threads: int = 1,
 ) -> NDArray[np.float32]:  # fmt: skip
-    """Return the class probabilities of each pixel.
-
-    Parameters
-    ----------
-    network : Segmenter
-        The network, such as a `PSPNet`; the images are moved to its device.
-    image : ndarray of shape (height, width, 3), uint8
-        The image.
-    window : tuple of int, optional
-        Height and width of the sliding windows, pixels; None segments the image as a whole. Published weights were
-        trained on windows of 713 pixels.
-    overlap : float, default 1/3
-        Minimum overlap of neighbouring windows, as a share, in [0, 1); larger smooths seams and takes longer.
-    flip : bool, default False
-        Average (geometric mean) with the segmentation of the mirrored image.
-    magnification : float or sequence of float, default 1.0
-        Enlargement of the image before segmentation. Larger improves thin objects and takes longer. With several
-        factors the geometric mean of the probabilities is returned.
-    n_threads : int, default 1
-        Threads of torch.
-
-    Returns
-    -------
-    ndarray of shape (height, width, classes), float32
-        Probabilities, averaged where windows overlap.
-
-    Raises
-    ------
-    DataError
-        If the image is not (height, width, 3) of uint8.
-    ParameterError
-        If a side of the window is below 1, the overlap is outside [0, 1), or there is no positive magnification.
-    """
+    """Return the class probabilities of each pixel."""
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
         raise DataError(f"an image must have shape (height, width, 3) and be uint8, got {image.shape} {image.dtype}")
     if not 0 <= overlap < 1:

@@ -24,18 +24,7 @@ _kept: dict[tuple[Any, ...], Segmenter] = {}
 
 
 def segmentation_of(bundle: ModelBundle) -> Mapping[str, Any]:
-    """Return how the images of a model are segmented; models of earlier versions have a network of their own classes.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        A model of `image_labels`.
-
-    Returns
-    -------
-    mapping
-        ``source`` (`MASKS`, `NETWORK` or `ONNX`), ``classes`` (a `Legend` as JSON) and ``name``.
-    """
+    """Return how the images of a model are segmented; models of earlier versions have a network of their own classes."""
     stored = bundle.metadata.get("segmentation")
     if stored is not None:
         found: Mapping[str, Any] = stored
@@ -45,39 +34,12 @@ def segmentation_of(bundle: ModelBundle) -> Mapping[str, Any]:
 
 
 def legend_of(bundle: ModelBundle) -> Legend:
-    """Return what the classes of the images of a model mean.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        A model of `image_labels`.
-
-    Returns
-    -------
-    Legend
-        The legend.
-    """
+    """Return what the classes of the images of a model mean."""
     return Legend.from_json(segmentation_of(bundle)["classes"])
 
 
 def network_of(bundle: ModelBundle) -> PSPNet:
-    """Return the network of a model.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        A model of `image_labels`.
-
-    Returns
-    -------
-    PSPNet
-        The network, ready to predict, on the device of the model's parameters.
-
-    Raises
-    ------
-    DataError
-        If the arrays do not fit the network, or the model has none.
-    """
+    """Return the network of a model."""
     how, parameters = segmentation_of(bundle), bundle.metadata["parameters"]
     if how["source"] != NETWORK:
         raise DataError(f"the model has no network of its own: its images are segmented by {how['source']}")
@@ -88,24 +50,7 @@ def network_of(bundle: ModelBundle) -> PSPNet:
 
 
 def segmenter_of(bundle: ModelBundle) -> Callable[[NDArray[np.uint8]], NDArray[np.float32]]:
-    """Return the function that segments an image of a model.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        A model of `image_labels` whose images are segmented by a network.
-
-    Returns
-    -------
-    callable
-        Image (height, width, 3) to class probabilities of points (height, width, classes); NaN for pixels that give no
-        class.
-
-    Raises
-    ------
-    DataError
-        If the model has no network.
-    """
+    """Return the function that segments an image of a model."""
     how, p = segmentation_of(bundle), bundle.metadata["parameters"]
     legend, scheme = legend_of(bundle), bundle_scheme(bundle)
     network: Segmenter = _onnx_network(bundle, legend) if how["source"] == ONNX else network_of(bundle)

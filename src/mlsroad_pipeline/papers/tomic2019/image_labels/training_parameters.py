@@ -16,84 +16,44 @@ from mlsroad_pipeline.algorithms.core.validation import check_positive
 
 @dataclass(frozen=True)
 class TrainingParameters:
-    """Parameters of the training of a PSPNet; the defaults suit the small backbone and five minutes on two cores.
+    """Parameters of the training of a PSPNet; the defaults suit the small backbone and five minutes on two cores."""
 
-    Parameters
-    ----------
-    backbone : str, default "small"
-        ``small``, ``resnet50`` or ``resnet101``; the PSPNet paper uses ResNets pre-trained on ImageNet.
-    n_steps : int, default 1150
-        Number of batches. Larger improves the scores and takes longer.
-    batch_size : int, default 6
-        Crops per batch; 16 in the PSPNet paper. At equal training time more steps with fewer crops score better, down
-        to 6.
-    crop : int, default 320
-        Side of the crops, pixels; 713 on Cityscapes. Larger gives more context.
-    scale : tuple of float, default (1.0, 2.2)
-        Range of the scale of a crop; 0.5 to 2 in the PSPNet paper. The default suits images of 480 pixels width and 75
-        degrees field of view; halve it for 960 pixels, where objects are twice as large.
-    flip : bool, default True
-        Mirror half of the crops.
-    class_crops : float, default 0.5
-        Share of the crops placed around a pixel of a class drawn uniformly; the image is drawn with the root of its
-        pixels of that class as weight. The other crops are placed at random. Larger shows rare classes more often. 0 in
-        the PSPNet paper.
-    optimiser : {"muon", "adamw", "sgd"}, default "muon"
-        Muon converges fastest from random weights, then AdamW; the PSPNet paper uses stochastic gradient descent.
-    learning_rate : float, default 0.01
-        Initial learning rate; it falls as (1 - step / n_steps) ** `power`. 0.005 and 0.02 score the same with muon; use
-        0.003 with adamw, 0.01 with sgd for pre-trained ResNets.
-    power : float, default 0.9
-        Exponent of that polynomial.
-    warm_up : int, default 50
-        Steps of linear warm-up of the learning rate.
-    momentum : float, default 0.95
-        Momentum of muon and sgd (PSPNet paper: 0.9); adamw does not use it.
-    weight_decay : float, default 0.01
-        Weight decay; larger keeps the weights smaller. 0.0001 in the PSPNet paper, with sgd.
-    auxiliary_weight : float, default 0.4
-        Weight of the auxiliary head's loss.
-    overlap_weight : float, default 1.0
-        Weight of the soft IoU loss beside the cross entropy; 0 in the PSPNet paper. Larger favours rare classes, since
-        all classes have the same weight in the mean IoU.
-    dropout : float, default 0.1
-        Dropout rate of the channels of the heads.
-    class_balance : float, default 0.4
-        Exponent of the inverse class frequency in the weights of pixels; 0 is unweighted, larger favours rare classes.
-    precision : {"auto", "float32", "bfloat16"}, default "auto"
-        Precision of products in training; weights and sums are float32. ``auto`` is bfloat16 if the processor has
-        instructions for it, which halves the time.
-    n_threads : int, default 1
-        Threads of torch; the weights differ in the last digits between numbers of threads.
-    random_state : int, default 0
-        Seed of the initial weights and of the crops.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain.
-    """
-
+    # ``small``, ``resnet50`` or ``resnet101``; the PSPNet paper uses ResNets pre-trained on ImageNet
     backbone: str = "small"
-    n_steps: int = 1150
+    n_steps: int = 1150  # Number of batches. Larger improves the scores and takes longer.
+    # Crops per batch; 16 in the PSPNet paper. At equal training time more steps with fewer crops score better, down to
+    # 6.
     batch_size: int = 6
-    crop: int = 320
+    crop: int = 320  # Side of the crops, pixels; 713 on Cityscapes. Larger gives more context.
+    # Range of the scale of a crop; 0.5 to 2 in the PSPNet paper. The default suits images of 480 pixels width and 75
+    # degrees field of view; halve it for 960 pixels, where objects are twice as large.
     scale: tuple[float, float] = (1.0, 2.2)
-    flip: bool = True
+    flip: bool = True  # Mirror half of the crops
+    # Share of the crops placed around a pixel of a class drawn uniformly; the image is drawn with the root of its
+    # pixels of that class as weight. The other crops are placed at random. Larger shows rare classes more often. 0 in
+    # the PSPNet paper.
     class_crops: float = 0.5
+    # Muon converges fastest from random weights, then AdamW; the PSPNet paper uses stochastic gradient descent
     optimiser: str = "muon"
+    # Initial learning rate; it falls as (1 - step / n_steps) ** `power`. 0.005 and 0.02 score the same with muon; use
+    # 0.003 with adamw, 0.01 with sgd for pre-trained ResNets.
     learning_rate: float = 0.01
-    power: float = 0.9
-    warm_up: int = 50
-    momentum: float = 0.95
-    weight_decay: float = 0.01
-    auxiliary_weight: float = 0.4
+    power: float = 0.9  # Exponent of that polynomial
+    warm_up: int = 50  # Steps of linear warm-up of the learning rate
+    momentum: float = 0.95  # Momentum of muon and sgd (PSPNet paper: 0.9); adamw does not use it
+    weight_decay: float = 0.01  # Weight decay; larger keeps the weights smaller. 0.0001 in the PSPNet paper, with sgd.
+    auxiliary_weight: float = 0.4  # Weight of the auxiliary head's loss
+    # Weight of the soft IoU loss beside the cross entropy; 0 in the PSPNet paper. Larger favours rare classes, since
+    # all classes have the same weight in the mean IoU.
     overlap_weight: float = 1.0
-    dropout: float = 0.1
+    dropout: float = 0.1  # Dropout rate of the channels of the heads
+    # Exponent of the inverse class frequency in the weights of pixels; 0 is unweighted, larger favours rare classes
     class_balance: float = 0.4
+    # Precision of products in training; weights and sums are float32. ``auto`` is bfloat16 if the processor has
+    # instructions for it, which halves the time.
     precision: str = "auto"
-    n_threads: int = 1
-    random_state: int = 0
+    n_threads: int = 1  # Threads of torch; the weights differ in the last digits between numbers of threads
+    random_state: int = 0  # Seed of the initial weights and of the crops
 
     def __post_init__(self) -> None:
         for name, least in (
@@ -128,71 +88,40 @@ TRAINED_AT = (1.4, 1.8)
 
 @dataclass(frozen=True)
 class ImageLabelsParameters:
-    """Parameters of the image-based labeller.
+    """Parameters of the image-based labeller."""
 
-    Parameters
-    ----------
-    reach : float, default 30.0
-        Largest distance of a camera from the bounding box of a scene, metres; images farther away are not segmented.
-        Larger uses more images, which show the points on fewer pixels.
-    calibration : str, default "calibration.json"
-        Name of the file of cameras and poses beside the point files.
-    labels : str, default "labels"
-        Folder of the label images for training, beside the folder of the images.
-    masks : str, optional
-        Folder of segmented images (PNG of class numbers or NPZ of probabilities), or the name of such a folder beside
-        the pictures. They take the place of the network.
-    weights : str, optional
-        File of a network to use in place of a trained one: published weights of a PSPNet, or an ONNX model.
-    classes : str, default "cityscapes"
-        Class map of `masks` or `weights`: ``cityscapes``, ``scheme`` (the classes of the scheme, then the sky), or a
-        CSV or YAML file.
-    scheme : str, default "road_inventory"
-        Class scheme of the points where `label` uses `masks` or `weights` without a registered model.
-    magnification : float or tuple of float, optional
-        Enlargement of images before segmentation; with several factors the geometric mean of the probabilities is
-        taken. Larger improves thin objects and takes longer. None is 1 with `weights`, else (1.4, 1.8), which suits
-        images of 480 pixels width, like ``network.scale``.
-    window : tuple of int, optional
-        Height and width of the sliding windows in which an image is segmented, pixels; None segments it as a whole. The
-        paper's network was trained on windows of 713 pixels.
-    overlap : float, default 0.3333333333333333
-        Smallest overlap of neighbouring windows, as a share; larger smooths seams and takes longer.
-    flip : bool, default False
-        Average with the segmentation of the mirrored image, which takes twice as long.
-    mean : tuple of float, default (123.675, 116.28, 103.53)
-        Mean of red, green and blue in the training of `weights`, 0 to 255; the default is that of ImageNet.
-    spread : tuple of float, default (58.395, 57.12, 57.375)
-        Standard deviation of the same.
-    device : {"auto", "cpu", "cuda"}, default "auto"
-        Where the network is trained and images are segmented; ``auto`` is a GPU if there is one.
-    visibility : {"depth_buffer", "hidden_points"}, default "depth_buffer"
-        Which points an image shows: a depth buffer of discs, or hidden point removal, as in the paper.
-    network : TrainingParameters or mapping
-        Parameters of the training.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain.
-    """
-
+    # Largest distance of a camera from the bounding box of a scene, metres; images farther away are not segmented.
+    # Larger uses more images, which show the points on fewer pixels.
     reach: float = 30.0
-    calibration: str = "calibration.json"
-    labels: str = "labels"
+    calibration: str = "calibration.json"  # Name of the file of cameras and poses beside the point files
+    labels: str = "labels"  # Folder of the label images for training, beside the folder of the images
+    # Folder of segmented images (PNG of class numbers or NPZ of probabilities), or the name of such a folder beside the
+    # pictures. They take the place of the network.
     masks: str | None = None
+    # File of a network to use in place of a trained one: published weights of a PSPNet, or an ONNX model
     weights: str | None = None
+    # Class map of `masks` or `weights`: ``cityscapes``, ``scheme`` (the classes of the scheme, then the sky), or a CSV
+    # or YAML file
     classes: str = "cityscapes"
+    # Class scheme of the points where `label` uses `masks` or `weights` without a registered model
     scheme: str = "road_inventory"
+    # Enlargement of images before segmentation; with several factors the geometric mean of the probabilities is taken.
+    # Larger improves thin objects and takes longer. None is 1 with `weights`, else (1.4, 1.8), which suits images of
+    # 480 pixels width, like ``network.scale``.
     magnification: float | tuple[float, ...] | None = None
+    # Height and width of the sliding windows in which an image is segmented, pixels; None segments it as a whole. The
+    # paper's network was trained on windows of 713 pixels.
     window: tuple[int, int] | None = None
+    # Smallest overlap of neighbouring windows, as a share; larger smooths seams and takes longer
     overlap: float = 1 / 3
-    flip: bool = False
+    flip: bool = False  # Average with the segmentation of the mirrored image, which takes twice as long
+    # Mean of red, green and blue in the training of `weights`, 0 to 255; the default is that of ImageNet
     mean: tuple[float, ...] = IMAGENET_MEAN
-    spread: tuple[float, ...] = IMAGENET_SPREAD
-    device: str = "auto"
+    spread: tuple[float, ...] = IMAGENET_SPREAD  # Standard deviation of the same
+    device: str = "auto"  # Where the network is trained and images are segmented; ``auto`` is a GPU if there is one
+    # Which points an image shows: a depth buffer of discs, or hidden point removal, as in the paper
     visibility: str = "depth_buffer"
-    network: TrainingParameters = field(default_factory=TrainingParameters)
+    network: TrainingParameters = field(default_factory=TrainingParameters)  # Parameters of the training
 
     def __post_init__(self) -> None:
         parse_groups(self, network=TrainingParameters)
@@ -248,23 +177,7 @@ def _colour(given: object, name: str, *, positive: bool) -> tuple[float, ...]:
 
 
 def check_magnifications(given: float | Sequence[float]) -> tuple[float, ...]:
-    """Validate magnifications and return them as a tuple.
-
-    Parameters
-    ----------
-    given : float or sequence of float
-        Enlargements of images before segmentation.
-
-    Returns
-    -------
-    tuple of float
-        The factors, at least one.
-
-    Raises
-    ------
-    ParameterError
-        If there are none, or one is not a positive, finite number.
-    """
+    """Validate magnifications and return them as a tuple."""
     several = tuple(given) if isinstance(given, Sequence) else (given,)
     if not several:
         raise ParameterError("magnification must be a positive number or several, got none")

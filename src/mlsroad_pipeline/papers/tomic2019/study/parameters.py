@@ -31,17 +31,10 @@ Part = Literal["train", "test", "test1", "test2"]
 
 @dataclass(frozen=True)
 class Division:
-    """Division of a survey along the road: a training half, test set 1 and test set 2, a quarter each.
+    """Division of a survey along the road: a training half, test set 1 and test set 2, a quarter each."""
 
-    Parameters
-    ----------
-    length : float
-        Length of the survey, metres.
-    gap : float, default 10.0
-        Road between the parts that belongs to none, metres. A larger gap keeps objects from lying in two parts.
-    """
-
-    length: float
+    length: float  # Length of the survey, metres
+    # Road between the parts that belongs to none, metres. A larger gap keeps objects from lying in two parts.
     gap: float = 10.0
 
     def __post_init__(self) -> None:
@@ -84,33 +77,19 @@ class ForestVariant:
 
 @dataclass(frozen=True)
 class StudyScale:
-    """Surveys and settings of one scale.
+    """Surveys and settings of one scale."""
 
-    Parameters
-    ----------
-    survey : mapping
-        ``preset`` and changes of `SimulationParameters` of the divided surveys, without the seed.
-    seeds : sequence of int
-        Seeds of these surveys; one experiment each.
-    photographs : sequence of mapping
-        The same for the streets whose images train the network; the kinds alternate.
-    photograph_seeds : sequence of int
-        Seeds of the training images; none is in `seeds`.
-    gap : float
-        See `Division`.
-    train_on : {"other", "same"}, default "other"
-        Survey whose first half trains the feature-based method: the next survey in the list, or the labelled survey
-        itself. In the paper, training streets and test set 2 are different streets (its Figures 7 and 9).
-    methods : mapping
-        ``image_labels``, ``detrended_forest`` or ``fusion`` to changes of their parameters at this scale.
-    """
-
+    # ``preset`` and changes of `SimulationParameters` of the divided surveys, without the seed
     survey: Mapping[str, Any]
-    seeds: Sequence[int]
+    seeds: Sequence[int]  # Seeds of these surveys; one experiment each
+    # The same for the streets whose images train the network; the kinds alternate
     photographs: Sequence[Mapping[str, Any]]
-    photograph_seeds: Sequence[int]
-    gap: float = 10.0
+    photograph_seeds: Sequence[int]  # Seeds of the training images; none is in `seeds`
+    gap: float = 10.0  # See `Division`
+    # Survey whose first half trains the feature-based method: the next survey in the list, or the labelled survey
+    # itself. In the paper, training streets and test set 2 are different streets (its Figures 7 and 9).
     train_on: str = "other"
+    # ``image_labels``, ``detrended_forest`` or ``fusion`` to changes of their parameters at this scale
     methods: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -134,21 +113,13 @@ class StudyScale:
 
 @dataclass(frozen=True)
 class StudyParameters(ScaledStudy[StudyScale], group="tomic2019_study", kind=StudyScale):
-    """Parameters of the study of Tomic et al. 2019.
+    """Parameters of the study of Tomic et al. 2019."""
 
-    Parameters
-    ----------
-    scale : str
-        Name of the scale that is run.
-    scales : mapping
-        Name of each scale to the fields of `StudyScale`.
-    printed_forest, printed_features, printed_supervoxels : mapping
-        Changes of the parameters of forest, features and supervoxels for method 1 as printed in section 2.1.
-    regularised : mapping
-        Further changes of the forest for the variants with regularised labels (the paper's second conclusion).
-    """
-
+    # Changes of the parameters of forest, features and supervoxels for method 1 as printed in section 2.1
     printed_forest: Mapping[str, Any]
+    # Changes of the parameters of forest, features and supervoxels for method 1 as printed in section 2.1
     printed_features: Mapping[str, Any]
+    # Changes of the parameters of forest, features and supervoxels for method 1 as printed in section 2.1
     printed_supervoxels: Mapping[str, Any] = field(default_factory=dict)
+    # Further changes of the forest for the variants with regularised labels (the paper's second conclusion)
     regularised: Mapping[str, Any] = field(default_factory=dict)

@@ -38,58 +38,27 @@ _ARRAYS = (
 
 @dataclass(frozen=True)
 class BottomUpTopDownParameters:
-    """All parameters of the method.
+    """All parameters of the method."""
 
-    Parameters
-    ----------
-    surfaces : OrientedPointParameters or mapping
-        Oriented points and their spin images.
-    max_images : int, default 500
-        Largest number of spin images of a class in the database; that of no wanted class is three times this.
-    reach : float, default 0.5
-        Distance beyond which points of two aligned surfaces do not overlap, metres.
-    n_steps : int, default 2
-        Corrections of the alignment by the mean offset of the nearest points.
-    n_azimuths : int, default 36
-        Cells of the Gaussian images in azimuth.
-    n_bands : int, default 5
-        Cells of the Gaussian images in elevation, from horizontal to vertical normals.
-    least_shares : sequence of float, default (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
-        Candidate thresholds on the share of a class among the nearest spin images, from which an object is a
-        hypothesis. The best on the training objects is used.
-    exponents : sequence of float, default (0.0, 0.5, 1.0)
-        Candidate exponents of that share, by which the overlap is multiplied. The best is used; 0 is that of the paper,
-        in which spin images only propose.
-    max_models : int, default 12
-        Largest number of models of a class.
-    candidates : int, default 24
-        Number of training objects of a class from which models are selected, drawn at random.
-    max_per_class : int, default 150
-        Largest number of training objects of a class for database and models.
-    max_others : int, default 600
-        Largest number of training objects of no wanted class.
-    seed : int, default 2016
-        Seed of the samples.
-
-    Raises
-    ------
-    ParameterError
-        If a number is outside its domain.
-    """
-
+    # Oriented points and their spin images
     surfaces: OrientedPointParameters = field(default_factory=OrientedPointParameters)
+    # Largest number of spin images of a class in the database; that of no wanted class is three times this
     max_images: int = 500
-    reach: float = 0.5
-    n_steps: int = 2
-    n_azimuths: int = 36
-    n_bands: int = 5
+    reach: float = 0.5  # Distance beyond which points of two aligned surfaces do not overlap, metres
+    n_steps: int = 2  # Corrections of the alignment by the mean offset of the nearest points
+    n_azimuths: int = 36  # Cells of the Gaussian images in azimuth
+    n_bands: int = 5  # Cells of the Gaussian images in elevation, from horizontal to vertical normals
+    # Candidate thresholds on the share of a class among the nearest spin images, from which an object is a hypothesis.
+    # The best on the training objects is used.
     least_shares: Sequence[float] = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
+    # Candidate exponents of that share, by which the overlap is multiplied. The best is used; 0 is that of the paper,
+    # in which spin images only propose.
     exponents: Sequence[float] = (0.0, 0.5, 1.0)
-    max_models: int = 12
-    candidates: int = 24
-    max_per_class: int = 150
-    max_others: int = 600
-    seed: int = 2016
+    max_models: int = 12  # Largest number of models of a class
+    candidates: int = 24  # Number of training objects of a class from which models are selected, drawn at random
+    max_per_class: int = 150  # Largest number of training objects of a class for database and models
+    max_others: int = 600  # Largest number of training objects of no wanted class
+    seed: int = 2016  # Seed of the samples
 
     def __post_init__(self) -> None:
         parse_groups(self, surfaces=OrientedPointParameters)
@@ -105,46 +74,19 @@ class BottomUpTopDownParameters:
 
 @dataclass(frozen=True)
 class BottomUpTopDown:
-    """Trained detector: database of spin images, and models of the classes.
+    """Trained detector: database of spin images, and models of the classes."""
 
-    Parameters
-    ----------
-    images : ndarray of float32, shape (d, 153)
-        The database.
-    image_kinds : ndarray of int16, shape (d,)
-        Class of each image, -1 for others.
-    models : mapping
-        Description of the models, without their spin images.
-    kinds : ndarray of int16, shape (p,)
-        Class of each model.
-    least_shares, exponents, thresholds : ndarray of float64, shape (c,)
-        See `BottomUpTopDownParameters`; lowest score at which an object is detected.
-    geometry : ndarray of float64, shape (4,)
-        Reach, corrections, azimuths and bands.
-    """
-
-    images: NDArray[np.float32]
-    image_kinds: NDArray[np.int16]
-    models: Description
-    kinds: NDArray[np.int16]
-    least_shares: NDArray[np.float64]
-    exponents: NDArray[np.float64]
-    thresholds: NDArray[np.float64]
-    geometry: NDArray[np.float64]
+    images: NDArray[np.float32]  # The database
+    image_kinds: NDArray[np.int16]  # Class of each image, -1 for others
+    models: Description  # Description of the models, without their spin images
+    kinds: NDArray[np.int16]  # Class of each model
+    least_shares: NDArray[np.float64]  # See `BottomUpTopDownParameters`; lowest score at which an object is detected
+    exponents: NDArray[np.float64]  # See `BottomUpTopDownParameters`; lowest score at which an object is detected
+    thresholds: NDArray[np.float64]  # See `BottomUpTopDownParameters`; lowest score at which an object is detected
+    geometry: NDArray[np.float64]  # Reach, corrections, azimuths and bands
 
     def score(self, parts: Description) -> NDArray[np.float32]:
-        """Return the scores of objects: hypotheses by spin images, verified by overlap.
-
-        Parameters
-        ----------
-        parts : mapping
-            Described objects, see `describe_surfaces`.
-
-        Returns
-        -------
-        ndarray of float32, shape (n, c)
-            Overlap with the best model of each class, times a power of the share; 0 for objects that are no hypothesis.
-        """
+        """Return the scores of objects: hypotheses by spin images, verified by overlap."""
         owner = np.full(len(self.images), -1, np.int32)
         shares = class_shares(parts, self.images, self.image_kinds, owner, n_classes=len(self.thresholds))
         hypothesis = (shares >= self.least_shares) & (shares > 0)
@@ -160,25 +102,7 @@ class BottomUpTopDown:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray], *, intensity: bool = False) -> Self:
-        """Rebuild a detector from its state.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            The arrays.
-        intensity : bool, default False
-            Not used: the descriptors represent shape alone.
-
-        Returns
-        -------
-        BottomUpTopDown
-            The detector.
-
-        Raises
-        ------
-        DataError
-            If an array is missing.
-        """
+        """Rebuild a detector from its state."""
         check_arrays(arrays, _ARRAYS, "a bottom-up and top-down detector")
         own = {name: np.asarray(arrays[name]) for name in ("centres", "normals", "objects")}
         own |= {"n_objects": np.array(len(arrays["kinds"])), "intensity": np.array(False)}
@@ -195,33 +119,7 @@ def class_shares(
     n_classes: int,
     n_threads: int = 1,
 ) -> NDArray[np.float64]:
-    """Return the share of each object's spin images whose nearest neighbour is of each class.
-
-    Parameters
-    ----------
-    parts : mapping
-        Described objects, see `describe_surfaces`.
-    images : ndarray of float32, shape (d, b)
-        The database.
-    kinds : ndarray of int16, shape (d,)
-        Class of its images, -1 for others.
-    owner : ndarray of int32, shape (d,)
-        Object of `parts` to which each image belongs and with which it is not compared; -1 for none.
-    n_classes : int
-        Number of classes.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, n_classes)
-        Shares.
-
-    Raises
-    ------
-    DataError
-        If the images have another size than those of the database.
-    """
+    """Return the share of each object's spin images whose nearest neighbour is of each class."""
     own = np.ascontiguousarray(parts["images"], dtype=np.float32)
     if own.shape[1] != images.shape[1]:
         raise DataError(f"spin images of {own.shape[1]} bins, the database has {images.shape[1]}")
@@ -247,25 +145,7 @@ def overlaps(
     wanted: NDArray[np.bool_],
     n_threads: int = 1,
 ) -> NDArray[np.float64]:
-    """Align models with objects by their Gaussian images, and measure the overlap of their surfaces.
-
-    Parameters
-    ----------
-    parts, models : mapping
-        Descriptions of the objects and of the models.
-    geometry : ndarray of float64, shape (4,)
-        See `BottomUpTopDown`.
-    wanted : ndarray of bool, shape (n, p)
-        Pairs to compare.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, p)
-        The smaller of the covered shares of model and object, where the weight of a point decreases with distance; 0
-        for other pairs.
-    """
+    """Align models with objects by their Gaussian images, and measure the overlap of their surfaces."""
     reach, n_steps, n_azimuths, n_bands = geometry.tolist()
     bounds, model_bounds = object_bounds(parts), object_bounds(models)
     ours, theirs = (

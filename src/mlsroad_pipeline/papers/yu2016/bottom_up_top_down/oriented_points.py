@@ -20,33 +20,16 @@ from mlsroad_pipeline.papers.yu2016.bottom_up_top_down._surfaces import spread_e
 
 @dataclass(frozen=True)
 class OrientedPointParameters:
-    """Parameters of oriented points and spin images.
+    """Parameters of oriented points and spin images."""
 
-    Parameters
-    ----------
-    voxel_size : float, default 0.1
-        Points are thinned to one per voxel of this edge, metres, so that near and far surfaces have equal weight.
-    normal_radius : float, default 0.3
-        Neighbourhood of the normals, metres.
-    image_radius : float, default 1.0
-        Neighbourhood of the spin images, metres. Larger describes more of an object and is more sensitive to occlusion.
-    n_radial, n_axial : int, default 9, 17
-        Size of the spin images: 153 bins.
-    max_points : int, default 40
-        Largest number of oriented points of an object, by farthest-point sampling.
-
-    Raises
-    ------
-    ParameterError
-        If a number is outside its domain.
-    """
-
+    # Points are thinned to one per voxel of this edge, metres, so that near and far surfaces have equal weight
     voxel_size: float = 0.1
-    normal_radius: float = 0.3
+    normal_radius: float = 0.3  # Neighbourhood of the normals, metres
+    # Neighbourhood of the spin images, metres. Larger describes more of an object and is more sensitive to occlusion.
     image_radius: float = 1.0
-    n_radial: int = 9
-    n_axial: int = 17
-    max_points: int = 40
+    n_radial: int = 9  # Size of the spin images: 153 bins
+    n_axial: int = 17  # Size of the spin images: 153 bins
+    max_points: int = 40  # Largest number of oriented points of an object, by farthest-point sampling
 
     def __post_init__(self) -> None:
         for name in ("voxel_size", "normal_radius", "image_radius"):
@@ -62,21 +45,6 @@ def describe_surfaces(
     """Describe the objects of a scene by oriented points, each object separately.
 
     Normals point away from the centre of their object.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene.
-    objects : Segments
-        Object of each point.
-    parameters : OrientedPointParameters
-        Voxels and neighbourhoods.
-
-    Returns
-    -------
-    dict of str to ndarray
-        A `Description` with ``centres`` (g, 3), ``normals`` (g, 3), NaN where too few points are near, and the spin
-        images ``images`` (g, bins); ``intensity`` is False, as it is not used.
     """
     p = parameters
     owner = np.asarray(objects["objects"])

@@ -23,23 +23,7 @@ from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.detector import (
 def fit_bottom_up_top_down(
     objects: TrainingObjects, parameters: BottomUpTopDownParameters
 ) -> tuple[BottomUpTopDown, dict[str, Any]]:
-    """Choose database, models and thresholds; no training object is compared with itself.
-
-    Parameters
-    ----------
-    objects : TrainingObjects
-        Described objects and their classes.
-    parameters : BottomUpTopDownParameters
-        Parameters.
-
-    Returns
-    -------
-    detector : BottomUpTopDown
-        The detector.
-    facts : dict
-        Number of images, and for each class number of models, least share, exponent and F-score on the training
-        objects.
-    """
+    """Choose database, models and thresholds; no training object is compared with itself."""
     p = parameters
     parts, labels, n_classes, _, weights, n_threads = objects
     drawn, sample, truth = examples = objects.sample(p)

@@ -37,57 +37,26 @@ def _coarse_regions() -> RegionParameters:
 
 @dataclass(frozen=True)
 class HoughForestParameters:
-    """All parameters of the method.
+    """All parameters of the method."""
 
-    Parameters
-    ----------
-    regions : RegionParameters or mapping
-        Supervoxels and their neighbourhoods, the parts that vote. Smaller parts vote more precisely and cost time.
-    n_trees : int, default 24
-        Number of trees. More give smoother votes and cost time.
-    max_depth : int, default 14
-        Greatest depth of a tree.
-    min_parts : int, default 4
-        Fewest training parts in a leaf.
-    n_tests : int, default 40
-        Random splits evaluated at a node, of which the best is used. More give purer leaves and more correlated trees.
-    n_votes : int, default 8
-        Largest number of offsets that a leaf stores for a class, thinned evenly.
-    cell : float, default 0.2
-        Horizontal size of the cells of the vote space, metres. Smaller separates centres, and scatters votes.
-    height_cell : float, default 0.5
-        Their vertical size, metres.
-    exponents : sequence of float, default (0.0, 0.5, 1.0)
-        Candidate exponents of the number of voting parts that peaks are divided by; the best on the training objects is
-        used. 0 gives the sum of votes, 1 their mean.
-    max_per_class : int, default 400
-        Largest number of training objects of a class for the trees.
-    max_others : int, default 1200
-        Largest number of training objects of no wanted class.
-    max_parts : int, default 60
-        Largest number of training parts of an object.
-    seed : int, default 2016
-        Seed of samples and splits.
-
-    Raises
-    ------
-    ParameterError
-        If a number is outside its domain.
-    """
-
+    # Supervoxels and their neighbourhoods, the parts that vote. Smaller parts vote more precisely and cost time.
     regions: RegionParameters = field(default_factory=_coarse_regions)
-    n_trees: int = 24
-    max_depth: int = 14
-    min_parts: int = 4
+    n_trees: int = 24  # Number of trees. More give smoother votes and cost time.
+    max_depth: int = 14  # Greatest depth of a tree
+    min_parts: int = 4  # Fewest training parts in a leaf
+    # Random splits evaluated at a node, of which the best is used. More give purer leaves and more correlated trees.
     n_tests: int = 40
-    n_votes: int = 8
+    n_votes: int = 8  # Largest number of offsets that a leaf stores for a class, thinned evenly
+    # Horizontal size of the cells of the vote space, metres. Smaller separates centres, and scatters votes.
     cell: float = 0.2
-    height_cell: float = 0.5
+    height_cell: float = 0.5  # Their vertical size, metres
+    # Candidate exponents of the number of voting parts that peaks are divided by; the best on the training objects is
+    # used. 0 gives the sum of votes, 1 their mean.
     exponents: Sequence[float] = (0.0, 0.5, 1.0)
-    max_per_class: int = 400
-    max_others: int = 1200
-    max_parts: int = 60
-    seed: int = 2016
+    max_per_class: int = 400  # Largest number of training objects of a class for the trees
+    max_others: int = 1200  # Largest number of training objects of no wanted class
+    max_parts: int = 60  # Largest number of training parts of an object
+    seed: int = 2016  # Seed of samples and splits
 
     def __post_init__(self) -> None:
         parse_groups(self, regions=RegionParameters)
@@ -103,47 +72,21 @@ class HoughForestParameters:
 
 @dataclass(frozen=True)
 class HoughForest:
-    """Trained Hough forest.
+    """Trained Hough forest."""
 
-    Parameters
-    ----------
-    arrays : mapping of str to ndarray
-        ``roots`` (t + 1,) first node of each tree; ``feature``, ``threshold`` and ``left`` child of each node, in a
-        leaf -1, 0 and its number; ``leaf_roots`` (t + 1,) first leaf of each tree; ``shares`` (leaves, c) of the
-        classes; ``vote_starts`` (leaves * c + 1,) the first of the ``votes`` (v, 2) of a leaf and class: radius and
-        rise, metres; ``cells`` (2,) of the vote space.
-    exponents : ndarray of float64, shape (c,)
-        Exponent of the number of parts that a peak is divided by.
-    thresholds : ndarray of float64, shape (c,)
-        Lowest score at which an object is detected.
-    intensity : bool
-        Whether the trees use intensity.
-    """
-
+    # ``roots`` (t + 1,) first node of each tree; ``feature``, ``threshold`` and ``left`` child of each node, in a leaf
+    # -1, 0 and its number; ``leaf_roots`` (t + 1,) first leaf of each tree; ``shares`` (leaves, c) of the classes;
+    # ``vote_starts`` (leaves * c + 1,) the first of the ``votes`` (v, 2) of a leaf and class: radius and rise, metres;
+    # ``cells`` (2,) of the vote space
     arrays: Mapping[str, NDArray]
-    exponents: NDArray[np.float64]
-    thresholds: NDArray[np.float64]
-    intensity: bool
+    exponents: NDArray[np.float64]  # Exponent of the number of parts that a peak is divided by
+    thresholds: NDArray[np.float64]  # Lowest score at which an object is detected
+    intensity: bool  # Whether the trees use intensity
 
     def peaks(
         self, parts: Description, unseen: NDArray[np.bool_] | None = None, *, n_threads: int = 1
     ) -> NDArray[np.float64]:
-        """Return the highest peak of each object's votes for each class.
-
-        Parameters
-        ----------
-        parts : mapping
-            Described objects, see `describe_parts`.
-        unseen : ndarray of bool, shape (t, n), optional
-            Trees that vote for each object; all by default.
-        n_threads : int, default 1
-            Threads; the result does not depend on it.
-
-        Returns
-        -------
-        ndarray of float64, shape (n, c)
-            Peaks; 0 for objects without parts.
-        """
+        """Return the highest peak of each object's votes for each class."""
         bounds = object_bounds(parts)
         n_trees = len(self.arrays["roots"]) - 1
         out = np.zeros((len(bounds) - 1, self.arrays["shares"].shape[1]))
@@ -161,18 +104,7 @@ class HoughForest:
         return out
 
     def score(self, parts: Description) -> NDArray[np.float32]:
-        """Return the score of each object for each class.
-
-        Parameters
-        ----------
-        parts : mapping
-            Described objects, see `describe_parts`.
-
-        Returns
-        -------
-        ndarray of float32, shape (n, c)
-            Peaks, divided by the number of parts to the exponent of the class.
-        """
+        """Return the score of each object for each class."""
         n_parts = np.maximum(np.diff(object_bounds(parts)), 1)[:, None]
         return (self.peaks(parts) / n_parts**self.exponents).astype(np.float32)
 
@@ -182,45 +114,14 @@ class HoughForest:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray], *, intensity: bool) -> Self:
-        """Rebuild a forest from its state.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            The arrays.
-        intensity : bool
-            Whether the trees use intensity.
-
-        Returns
-        -------
-        HoughForest
-            The forest.
-
-        Raises
-        ------
-        DataError
-            If an array is missing.
-        """
+        """Rebuild a forest from its state."""
         check_arrays(arrays, (*_FOREST, "cells", "exponents", "thresholds"), "a Hough forest")
         own = {name: np.ascontiguousarray(arrays[name]) for name in (*_FOREST, "cells")}
         return cls(own, np.asarray(arrays["exponents"]), np.asarray(arrays["thresholds"]), intensity)
 
 
 def part_features(parts: Description, *, intensity: bool) -> NDArray[np.float32]:
-    """Return the features of parts: descriptors, height above the object's foot, and steepness of the first axis.
-
-    Parameters
-    ----------
-    parts : mapping
-        Described objects, see `describe_parts`.
-    intensity : bool
-        Whether intensity is used.
-
-    Returns
-    -------
-    ndarray of float32, shape (g, 22)
-        Features.
-    """
+    """Return the features of parts: descriptors, height above the object's foot, and steepness of the first axis."""
     steepness = np.abs(parts["orientations"][:, 2])
     return np.column_stack([descriptors_of(parts, intensity=intensity), heights_of(parts), steepness]).astype(
         np.float32
@@ -228,18 +129,7 @@ def part_features(parts: Description, *, intensity: bool) -> NDArray[np.float32]
 
 
 def offsets_to_centre(parts: Description) -> NDArray[np.float64]:
-    """Return the offset of the centre of each part's object, invariant to rotations about the vertical.
-
-    Parameters
-    ----------
-    parts : mapping
-        Described objects, see `describe_parts`.
-
-    Returns
-    -------
-    ndarray of float64, shape (g, 2)
-        Horizontal distance of the centre of the object's bounding box, and its height above the part, metres.
-    """
+    """Return the offset of the centre of each part's object, invariant to rotations about the vertical."""
     n = int(parts["n_objects"])
     low, high = np.full((n, 3), np.inf), np.full((n, 3), -np.inf)
     np.minimum.at(low, parts["objects"], parts["centres"])

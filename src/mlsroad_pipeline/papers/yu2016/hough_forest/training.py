@@ -23,22 +23,7 @@ from mlsroad_pipeline.papers.yu2016.hough_forest.detector import (
 
 
 def fit_hough_forest(objects: TrainingObjects, parameters: HoughForestParameters) -> tuple[HoughForest, dict[str, Any]]:
-    """Grow a forest, and choose exponents and thresholds by out-of-bag votes.
-
-    Parameters
-    ----------
-    objects : TrainingObjects
-        Described objects and their classes.
-    parameters : HoughForestParameters
-        Parameters.
-
-    Returns
-    -------
-    forest : HoughForest
-        The forest.
-    facts : dict
-        Number of leaves, exponents, and the F-score of each class on the training objects.
-    """
+    """Grow a forest, and choose exponents and thresholds by out-of-bag votes."""
     p = parameters
     parts, labels, n_classes, intensity, weights, n_threads = objects
     rng = np.random.default_rng(p.seed)

@@ -37,57 +37,24 @@ def _coarse_regions() -> RegionParameters:
 
 @dataclass(frozen=True)
 class ObjectMatchingParameters:
-    """All parameters of the method.
+    """All parameters of the method."""
 
-    Parameters
-    ----------
-    regions : RegionParameters or mapping
-        Supervoxels and their neighbourhoods, the feature points that are matched. The time grows with the square of
-        their number.
-    feature_share : float, default 0.5
-        Weight of the dissimilarity of features, 0 to 1; the remaining weight is that of the geometric distance.
-    reach : float, default 1.0
-        Distance at which the geometric cost of a feature point reaches its maximum, metres.
-    limit : float, default 0.4
-        Cost of an unmatched feature point; pairs of higher cost are not matched.
-    n_neighbors : int, default 6
-        Feature points in an affine combination.
-    n_turns : int, default 12
-        Number of rotations about the vertical that are evaluated.
-    n_sweeps : int, default 2
-        Iterations of the correspondences after the first.
-    least : float, default 0.2
-        Least ratio of the numbers of parts of candidate and prototype; below it the similarity is 0.
-    max_prototypes : int, default 12
-        Largest number of prototypes of a class.
-    candidates : int, default 24
-        Number of training objects of a class from which prototypes are selected, drawn at random.
-    max_per_class : int, default 150
-        Largest number of training objects of a class for the choice of prototypes.
-    max_others : int, default 1000
-        Largest number of training objects of no wanted class.
-    seed : int, default 2016
-        Seed of the samples.
-
-    Raises
-    ------
-    ParameterError
-        If a number is outside its domain.
-    """
-
+    # Supervoxels and their neighbourhoods, the feature points that are matched. The time grows with the square of their
+    # number.
     regions: RegionParameters = field(default_factory=_coarse_regions)
+    # Weight of the dissimilarity of features, 0 to 1; the remaining weight is that of the geometric distance
     feature_share: float = 0.5
-    reach: float = 1.0
-    limit: float = 0.4
-    n_neighbors: int = 6
-    n_turns: int = 12
-    n_sweeps: int = 2
-    least: float = 0.2
-    max_prototypes: int = 12
-    candidates: int = 24
-    max_per_class: int = 150
-    max_others: int = 1000
-    seed: int = 2016
+    reach: float = 1.0  # Distance at which the geometric cost of a feature point reaches its maximum, metres
+    limit: float = 0.4  # Cost of an unmatched feature point; pairs of higher cost are not matched
+    n_neighbors: int = 6  # Feature points in an affine combination
+    n_turns: int = 12  # Number of rotations about the vertical that are evaluated
+    n_sweeps: int = 2  # Iterations of the correspondences after the first
+    least: float = 0.2  # Least ratio of the numbers of parts of candidate and prototype; below it the similarity is 0
+    max_prototypes: int = 12  # Largest number of prototypes of a class
+    candidates: int = 24  # Number of training objects of a class from which prototypes are selected, drawn at random
+    max_per_class: int = 150  # Largest number of training objects of a class for the choice of prototypes
+    max_others: int = 1000  # Largest number of training objects of no wanted class
+    seed: int = 2016  # Seed of the samples
 
     def __post_init__(self) -> None:
         parse_groups(self, regions=RegionParameters)
@@ -105,41 +72,16 @@ class ObjectMatchingParameters:
 
 @dataclass(frozen=True)
 class ObjectMatcher:
-    """Trained object matching: prototypes of the classes.
+    """Trained object matching: prototypes of the classes."""
 
-    Parameters
-    ----------
-    prototypes : mapping
-        Description of the prototypes.
-    kinds : ndarray of int16, shape (p,)
-        Class of each.
-    thresholds : ndarray of float64, shape (c,)
-        Least similarity at which an object is detected.
-    geometry : ndarray of float64, shape (7,)
-        Feature share, reach, limit, neighbours, turns, sweeps and least ratio.
-    intensity : bool
-        Whether intensity is used.
-    """
-
-    prototypes: Description
-    kinds: NDArray[np.int16]
-    thresholds: NDArray[np.float64]
-    geometry: NDArray[np.float64]
-    intensity: bool
+    prototypes: Description  # Description of the prototypes
+    kinds: NDArray[np.int16]  # Class of each
+    thresholds: NDArray[np.float64]  # Least similarity at which an object is detected
+    geometry: NDArray[np.float64]  # Feature share, reach, limit, neighbours, turns, sweeps and least ratio
+    intensity: bool  # Whether intensity is used
 
     def score(self, parts: Description) -> NDArray[np.float32]:
-        """Return the similarity of objects to the prototypes.
-
-        Parameters
-        ----------
-        parts : mapping
-            Described objects, see `describe_parts`.
-
-        Returns
-        -------
-        ndarray of float32, shape (n, c)
-            Similarity to the most similar prototype of each class, 0 to 1.
-        """
+        """Return the similarity of objects to the prototypes."""
         similarities = object_similarity(parts, self.prototypes, self.geometry, intensity=self.intensity)
         out = np.zeros((len(similarities), len(self.thresholds)), np.float32)
         for k in range(len(self.thresholds)):
@@ -153,25 +95,7 @@ class ObjectMatcher:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray], *, intensity: bool) -> Self:
-        """Rebuild a matcher from its state.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            The arrays.
-        intensity : bool
-            Whether intensity is used.
-
-        Returns
-        -------
-        ObjectMatcher
-            The matcher.
-
-        Raises
-        ------
-        DataError
-            If an array is missing.
-        """
+        """Rebuild a matcher from its state."""
         check_arrays(arrays, _ARRAYS, "an object matcher")
         own = {name: np.asarray(arrays[name]) for name in ("descriptors", "centres", "objects")}
         own |= {"n_objects": np.array(len(arrays["kinds"])), "intensity": np.array(intensity)}
@@ -181,24 +105,7 @@ class ObjectMatcher:
 def affine_combinations(
     centres: NDArray[np.float64], bounds: NDArray[np.int64], n_neighbors: int
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Express each part as an affine combination of its nearest neighbours in the same object.
-
-    Parameters
-    ----------
-    centres : ndarray of float64, shape (g, 3)
-        Centres of the parts, metres.
-    bounds : ndarray of int64, shape (n + 1,)
-        First part of each object.
-    n_neighbors : int
-        Number of neighbours.
-
-    Returns
-    -------
-    around : ndarray of int64, shape (g, n_neighbors)
-        Indices of the neighbours, relative to the first part of the object; the part itself where there are fewer.
-    weights : ndarray of float64, shape (g, n_neighbors)
-        Weights of sum 1 by regularised least squares. A single part has weight 1 on itself.
-    """
+    """Express each part as an affine combination of its nearest neighbours in the same object."""
     around = np.empty((len(centres), n_neighbors), np.int64)
     weights = np.zeros((len(centres), n_neighbors))
     for first, last in pairwise(bounds):
@@ -223,24 +130,7 @@ def affine_combinations(
 def object_similarity(
     parts: Description, prototypes: Description, geometry: NDArray[np.float64], *, intensity: bool, n_threads: int = 1
 ) -> NDArray[np.float64]:
-    """Return the similarity of every object to every prototype.
-
-    Parameters
-    ----------
-    parts, prototypes : mapping
-        Descriptions of the objects and of the prototypes.
-    geometry : ndarray of float64, shape (7,)
-        See `ObjectMatcher`.
-    intensity : bool
-        Whether intensity is used.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, p)
-        0 to 1.
-    """
+    """Return the similarity of every object to every prototype."""
     share, reach, limit, n_neighbors, n_turns, n_sweeps, least = geometry.tolist()
     middle, bounds = relative_centres(prototypes), object_bounds(prototypes)
     around, weights = affine_combinations(middle, bounds, int(n_neighbors))

@@ -22,22 +22,7 @@ from mlsroad_pipeline.papers.yu2016.object_matching.detector import (
 def fit_object_matching(
     objects: TrainingObjects, parameters: ObjectMatchingParameters
 ) -> tuple[ObjectMatcher, dict[str, Any]]:
-    """Choose prototypes and thresholds; no training object is compared with itself.
-
-    Parameters
-    ----------
-    objects : TrainingObjects
-        Described objects and their classes.
-    parameters : ObjectMatchingParameters
-        Parameters.
-
-    Returns
-    -------
-    matcher : ObjectMatcher
-        The prototypes.
-    facts : dict
-        Number of prototypes and F-score of each class on the training objects.
-    """
+    """Choose prototypes and thresholds; no training object is compared with itself."""
     p = parameters
     parts, labels, n_classes, intensity, weights, n_threads = objects
     drawn, sample, truth = examples = objects.sample(p)

@@ -39,36 +39,24 @@ def cut_of(detector: str) -> str:
 
 @dataclass(frozen=True)
 class StudySurvey:
-    """Streets of one kind, in place of a survey of the paper.
+    """Streets of one kind, in place of a survey of the paper."""
 
-    Parameters
-    ----------
-    survey : mapping
-        ``preset`` and changes of `SimulationParameters`, without the seed; ``street`` is a mapping.
-    train, test : sequence of int
-        Seeds of the training and test streets; no street is in both.
-    train_survey, test_survey : mapping
-        Changes of `survey` for training and for test streets.
-    rare : sequence of int
-        Streets of `train` with more rare objects that are easily confused with a class.
-    rare_survey : mapping
-        Changes of these streets in addition to `train_survey`.
-    rare_weight : float, default 0.5
-        Weight of the objects of `rare` streets in the selection of thresholds, at least 0; objects of other training
-        streets have weight 1. A larger weight gives stricter thresholds.
-    prevalence : mapping of str to float
-        Class to its frequency in streets like the test streets, relative to the training streets that are not `rare`;
-        1 for classes that are absent here. See `DetectionParameters`.
-    """
-
+    # ``preset`` and changes of `SimulationParameters`, without the seed; ``street`` is a mapping
     survey: Mapping[str, Any]
-    train: Sequence[int]
-    test: Sequence[int]
+    train: Sequence[int]  # Seeds of the training and test streets; no street is in both
+    test: Sequence[int]  # Seeds of the training and test streets; no street is in both
+    # Changes of `survey` for training and for test streets
     train_survey: Mapping[str, Any] = field(default_factory=dict)
+    # Changes of `survey` for training and for test streets
     test_survey: Mapping[str, Any] = field(default_factory=dict)
-    rare: Sequence[int] = ()
+    rare: Sequence[int] = ()  # Streets of `train` with more rare objects that are easily confused with a class
+    # Changes of these streets in addition to `train_survey`
     rare_survey: Mapping[str, Any] = field(default_factory=dict)
+    # Weight of the objects of `rare` streets in the selection of thresholds, at least 0; objects of other training
+    # streets have weight 1. A larger weight gives stricter thresholds.
     rare_weight: float = 0.5
+    # Class to its frequency in streets like the test streets, relative to the training streets that are not `rare`; 1
+    # for classes that are absent here. See `DetectionParameters`.
     prevalence: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -101,35 +89,18 @@ class StudySurvey:
 
 @dataclass(frozen=True)
 class StudyScale:
-    """Surveys and settings of one scale.
+    """Surveys and settings of one scale."""
 
-    Parameters
-    ----------
-    surveys : mapping of str to StudySurvey or mapping
-        Surveys by name; ``RRS`` and ``SPP`` are compared with the paper's results.
-    patterns : sequence of str
-        Patterns of feature regions (Figure 12a), see `RegionParameters`.
-    words_per_group : sequence of float
-        Sizes of the vocabulary (Figure 12b), as words per training group.
-    group_sizes : sequence of int
-        Neighbours k in a contextual group (Figure 12c).
-    detectors : sequence of str
-        Those of `DETECTORS` that are run; `visual_words` is always among them.
-    varied : str
-        Detector whose settings Figure 12 varies, one of the visual words.
-    methods : mapping
-        Slug to changes of the method's parameters at this scale.
-    pooled : bool, default True
-        Train one model of each detector on the training streets of all surveys; False trains one model per survey.
-    """
-
-    surveys: Mapping[str, Any]
-    patterns: Sequence[str]
-    words_per_group: Sequence[float]
-    group_sizes: Sequence[int]
+    surveys: Mapping[str, Any]  # Surveys by name; ``RRS`` and ``SPP`` are compared with the paper's results
+    patterns: Sequence[str]  # Patterns of feature regions (Figure 12a), see `RegionParameters`
+    words_per_group: Sequence[float]  # Sizes of the vocabulary (Figure 12b), as words per training group
+    group_sizes: Sequence[int]  # Neighbours k in a contextual group (Figure 12c)
+    # Those of `DETECTORS` that are run; `visual_words` is always among them
     detectors: Sequence[str] = METHODS_OF_STUDY[:4]
-    varied: str = WORDS
+    varied: str = WORDS  # Detector whose settings Figure 12 varies, one of the visual words
+    # Slug to changes of the method's parameters at this scale
     methods: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    # Train one model of each detector on the training streets of all surveys; False trains one model per survey
     pooled: bool = True
 
     def __post_init__(self) -> None:
@@ -161,12 +132,4 @@ class StudyScale:
 
 @dataclass(frozen=True)
 class StudyParameters(ScaledStudy[StudyScale], group="yu2016_study", kind=StudyScale):
-    """Parameters of the study of Yu et al. 2016.
-
-    Parameters
-    ----------
-    scale : str
-        Name of the scale that is run.
-    scales : mapping
-        Name of each scale to the fields of `StudyScale`.
-    """
+    """Parameters of the study of Yu et al. 2016."""

@@ -32,28 +32,14 @@ _SLACK = np.float32(1.0 - 1e-4)  # margin for bounds summed in single precision
 
 
 class Cells(NamedTuple):
-    """Words by cell.
+    """Words by cell."""
 
-    Parameters
-    ----------
-    order : ndarray of int64, shape (v,)
-        Words in the order of the cells.
-    starts : ndarray of int64, shape (c + 1,)
-        First word of each cell.
-    places : ndarray of float32, shape (b, v)
-        Coordinates of the words in the first directions.
-    low, high : ndarray of float32, shape (b, c)
-        Bounding boxes of the cells in these directions.
-    ranges : ndarray of float64, shape (c, 4)
-        Minimum and maximum of angle and of ratio in each cell.
-    """
-
-    order: NDArray[np.int64]
-    starts: NDArray[np.int64]
-    places: NDArray[np.float32]
-    low: NDArray[np.float32]
-    high: NDArray[np.float32]
-    ranges: NDArray[np.float64]
+    order: NDArray[np.int64]  # Words in the order of the cells
+    starts: NDArray[np.int64]  # First word of each cell
+    places: NDArray[np.float32]  # Coordinates of the words in the first directions
+    low: NDArray[np.float32]  # Bounding boxes of the cells in these directions
+    high: NDArray[np.float32]  # Bounding boxes of the cells in these directions
+    ranges: NDArray[np.float64]  # Minimum and maximum of angle and of ratio in each cell
 
 
 def build_cells(places: NDArray[np.float64], words: Context) -> Cells:

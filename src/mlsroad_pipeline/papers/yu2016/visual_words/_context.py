@@ -11,21 +11,12 @@ from numpy.typing import NDArray
 
 
 class Context(NamedTuple):
-    """Groups prepared for the distance.
+    """Groups prepared for the distance."""
 
-    Parameters
-    ----------
-    features : ndarray of shape (g, m, r), float64
-        Whitened descriptors: the Mahalanobis distance of two features is the squared distance of two rows.
-    angle : ndarray of shape (g,), float64
-        ORel, equation 12, radians.
-    ratio : ndarray of shape (g, p), float64
-        SRel, equation 13, in each matching order of `orders`.
-    """
-
+    # Whitened descriptors: the Mahalanobis distance of two features is the squared distance of two rows
     features: NDArray[np.float64]
-    angle: NDArray[np.float64]
-    ratio: NDArray[np.float64]
+    angle: NDArray[np.float64]  # ORel, equation 12, radians
+    ratio: NDArray[np.float64]  # SRel, equation 13, in each matching order of `orders`
 
 
 def orders(m: int) -> NDArray[np.int64]:

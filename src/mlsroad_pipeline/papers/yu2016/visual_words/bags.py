@@ -13,29 +13,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 def count_words(
     words: NDArray[np.integer], objects: NDArray[np.integer], *, n_objects: int, stopped: NDArray[np.bool_]
 ) -> csr_array:
-    """Count the words of each object.
-
-    Parameters
-    ----------
-    words : ndarray of int, shape (g,)
-        Word of each contextual group.
-    objects : ndarray of int, shape (g,)
-        Object of each, 0 to n_objects - 1.
-    n_objects : int
-        Number of objects.
-    stopped : ndarray of bool, shape (v,)
-        Words of the stop list, which are not counted.
-
-    Returns
-    -------
-    csr_array of float64, shape (n_objects, v)
-        Occurrences.
-
-    Raises
-    ------
-    DataError
-        If words and objects differ in number.
-    """
+    """Count the words of each object."""
     if len(words) != len(objects):
         raise DataError(f"{len(words)} words for the objects of {len(objects)} groups")
     keep = ~stopped[words]
@@ -45,37 +23,13 @@ def count_words(
 
 
 def inverse_document_frequency(counts: csr_array) -> NDArray[np.float64]:
-    """Return log(N / N_i) of each word over the objects of a database (second factor of equation 22).
-
-    Parameters
-    ----------
-    counts : csr_array of shape (N, v)
-        Words of each object.
-
-    Returns
-    -------
-    ndarray of float64, shape (v,)
-        0 for words that do not occur.
-    """
+    """Return log(N / N_i) of each word over the objects of a database (second factor of equation 22)."""
     occurs = np.bincount(counts.indices[counts.data > 0], minlength=counts.shape[1])
     return np.where(occurs > 0, np.log(counts.shape[0] / np.maximum(occurs, 1)), 0.0)
 
 
 def weigh_words(counts: csr_array, inverse_frequency: NDArray[np.float64]) -> csr_array:
-    """Return the bags: term frequency times inverse document frequency (equations 21 and 22).
-
-    Parameters
-    ----------
-    counts : csr_array of shape (n, v)
-        Words of each object.
-    inverse_frequency : ndarray of float64, shape (v,)
-        Result of `inverse_document_frequency` for the database.
-
-    Returns
-    -------
-    csr_array of float64, shape (n, v)
-        One bag per row; an object without words has an empty one.
-    """
+    """Return the bags: term frequency times inverse document frequency (equations 21 and 22)."""
     lengths = np.diff(counts.indptr)
     totals = np.repeat(np.asarray(counts.sum(axis=1)).ravel(), lengths)
     return csr_array(
@@ -84,25 +38,7 @@ def weigh_words(counts: csr_array, inverse_frequency: NDArray[np.float64]) -> cs
 
 
 def similarity(queries: csr_array, bags: csr_array) -> NDArray[np.float64]:
-    """Return the normalised histogram intersection of every query with every bag (equation 23).
-
-    Parameters
-    ----------
-    queries : csr_array of shape (q, v)
-        Bags of the queries.
-    bags : csr_array of shape (n, v)
-        Bags of the objects.
-
-    Returns
-    -------
-    ndarray of float64, shape (q, n)
-        In [0, 1]; 0 where both bags are empty.
-
-    Raises
-    ------
-    DataError
-        If the vocabularies differ.
-    """
+    """Return the normalised histogram intersection of every query with every bag (equation 23)."""
     if queries.shape[1] != bags.shape[1]:
         raise DataError(f"bags of {queries.shape[1]} and {bags.shape[1]} words cannot be compared")
     return np.asarray(

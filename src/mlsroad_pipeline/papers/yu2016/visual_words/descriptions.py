@@ -19,41 +19,17 @@ from mlsroad_pipeline.papers.yu2016.visual_words.sizes import measure_sizes
 
 @dataclass(frozen=True)
 class GroupParameters:
-    """Parameters of the description of objects.
+    """Parameters of the description of objects."""
 
-    Parameters
-    ----------
-    regions : RegionParameters or mapping
-        Supervoxels and neighbourhoods.
-    k : int, default 2
-        Neighbours in a contextual group (yu2016: 2).
-    """
-
-    regions: RegionParameters
-    k: int = 2
+    regions: RegionParameters  # Supervoxels and neighbourhoods
+    k: int = 2  # Neighbours in a contextual group (yu2016: 2)
 
     def __post_init__(self) -> None:
         parse_groups(self, regions=RegionParameters)
 
 
 def describe_objects(scene: PointCloud, objects: Segments, *, parameters: GroupParameters) -> dict[str, NDArray]:
-    """Describe the objects of a scene by contextual groups.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene.
-    objects : Segments
-        Object of each point.
-    parameters : GroupParameters
-        Regions, and neighbours in a group.
-
-    Returns
-    -------
-    dict of str to ndarray
-        A `Description` with the arrays of `ContextualGroups`, and per object ``sizes`` float32 (objects, 4), see
-        `measure_sizes`, and ``profiles`` float32 (objects, p), see `measure_profiles`.
-    """
+    """Describe the objects of a scene by contextual groups."""
     regions = describe_regions(
         scene.xyz, objects["objects"], intensity=scene.get("intensity"), parameters=parameters.regions
     )
@@ -71,20 +47,7 @@ def describe_objects(scene: PointCloud, objects: Segments, *, parameters: GroupP
 
 
 def groups_of(arrays: Mapping[str, NDArray], *, intensity: bool = True) -> ContextualGroups:
-    """Return the groups that `describe_objects` stored.
-
-    Parameters
-    ----------
-    arrays : Description
-        Described objects.
-    intensity : bool, default True
-        Whether to keep the intensities; False sets them to 0.
-
-    Returns
-    -------
-    ContextualGroups
-        The groups.
-    """
+    """Return the groups that `describe_objects` stored."""
     groups = ContextualGroups(arrays["descriptors"], arrays["orientations"], arrays["scales"])
     if intensity:
         return groups
@@ -94,19 +57,6 @@ def groups_of(arrays: Mapping[str, NDArray], *, intensity: bool = True) -> Conte
 
 
 def profiles_of(arrays: Mapping[str, NDArray], *, intensity: bool = True) -> NDArray[np.float32]:
-    """Return the profiles that `describe_objects` stored.
-
-    Parameters
-    ----------
-    arrays : Description
-        Described objects.
-    intensity : bool, default True
-        Whether to keep the shares of intensities; False sets them to 0.
-
-    Returns
-    -------
-    ndarray of float32, shape (objects, p)
-        The profiles.
-    """
+    """Return the profiles that `describe_objects` stored."""
     profiles = arrays["profiles"]
     return profiles if intensity else without_intensities(profiles)

@@ -24,29 +24,7 @@ _DEFAULTS = DetectorParameters()
 
 
 class VisualWordsDetector:
-    """Detector of objects whose bag of words, size and profile are similar to those of queries.
-
-    Parameters
-    ----------
-    classes : sequence of str
-        Classes to detect.
-    parameters : DetectorParameters
-        Choice of queries and thresholds.
-
-    Attributes
-    ----------
-    inverse_frequency_ : ndarray of float64, shape (v,)
-        Second factor of equation 22 over the training objects.
-    queries_ : dict of str to ClassQueries
-        Queries and threshold of each class.
-    size_ranges_ : list of ndarray of float32, shape (e, 4)
-        Least and greatest sizes of the training objects of each class, to which `size_margin` is applied.
-    f_scores_ : dict of str to float
-        F-score of each class on the training objects. No object is compared with itself or, with "weighted", with
-        others of its scene. Set by `fit` alone.
-    held_out_ : HeldOut
-        Held-out scores for threshold selection with "weighted". Set by `fit` alone.
-    """
+    """Detector of objects whose bag of words, size and profile are similar to those of queries."""
 
     def __init__(self, classes: Sequence[str], *, parameters: DetectorParameters = _DEFAULTS) -> None:
         self.classes = tuple(classes)
@@ -65,35 +43,7 @@ class VisualWordsDetector:
         """Choose queries and thresholds from training objects.
 
         With ``decision`` "nearest" queries are selected greedily: each is the object that raises the F-score on the
-        training objects most, at its best threshold; no object is compared with itself. With "weighted" the vote is the
-        mean of support vector machines, each trained without one fold of the scenes. The threshold is the best one for
-        the held-out scores; it is 0.5 where no machine was trained on other examples of the class. A class without
-        training objects is logged as a warning and never detected.
-
-        Parameters
-        ----------
-        counts : csr_array of shape (n, v)
-            Words of the training objects.
-        labels : array-like of shape (n,), integer
-            Class of each, an index in `classes`; -1 for all others.
-        sizes : array-like of shape (n, 4), optional
-            Sizes, see `measure_sizes`; by default all objects have the same size.
-        profiles : array-like of shape (n, p), optional
-            Profiles, see `measure_profiles`; by default all objects have the same profile.
-        scenes : array-like of shape (n,), optional
-            Scene of each; by default each object is a scene of its own.
-        weights : array-like of shape (n,), optional
-            Weight of each object in threshold selection, see `training_weights`; 1 by default.
-
-        Returns
-        -------
-        VisualWordsDetector
-            The detector.
-
-        Raises
-        ------
-        DataError
-            If there is not one label, size, profile, scene or weight per object.
+        training objects most, at its best threshold; no object is compared with itself.
         """
         truth = np.asarray(labels)
         n = counts.shape[0]
@@ -121,45 +71,13 @@ class VisualWordsDetector:
         return self
 
     def possible(self, sizes: ArrayLike) -> NDArray[np.bool_]:
-        """Return which objects have a size that a class may have; others are never detected.
-
-        Parameters
-        ----------
-        sizes : array-like of shape (n, 4)
-            Sizes, see `measure_sizes`.
-
-        Returns
-        -------
-        ndarray of bool, shape (n,)
-            One flag per object.
-        """
+        """Return which objects have a size that a class may have; others are never detected."""
         return within_any_sizes(np.asarray(sizes, dtype=np.float32), self.size_ranges_, self.parameters.size_margin)
 
     def score(
         self, counts: csr_array, sizes: ArrayLike | None = None, profiles: ArrayLike | None = None
     ) -> NDArray[np.float64]:
-        """Score objects by their similarity to the queries.
-
-        Parameters
-        ----------
-        counts : csr_array of shape (n, v)
-            Words of the objects.
-        sizes : array-like of shape (n, 4), optional
-            Sizes, see `measure_sizes`; required if `fit` had them.
-        profiles : array-like of shape (n, p), optional
-            Profiles, see `measure_profiles`; required if `fit` had them.
-
-        Returns
-        -------
-        ndarray of float64, shape (n, classes)
-            Score of each class, in [0, 1]: similarity to the most similar query, or the weighted vote of all queries. 0
-            for objects without words or of a size that no class has.
-
-        Raises
-        ------
-        DataError
-            If the objects have another vocabulary.
-        """
+        """Score objects by their similarity to the queries."""
         appearance = appearance_of(weigh_words(counts, self.inverse_frequency_), sizes, profiles)
         scores = np.zeros((counts.shape[0], len(self.classes)))
         rows = np.flatnonzero(self.possible(appearance.sizes) & (np.asarray(counts.sum(axis=1)).ravel() > 0))
@@ -175,29 +93,7 @@ class VisualWordsDetector:
     def detect(
         self, counts: csr_array, sizes: ArrayLike | None = None, profiles: ArrayLike | None = None
     ) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-        """Detect objects.
-
-        Parameters
-        ----------
-        counts : csr_array of shape (n, v)
-            Words of the objects.
-        sizes : array-like of shape (n, 4), optional
-            Sizes, see `measure_sizes`; required if `fit` had them.
-        profiles : array-like of shape (n, p), optional
-            Profiles, see `measure_profiles`; required if `fit` had them.
-
-        Returns
-        -------
-        labels : ndarray of int16, shape (n,)
-            Class whose threshold the score exceeds by the largest factor; -1 for none.
-        scores : ndarray of float32, shape (n,)
-            Score of that class; 0 for none.
-
-        Raises
-        ------
-        DataError
-            If the objects have another vocabulary.
-        """
+        """Detect objects."""
         return detect_by_thresholds(self.score(counts, sizes, profiles), self.thresholds)
 
     @property
@@ -206,13 +102,7 @@ class VisualWordsDetector:
         return np.array([queries.threshold for queries in self.queries_.values()])
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return the trained state as plain arrays.
-
-        Returns
-        -------
-        dict of str to ndarray
-            For `from_arrays`.
-        """
+        """Return the trained state as plain arrays."""
         p = self.parameters
         arrays: dict[str, NDArray] = {
             "inverse_frequency": self.inverse_frequency_,
@@ -228,18 +118,7 @@ class VisualWordsDetector:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Any]) -> VisualWordsDetector:
-        """Rebuild a detector from its state.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            Result of `to_arrays`.
-
-        Returns
-        -------
-        VisualWordsDetector
-            The same detector.
-        """
+        """Rebuild a detector from its state."""
         size, profile, margin = (float(arrays[name]) for name in ("size_share", "profile_share", "size_margin"))
         parameters = DetectorParameters(size_share=size, profile_share=profile, size_margin=margin)
         detector = cls([str(name) for name in arrays["classes"]], parameters=parameters)

@@ -19,21 +19,11 @@ MAX_NEIGHBORS = 5
 
 @dataclass(frozen=True)
 class ContextualGroups:
-    """Groups of m = k + 1 feature regions, the central region first.
+    """Groups of m = k + 1 feature regions, the central region first."""
 
-    Attributes
-    ----------
-    descriptors : ndarray of float32, shape (g, m, 20)
-        Descriptors of the regions.
-    orientations : ndarray of float32, shape (g, m, 3)
-        Their orientations, unit vectors without a sign.
-    scales : ndarray of float32, shape (g, m)
-        Their scales, metres, above zero.
-    """
-
-    descriptors: NDArray[np.float32]
-    orientations: NDArray[np.float32]
-    scales: NDArray[np.float32]
+    descriptors: NDArray[np.float32]  # Descriptors of the regions
+    orientations: NDArray[np.float32]  # Their orientations, unit vectors without a sign
+    scales: NDArray[np.float32]  # Their scales, metres, above zero
 
     def __post_init__(self) -> None:
         g, m = self.scales.shape[:2] if self.scales.ndim == 2 else (-1, -1)
@@ -48,42 +38,12 @@ class ContextualGroups:
         return len(self.scales)
 
     def select(self, index: NDArray) -> ContextualGroups:
-        """Return some of the groups.
-
-        Parameters
-        ----------
-        index : ndarray
-            Indices or flags of the groups.
-
-        Returns
-        -------
-        ContextualGroups
-            The groups, in the order of the index.
-        """
+        """Return some of the groups."""
         return ContextualGroups(self.descriptors[index], self.orientations[index], self.scales[index])
 
 
 def build_groups(regions: FeatureRegions, *, k: int = 2) -> ContextualGroups:
-    """Group each region with the nearest regions of its object.
-
-    Parameters
-    ----------
-    regions : FeatureRegions
-        Regions, ordered by object.
-    k : int, default 2
-        Neighbours in a group, 0 to `MAX_NEIGHBORS` (yu2016: 2). More neighbours describe a larger surrounding and give
-        rarer words.
-
-    Returns
-    -------
-    ContextualGroups
-        One group per region. In an object with fewer than k + 1 regions the nearest are repeated.
-
-    Raises
-    ------
-    ParameterError
-        If `k` is outside its domain.
-    """
+    """Group each region with the nearest regions of its object."""
     if not 0 <= k <= MAX_NEIGHBORS:
         raise ParameterError(f"k must be between 0 and {MAX_NEIGHBORS}, got {k!r}")
     members = np.empty((len(regions), k + 1), dtype=np.int64)
@@ -110,23 +70,7 @@ def _nearest(centres: NDArray[np.float64], k: int) -> NDArray[np.int64]:
 
 
 def join_groups(parts: Sequence[ContextualGroups]) -> ContextualGroups:
-    """Join groups of several scenes or objects.
-
-    Parameters
-    ----------
-    parts : sequence of ContextualGroups
-        At least one, of one size.
-
-    Returns
-    -------
-    ContextualGroups
-        All groups, in order.
-
-    Raises
-    ------
-    DataError
-        If there are none, or their groups differ in size.
-    """
+    """Join groups of several scenes or objects."""
     if not parts:
         raise DataError("no contextual groups to join")
     sizes = {part.scales.shape[1] for part in parts}

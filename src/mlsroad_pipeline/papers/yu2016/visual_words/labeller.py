@@ -32,25 +32,7 @@ SLUG, PRINTED_SLUG = "visual_words", "visual_words_printed"
 def bag_objects(
     arrays: Description, vocabulary: Vocabulary, *, intensity: bool, wanted: NDArray[np.bool_] | None = None
 ) -> csr_array:
-    """Count the words of the objects of a scene.
-
-    Parameters
-    ----------
-    arrays : Description
-        Described objects, see `describe_objects`.
-    vocabulary : Vocabulary
-        The words.
-    intensity : bool
-        Whether the words include intensities.
-    wanted : ndarray of bool, shape (objects,), optional
-        Objects whose words are counted; all by default. Most groups of a street belong to large plants and facades, and
-        no class has their size.
-
-    Returns
-    -------
-    csr_array of shape (objects, words)
-        Occurrences; none for objects that are not wanted.
-    """
+    """Count the words of the objects of a scene."""
     owner, groups = arrays["objects"], groups_of(arrays, intensity=intensity)
     if wanted is not None:
         rows = np.flatnonzero(wanted[owner])
@@ -60,22 +42,7 @@ def bag_objects(
 
 
 def model_of(bundle: ModelBundle, variant: str) -> tuple[Vocabulary, VisualWordsDetector]:
-    """Rebuild a vocabulary and its detector.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The model.
-    variant : str
-        `WITH_INTENSITY` or `GEOMETRY`.
-
-    Returns
-    -------
-    vocabulary : Vocabulary
-        The words.
-    detector : VisualWordsDetector
-        Queries and thresholds.
-    """
+    """Rebuild a vocabulary and its detector."""
     arrays = arrays_under(bundle.arrays, f"{variant}.")
     words = ContextualGroups(arrays["words.descriptors"], arrays["words.orientations"], arrays["words.scales"])
     vocabulary = Vocabulary(words, arrays["words.inverse"], arrays["words.stopped"], float(arrays["words.floor"]))
@@ -83,20 +50,7 @@ def model_of(bundle: ModelBundle, variant: str) -> tuple[Vocabulary, VisualWords
 
 
 def detect_scene(arrays: Description, bundle: ModelBundle) -> Detections:
-    """Detect the objects of a scene.
-
-    Parameters
-    ----------
-    arrays : Description
-        Described objects, see `describe_objects`.
-    bundle : ModelBundle
-        A model of `train_detector`.
-
-    Returns
-    -------
-    Detections
-        Class and scores of each object, see `VisualWordsDetector.score`.
-    """
+    """Detect the objects of a scene."""
     variant = choose_variant(arrays, bundle)
     vocabulary, detector = model_of(bundle, variant)
     intensity = variant == WITH_INTENSITY

@@ -35,30 +35,7 @@ _LEAST = 0.1  # least height of an object, metres
 def measure_profiles(
     xyz: NDArray[np.floating], objects: NDArray[np.integer], *, intensity: ArrayLike | None = None
 ) -> NDArray[np.float32]:
-    """Measure the distribution of each object's voxels over height, distance from its axis, shape and intensity.
-
-    Parameters
-    ----------
-    xyz : ndarray of shape (n, 3)
-        Points of a scene, metres, z up.
-    objects : ndarray of int, shape (n,)
-        Object of each point, 0, 1, ...; -1 for none.
-    intensity : array-like of shape (n,), optional
-        Normalised intensity in [0, 1]; a voxel has the mean of its points.
-
-    Returns
-    -------
-    ndarray of float32, shape (objects, N_SHARES)
-        Share of an object's voxels in each band and ring, then in each band and kind of `surface_kinds`, then in each
-        band and tone; each of the three sums to 1. All are 0 for an object without points, and the shares of
-        intensities are 0 without intensities. The axis is vertical, through the medians of the voxels' horizontal
-        coordinates, which lie on the mast of a lamp with an arm. Profiles are invariant to rotations about the axis.
-
-    Raises
-    ------
-    DataError
-        If there is not one intensity per point.
-    """
+    """Measure the distribution of each object's voxels over height, distance from its axis, shape and intensity."""
     n = int(objects.max(initial=-1)) + 1
     rows = np.flatnonzero(objects >= 0)
     values = None if intensity is None else check_column(intensity, len(xyz), "intensity")
@@ -77,18 +54,7 @@ def measure_profiles(
 
 
 def without_intensities(profiles: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return profiles without intensities.
-
-    Parameters
-    ----------
-    profiles : ndarray of float32, shape (objects, N_SHARES)
-        Profiles, see `measure_profiles`.
-
-    Returns
-    -------
-    ndarray of float32, shape (objects, N_SHARES)
-        The profiles with shares of intensities set to 0.
-    """
+    """Return profiles without intensities."""
     blind = profiles.copy()
     blind[:, N_BLIND:] = 0.0
     return blind
@@ -140,23 +106,7 @@ def _count(
 
 
 def profile_similarity(queries: NDArray[np.floating], objects: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the similarity of profiles: sum of minima over sum of maxima, as equation 23 for bags.
-
-    Parameters
-    ----------
-    queries, objects : ndarray of shape (q, p), (n, p)
-        Profiles, see `measure_profiles`.
-
-    Returns
-    -------
-    ndarray of float64, shape (q, n)
-        In [0, 1]; 1 for equal profiles, 0 where both are empty.
-
-    Raises
-    ------
-    DataError
-        If their numbers of columns differ.
-    """
+    """Return the similarity of profiles: sum of minima over sum of maxima, as equation 23 for bags."""
     if queries.shape[1] != objects.shape[1]:
         raise DataError(f"profiles of {queries.shape[1]} and {objects.shape[1]} shares cannot be compared")
     return np.asarray(_jaccard(np.ascontiguousarray(queries, np.float64), np.ascontiguousarray(objects, np.float64)))

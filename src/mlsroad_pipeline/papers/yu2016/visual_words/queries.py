@@ -16,57 +16,34 @@ from mlsroad_pipeline.papers.yu2016.visual_words.appearance import Appearance, a
 
 @dataclass(frozen=True)
 class DetectorParameters:
-    """Parameters of similarity, queries and thresholds.
+    """Parameters of similarity, queries and thresholds."""
 
-    Parameters
-    ----------
-    decision : {"weighted", "nearest"}, default "weighted"
-        With "nearest" an object's score is its similarity to the most similar of a few queries of the class, as in the
-        paper. With "weighted" all training objects, including those of no wanted class, may be queries, and the score
-        is their weighted vote: a support vector machine whose kernel is the similarity.
-    size_share : float, default 0.25
-        Weight of the size in the similarity of two objects, 0 to 1 (yu2016: 0). Bags contain shares of words, which do
-        not depend on the size of an object.
-    profile_share : float, default 0.5
-        Weight of the profile in the similarity, 0 to 1 (yu2016: 0). Bags do not contain the position of words on an
-        object. The remaining weight is that of bags, equation 23.
-    size_margin : float, default 1.5
-        Objects whose height above the ground or extents lie outside the range of the examples of every class by more
-        than this factor are never detected, and are no counterexamples (yu2016: 0, objects of any size). Smaller misses
-        objects unlike the examples; larger costs time.
-    penalty : float, default 10
-        C of the support vector machine. Larger fits single examples more closely.
-    folds : int, default 5
-        Folds of training scenes. Each is held out by one machine, and thresholds are chosen on the held-out scores.
-    rounds : int, default 4
-        Repetitions of the division into folds. More give more stable scores and cost training time.
-    max_others : int, default 5000
-        Largest number of counterexamples: half are the most similar to an example, half are drawn at random. Thresholds
-        are chosen on all objects. Time and memory grow with the square.
-    seed : int, default 2016
-        Seed of this sample and of the folds.
-    max_queries : int, default 12
-        Largest number of queries of a class with "nearest"; the paper states none. Cars differ in make and in the sides
-        that were scanned.
-    candidates : int, default 200
-        Largest number of training objects of a class that these queries are selected from: those with the most words.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain.
-    """
-
+    # With "nearest" an object's score is its similarity to the most similar of a few queries of the class, as in the
+    # paper. With "weighted" all training objects, including those of no wanted class, may be queries, and the score is
+    # their weighted vote: a support vector machine whose kernel is the similarity.
     decision: Literal["weighted", "nearest"] = "weighted"
+    # Weight of the size in the similarity of two objects, 0 to 1 (yu2016: 0). Bags contain shares of words, which do
+    # not depend on the size of an object.
     size_share: float = 0.25
+    # Weight of the profile in the similarity, 0 to 1 (yu2016: 0). Bags do not contain the position of words on an
+    # object. The remaining weight is that of bags, equation 23.
     profile_share: float = 0.5
+    # Objects whose height above the ground or extents lie outside the range of the examples of every class by more than
+    # this factor are never detected, and are no counterexamples (yu2016: 0, objects of any size). Smaller misses
+    # objects unlike the examples; larger costs time.
     size_margin: float = 1.5
-    penalty: float = 10.0
+    penalty: float = 10.0  # C of the support vector machine. Larger fits single examples more closely.
+    # Folds of training scenes. Each is held out by one machine, and thresholds are chosen on the held-out scores.
     folds: int = 5
-    rounds: int = 4
+    rounds: int = 4  # Repetitions of the division into folds. More give more stable scores and cost training time.
+    # Largest number of counterexamples: half are the most similar to an example, half are drawn at random. Thresholds
+    # are chosen on all objects. Time and memory grow with the square.
     max_others: int = 5000
-    seed: int = 2016
+    seed: int = 2016  # Seed of this sample and of the folds
+    # Largest number of queries of a class with "nearest"; the paper states none. Cars differ in make and in the sides
+    # that were scanned.
     max_queries: int = 12
+    # Largest number of training objects of a class that these queries are selected from: those with the most words
     candidates: int = 200
 
     def __post_init__(self) -> None:
@@ -89,65 +66,27 @@ class DetectorParameters:
             raise ParameterError(f"penalty must be above 0, got {self.penalty!r}")
 
     def similarity(self, queries: Appearance, objects: Appearance) -> NDArray[np.float64]:
-        """Return the similarity of objects to queries with these weights of sizes and profiles.
-
-        Parameters
-        ----------
-        queries, objects : Appearance
-            q queries and n objects.
-
-        Returns
-        -------
-        ndarray of float64, shape (q, n)
-            In [0, 1].
-
-        Raises
-        ------
-        DataError
-            If vocabularies or profiles differ.
-        """
+        """Return the similarity of objects to queries with these weights of sizes and profiles."""
         return appearance_similarity(queries, objects, size_share=self.size_share, profile_share=self.profile_share)
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Scores of training objects by machines trained without their scenes, for threshold selection.
+    """Scores of training objects by machines trained without their scenes, for threshold selection."""
 
-    Attributes
-    ----------
-    scores : ndarray of float64, shape (m, classes)
-        Score of each class; 0 where no machine was trained on other examples of it.
-    labels : ndarray of int, shape (m,)
-        Class of each object, -1 for others.
-    scenes : ndarray, shape (m,)
-        Scene of each.
-    """
-
-    scores: NDArray[np.float64]
-    labels: NDArray[np.integer]
-    scenes: NDArray
+    scores: NDArray[np.float64]  # Score of each class; 0 where no machine was trained on other examples of it
+    labels: NDArray[np.integer]  # Class of each object, -1 for others
+    scenes: NDArray  # Scene of each
 
 
 @dataclass(frozen=True)
 class ClassQueries:
-    """Queries and threshold of a class.
+    """Queries and threshold of a class."""
 
-    Attributes
-    ----------
-    appearance : Appearance
-        The queries.
-    weights : ndarray of float64, shape (q,)
-        Their weights; empty where the score is the similarity to the most similar query.
-    offset : float
-        Offset of the weighted sum.
-    threshold : float
-        Lowest score at which an object is detected.
-    """
-
-    appearance: Appearance
-    weights: NDArray[np.float64]
-    offset: float
-    threshold: float
+    appearance: Appearance  # The queries
+    weights: NDArray[np.float64]  # Their weights; empty where the score is the similarity to the most similar query
+    offset: float  # Offset of the weighted sum
+    threshold: float  # Lowest score at which an object is detected
 
     def to_arrays(self) -> dict[str, NDArray]:
         """Return the queries as named arrays for `from_arrays`."""
@@ -165,20 +104,7 @@ class ClassQueries:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Any], *, n_words: int) -> ClassQueries:
-        """Return the queries of arrays of `to_arrays`.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            Result of `to_arrays`; others are not used.
-        n_words : int
-            Size of the vocabulary.
-
-        Returns
-        -------
-        ClassQueries
-            The same queries.
-        """
+        """Return the queries of arrays of `to_arrays`."""
         shape = (len(arrays["indptr"]) - 1, n_words)
         bags = csr_array((arrays["data"], arrays["indices"], arrays["indptr"]), shape=shape)
         appearance = Appearance(bags, arrays["sizes"], arrays["profiles"])

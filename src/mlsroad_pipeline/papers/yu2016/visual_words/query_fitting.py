@@ -25,53 +25,20 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class TrainingObjects:
-    """Objects that queries and thresholds are fitted to.
+    """Objects that queries and thresholds are fitted to."""
 
-    Attributes
-    ----------
-    appearance : Appearance
-        Bags, sizes and profiles of n objects.
-    labels : ndarray of int, shape (n,)
-        Class of each, an index in the classes; -1 for all others.
-    n_words : ndarray of float64, shape (n,)
-        Number of words of each; objects without words are not used.
-    scenes : ndarray, shape (n,)
-        Scene of each.
-    weights : ndarray of float64, shape (n,)
-        Weight of each in threshold selection.
-    possible : ndarray of bool, shape (n,)
-        Whether each has a size that a class may have.
-    """
-
-    appearance: Appearance
-    labels: NDArray[np.integer]
-    n_words: NDArray[np.float64]
-    scenes: NDArray
-    weights: NDArray[np.float64]
-    possible: NDArray[np.bool_]
+    appearance: Appearance  # Bags, sizes and profiles of n objects
+    labels: NDArray[np.integer]  # Class of each, an index in the classes; -1 for all others
+    n_words: NDArray[np.float64]  # Number of words of each; objects without words are not used
+    scenes: NDArray  # Scene of each
+    weights: NDArray[np.float64]  # Weight of each in threshold selection
+    possible: NDArray[np.bool_]  # Whether each has a size that a class may have
 
 
 def fit_nearest(
     objects: TrainingObjects, classes: Sequence[str], parameters: DetectorParameters
 ) -> tuple[dict[str, ClassQueries], dict[str, float]]:
-    """Select few queries of each class greedily, for the decision "nearest".
-
-    Parameters
-    ----------
-    objects : TrainingObjects
-        The training objects.
-    classes : sequence of str
-        Classes to detect.
-    parameters : DetectorParameters
-        Choice of queries.
-
-    Returns
-    -------
-    queries : dict of str to ClassQueries
-        Queries and threshold of each class; none for a class without training objects, which is logged.
-    f_scores : dict of str to float
-        F-score of each class with training objects.
-    """
+    """Select few queries of each class greedily, for the decision "nearest"."""
     queries: dict[str, ClassQueries] = {}
     f_scores: dict[str, float] = {}
     for number, name in enumerate(classes):
@@ -93,31 +60,7 @@ def fit_nearest(
 def fit_weighted(
     objects: TrainingObjects, classes: Sequence[str], parameters: DetectorParameters
 ) -> tuple[dict[str, ClassQueries], dict[str, float], HeldOut]:
-    """Train the weighted vote of each class, and choose thresholds on held-out scores, for the decision "weighted".
-
-    Parameters
-    ----------
-    objects : TrainingObjects
-        The training objects.
-    classes : sequence of str
-        Classes to detect.
-    parameters : DetectorParameters
-        Support vector machines, folds and counterexamples.
-
-    Returns
-    -------
-    queries : dict of str to ClassQueries
-        Queries and threshold of each class; none for a class without training objects, which is logged.
-    f_scores : dict of str to float
-        F-score of each class with training objects, on held-out scores.
-    held_out : HeldOut
-        The held-out scores.
-
-    Raises
-    ------
-    DataError
-        If all training objects are of one class.
-    """
+    """Train the weighted vote of each class, and choose thresholds on held-out scores, for the decision "weighted"."""
     p = parameters
     wanted, others = _candidates(objects)
     every = np.sort(np.concatenate([wanted, others]))

@@ -20,22 +20,7 @@ _REACH = 1.5  # radius around an object whose cells give its ground, cells
 
 
 def measure_sizes(xyz: NDArray[np.floating], objects: NDArray[np.integer]) -> NDArray[np.float32]:
-    """Measure the objects of a scene.
-
-    Parameters
-    ----------
-    xyz : ndarray of shape (n, 3)
-        All points of the scene, including the ground, metres, z up.
-    objects : ndarray of int, shape (n,)
-        Object of each point, 0, 1, ...; -1 for none. The lowest points of -1 around an object are its ground; where
-        there are none, its own lowest point is.
-
-    Returns
-    -------
-    ndarray of float32, shape (objects, 4)
-        `SIZES`: heights of the 1st and the 99th percentile of an object's points above its ground, and the extents
-        between these percentiles along its longer horizontal axis and across.
-    """
+    """Measure the objects of a scene."""
     n = int(objects.max(initial=-1)) + 1
     sizes = np.zeros((n, len(SIZES)), dtype=np.float32)
     rows = np.flatnonzero(objects >= 0)
@@ -76,23 +61,7 @@ def _ground_around(
 
 
 def size_similarity(queries: NDArray[np.floating], objects: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the similarity of sizes: minimum over maximum, as equations 14 and 15 for orientations and scales.
-
-    Parameters
-    ----------
-    queries, objects : ndarray of shape (q, 4), (n, 4)
-        Sizes, see `measure_sizes`.
-
-    Returns
-    -------
-    ndarray of float64, shape (q, n)
-        Square root of the product over the four sizes, in (0, 1]; 1 for equal sizes.
-
-    Raises
-    ------
-    DataError
-        If a table has not four columns.
-    """
+    """Return the similarity of sizes: minimum over maximum, as equations 14 and 15 for orientations and scales."""
     if queries.shape[1:] != (len(SIZES),) or objects.shape[1:] != (len(SIZES),):
         raise DataError(f"sizes need {len(SIZES)} columns, got {queries.shape} and {objects.shape}")
     like = np.ones((len(queries), len(objects)))
@@ -104,20 +73,7 @@ def size_similarity(queries: NDArray[np.floating], objects: NDArray[np.floating]
 
 
 def within_sizes(sizes: NDArray[np.floating], examples: NDArray[np.floating], margin: float) -> NDArray[np.bool_]:
-    """Return which objects have a size in the range of the examples of a class.
-
-    Parameters
-    ----------
-    sizes, examples : ndarray of shape (n, 4), (e, 4)
-        Sizes of the objects and of the examples of a class, see `measure_sizes`.
-    margin : float
-        Factor by which each size may be below the least or above the greatest of the examples.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        True where all four sizes are in the range.
-    """
+    """Return which objects have a size in the range of the examples of a class."""
     if len(examples) == 0:
         return np.zeros(len(sizes), np.bool_)
     own, known = sizes + _SLACK, examples + _SLACK
@@ -126,40 +82,14 @@ def within_sizes(sizes: NDArray[np.floating], examples: NDArray[np.floating], ma
 
 
 def size_range(sizes: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return minimum and maximum of each size, as examples for `within_sizes`.
-
-    Parameters
-    ----------
-    sizes : ndarray of float32, shape (n, 4)
-        Sizes, see `measure_sizes`.
-
-    Returns
-    -------
-    ndarray of float32, shape (2, 4)
-        Minimum and maximum; no rows where there are no objects.
-    """
+    """Return minimum and maximum of each size, as examples for `within_sizes`."""
     return np.stack([sizes.min(axis=0), sizes.max(axis=0)]) if len(sizes) else sizes
 
 
 def within_any_sizes(
     sizes: NDArray[np.floating], examples: Sequence[NDArray[np.floating]], margin: float
 ) -> NDArray[np.bool_]:
-    """Return which objects have a size in the range of the examples of any class.
-
-    Parameters
-    ----------
-    sizes : ndarray of shape (n, 4)
-        Sizes of the objects, see `measure_sizes`.
-    examples : sequence of ndarray of shape (e, 4)
-        Sizes of the examples of each class.
-    margin : float
-        See `within_sizes`; 0 accepts all.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        True where `within_sizes` is true for a class.
-    """
+    """Return which objects have a size in the range of the examples of any class."""
     if margin == 0:
         return np.ones(len(sizes), np.bool_)
     return np.asarray(np.any([within_sizes(sizes, known, margin) for known in examples], axis=0))

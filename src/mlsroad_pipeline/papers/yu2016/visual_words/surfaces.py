@@ -21,23 +21,7 @@ _PLANE = 0.3, 0.8  # least vertical component of the normal of an inclined plane
 def surface_kinds(
     places: NDArray[np.float64], cells: NDArray[np.int64], starts: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Classify the local shape around each voxel from the voxels of its object.
-
-    Parameters
-    ----------
-    places : ndarray of float64, shape (v, 3)
-        Centroids of the voxels, metres, z up, object by object.
-    cells : ndarray of int64, shape (v, 3)
-        Their cells (z, y, x), within an object in lexicographic order.
-    starts : ndarray of int64, shape (objects + 1,)
-        First voxel of each object, and their number.
-
-    Returns
-    -------
-    ndarray of int64, shape (v,)
-        0 to 2 where the voxels of the 5 x 5 x 5 cells around are mainly linear, 3 to 5 where they are planar, 6 where
-        they are volumetric (equations 5 to 7 of Yu et al. 2016), 7 where there are fewer than four.
-    """
+    """Classify the local shape around each voxel from the voxels of its object."""
     scatter, counts = _scatter(places, cells, starts)
     values, normals, directions = (np.empty((3, len(places))) for _ in range(3))
     solve_symmetric(scatter, len(places), values, normals, directions)

@@ -37,27 +37,15 @@ from mlsroad_pipeline.papers.yu2016.visual_words.vocabulary import Vocabulary, V
 
 @dataclass(frozen=True)
 class VisualWordsParameters:
-    """All parameters of the method.
+    """All parameters of the method."""
 
-    Parameters
-    ----------
-    regions : RegionParameters or mapping
-        Supervoxels and neighbourhoods of the feature regions.
-    k : int, default 2
-        Neighbours in a contextual group (yu2016: 2).
-    vocabulary : VocabularyParameters or mapping
-        Clustering of groups into words.
-    detector : DetectorParameters or mapping
-        Choice of queries.
-    without_intensity : bool, default True
-        Whether a second vocabulary and detector are trained without intensity, for surveys that have none. False
-        halves the training time.
-    """
-
+    # Supervoxels and neighbourhoods of the feature regions
     regions: RegionParameters = field(default_factory=RegionParameters)
-    k: int = 2
-    vocabulary: VocabularyParameters = field(default_factory=VocabularyParameters)
-    detector: DetectorParameters = field(default_factory=DetectorParameters)
+    k: int = 2  # Neighbours in a contextual group (yu2016: 2)
+    vocabulary: VocabularyParameters = field(default_factory=VocabularyParameters)  # Clustering of groups into words
+    detector: DetectorParameters = field(default_factory=DetectorParameters)  # Choice of queries
+    # Whether a second vocabulary and detector are trained without intensity, for surveys that have none. False halves
+    # the training time.
     without_intensity: bool = True
 
     def __post_init__(self) -> None:
@@ -81,40 +69,7 @@ def train_detector(
     slug: str = SLUG,
     n_threads: int = 1,
 ) -> ModelBundle:
-    """Train vocabulary, queries and thresholds.
-
-    Parameters
-    ----------
-    groups : mapping of str to Description
-        Objects of each training scene, see `describe_objects`.
-    labels : mapping of str to ObjectClasses
-        Classes of the objects of each of them.
-    parameters : VisualWordsParameters
-        Parameters of the method.
-    stages : DetectionStages
-        Preparation of the scenes.
-    detection : DetectionParameters
-        The wanted classes.
-    scheme : ClassScheme
-        The classes.
-    trained_on : mapping
-        Description of the training data for the metadata; JSON values.
-    slug : str, default "visual_words"
-        The method's slug.
-    n_threads : int, default 1
-        Threads; the model does not depend on it.
-
-    Returns
-    -------
-    ModelBundle
-        The model: vocabulary and detector with intensity, where all scenes have it, and without, where
-        `without_intensity` is set or a scene has none.
-
-    Raises
-    ------
-    DataError
-        If there are no training scenes, they have no objects, or a wanted class has none.
-    """
+    """Train vocabulary, queries and thresholds."""
     keys = training_keys(labels)
     intensity = all(bool(groups[key]["intensity"]) for key in keys)
     variants = [WITH_INTENSITY] if intensity else []
@@ -139,30 +94,14 @@ train_printed_detector = partial(train_detector, slug=PRINTED_SLUG)
 
 
 class WordObjects(NamedTuple):
-    """Training objects in words of a vocabulary.
+    """Training objects in words of a vocabulary."""
 
-    Attributes
-    ----------
-    counts : csr_array of shape (n, v)
-        Words of the objects.
-    labels : ndarray of int, shape (n,)
-        Class of each, an index in the wanted classes; -1 for all others.
-    sizes : ndarray of float32, shape (n, 4)
-        Sizes, see `measure_sizes`.
-    profiles : ndarray of float32, shape (n, p)
-        Profiles, see `measure_profiles`.
-    scenes : ndarray of int64, shape (n,)
-        Scene of each, an index.
-    weights : ndarray of float64, shape (n,)
-        Weight of each object in threshold selection, see `training_weights`.
-    """
-
-    counts: csr_array
-    labels: NDArray[np.integer]
-    sizes: NDArray[np.float32]
-    profiles: NDArray[np.float32]
-    scenes: NDArray[np.int64]
-    weights: NDArray[np.float64]
+    counts: csr_array  # Words of the objects
+    labels: NDArray[np.integer]  # Class of each, an index in the wanted classes; -1 for all others
+    sizes: NDArray[np.float32]  # Sizes, see `measure_sizes`
+    profiles: NDArray[np.float32]  # Profiles, see `measure_profiles`
+    scenes: NDArray[np.int64]  # Scene of each, an index
+    weights: NDArray[np.float64]  # Weight of each object in threshold selection, see `training_weights`
 
 
 def train_variant(
@@ -174,30 +113,7 @@ def train_variant(
     detection: DetectionParameters,
     n_threads: int = 1,
 ) -> tuple[Vocabulary, VisualWordsDetector]:
-    """Train one variant on the objects that the training scenes own.
-
-    Parameters
-    ----------
-    groups : sequence of Description
-        Objects of each scene, see `describe_objects`.
-    labels : sequence of ObjectClasses
-        Classes of the objects of each scene.
-    intensity : bool
-        Whether to use intensity.
-    parameters : VisualWordsParameters
-        Parameters.
-    detection : DetectionParameters
-        The wanted classes.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    vocabulary : Vocabulary
-        The words.
-    detector : VisualWordsDetector
-        The detector; scenes of its `held_out_` are indices in `labels`.
-    """
+    """Train one variant on the objects that the training scenes own."""
     vocabulary, objects = make_words(
         groups, labels, intensity=intensity, parameters=parameters, detection=detection, n_threads=n_threads
     )
@@ -220,18 +136,6 @@ def make_words(
     """Build the vocabulary of the training scenes, and count its words in the objects that they own.
 
     Objects whose size no wanted class has are left out.
-
-    Parameters
-    ----------
-    groups, labels, intensity, parameters, detection, n_threads
-        See `train_variant`.
-
-    Returns
-    -------
-    vocabulary : Vocabulary
-        The words.
-    objects : WordObjects
-        The objects.
     """
     own = np.concatenate([classes["own"] for classes in labels])
     label = np.concatenate([classes["label"] for classes in labels])

@@ -24,43 +24,21 @@ from mlsroad_pipeline.papers.yu2016.visual_words.groups import ContextualGroups
 
 @dataclass(frozen=True)
 class VocabularyParameters:
-    """Parameters of the vocabulary.
+    """Parameters of the vocabulary."""
 
-    Parameters
-    ----------
-    n_words : int or None, default None
-        Number of words. None gives one per `groups_per_word` groups, at most 120,000, the paper's number for 40 samples
-        of 50 m. More words separate objects more finely, until words no longer recur.
-    groups_per_word : float, default 50
-        Mean number of groups per word, where `n_words` is None.
-    matrix : int, default 500
-        Largest cluster with a full distance matrix. Larger follows equation 18 more closely; memory and time grow with
-        the square.
-    branches : int, default 16
-        Number of parts that a larger cluster is divided into at once.
-    stop_scenes : float, default 0.95
-        Words that occur in at least this share of the scenes are candidates for the stop list.
-    stop_share : float, default 0.005
-        Largest share of all words on the stop list, the most frequent candidates first. 0 stops none.
-    floor : float, default 0.05
-        Least value of the context factor, see `nearest_words`.
-    seed : int, default 2016
-        Seed of the samples and the initial centres.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain.
-    """
-
+    # Number of words. None gives one per `groups_per_word` groups, at most 120,000, the paper's number for 40 samples
+    # of 50 m. More words separate objects more finely, until words no longer recur.
     n_words: int | None = None
-    groups_per_word: float = 50.0
+    groups_per_word: float = 50.0  # Mean number of groups per word, where `n_words` is None
+    # Largest cluster with a full distance matrix. Larger follows equation 18 more closely; memory and time grow with
+    # the square.
     matrix: int = 500
-    branches: int = 16
-    stop_scenes: float = 0.95
+    branches: int = 16  # Number of parts that a larger cluster is divided into at once
+    stop_scenes: float = 0.95  # Words that occur in at least this share of the scenes are candidates for the stop list
+    # Largest share of all words on the stop list, the most frequent candidates first. 0 stops none.
     stop_share: float = 0.005
-    floor: float = CONTEXT_FLOOR
-    seed: int = 2016
+    floor: float = CONTEXT_FLOOR  # Least value of the context factor, see `nearest_words`
+    seed: int = 2016  # Seed of the samples and the initial centres
 
     def __post_init__(self) -> None:
         if self.n_words is not None:
@@ -81,24 +59,12 @@ MAX_WORDS = 120_000
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """Words and the distance to them.
+    """Words and the distance to them."""
 
-    Attributes
-    ----------
-    words : ContextualGroups
-        The words.
-    inverse : ndarray of float64, shape (20, 20)
-        Inverse covariance over all training features (equation 16).
-    stopped : ndarray of bool, shape (v,)
-        Words of the stop list, which bags exclude.
-    floor : float
-        Least context factor.
-    """
-
-    words: ContextualGroups
-    inverse: NDArray[np.float64]
-    stopped: NDArray[np.bool_]
-    floor: float
+    words: ContextualGroups  # The words
+    inverse: NDArray[np.float64]  # Inverse covariance over all training features (equation 16)
+    stopped: NDArray[np.bool_]  # Words of the stop list, which bags exclude
+    floor: float  # Least context factor
 
     def __len__(self) -> int:
         """Return the number of words."""
@@ -110,25 +76,7 @@ class Vocabulary:
         return WordIndex(self.words, self.inverse, self.floor)
 
     def quantise(self, groups: ContextualGroups, *, n_threads: int = 1) -> NDArray[np.int32]:
-        """Return the nearest word of each group.
-
-        Parameters
-        ----------
-        groups : ContextualGroups
-            Groups of the size of the words.
-        n_threads : int, default 1
-            Threads; the result does not depend on it.
-
-        Returns
-        -------
-        ndarray of int32, shape (n,)
-            Words.
-
-        Raises
-        ------
-        DataError
-            If groups and words differ in size.
-        """
+        """Return the nearest word of each group."""
         return self.index.search(groups, n_threads=n_threads)[0]
 
 
@@ -139,31 +87,7 @@ def build_vocabulary(
     parameters: VocabularyParameters = VocabularyParameters(),
     n_threads: int = 1,
 ) -> tuple[Vocabulary, NDArray[np.int32]]:
-    """Cluster training groups into words.
-
-    Parameters
-    ----------
-    groups : ContextualGroups
-        Groups of all training scenes, at least one.
-    scenes : array-like of shape (n,), integer
-        Scene of each group, for the stop list.
-    parameters : VocabularyParameters
-        Numbers of words, and the stop list.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    vocabulary : Vocabulary
-        At most as many words as there are groups.
-    words : ndarray of int32, shape (n,)
-        The nearest word of each training group.
-
-    Raises
-    ------
-    DataError
-        If there are no groups, or not one scene per group.
-    """
+    """Cluster training groups into words."""
     if len(groups) == 0:
         raise DataError("no groups to make words of: the training scenes have no objects")
     of_scene = check_column(scenes, len(groups), "scenes")
@@ -182,24 +106,7 @@ def build_vocabulary(
 def stop_list(
     words: NDArray[np.integer], scenes: NDArray, n_words: int, parameters: VocabularyParameters
 ) -> NDArray[np.bool_]:
-    """Return the stop list: the most frequent words that occur in almost all scenes.
-
-    Parameters
-    ----------
-    words : ndarray of int, shape (n,)
-        Word of each training group.
-    scenes : ndarray of int, shape (n,)
-        Its scene.
-    n_words : int
-        Number of words.
-    parameters : VocabularyParameters
-        `stop_scenes` and `stop_share`.
-
-    Returns
-    -------
-    ndarray of bool, shape (n_words,)
-        True for stopped words.
-    """
+    """Return the stop list: the most frequent words that occur in almost all scenes."""
     names, of_scene = np.unique(scenes, return_inverse=True)
     pairs = np.unique(words.astype(np.int64) * len(names) + of_scene)
     spread = np.bincount(pairs // len(names), minlength=n_words) / len(names)

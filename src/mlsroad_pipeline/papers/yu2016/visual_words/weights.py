@@ -14,60 +14,20 @@ _CHUNK = 4096  # objects compared with the training objects at once
 
 
 class Weights(NamedTuple):
-    """Weights of the similarities to training objects.
+    """Weights of the similarities to training objects."""
 
-    Parameters
-    ----------
-    chosen : ndarray of int64, shape (q,)
-        Indices of the queries among the training objects.
-    values : ndarray of float64, shape (q,)
-        Their weights; negative for counterexamples.
-    offset : float
-        Offset of the weighted sum.
-    """
-
-    chosen: NDArray[np.int64]
-    values: NDArray[np.float64]
-    offset: float
+    chosen: NDArray[np.int64]  # Indices of the queries among the training objects
+    values: NDArray[np.float64]  # Their weights; negative for counterexamples
+    offset: float  # Offset of the weighted sum
 
 
 def weigh(similarities: NDArray[np.float64], weights: NDArray[np.float64], offset: float) -> NDArray[np.float64]:
-    """Return the score of objects: the logistic function of the weighted sum of their similarities to queries.
-
-    Parameters
-    ----------
-    similarities : ndarray of float64, shape (q, n)
-        Similarity of each object to each query.
-    weights : ndarray of float64, shape (q,)
-        Weights of the queries.
-    offset : float
-        Offset of the weighted sum.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        In (0, 1).
-    """
+    """Return the score of objects: the logistic function of the weighted sum of their similarities to queries."""
     return np.asarray(expit(weights @ similarities + offset), dtype=np.float64)
 
 
 def learn_weights(similarities: NDArray[np.float64], truth: NDArray[np.bool_], penalty: float) -> Weights:
-    """Fit a support vector machine; its support vectors are the queries.
-
-    Parameters
-    ----------
-    similarities : ndarray of float64, shape (n, n)
-        Similarity of the training objects to each other.
-    truth : ndarray of bool, shape (n,)
-        Whether each is of the class; both values occur.
-    penalty : float
-        C of the support vector machine.
-
-    Returns
-    -------
-    Weights
-        Support vectors and their coefficients.
-    """
+    """Fit a support vector machine; its support vectors are the queries."""
     from sklearn.svm import SVC  # noqa: PLC0415  not needed for detection
 
     machine = SVC(C=penalty, kernel="precomputed").fit(similarities, truth)
@@ -78,22 +38,13 @@ def learn_weights(similarities: NDArray[np.float64], truth: NDArray[np.bool_], p
 
 @dataclass(frozen=True)
 class Committee:
-    """Support vector machines of a class, each trained without one fold of the scenes.
+    """Support vector machines of a class, each trained without one fold of the scenes."""
 
-    Attributes
-    ----------
-    weights : ndarray of float64, shape (rounds, folds, n)
-        Weight of each training object in each machine. All 0 where there is no machine because the other folds contain
-        no object of the class or no other object.
-    offsets : ndarray of float64, shape (rounds, folds)
-        Offsets of the weighted sums.
-    present : ndarray of bool, shape (rounds, folds)
-        Whether there is a machine.
-    """
-
+    # Weight of each training object in each machine. All 0 where there is no machine because the other folds contain no
+    # object of the class or no other object.
     weights: NDArray[np.float64]
-    offsets: NDArray[np.float64]
-    present: NDArray[np.bool_]
+    offsets: NDArray[np.float64]  # Offsets of the weighted sums
+    present: NDArray[np.bool_]  # Whether there is a machine
 
     def mean(self) -> Weights | None:
         """Return the mean of the machines; None where there is none."""
@@ -107,24 +58,7 @@ class Committee:
 def train_committee(
     similarities: NDArray[np.float64], truth: NDArray[np.bool_], folds: NDArray[np.integer], *, penalty: float
 ) -> Committee:
-    """Fit one machine per fold of each round to all other folds.
-
-    Parameters
-    ----------
-    similarities : ndarray of float64, shape (n, n)
-        Similarity of the training objects to each other.
-    truth : ndarray of bool, shape (n,)
-        Whether each is of the class.
-    folds : ndarray of int, shape (rounds, n)
-        Fold of each object in each round.
-    penalty : float
-        See `learn_weights`.
-
-    Returns
-    -------
-    Committee
-        The machines.
-    """
+    """Fit one machine per fold of each round to all other folds."""
     n_rounds, n_folds = len(folds), int(folds.max(initial=-1)) + 1
     weights, offsets = np.zeros((n_rounds, n_folds, len(truth))), np.zeros((n_rounds, n_folds))
     present = np.zeros((n_rounds, n_folds), np.bool_)
@@ -143,22 +77,7 @@ def held_out_scores(
     across: Callable[[NDArray[np.int64]], NDArray[np.float64]],
     folds: NDArray[np.integer],
 ) -> NDArray[np.float64]:
-    """Score objects by the machines that were trained without their scenes.
-
-    Parameters
-    ----------
-    committees : sequence of Committee
-        The machines of each class.
-    across : callable
-        Returns the similarity of all training objects to some objects, shape (training objects, objects).
-    folds : ndarray of int, shape (rounds, m)
-        Fold of each object in each round.
-
-    Returns
-    -------
-    ndarray of float64, shape (m, classes)
-        Logistic function of the mean over rounds; 0 where no round has a machine for the fold of the object.
-    """
+    """Score objects by the machines that were trained without their scenes."""
     scores = np.zeros((folds.shape[1], len(committees)))
     for start in range(0, folds.shape[1], _CHUNK):
         rows = np.arange(start, min(start + _CHUNK, folds.shape[1]))
@@ -175,22 +94,7 @@ def held_out_scores(
 
 
 def assign_folds(scenes: NDArray, n_folds: int, seed: int) -> NDArray[np.int64]:
-    """Divide scenes into random folds.
-
-    Parameters
-    ----------
-    scenes : ndarray of shape (n,)
-        Scene of each training object.
-    n_folds : int
-        Largest number of folds.
-    seed : int
-        Seed of the division.
-
-    Returns
-    -------
-    ndarray of int64, shape (n,)
-        Fold of each object; objects of one scene are in one fold.
-    """
+    """Divide scenes into random folds."""
     names, of_scene = np.unique(scenes, return_inverse=True)
     order = np.random.default_rng(seed).permutation(len(names))
     place = np.empty(len(names), np.int64)

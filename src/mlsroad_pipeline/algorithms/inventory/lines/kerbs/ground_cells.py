@@ -21,41 +21,15 @@ _BAND = 0.05  # metres above the lowest point of a cell: the foot of a kerb, not
 
 @dataclass(frozen=True)
 class GroundCells:
-    """Occupied cells of the ground of a scene.
+    """Occupied cells of the ground of a scene."""
 
-    Parameters
-    ----------
-    xyz : ndarray of float64, shape (m, 3)
-        Mean of the points up to 5 cm above the lowest of each cell, metres.
-    points : CellGrid
-        The points, sorted into the cells.
-    blocks : CellGrid
-        The cells, sorted into squares of `BLOCK`.
-    """
-
-    xyz: NDArray[np.float64]
-    points: CellGrid
-    blocks: CellGrid
+    xyz: NDArray[np.float64]  # Mean of the points up to 5 cm above the lowest of each cell, metres
+    points: CellGrid  # The points, sorted into the cells
+    blocks: CellGrid  # The cells, sorted into squares of `BLOCK`
 
 
 def ground_cells(xyz: NDArray[np.floating]) -> GroundCells:
-    """Return the cells of the ground.
-
-    Parameters
-    ----------
-    xyz : ndarray, shape (n, 3)
-        Points of the ground, at least one, metres.
-
-    Returns
-    -------
-    GroundCells
-        The occupied cells.
-
-    Raises
-    ------
-    DataError
-        If there is no point, or the extent is too large for cells of this size.
-    """
+    """Return the cells of the ground."""
     flat = np.array(xyz, dtype=np.float64)
     flat[:, 2] = 0.0
     (points,) = build_cell_grids(flat, cell_size=CELL)

@@ -51,28 +51,6 @@ def kerb_steps(
 
     Points of other classes than ground, and points far from the ground, are left out: wheels, hedges and the feet of
     walls are no kerbs.
-
-    Parameters
-    ----------
-    xyz : ndarray, shape (n, 3)
-        Coordinates relative to `origin`, metres.
-    height : ndarray, shape (n,)
-        Height above the ground, metres; NaN where it is not known.
-    labels : ndarray of int, shape (n,)
-        Classes; -1 for none.
-    is_ground : ndarray of bool, shape (classes,)
-        Which classes are ground, see `ground_classes`. Points without a class count as ground.
-    core : ndarray of bool, shape (n,)
-        Whether a point belongs to the scene; the others are its buffer.
-    origin : ndarray of float64, shape (3,)
-        World coordinates of the zero of `xyz`.
-    limits : StepLimits, optional
-        Limits of a step.
-
-    Returns
-    -------
-    DataFrame
-        Columns `STEP_COLUMNS`, float64; empty without a known ground.
     """
     near = (height > _BAND[0]) & (height < _BAND[1])  # false where the height is NaN
     near &= np.append(is_ground, True)[labels]
@@ -90,23 +68,7 @@ def kerb_steps(
 def join_kerbs(
     scenes: Sequence[pd.DataFrame], trajectory: Trajectory | None = None, *, least_length: float = LEAST_LENGTH
 ) -> pd.DataFrame:
-    """Return the kerbs of a drive as lines.
-
-    Parameters
-    ----------
-    scenes : sequence of DataFrame
-        Steps of each scene, of `kerb_steps`.
-    trajectory : Trajectory, optional
-        Trajectory that gives the stations.
-    least_length : float, default 2
-        Shorter lines are left out, metres. Smaller keeps short pieces, of which more are wrong.
-
-    Returns
-    -------
-    DataFrame
-        Columns `LINE_FIELDS`, sorted by station, else by place; `line_id` counts from 1. The upper side is on the left
-        of each line.
-    """
+    """Return the kerbs of a drive as lines."""
     filled = [table for table in scenes if len(table)]
     if not filled:
         return line_table([])

@@ -15,30 +15,16 @@ from mlsroad_pipeline.algorithms.inventory.lines.kerbs.step_kernels import fit_s
 
 @dataclass(frozen=True)
 class StepLimits:
-    """Limits of a kerb's step.
+    """Limits of a kerb's step."""
 
-    Parameters
-    ----------
-    least_height, most_height : float
-        Height of the step, metres. A smaller least height finds dropped kerbs and the edges of grass, too.
-    roughness : float
-        Largest root mean square distance from the two planes, metres. Larger accepts grass and rough edges.
-    relative_roughness : float
-        The same as a share of the height; the larger of both counts.
-    slope : float
-        Largest slope of the ground on both sides.
-
-    Raises
-    ------
-    ParameterError
-        If a limit is not positive, or the heights are not in order.
-    """
-
+    # Height of the step, metres. A smaller least height finds dropped kerbs and the edges of grass, too.
     least_height: float = 0.05
+    # Height of the step, metres. A smaller least height finds dropped kerbs and the edges of grass, too.
     most_height: float = 0.3
+    # Largest root mean square distance from the two planes, metres. Larger accepts grass and rough edges.
     roughness: float = 0.02
-    relative_roughness: float = 0.25
-    slope: float = 0.2
+    relative_roughness: float = 0.25  # The same as a share of the height; the larger of both counts
+    slope: float = 0.2  # Largest slope of the ground on both sides
 
     def __post_init__(self) -> None:
         for name in ("least_height", "most_height", "roughness", "relative_roughness", "slope"):
@@ -49,26 +35,13 @@ class StepLimits:
 
 @dataclass(frozen=True)
 class Steps:
-    """Steps in the ground, one for each cell on an edge.
+    """Steps in the ground, one for each cell on an edge."""
 
-    Parameters
-    ----------
-    xyz : ndarray of float64, shape (n, 3)
-        Place on the edge and height of the ground at its foot, metres.
-    upward : ndarray of float64, shape (n, 2)
-        Unit vectors in plan across the edge, towards the upper side.
-    height : ndarray of float64, shape (n,)
-        Height of the step, metres.
-    roughness : ndarray of float64, shape (n,)
-        Root mean square distance from the planes, metres.
-    cell : ndarray of int64, shape (n,)
-        Row of the step's cell in `GroundCells`; empty for steps of several scenes.
-    """
-
-    xyz: NDArray[np.float64]
-    upward: NDArray[np.float64]
-    height: NDArray[np.float64]
-    roughness: NDArray[np.float64]
+    xyz: NDArray[np.float64]  # Place on the edge and height of the ground at its foot, metres
+    upward: NDArray[np.float64]  # Unit vectors in plan across the edge, towards the upper side
+    height: NDArray[np.float64]  # Height of the step, metres
+    roughness: NDArray[np.float64]  # Root mean square distance from the planes, metres
+    # Row of the step's cell in `GroundCells`; empty for steps of several scenes
     cell: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
@@ -79,22 +52,6 @@ def find_steps(
 
     Around each cell with a difference in height, a plane with a jump along a line is fitted by least squares, twice
     without the cells far from it. The line goes through the cell; of several directions the smallest residual counts.
-
-    Parameters
-    ----------
-    cells : GroundCells
-        Cells of the ground.
-    xyz : ndarray, shape (n, 3)
-        The points of the cells, metres; they place the edge within a centimetre.
-    limits : StepLimits
-        Limits of a step.
-    wanted : ndarray of bool, shape (m,), optional
-        Cells whose steps are wanted; None is all.
-
-    Returns
-    -------
-    Steps
-        One for each cell on an edge.
     """
     blocks, points = cells.blocks, cells.points
     fits = fit_steps(

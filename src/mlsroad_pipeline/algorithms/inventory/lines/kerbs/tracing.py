@@ -23,18 +23,6 @@ def trace_lines(steps: Steps, *, least_length: float) -> list[NDArray[np.float64
 
     From the clearest step on, a line is continued in both directions to the mean of the steps ahead whose edges run the
     same way.
-
-    Parameters
-    ----------
-    steps : Steps
-        The steps.
-    least_length : float
-        Shorter lines are left out, metres.
-
-    Returns
-    -------
-    list of ndarray of float64, shape (k, 4)
-        Vertices of each line: x, y, height of the foot, height of the step, metres.
     """
     if len(steps.height) == 0:
         return []

@@ -31,25 +31,7 @@ X, Y, Z, LEVEL, BRIGHTNESS, DEVIATION, CORE = range(7)
 def road_cells(
     xyz: NDArray[np.floating], intensity: NDArray[np.floating], core: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """Return the cells of the road with points of one scanner, and their brightness.
-
-    Parameters
-    ----------
-    xyz : ndarray, shape (n, 3)
-        Points of the road, metres.
-    intensity : ndarray, shape (n,)
-        Finite intensity, any unit.
-    core : ndarray of bool, shape (n,)
-        Whether a point belongs to the scene.
-
-    Returns
-    -------
-    ndarray of float64, shape (m, 7)
-        Mean x, y and z of each occupied cell of `CELL` metres; its mean intensity; its brightness, the difference to
-        the median around in standard deviations, from `LOWEST` to `HIGHEST`; the standard deviation; the share of its
-        points in the core. Median and deviation come from the 30th and the 60th percentile. Cells with too few others
-        around are left out.
-    """
+    """Return the cells of the road with points of one scanner, and their brightness."""
     if len(xyz) == 0:
         return np.zeros((0, 7))
     points = np.column_stack([xyz, intensity, core])

@@ -17,20 +17,6 @@ def beyond_kerb(
 
     Kerbs between a place and the nearest position of the path are counted, upward ones less downward ones: the second
     carriageway behind a median is on the level of the first.
-
-    Parameters
-    ----------
-    places : ndarray of float64, shape (n, 3)
-        World coordinates, metres.
-    kerbs : sequence of ndarray of float64, shape (k, 3)
-        Vertices of kerbs, their upper side on the left.
-    trajectory : Trajectory
-        The path.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        Whether more kerbs lead up than down.
     """
     if len(places) == 0 or not kerbs:
         return np.zeros(len(places), dtype=bool)

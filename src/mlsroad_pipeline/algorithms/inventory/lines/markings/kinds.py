@@ -38,30 +38,14 @@ _CROWD, _BESIDE = 3, 2.0  # least number of other short lines, largest distance 
 
 @dataclass
 class Marking:
-    """A marking.
+    """A marking."""
 
-    Parameters
-    ----------
-    vertices : ndarray of float64, shape (k, 3)
-        The middle line, world coordinates, metres.
-    width : float
-        Width of a line; of a crossing the length of its bars, metres.
-    contrast : float
-        Median difference to the road on both sides, standard deviations.
-    score : float
-        Probability that it is a marking.
-    kind : str
-        One of the kinds.
-    pattern : str
-        `SOLID` or `DASHED` for lane lines, empty for others.
-    """
-
-    vertices: NDArray[np.float64]
-    width: float
-    contrast: float
-    score: float
-    kind: str = OTHER
-    pattern: str = ""
+    vertices: NDArray[np.float64]  # The middle line, world coordinates, metres
+    width: float  # Width of a line; of a crossing the length of its bars, metres
+    contrast: float  # Median difference to the road on both sides, standard deviations
+    score: float  # Probability that it is a marking
+    kind: str = OTHER  # One of the kinds
+    pattern: str = ""  # `SOLID` or `DASHED` for lane lines, empty for others
 
     @property
     def length(self) -> float:
@@ -83,22 +67,7 @@ class Marking:
 def markings_of(
     lines: list[NDArray[np.float64]], trajectory: Trajectory | None, kerbs: Sequence[NDArray[np.float64]] = ()
 ) -> list[Marking]:
-    """Return the markings that traced lines are.
-
-    Parameters
-    ----------
-    lines : list of ndarray of float64, shape (k, 6)
-        Lines of `trace_markings`.
-    trajectory : Trajectory or None
-        Trajectory of the vehicle; without one, only other lines show the direction of the road.
-    kerbs : sequence of ndarray of float64, shape (k, 3)
-        Kerbs, their upper side on the left. Lines beyond one of them need a score of at least 0.9.
-
-    Returns
-    -------
-    list of Marking
-        Crossings in place of their bars, and the other lines with their kinds.
-    """
+    """Return the markings that traced lines are."""
     medians = [np.median(line[:, 3:5], axis=0).tolist() for line in lines]
     traced = [
         Marking(line[:, :3], w, contrast, _score(line)) for line, (w, contrast) in zip(lines, medians, strict=True)

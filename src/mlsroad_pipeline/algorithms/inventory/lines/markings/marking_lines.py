@@ -52,35 +52,7 @@ def marking_stripes(
     origin: NDArray[np.float64],
     least_contrast: float = LEAST_CONTRAST,
 ) -> pd.DataFrame:
-    """Return the bright stripes of the road in the core of a scene.
-
-    Parameters
-    ----------
-    xyz : ndarray, shape (n, 3)
-        Coordinates relative to `origin`, metres.
-    height : ndarray, shape (n,)
-        Height above the ground, metres; NaN where it is not known.
-    labels : ndarray of int, shape (n,)
-        Classes; -1 for none.
-    intensity : ndarray, shape (n,)
-        Intensity, any unit; points without one (NaN) are left out.
-    scanner_pass : ndarray of int, shape (n,)
-        Scanner and passage of each point; each is searched alone, since intensity depends on range and incidence.
-    is_paved : ndarray of bool, shape (classes,)
-        Which classes are paved, see `paved_classes`. Points without a class count as paved.
-    core : ndarray of bool, shape (n,)
-        Whether a point belongs to the scene; the others are its buffer.
-    origin : ndarray of float64, shape (3,)
-        World coordinates of the zero of `xyz`.
-    least_contrast : float, default 2.0
-        Least difference to the road on both sides, standard deviations of the road. Smaller finds worn paint, and more
-        that is none.
-
-    Returns
-    -------
-    DataFrame
-        Columns `STRIPE_COLUMNS`, float64; empty without a known ground.
-    """
+    """Return the bright stripes of the road in the core of a scene."""
     road = (height > _BAND[0]) & (height < _BAND[1])  # false where the height is NaN
     road &= np.append(is_paved, True)[labels] & np.isfinite(intensity)
     tables = []
@@ -101,24 +73,7 @@ def join_markings(
     kerbs: pd.DataFrame | None = None,
     least_length: float = LEAST_LENGTH,
 ) -> pd.DataFrame:
-    """Return the markings of a drive as lines.
-
-    Parameters
-    ----------
-    scenes : sequence of DataFrame
-        Stripes of each scene, of `marking_stripes`.
-    trajectory : Trajectory, optional
-        Trajectory that gives the stations and the direction of the road.
-    kerbs : DataFrame, optional
-        Kerbs of the drive, of `join_kerbs`. Lines beyond a kerb, seen from the trajectory, need a higher score.
-    least_length : float, default 0.8
-        Shorter lines are left out, metres.
-
-    Returns
-    -------
-    DataFrame
-        Columns `LINE_FIELDS`, sorted by station, else by place; `line_id` counts from 1.
-    """
+    """Return the markings of a drive as lines."""
     filled = [table for table in scenes if len(table)]
     if not filled:
         return line_table([])

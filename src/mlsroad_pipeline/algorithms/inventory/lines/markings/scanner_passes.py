@@ -18,19 +18,7 @@ _SHARED = 0.1  # share of the cells from which two sources see the same place
 
 
 def scanner_pass_of(scene: PointCloud) -> NDArray[np.int64]:
-    """Return a number for the scanner and pass of each point of a scene.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene with any of the columns of `visit_columns`, and the column `file`.
-
-    Returns
-    -------
-    ndarray of int64, shape (n,)
-        Equal numbers are of one scanner and one pass. Where the scanner is unknown or the same throughout, point source
-        ids and files that see the same place count as scanners; those side by side, as tiles, are one.
-    """
+    """Return a number for the scanner and pass of each point of a scene."""
     visit = time_passes(scene[SECOND]) if SECOND in scene else np.zeros(len(scene), dtype=np.int64)
     if SCANNER in scene and (scene[SCANNER] != scene[SCANNER][:1]).any():
         route = scene[ROUTE].astype(np.int64) if ROUTE in scene else 0

@@ -49,45 +49,17 @@ _T, _COS, _SIN, _OFFSET, _WIDTH, _CONTRAST, _OWN_SHARE = range(7)  # columns of 
 
 
 class Stripes(NamedTuple):
-    """Bright stripes, one for each cell on a marking.
+    """Bright stripes, one for each cell on a marking."""
 
-    Parameters
-    ----------
-    xyz : ndarray of float64, shape (n, 3)
-        Place on the middle line, metres.
-    along : ndarray of float64, shape (n, 2)
-        Unit vectors in plan along the stripe, of either sign.
-    width : ndarray of float64, shape (n,)
-        One of `WIDTHS`, metres.
-    clearness : ndarray of float64, shape (n,)
-        Difference between the stripe and the brighter band, in standard errors.
-    contrast : ndarray of float64, shape (n,)
-        The same in standard deviations of the road.
-    """
-
-    xyz: NDArray[np.float64]
-    along: NDArray[np.float64]
-    width: NDArray[np.float64]
-    clearness: NDArray[np.float64]
-    contrast: NDArray[np.float64]
+    xyz: NDArray[np.float64]  # Place on the middle line, metres
+    along: NDArray[np.float64]  # Unit vectors in plan along the stripe, of either sign
+    width: NDArray[np.float64]  # One of `WIDTHS`, metres
+    clearness: NDArray[np.float64]  # Difference between the stripe and the brighter band, in standard errors
+    contrast: NDArray[np.float64]  # The same in standard deviations of the road
 
 
 def find_stripes(cells: NDArray[np.float64], *, least_contrast: float) -> Stripes:
-    """Return the bright stripes of the core of a scene.
-
-    Parameters
-    ----------
-    cells : ndarray of float64, shape (m, 7)
-        Cells of `road_cells`, at least one.
-    least_contrast : float
-        Least brightness of a cell, and least difference of its stripe to the road on both sides, in standard deviations
-        of the road.
-
-    Returns
-    -------
-    Stripes
-        One for each cell of the core on a stripe.
-    """
+    """Return the bright stripes of the core of a scene."""
     plan = cells[:, :3].copy()
     plan[:, 2] = 0.0
     (blocks,) = build_cell_grids(plan, cell_size=REACH, margin=2)

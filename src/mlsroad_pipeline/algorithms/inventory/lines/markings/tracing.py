@@ -25,18 +25,6 @@ def trace_markings(stripes: Stripes, *, least_length: float) -> list[NDArray[np.
 
     From the clearest stripe on, a line is continued in both directions to the mean of the stripes ahead that run the
     same way.
-
-    Parameters
-    ----------
-    stripes : Stripes
-        The stripes of all scenes.
-    least_length : float
-        Shorter lines are left out, metres.
-
-    Returns
-    -------
-    list of ndarray of float64, shape (k, 6)
-        Vertices of each line: x, y and z of the middle line, width, contrast, clearness.
     """
     if len(stripes.width) == 0:
         return []
