@@ -121,7 +121,8 @@ def results_page(tables: dict[str, Table]) -> str:
     lines = [
         "# Results",
         "",
-        "All figures of the manual. `python scripts/results_page.py` generates this page from `results/*.json`.",
+        "All figures of the manual, generated from `results/*.json` by `python scripts/results_page.py`. The commit of a table is the one in",
+        "which its figures were recorded. Recordings lie below `$MLSROAD_DATA`.",
         "",
     ]
     groups = {group: [table for table in tables.values() if table["group"] == group] for group in GROUPS}
