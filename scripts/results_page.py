@@ -97,8 +97,7 @@ def markdown_table(table: Table, columns: list[str] | None = None, rows: list[st
         raise ValueError(f"results/{table['id']}.json has no column or row {', '.join(map(repr, unknown))}")
     places = [table["columns"].index(name) for name in chosen]
     body = [[row[place] for place in places] for row in table["rows"] if rows is None or _plain(row[0]) in rows]
-    head, *lines = [f"| {' | '.join(line)} |" for line in [chosen, *body]]
-    return "\n".join([head, f"|{'---|' * len(chosen)}", *lines])
+    return "\n".join(f"|{'|'.join(line)}|" for line in [chosen, ["---"] * len(chosen), *body])
 
 
 def _plain(cell: str) -> str:

@@ -135,7 +135,7 @@ def store(folder, **changes):
 def test_page_has_anchor_table_and_provenance(tmp_path):
     text = results_page.results_page(store(tmp_path, digest="sha256:0123456789abcdef"))
     assert '<a id="toy"></a>' in text and "[Toy streets](#toy)" in text
-    assert "| method | overall accuracy | mean F1 |\n|---|---|---|\n| a | 0.9 | 0.8 |" in text
+    assert "|method|overall accuracy|mean F1|\n|---|---|---|\n|a|0.9|0.8|" in text
     assert "`make run`; a street; commit `abc1234`, 2026-11-20; seeds 1, 2; `sha256:0123456789ab`." in text
 
 
@@ -143,7 +143,7 @@ def test_block_takes_rows_and_columns(tmp_path):
     page = REPOSITORY / "docs/methods/toy.md"
     text = "before\n<!-- results: toy columns=mean F1 rows=b -->\nold\n<!-- /results -->\nafter"
     filled = results_page.refresh(text, store(tmp_path), page)
-    assert "| method | mean F1 |\n|---|---|\n| `b` | 0.6 |\n\n[Protocol](../results.md#toy)\n" in filled
+    assert "|method|mean F1|\n|---|---|\n|`b`|0.6|\n\n[Protocol](../results.md#toy)\n" in filled
     assert filled.startswith("before\n<!-- results: toy columns") and filled.endswith("<!-- /results -->\nafter")
     assert results_page.refresh(filled, store(tmp_path), page) == filled
 
