@@ -3,7 +3,7 @@
     kedro run --env=recordings --params=recordings_study.protocol=shipped
     python benchmarks/scene_lengths.py [--model pool] [--every 1] [--cuts 0:0:0 30:5:0 60:5:15]
 
-A cut is the length of a core, of its buffers and of the further context, metres, as in docs/data_model.md; 0:0:0 takes each
+A cut is the length of a core, of its buffers and of the further context, metres, as in docs/scenes.md; 0:0:0 takes each
 file as one scene. Files are cut along their main axis. Prints the mean IoU of each recording over the classes that it
 has, of the labels of the points before objects are found. `--every 3` takes every third file.
 """
