@@ -97,8 +97,7 @@ def markdown_table(table: Table, columns: list[str] | None = None, rows: list[st
         raise ValueError(f"results/{table['id']}.json has no column or row {', '.join(map(repr, unknown))}")
     places = [table["columns"].index(name) for name in chosen]
     body = [[row[place] for place in places] for row in table["rows"] if rows is None or _plain(row[0]) in rows]
-    head, *lines = [f"| {' | '.join(line)} |" for line in [chosen, *body]]
-    return "\n".join([head, f"|{'---|' * len(chosen)}", *lines])
+    return "\n".join(f"|{'|'.join(line)}|" for line in [chosen, ["---"] * len(chosen), *body])
 
 
 def _plain(cell: str) -> str:
@@ -121,8 +120,8 @@ def results_page(tables: dict[str, Table]) -> str:
     lines = [
         "# Results",
         "",
-        "All figures of the manual, generated from `results/*.json` by `python scripts/results_page.py`. The commit of a table is the one in",
-        "which its figures were recorded. Recordings lie below `$MLSROAD_DATA`.",
+        "All figures of the manual, generated from `results/*.json` by `python scripts/results_page.py`. The commit of a "
+        "table is the one in which its figures were recorded. Recordings lie below `$MLSROAD_DATA`.",
         "",
     ]
     groups = {group: [table for table in tables.values() if table["group"] == group] for group in GROUPS}
