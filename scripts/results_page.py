@@ -38,7 +38,7 @@ GROUPS = {
 FIELDS = {"id", "title", "group", "text", "command", "data", "digest", "commit", "date", "seed", "columns", "rows"}
 FORMS = {"commit": r"[0-9a-f]{7,40}", "date": r"\d{4}-\d{2}-\d{2}", "digest": r"sha256:[0-9a-f]{8,64}"}
 BLOCK = re.compile(
-    r"<!-- results: (?P<id>\w+)(?: columns=(?P<columns>.*?))?(?: rows=(?P<rows>.*?))? -->\n.*?<!-- /results -->",
+    r"<!-- results: (?P<id>\w+)(?: columns=(?P<columns>[^\n]+?))?(?: rows=(?P<rows>[^\n]+?))? -->\n.*?<!-- /results -->",
     re.DOTALL,
 )
 
