@@ -120,8 +120,8 @@ def results_page(tables: dict[str, Table]) -> str:
     lines = [
         "# Results",
         "",
-        "All figures of the manual, generated from `results/*.json` by `python scripts/results_page.py`. The commit of a "
-        "table is the one in which its figures were recorded. Recordings lie below `$MLSROAD_DATA`.",
+        "All figures of the manual, generated from `results/*.json` by `python scripts/results_page.py`. The commit of "
+        "a table is the one in which its figures were recorded. Recordings lie below `$MLSROAD_DATA`.",
         "",
     ]
     groups = {group: [table for table in tables.values() if table["group"] == group] for group in GROUPS}
