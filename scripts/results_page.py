@@ -38,7 +38,8 @@ GROUPS = {
 FIELDS = {"id", "title", "group", "text", "command", "data", "digest", "commit", "date", "seed", "columns", "rows"}
 FORMS = {"commit": r"[0-9a-f]{7,40}", "date": r"\d{4}-\d{2}-\d{2}", "digest": r"sha256:[0-9a-f]{8,64}"}
 BLOCK = re.compile(
-    r"<!-- results: (?P<id>\w+)(?: columns=(?P<columns>[^\n]+?))?(?: rows=(?P<rows>[^\n]+?))? -->\n.*?<!-- /results -->",
+    r"<!-- results: (?P<id>\w+)(?: columns=(?P<columns>[^\n]+?))?(?: rows=(?P<rows>[^\n]+?))? -->\n"
+    r".*?<!-- /results -->",
     re.DOTALL,
 )
 
@@ -120,8 +121,9 @@ def results_page(tables: dict[str, Table]) -> str:
     lines = [
         "# Results",
         "",
-        "All figures of the manual, generated from `results/*.json` by `python scripts/results_page.py`. The commit of "
-        "a table is the one in which its figures were recorded. Recordings lie below `$MLSROAD_DATA`.",
+        "All figures of the manual, generated from `results/*.json` by `python scripts/results_page.py`. Commit and "
+        "command are those with which a table was recorded; the commit has scripts that were removed later. "
+        "Recordings lie below `$MLSROAD_DATA`.",
         "",
     ]
     groups = {group: [table for table in tables.values() if table["group"] == group] for group in GROUPS}
