@@ -88,7 +88,9 @@ def _faults(table: Table, name: str) -> Iterator[str]:
             yield f"row {number}: {len(columns)} strings without | are needed"
 
 
-def markdown_table(table: Table, columns: list[str] | None = None, rows: list[str] | None = None) -> str:
+def markdown_table(
+    table: Table, columns: list[str] | None = None, rows: list[str] | None = None, bar: str = " | "
+) -> str:
     """Return the table, or the first column with the chosen ones, of all rows or those with the given first cells."""
     first, *others = table["columns"]
     chosen = [first, *(name for name in (others if columns is None else columns) if name != first)]
@@ -98,7 +100,8 @@ def markdown_table(table: Table, columns: list[str] | None = None, rows: list[st
         raise ValueError(f"results/{table['id']}.json has no column or row {', '.join(map(repr, unknown))}")
     places = [table["columns"].index(name) for name in chosen]
     body = [[row[place] for place in places] for row in table["rows"] if rows is None or _plain(row[0]) in rows]
-    return "\n".join(f"|{'|'.join(line)}|" for line in [chosen, ["---"] * len(chosen), *body])
+    head, *lines = [f"{bar.lstrip()}{bar.join(line)}{bar.rstrip()}" for line in [chosen, *body]]
+    return "\n".join([head, f"|{'---|' * len(chosen)}", *lines])
 
 
 def _plain(cell: str) -> str:
@@ -136,7 +139,7 @@ def results_page(tables: dict[str, Table]) -> str:
             lines += ["", f"## {GROUPS[group]}"]
         for table in members:
             lines += ["", f'<a id="{table["id"]}"></a>', "", f"### {table['title']}", "", table["text"], ""]
-            lines += [markdown_table(table), "", provenance(table)]
+            lines += [markdown_table(table, bar="|"), "", provenance(table)]
     return "\n".join(lines) + "\n"
 
 

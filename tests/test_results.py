@@ -152,7 +152,7 @@ def test_block_takes_rows_and_columns(tmp_path):
     page = REPOSITORY / "docs/methods/toy.md"
     text = "before\n<!-- results: toy columns=mean F1 rows=b -->\nold\n<!-- /results -->\nafter"
     filled = results_page.refresh(text, store(tmp_path), page)
-    assert "|method|mean F1|\n|---|---|\n|`b`|0.6|\n\n[Protocol](../results.md#toy)\n" in filled
+    assert "| method | mean F1 |\n|---|---|\n| `b` | 0.6 |\n\n[Protocol](../results.md#toy)\n" in filled
     assert filled.startswith("before\n<!-- results: toy columns") and filled.endswith("<!-- /results -->\nafter")
     assert results_page.refresh(filled, store(tmp_path), page) == filled
 
