@@ -18,8 +18,6 @@ compare: setup
 	@$(BIN)/kedro run --env=compare --pipelines=comparison_report
 
 models: setup
-	@$(BIN)/kedro run --env=dense
-	@$(BIN)/kedro run --env=sparse
 	@$(BIN)/kedro run --env=general
 
 test: setup lint

@@ -1,9 +1,9 @@
-"""CPU time of voxel features, boosted trees and whole labelling, beside the detrended forest of the package.
+"""CPU time of voxel features, boosted trees and whole labelling.
 
     python benchmarks/bench_boosted_trees.py street_1M.laz [--rounds 150] [--repeats 3]
 
-One thread. The trees are trained on 6,000 voxels with the classes of the detrended forest: their number and size count,
-not their labels. Compilation and reading stay outside.
+One thread. The trees are trained on 6,000 voxels with the labels of the trees of the package: their number and size
+count, not their labels. Compilation and reading stay outside.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ from mlsroad_pipeline.algorithms.baselines.boosted_trees.training import fit
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
-from mlsroad_pipeline.algorithms.detrended_forest.labeller import label_cloud as label_by_forest
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.datasets.models.shipped_models import load_shipped
@@ -47,14 +46,14 @@ def median_cpu(work: Callable[[], Any], repeats: int) -> float:
     return float(np.median(seconds))
 
 
-def train_on(cloud: PointCloud, ground: Ground, forest: ModelBundle, rounds: int) -> ModelBundle:
-    """Return boosted trees that imitate the forest on a cloud."""
-    labels, _ = label_by_forest(cloud, forest)
-    n_classes = len(forest.classes)
+def train_on(cloud: PointCloud, ground: Ground, shipped: ModelBundle, rounds: int) -> ModelBundle:
+    """Return boosted trees that imitate the trees of the package on a cloud."""
+    labels, _ = label_cloud(cloud, shipped)
+    n_classes = len(shipped.classes)
     parameters = BoostedTreesParameters(rounds=rounds, max_per_class=6000 // n_classes, min_child_samples=5)
     sets = np.eye(n_classes, dtype=np.bool_)
     voxels = sample_voxels(cloud, ground, labels, sets, parameters=parameters)
-    return fit([voxels], parameters=parameters, ground=GroundParameters(), scheme=bundle_scheme(forest), trained_on={})
+    return fit([voxels], parameters=parameters, ground=GroundParameters(), scheme=bundle_scheme(shipped), trained_on={})
 
 
 def main() -> None:
@@ -65,16 +64,14 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3)
     options = parser.parse_args()
     cloud = LasFormat().read(options.cloud, ReadOptions())
-    forest = load_shipped("dense")
     ground = find_ground(cloud, GroundParameters())
-    model = train_on(cloud, ground, forest, options.rounds)
+    model = train_on(cloud, ground, load_shipped("general"), options.rounds)
     features = describe_scene(cloud, ground)
     n_voxels, n_trees = len(features.values), len(model.arrays["n_leaves"])
     programs: dict[str, Callable[[], Any]] = {
         "voxel features": lambda: describe_scene(cloud, ground),
         f"{n_trees} trees with smoothing": lambda: voxel_probabilities(features, model),
         "boosted_trees, ground to labels": lambda: label_cloud(cloud, model),
-        "detrended_forest, ground to labels": lambda: label_by_forest(cloud, forest),
     }
     for name, work in programs.items():
         cpu = median_cpu(work, options.repeats)

@@ -310,7 +310,7 @@ def main() -> None:
     parser.add_argument("--answers", type=int, nargs="+", default=[10, 50, 200])
     parser.add_argument("--scenes", type=Path, default=ROOT / SCENES)
     parser.add_argument("--unseen", type=Path, default=ROOT / "data/06_models/learning_curves/simulated")
-    parser.add_argument("--model", default="general", choices=("general", "pool", "dense", "sparse"))
+    parser.add_argument("--model", default="general", choices=("general", "pool"))
     parser.add_argument("--json", type=Path, help="results; recordings and seeds that it holds are not run again")
     options = parser.parse_args()
     logging.disable(logging.WARNING)

@@ -1,13 +1,11 @@
-"""Scores of the shipped models on recordings for their cards, and the facts that the choice between them depends on.
+"""Scores of the shipped models on recordings for their cards, and stored labels for the tests.
 
     python benchmarks/shipped_models.py --record data/08_reporting/recordings/recordings_study/benchmark.json
-    python benchmarks/shipped_models.py --facts FILE...
     python benchmarks/shipped_models.py --predictions FOLDER
 
 `--record` replaces the scores of the recordings in the registry of the package and in the cards by those of
-`kedro run --env=recordings --params=recordings_study.protocol=shipped`. `--facts` prints the median density of files,
-and the forest that `label.method=detrended_forest` takes. `--predictions` writes a part of a simulated street with the
-labels of each model for the tests (FOLDER is tests/datasets/models/predictions).
+`kedro run --env=recordings --params=recordings_study.protocol=shipped`. `--predictions` writes a part of a simulated
+street with the labels of each model for the tests (FOLDER is tests/datasets/models/predictions).
 """
 
 from __future__ import annotations
@@ -33,17 +31,12 @@ from mlsroad_pipeline.datasets.models.shipped_models import (
     save_entry,
     shipped_models,
 )
-from mlsroad_pipeline.label.models.selection import explain_choice
 from mlsroad_pipeline.simulation import simulate_survey
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 
 COMMAND = "kedro run --env=recordings"
 
 PREDICTED: dict[str, dict[str, Any]] = {
-    "dense": {
-        "survey": {"preset": "tiny", "seed": 11},
-        "part": lambda cloud: np.arange(len(cloud)) < 9000,
-    },
     "general": {
         "survey": {"preset": "tiny", "seed": 12},
         "part": lambda cloud: np.arange(len(cloud)) < 9000,
@@ -51,10 +44,6 @@ PREDICTED: dict[str, dict[str, Any]] = {
     "pool": {
         "survey": {"preset": "tiny", "seed": 13},
         "part": lambda cloud: np.arange(len(cloud)) < 9000,
-    },
-    "sparse": {
-        "survey": {"preset": "hdl64", "seed": 12, "length": 10, "pulse_rate": 250_000},
-        "part": lambda cloud: (cloud["gps_time"] - cloud["gps_time"][0]) // 0.1 == 5,
     },
 }
 """Street and part of it whose labels the tests compare."""
@@ -102,13 +91,9 @@ def main() -> None:
     """Do what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--record", type=Path, metavar="FILE")
-    parser.add_argument("--facts", nargs="+", metavar="FILE")
     parser.add_argument("--predictions", type=Path, metavar="FOLDER")
     options = parser.parse_args()
     logging.disable(logging.WARNING)  # one warning per frame that has no colour
-    for path in options.facts or ():
-        choice = explain_choice(path, method="detrended_forest")
-        print(f"{path}: {choice.name}: {choice.reason}")
     if options.predictions:
         write_predictions(options.predictions)
     for name, entry in shipped_models().items() if options.record else ():

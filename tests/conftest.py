@@ -40,7 +40,6 @@ LONG = (
     "pipelines/test_recordings_study.py",
     "pipelines/test_yu2016_study.py",
     "pipelines/test_boosted_trees.py",
-    "pipelines/test_multiscale_forest.py",
     "pipelines/test_add_a_method.py",
 )
 """Longest test files; they run first, so that the processes end at about the same time."""

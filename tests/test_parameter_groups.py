@@ -13,11 +13,11 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import FeatureParameters,
 from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters
 from mlsroad_pipeline.algorithms.fusion.log_linear_pool import PoolParameters
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import TrainingParameters
-from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.algorithms.models.methods import trained_methods
 from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
 from mlsroad_pipeline.algorithms.recognition.cutting import RecognitionParameters
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters, OutlierParameters
-from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
+from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
 from mlsroad_pipeline.datasets.models.shipped_entry import ShippedParameters
 from mlsroad_pipeline.label.object_scoring import ScoreParameters
@@ -31,7 +31,7 @@ from mlsroad_pipeline.surveys.inspection import InspectParameters
 from mlsroad_pipeline.surveys.parameters import LabelParameters, SurveyParameters
 
 TYPED = {
-    **{method.group or slug: method.load("parameters") for slug, method in METHODS.items()},
+    **{method.group or slug: method.load("parameters") for slug, method in trained_methods().items()},
     "detection": DetectionParameters,
     "segmentation": SegmentationParameters,
     "recognition": RecognitionParameters,

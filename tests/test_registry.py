@@ -6,7 +6,7 @@ import textwrap
 
 from kedro.framework.project import configure_project, pipelines
 
-from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.algorithms.models.methods import trained_methods
 from mlsroad_pipeline.config import with_layers
 from mlsroad_pipeline.pipelines.composition import comparison
 from mlsroad_pipeline.pipelines.ingest import create_pipeline as create_ingest
@@ -37,8 +37,8 @@ def test_namespaces_collapse_the_default_to_its_stages_and_leave_datasets_alone(
 
 def test_every_method_has_a_pipeline_of_its_name():
     configure_project("mlsroad_pipeline")
-    assert set(METHODS) | {"label", "__default__"} <= set(pipelines)
-    for slug in METHODS:
+    assert set(trained_methods()) | {"label", "__default__"} <= set(pipelines)
+    for slug in trained_methods():
         outputs = pipelines[slug].all_outputs()
         assert {f"{slug}.model", f"{slug}.registered_model"} <= outputs, slug
 

@@ -18,7 +18,7 @@ from helpers.yaml_files import read_yaml
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.metrics.scores import COLUMNS
-from mlsroad_pipeline.algorithms.models.methods import METHODS, methods_of
+from mlsroad_pipeline.algorithms.models.methods import methods_of, trained_methods
 from mlsroad_pipeline.hooks.data_fingerprint import fingerprint_files
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
@@ -198,7 +198,7 @@ def test_the_tracked_run_holds_parameters_data_and_figures_of_stages(project, cl
     children = {name for name, run in runs.items() if run.data.tags.get("mlflow.parentRunId") == whole.info.run_id}
     assert children == {*runs} - {"all_methods"}
     assert {run.info.status for run in runs.values()} == {"FINISHED"}
-    assert children == {*METHODS, "fusion_pool"}
+    assert children == {*trained_methods(), "fusion_pool"}
 
 
 def test_the_run_of_a_method_holds_its_scores_series_and_figures(project, client):
@@ -224,7 +224,7 @@ def figures(client, run):
 def test_every_registered_model_has_the_metrics_of_its_own_method_and_only_those(project, client):
     runs = tracked_runs(project)
     registered = client.search_registered_models(max_results=100)
-    assert {model.name for model in registered} == {f"mlsroad-{method}" for method in METHODS}
+    assert {model.name for model in registered} == {f"mlsroad-{method}" for method in trained_methods()}
     for model in registered:
         run = runs[model.name.removeprefix("mlsroad-")]
         (version,) = client.search_model_versions(f"name='{model.name}'")

@@ -240,9 +240,14 @@ def test_help_imports_no_numerical_library(folder):
 
 
 def test_models_names_the_one_that_label_takes(forked, folder):
-    done = forked("models", "one, two.laz", cwd=folder)
+    done = forked("models", cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")
-    assert re.search(r"general", done.stdout)
+    assert "general: boosted_trees, shipped" in done.stdout
+    assert "label takes the shipped model pool: it is the default model of the package." in " ".join(
+        done.stdout.split()
+    )
+    refused = forked("models", "one, two.laz", cwd=folder)
+    assert refused.returncode == 2 and "unexpected extra argument" in refused.stderr
 
 
 def test_a_closed_standard_output_is_no_error(folder):
@@ -289,6 +294,7 @@ def test_learn_continues_the_model_and_keeps_the_corrections(forked, labelled, f
 
 
 def test_a_model_of_another_method_learns_with_trees_that_correct_it(labelled, folder, tmp_path):
+    from mlsroad_pipeline.algorithms.fusion.pool import NETWORK, members_of
     from mlsroad_pipeline.algorithms.models.labelling import label_softly
     from mlsroad_pipeline.corrections import Correction, open_corrections
     from mlsroad_pipeline.corrections.labelled_output import LabelledOutput
@@ -298,23 +304,23 @@ def test_a_model_of_another_method_learns_with_trees_that_correct_it(labelled, f
 
     assert labelled.returncode == 0
     shutil.copytree(folder / "one, two_mlsroad", tmp_path / "out")
-    output, parent = LabelledOutput.at(tmp_path / "out"), {"name": "dense", "version": ""}
+    output, parent = LabelledOutput.at(tmp_path / "out"), {"name": "network", "version": ""}
     survey = tmp_path / "out" / "one, two.laz"
     cloud = get_format(survey).read(survey, output.read_options())
-    forest = load_shipped("dense")
-    before = label_softly(forest, cloud).labels
-    painted = np.flatnonzero(before == forest.classes.index("paved ground"))[:2000]
+    network = members_of(load_shipped("pool"))[NETWORK]
+    before = label_softly(network, cloud).labels
+    painted = np.flatnonzero(before == network.classes.index("paved ground"))[:2000]
     with open_corrections(tmp_path / "out") as store:
         for part in np.split(painted, 10):
             payload = {"file": "one, two.laz", "points": part.tolist(), "class": "natural ground"}
             store.add(Correction("paint", payload=payload), who="ann")
-    model, n_answers = learn_from(forest, [output], parent=parent)
+    model, n_answers = learn_from(network, [output], parent=parent)
     again, _ = learn_from(model, [output], parent={"name": "corrected", "version": "1"})
     assert (model.slug, n_answers, model.metadata["trained_on"]["corrections"]) == ("corrected", 10, 10)
-    assert [entry["parent"]["name"] for entry in again.metadata["learned"]] == ["dense", "corrected"]
+    assert [entry["parent"]["name"] for entry in again.metadata["learned"]] == ["network", "corrected"]
     assert again.metadata["trained_on"]["corrections"] == 20
     after = label_softly(model, cloud).labels
-    assert (after[painted] == forest.classes.index("natural ground")).mean() > 0.5
+    assert (after[painted] == network.classes.index("natural ground")).mean() > 0.5
     assert (before[painted] == after[painted]).mean() < 0.5 < (before == after).mean()
 
 

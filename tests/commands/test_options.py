@@ -117,7 +117,6 @@ def test_kernels_in_the_cache_folder_count_as_compiled(monkeypatch, tmp_path):
         ["inspect", "s3://bucket/a.laz"],
         ["simulate", "-o", "s3://bucket/out"],
         ["score", "s3://b/i.gpkg", "--truth", "t.csv"],
-        ["models", "s3://b/a.laz"],
         ["open", "s3://b/out"],
     ],
 )
@@ -144,8 +143,6 @@ def test_names_that_look_like_addresses_are_folders():
     [
         ("models.model_bundle_dataset.ModelBundleDataset", "m"),
         ("inventory.inventory_dataset.RoadInventoryDataset", "i.gpkg"),
-        ("point_cloud_dataset.PointCloudDataset", "a.laz"),
-        ("trajectory_dataset.TrajectoryDataset", "t.csv"),
     ],
 )
 def test_datasets_of_local_files_refuse_addresses(kind, name):

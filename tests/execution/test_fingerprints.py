@@ -190,8 +190,8 @@ def test_the_type_of_a_parameter_counts_with_what_it_can_reach():
     assert sources_of(tolerance=1.0) == (euclidean.__name__,)
     cut = sources_of(options=[SegmentationParameters()])
     assert cut == (
-        "mlsroad_pipeline.algorithms.segmentation.cut_parameters",
         euclidean.__name__,
+        "mlsroad_pipeline.algorithms.segmentation.normalized_cut",
         "mlsroad_pipeline.algorithms.segmentation.stage",
         "mlsroad_pipeline.algorithms.segmentation.two_step",
         "mlsroad_pipeline.algorithms.segmentation.yang_dong",

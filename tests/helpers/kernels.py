@@ -23,10 +23,8 @@ from mlsroad_pipeline.algorithms.ground.upward_growing import classify_ground
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 from mlsroad_pipeline.algorithms.image_labels.projection import project_points
 from mlsroad_pipeline.algorithms.image_labels.visibility import DepthBuffer, HiddenPointRemoval, visible_points
-from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
-from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
-from mlsroad_pipeline.algorithms.segmentation.normalized_cut import segment
-from mlsroad_pipeline.algorithms.segmentation.spacing import cluster_by_spacing
+from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster, cluster_by_spacing
+from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters, segment
 from mlsroad_pipeline.algorithms.segmentation.two_step import segment_two_step
 from mlsroad_pipeline.algorithms.segmentation.yang_dong import segment_yang_dong
 from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_supervoxels, find_ground

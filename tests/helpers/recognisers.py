@@ -10,7 +10,7 @@ from mlsroad_pipeline.algorithms.recognition import cutting as recognition_objec
 from mlsroad_pipeline.algorithms.recognition import recogniser as recognisers
 from mlsroad_pipeline.algorithms.recognition.descriptor_machine import DescriptorParameters
 from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
-from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
+from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
 
 SCHEME = ClassScheme(

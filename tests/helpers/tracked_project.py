@@ -64,7 +64,7 @@ FILES = {
 
 
         def train(forest: Forest):
-            metadata = {"entry_point": "mlsroad_pipeline.algorithms.demo:label", "classes": ["road", "car"]}
+            metadata = {"classes": ["road", "car"]}
             return ModelBundle("demo", {"n": np.array([forest.n_trees])}, metadata)
 
 

@@ -19,14 +19,13 @@ from mlsroad_pipeline.label.images import images_of_survey, images_to_label, vie
 from mlsroad_pipeline.surveys.files import SurveyFile
 from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan
 
-ENTRY = "mlsroad_pipeline.algorithms.models.bundle:refuse_points"
 CLASSES = ["road", "tree"]
 CAMERAS = ["front", "back"]
 AXES = [[0.0, -1, 0], [0, 0, -1], [1, 0, 0]]
 
 
 def bundle(slug, **metadata):
-    given = {"entry_point": ENTRY, "classes": CLASSES, "cameras": CAMERAS, **metadata}
+    given = {"classes": CLASSES, "cameras": CAMERAS, **metadata}
     return ModelBundle(slug, {"weights": np.arange(3.0), "a.b": np.ones(2)}, given)
 
 

@@ -1,4 +1,4 @@
-"""Labelling of a scene by a model of any method, which needs an entry point, classes and a scheme alone."""
+"""Labelling of a scene by a model of any method, which needs classes and a scheme alone."""
 
 import sys
 import types
@@ -6,6 +6,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from helpers.planted_method import plant_method
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
@@ -40,7 +41,8 @@ def planted(monkeypatch, **metadata):
     module = types.ModuleType(MODULE)
     module.label_by_height = label_by_height
     monkeypatch.setitem(sys.modules, MODULE, module)
-    given = {"entry_point": f"{MODULE}:label_by_height", "classes": list(SCHEME.classes), **metadata}
+    plant_method(monkeypatch, "planted", f"{MODULE}:label_by_height")
+    given = {"classes": list(SCHEME.classes), **metadata}
     return ModelBundle("planted", {"height": np.array([0.3])}, given)
 
 

@@ -233,7 +233,7 @@ def test_classes_of_a_coarser_scheme_are_written_as_private_codes(label_project,
         ),
         (
             {"model": 99},
-            r"label\.model '99' of detrended_forest is unknown; models: dense .*mlsroad-detrended_forest version 1",
+            r"label\.model '99' of detrended_forest is unknown; models: general .*mlsroad-detrended_forest version 1",
         ),
         ({"model": "newest"}, r"label\.model 'newest' of detrended_forest is unknown"),
         ({"scheme": "martian"}, r"label\.scheme 'martian' is not configured"),

@@ -49,7 +49,7 @@ def label_with(project, bundle, survey, output):
         catalog: DataCatalog = session.load_context().catalog
         catalog.save("label_model", bundle)
         try:
-            SequentialRunner().run(pipelines["label"] - pipelines["label"].only_nodes("choose_model"), catalog)
+            SequentialRunner().run(pipelines["label"] - pipelines["label"].only_nodes("load_model"), catalog)
         finally:
             release_output(output)  # a hook does it in a session
     return output

@@ -104,14 +104,14 @@ def test_outputs_and_tracked_run_hold_the_same_figures(project, table):
 
 def test_one_run_alone_computes_nothing_else_and_keeps_the_rest(project, table, caplog):
     caplog.set_level("INFO")
-    chosen = {"method": "sparse", "source": "scans", "protocol": "shipped"}
+    chosen = {"method": "pool", "source": "scans", "protocol": "shipped"}
     again = benchmark(project, **chosen)
     counts = stage_counts(caplog.messages)
     assert counts == {"scenes": (0, 2), "prepared": (0, 0), "models": (0, 0), "runs": (1, 0)}
     both = again.merge(table, on=["source", "protocol", "method", "part", "mean_iou", "finished"])
     assert len(both) == len(table) and len(again) == len(table) + 2
     page = (project / "data/08_reporting/recordings_study/pictures/scans.html").read_text(encoding="utf-8")
-    assert page.count("data:image/") == 2 and "sparse, shipped" in page
+    assert page.count("data:image/") == 2 and "pool, shipped" in page
 
 
 def test_the_pool_is_scored_with_trees_that_it_shares_with_their_own_runs(project, caplog):

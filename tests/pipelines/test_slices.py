@@ -29,7 +29,6 @@ CONTRACT = {
         "max_margin_markov",
         "shape_based",
         "superpoint_transformer",
-        "multiscale_forest",
         "boosted_trees",
         "segmentation",
         "visual_words",

@@ -8,7 +8,6 @@ from PIL import Image as Picture
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.image_labels.poses import rotation_of
 from mlsroad_pipeline.algorithms.image_labels.projection import project_points
-from mlsroad_pipeline.datasets.survey_images_dataset import SurveyImagesDataset
 from mlsroad_pipeline.surveys.camera_files import read_images
 
 ORIGIN = np.array([389_300.0, 5_819_700.0, 34.0])
@@ -53,7 +52,7 @@ def pixels(images):
 
 def test_a_picture_is_loaded_on_demand(tmp_path):
     path, picture = written(tmp_path, calibration())
-    images = SurveyImagesDataset(filepath=str(path)).load()
+    images = read_images(path)
     (image,) = images
     assert (image.name, image.group, image.time, images.groups) == ("00001_front", "front", 100.5, ("front",))
     assert np.array_equal(image.load(), picture) and np.array_equal(images.origin, ORIGIN)
@@ -120,11 +119,9 @@ def test_a_picture_of_another_size_is_named(tmp_path):
         read_images(path)[0].load()
 
 
-def test_a_survey_without_images_is_empty_where_that_is_allowed(tmp_path):
-    path = str(tmp_path / "calibration.json")
-    assert len(SurveyImagesDataset(filepath=path, optional=True).load()) == 0
+def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(ReadError, match=r"calibration.json: no such camera calibration"):
-        read_images(path)
+        read_images(str(tmp_path / "calibration.json"))
 
 
 def test_files_of_another_form_are_named(tmp_path):

@@ -70,8 +70,7 @@ def kitti_labels(folder):
 
 
 def model(folder):
-    place = "mlsroad_pipeline.algorithms.models.bundle:refuse_points"
-    metadata = {"entry_point": place, "classes": ["a", "b"], "scheme": SCHEME, "segmentation": {"source": "network"}}
+    metadata = {"classes": ["a", "b"], "scheme": SCHEME, "segmentation": {"source": "network"}}
     metadata["parameters"] = {"device": "auto", "recogniser": {"training": {"device": "cpu"}}}
     metadata["members"] = {"image_labels": {"parameters": {"device": "cpu"}}}
     save_bundle(ModelBundle("toy", {"a": np.arange(5.0)}, metadata), folder)

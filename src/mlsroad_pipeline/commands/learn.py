@@ -92,7 +92,7 @@ def _one_model(outputs: list[LabelledOutput], place: Place) -> tuple[ModelBundle
     from mlsroad_pipeline.commands.session import model_store
     from mlsroad_pipeline.corrections.learning import check_learnable
     from mlsroad_pipeline.label.models.choice import load_choice
-    from mlsroad_pipeline.label.models.selection import named_choice
+    from mlsroad_pipeline.label.models.selection import choose_model
 
     for output in outputs:
         check_learnable(output)
@@ -107,9 +107,7 @@ def _one_model(outputs: list[LabelledOutput], place: Place) -> tuple[ModelBundle
     registered = used.get("source") == "registered"
     method = first.method if registered else None
     wanted = used["version"] if registered else used.get("folder", used["name"])
-    choice = named_choice(method=method, model=wanted, store=store)
-    if choice is None:
-        raise ParameterError(f"{first.path}: the model {used['name']} that labelled it is unknown here")
+    choice = choose_model(method=method, model=wanted, store=store)
     kept = {name: used[name] for name in ("name", "version", "source") if name in used}
     return load_choice(choice, store), kept
 

@@ -1,4 +1,4 @@
-"""Command `mlsroad models`: the models that `label` can use, and the one that it takes for a survey."""
+"""Command `mlsroad models`: the models that `label` can use, and the one that it takes."""
 
 from __future__ import annotations
 
@@ -6,43 +6,34 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mlsroad_pipeline.commands.options import Verbose, expanded
+from mlsroad_pipeline.commands.options import Verbose
 
 if TYPE_CHECKING:
     from mlsroad_pipeline.label.models.available import AvailableModel
 
 
 def models(
-    files: Annotated[
-        list[str] | None, typer.Argument(metavar="[FILE...]", help="A survey: print the model that label takes for it.")
-    ] = None,
     method: Annotated[str | None, typer.Option(help="Method, as for label.")] = None,
     model: Annotated[str | None, typer.Option(help="Model, as for label.")] = None,
     verbose: Verbose = False,
 ) -> None:
-    """List the models: trained on what, scores, licence; for a survey, also the one that label takes, and why."""
+    """List the models: trained on what, scores, licence; then the one that label takes, and why."""
     from mlsroad_pipeline.commands.console import collected_warnings, output_console, print_warnings
     from mlsroad_pipeline.commands.errors import one_line_errors
     from mlsroad_pipeline.commands.session import find_place, model_store
-    from mlsroad_pipeline.label.models.available import available_models, unusual_properties_of
-    from mlsroad_pipeline.label.models.selection import choose
-    from mlsroad_pipeline.label.models.survey_facts import facts_of_survey
+    from mlsroad_pipeline.label.models.available import available_models
+    from mlsroad_pipeline.label.models.selection import choose_model
 
     console = output_console()
     with one_line_errors(verbose=verbose):
-        places = expanded(files or [])
         store = model_store(find_place())
         with collected_warnings(verbose=verbose) as logged:
             available = available_models(store)
-            facts = facts_of_survey(places) if places else None
-            choice = None if facts is None else choose(facts, method=method, model=model, store=store)
+            choice = choose_model(method=method, model=model, store=store)
         for item in available:
             print_model(console, item)
-            for sentence in () if facts is None else unusual_properties_of(item, facts):
-                console.print(f"  differs     {sentence}")
         print_warnings(console, logged)
-        if choice is not None:
-            console.print(f"\nFor this survey, label takes {choice.name}: {choice.reason}.")
+        console.print(f"\nlabel takes {choice.name}: {choice.reason}.")
 
 
 def print_model(console: Any, item: AvailableModel) -> None:

@@ -9,7 +9,7 @@ from pkgutil import iter_modules
 from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline import pipelines
-from mlsroad_pipeline.algorithms.models.methods import METHODS, methods_of
+from mlsroad_pipeline.algorithms.models.methods import METHODS, methods_of, trained_methods
 
 _OF_TASK = {"labelling": "patch_labellers", "detection": "detectors", "recognition": "recognisers"}
 """Modules with the pipelines of methods that have no folder of their own."""
@@ -43,7 +43,7 @@ def _folders() -> set[str]:
 
 def pipeline_names() -> list[str]:
     """Return the names of all pipelines."""
-    return sorted(_folders() | set(METHODS))
+    return sorted(_folders() | set(trained_methods()))
 
 
 def create_pipeline(name: str) -> Pipeline:

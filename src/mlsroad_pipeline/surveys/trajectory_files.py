@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
@@ -107,11 +106,3 @@ def _numbers(source: Path, number: int, words: Sequence[str], columns_of: dict[s
         if not _is_number(words[column]):
             raise ReadError(f"{source}: line {number}: {name} is {words[column]!r}, not a number")
     return [float(words[column]) for column in columns_of.values()]
-
-
-def write_trajectory(trajectory: Trajectory, path: str | Path) -> None:
-    """Write a trajectory as CSV with positions to 0.1 mm and times to 0.1 microseconds."""
-    table = pd.DataFrame(trajectory.xyz, columns=["x", "y", "z"]).round(4)
-    if trajectory.time is not None:
-        table.insert(0, "time", np.round(trajectory.time, 7))
-    table.to_csv(path, index=False, lineterminator="\n")

@@ -25,13 +25,14 @@ from mlsroad_pipeline.algorithms.detection.thresholds import (
     object_weights,
 )
 from mlsroad_pipeline.algorithms.detection.training import training_weights
-from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
-from mlsroad_pipeline.algorithms.segmentation.measures import measure_segmentation, segmentation_table
+from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.stage import (
     SegmentationParameters,
+    measure_segmentation,
     owned_by_core,
     reference_objects,
     segment_scene,
+    segmentation_table,
 )
 from mlsroad_pipeline.reporting.clouds.detection_pictures import detection_figure
 

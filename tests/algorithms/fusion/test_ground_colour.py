@@ -83,8 +83,7 @@ def test_share_is_a_logistic_function_of_the_weighted_terms():
 
 
 def model(slug, classes=CLASSES):
-    place = "mlsroad_pipeline.algorithms.fusion.pool:label_cloud"
-    return ModelBundle(slug, {}, {"entry_point": place, "classes": list(classes), "attributes": []})
+    return ModelBundle(slug, {}, {"classes": list(classes), "attributes": []})
 
 
 @pytest.fixture

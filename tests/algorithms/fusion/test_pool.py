@@ -17,8 +17,7 @@ HALVES, THIRDS = "tests_halves", "tests_thirds"
 
 
 def member(slug, classes=("a", "b", "c"), **metadata):
-    place = "mlsroad_pipeline.algorithms.fusion.pool:label_cloud"
-    metadata = {"entry_point": place, "classes": list(classes), "attributes": ["intensity"], **metadata}
+    metadata = {"classes": list(classes), "attributes": ["intensity"], **metadata}
     return ModelBundle(slug, {"values": np.arange(3.0)}, metadata)
 
 

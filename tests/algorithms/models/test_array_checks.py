@@ -106,7 +106,7 @@ def test_mutations_pass_or_are_refused(name):
 
 def test_arrays_that_a_method_cannot_use_are_one_line():
     cloud = PointCloud(np.zeros((3, 3)), source="a.laz")
-    bundle = ModelBundle("toy", {}, {"entry_point": "mlsroad_pipeline.algorithms.models.bundle:f", "classes": ["a"]})
+    bundle = ModelBundle("toy", {}, {"classes": ["a"]})
 
     def fails(*_):
         return np.zeros((3, 2)) @ np.zeros((3, 1))

@@ -10,7 +10,6 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, missing_attri
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
 
 METADATA = {
-    "entry_point": "mlsroad_pipeline.algorithms.planted_labeller:label",
     "classes": ["ground", "object"],
     "trained_on": "a street",
 }
@@ -43,23 +42,6 @@ def test_the_same_model_gives_the_same_bytes(bundle, tmp_path):
         save_bundle(model, tmp_path / name)
     for file in ("arrays.npz", "model.json"):
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
-
-
-@pytest.mark.parametrize(
-    "entry_point",
-    [
-        None,
-        "os:system",
-        "mlsroad_pipeline.algorithms:label",
-        "mlsroad_pipeline.surveys.discovery:label",
-        "mlsroad_pipeline.algorithms.a:_private",
-        "mlsroad_pipeline.algorithms.a:label.__globals__",
-        "mlsroad_pipeline.algorithms..a:label",
-    ],
-)
-def test_only_functions_of_the_science_may_be_named(entry_point):
-    with pytest.raises(ParameterError, match="entry_point must be"):
-        ModelBundle("planted", {}, {**METADATA, "entry_point": entry_point})
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ import pytest
 from sklearn.ensemble import RandomForestClassifier
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.models.compact_forest import compact_forest
 from mlsroad_pipeline.algorithms.models.flat_forest import FlatForest
 
 
@@ -85,11 +84,9 @@ def test_bad_input_is_named(rng):
         FlatForest.from_arrays({**arrays, "roots": np.array([0, 5_000_000])})
 
 
-@pytest.mark.parametrize("compact", [False, True])
-def test_damaged_trees_are_refused_or_give_probabilities(rng, compact):
+def test_damaged_trees_are_refused_or_give_probabilities(rng):
     forest, values = grow(rng, missing=True, n_estimators=3, max_depth=6)
     arrays = FlatForest.from_trees(forest.estimators_).to_arrays()
-    arrays = compact_forest(arrays) if compact else arrays
     refused = 0
     for _ in range(300):
         name = str(rng.choice([key for key in arrays if arrays[key].ndim]))

@@ -5,14 +5,15 @@ import types
 
 import numpy as np
 import pytest
+from helpers.planted_method import plant_method
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.labelling import label_cloud
+from mlsroad_pipeline.algorithms.models.labelling import label_cloud, label_softly
 
 MODULE = "mlsroad_pipeline.algorithms.planted_labeller"
-METADATA = {"entry_point": f"{MODULE}:label", "classes": ["ground", "object"]}
+METADATA = {"classes": ["ground", "object"]}
 
 
 @pytest.fixture
@@ -29,10 +30,11 @@ def labeller(monkeypatch):
         np.ones(len(cloud)),
     )
     monkeypatch.setitem(sys.modules, MODULE, module)
+    plant_method(monkeypatch, "planted", f"{MODULE}:label")
     return module
 
 
-def test_the_named_function_labels_the_cloud(bundle, labeller):
+def test_the_function_of_the_method_labels_the_cloud(bundle, labeller):
     cloud = PointCloud(np.array([[0, 0, 0.0], [0, 0, 1.0]]))
     labels, confidence = label_cloud(bundle, cloud)
     assert labels.dtype == np.int16
@@ -40,13 +42,21 @@ def test_the_named_function_labels_the_cloud(bundle, labeller):
     np.testing.assert_array_equal(labels, [0, 1])
 
 
-def test_a_model_of_another_version_of_the_package_says_what_is_missing(bundle, labeller):
-    cloud = PointCloud(np.zeros((1, 3)))
-    with pytest.raises(ParameterError, match=f"needs {MODULE}:gone, which this version lacks"):
-        label_cloud(ModelBundle("planted", {}, {**METADATA, "entry_point": f"{MODULE}:gone"}), cloud)
-    missing = "mlsroad_pipeline.algorithms.no_such_module:label"
-    with pytest.raises(ParameterError, match=f"needs {missing}"):
-        label_cloud(ModelBundle("planted", {}, {**METADATA, "entry_point": missing}), cloud)
+@pytest.mark.parametrize("function", [label_cloud, label_softly])
+def test_a_model_of_an_unknown_method_is_named_in_one_line(function):
+    registered = {"name": "mlsroad-gone", "version": 3, "run_id": "r"}
+    bundle = ModelBundle("gone", {}, {**METADATA, "registered": registered})
+    with pytest.raises(ParameterError) as error:
+        function(bundle, PointCloud(np.zeros((1, 3))))
+    message = str(error.value)
+    assert message.startswith("model 'mlsroad-gone 3': unknown method 'gone' (known: detrended_forest, ")
+    assert message.endswith("kedro run --pipelines=SLUG") and len(message.splitlines()) == 1
+
+
+def test_an_import_path_that_a_model_of_another_version_stored_is_not_used(bundle, labeller):
+    paths = {"entry_point": "mlsroad_pipeline.algorithms.no_such_module:label", "soft_entry_point": "os:system"}
+    stored = ModelBundle(bundle.slug, bundle.arrays, {**METADATA, **paths})
+    assert label_softly(stored, PointCloud(np.array([[0, 0, 1.0]]))).labels.tolist() == [1]
 
 
 @pytest.mark.parametrize(

@@ -11,12 +11,20 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
-from mlsroad_pipeline.algorithms.models.methods import METHODS, methods_of, needs_images
+from mlsroad_pipeline.algorithms.models.methods import METHODS, methods_of, needs_images, trained_methods
 
 PLACES = ("parameters", "use", "train", "label_cloud")
+COMPOSED = ("pool", "corrected")
 
 
-@pytest.mark.parametrize("slug", METHODS)
+@pytest.mark.parametrize("slug", COMPOSED)
+def test_a_composed_method_has_functions_that_label_and_no_training(slug):
+    method = METHODS[slug]
+    assert method.composed and method.task == "labelling" and slug not in methods_of("labelling")
+    assert callable(method.load("label_cloud")) and callable(method.load("label_softly"))
+
+
+@pytest.mark.parametrize("slug", trained_methods())
 def test_all_places_of_a_method_exist(slug):
     method = METHODS[slug]
     parameters, use, train, label = (method.load(part) for part in PLACES)
@@ -32,7 +40,7 @@ def test_all_places_of_a_method_exist(slug):
 def test_tasks_divide_the_table_in_its_order():
     groups = [methods_of("labelling"), methods_of("labelling", needs_images=True)]
     groups += [methods_of("detection"), methods_of("recognition")]
-    assert [slug for group in groups for slug in group] == list(METHODS)
+    assert [slug for group in groups for slug in group] == list(trained_methods()) == list(METHODS)[: -len(COMPOSED)]
     assert groups[1] == ("image_labels", "fusion")
     assert [slug for slug in METHODS if needs_images(slug)] == list(groups[1])
     assert not needs_images("unknown")
@@ -44,13 +52,6 @@ def test_the_table_imports_no_method():
     folders = {f"mlsroad_pipeline.algorithms.{method.folder}" for method in METHODS.values()}
     assert not folders & set(loaded)
     assert not {"torch", "numba", "sklearn", "scipy"} & set(loaded)
-
-
-@pytest.mark.parametrize("slug", METHODS)
-def test_a_bundle_of_a_method_stores_its_entry_point(slug):
-    bundle = ModelBundle(slug, {}, {"classes": ["road"], "trained_on": "a street"})
-    assert list(bundle.metadata) == ["entry_point", "classes", "trained_on"]  # the order in the file of a model
-    assert bundle.metadata["entry_point"] == METHODS[slug].place("label_cloud")
 
 
 @pytest.mark.parametrize("slug", ["image_labels", "fusion"])

@@ -75,8 +75,7 @@ def test_a_computer_without_a_gpu_needs_no_warning(cuda, caplog, warning):
 
 
 def toy(metadata):
-    place = "mlsroad_pipeline.algorithms.models.bundle:refuse_points"
-    return ModelBundle("toy", {}, {"entry_point": place, "classes": ["a"], **metadata})
+    return ModelBundle("toy", {}, {"classes": ["a"], **metadata})
 
 
 @pytest.mark.parametrize(

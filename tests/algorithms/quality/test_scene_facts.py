@@ -7,7 +7,6 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.quality.scene_facts import scene_facts
 from mlsroad_pipeline.algorithms.quality.training_facts import (
-    distance_from_training,
     median_facts,
     training_facts,
     unusual_facts,
@@ -91,16 +90,7 @@ def test_unusual_facts_in_words(name, value, span, sentence):
 
 def test_facts_that_one_side_lacks_are_not_compared():
     assert unusual_facts({"ground": 0.1}, {"spacing": SPACING}) == []
-    assert np.isnan(distance_from_training({"ground": 0.1}, {"spacing": SPACING}))
     assert unusual_facts({"unknown": 0.1}, {"unknown": SPACING}) == []
-
-
-def test_distance_grows_from_the_median_to_the_quantiles_and_beyond():
-    training = {"spacing": SPACING, "above_5": [0.2, 0.25, 0.4, 0.5, 0.6]}
-    assert distance_from_training({"spacing": 0.1, "above_5": 0.4}, training) == 0
-    assert distance_from_training({"spacing": 0.03, "above_5": 0.5}, training) == pytest.approx(1)
-    assert distance_from_training({"spacing": 0.1, "above_5": 0.7}, training) == pytest.approx(1.5)
-    assert distance_from_training({"spacing": 1e9}, training) == 10
 
 
 def test_damaged_range_names_the_fact():

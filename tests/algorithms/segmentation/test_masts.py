@@ -1,17 +1,12 @@
 """Long arms of masts, and the second legs of gantries, on planted places."""
 
-from dataclasses import asdict
-
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.segmentation.crowned_stems import _find_second_legs, find_least_pole_like, measure_stem
 from mlsroad_pipeline.algorithms.segmentation.normalized_cut import segment
-from mlsroad_pipeline.algorithms.segmentation.pole_parameters import POLE_REFINEMENT, PoleRefinementParameters
 from mlsroad_pipeline.algorithms.segmentation.poles import _is_arm
-from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
-from mlsroad_pipeline.algorithms.segmentation.stems import Stem
-from mlsroad_pipeline.algorithms.segmentation.trunks import _find_second_legs, find_least_pole_like, measure_stem
+from mlsroad_pipeline.algorithms.segmentation.stems import Stem, StemLimits, find_stems
 
 
 def box(rng, length, width, height, n=3000):
@@ -35,11 +30,11 @@ def test_a_leg_is_found_by_the_beam_that_reaches_it(rng):
     beam = rng.uniform([0, -0.3, 6.5], [20, 0.3, 7.2], (4000, 3))
     stems = [stem(0.0, 7.0), stem(20.0, 7.2), stem(10.0, 4.0), stem(2.0, 7.0), stem(20.0, 7.0)]
     number = np.array([3, -1, -1, -1, -1])
-    _find_second_legs(beam, stems[:4], number[:4], POLE_REFINEMENT)
+    _find_second_legs(beam, stems[:4], number[:4])
     assert number.tolist() == [3, 3, -1, -1, -1]  # the third is too low, the fourth too near
     wires = beam[:200]
     alone = np.array([3, -1])
-    _find_second_legs(wires, stems[:2], alone, POLE_REFINEMENT)
+    _find_second_legs(wires, stems[:2], alone)
     assert alone.tolist() == [3, -1]
 
 
@@ -65,23 +60,42 @@ def test_the_least_pole_like_of_neighbouring_stems_carries_the_crown():
     assert find_least_pole_like([], np.zeros(0)).tolist() == []
 
 
-def test_limits_of_the_refinement_reach_the_segmentation(rng):
-    angle, z = rng.uniform(0, 2 * np.pi, 4000), rng.uniform(0, 6, 4000)
+@pytest.mark.parametrize(
+    ("height", "brightness", "thickness", "n_objects"),
+    [
+        (6.0, 0.6, 0.005, 2),
+        (6.0, 0.31, 0.005, 2),  # a thin sheet need not be brighter
+        (6.0, 0.31, 0.03, 1),  # a box of the mast's brightness
+        (6.0, 0.33, 0.03, 2),  # the least contrast is 0.02
+        (1.5, 0.6, 0.005, 1),  # lower than the least stem
+    ],
+)
+def test_a_plate_is_separated_by_contrast_or_as_a_sheet_from_a_mast_that_is_high_enough(
+    height, brightness, thickness, n_objects, rng
+):
+    angle, z = rng.uniform(0, 2 * np.pi, 4000), rng.uniform(0, height, 4000)
     mast = np.column_stack([0.05 * np.cos(angle), 0.05 * np.sin(angle), z])
-    plate = np.column_stack([rng.uniform(-0.4, 0.4, 3000), rng.normal(0.12, 0.005, 3000), rng.uniform(2.5, 3.2, 3000)])
-    xyz, intensity = np.concatenate([mast, plate]), np.repeat([0.3, 0.6], [4000, 3000])
-
-    def n_objects(**changes):
-        return segment(xyz, intensity=intensity, refinement=PoleRefinementParameters(**changes)).max() + 1
-
-    assert n_objects() == 2
-    assert n_objects(plate_min_contrast=0.5, sheet_max_thickness=1e-6) == 1
-    assert n_objects(stem_min_height=10.0) == 1
+    low = min(2.5, height - 0.7)
+    plate = np.column_stack(
+        [rng.uniform(-0.4, 0.4, 3000), rng.normal(0.12, thickness, 3000), rng.uniform(low, low + 0.7, 3000)]
+    )
+    intensity = np.repeat([0.3, brightness], [4000, 3000])
+    assert segment(np.concatenate([mast, plate]), intensity=intensity).max() + 1 == n_objects
 
 
-def test_refinement_is_no_part_of_the_stored_parameters():
-    assert not {"refinement", "pole_weights"} & set(asdict(SegmentationParameters())["normalized_cut"])
-    with pytest.raises(ParameterError, match="pole_weights must be six numbers, one per measure, got 2"):
-        PoleRefinementParameters(pole_weights=(1.0, 2.0))
-    with pytest.raises(ParameterError, match="stem_radius"):
-        PoleRefinementParameters(stem_radius=0.0)
+def test_wider_limits_find_a_stem_in_sparse_scan_lines():
+    """Scan lines are 0.28 m apart; a bent pole has sections off its line."""
+    z = np.repeat(np.arange(0.05, 6.0, 0.28), 3)
+    pole = np.column_stack([0.05 * np.tile([-1.0, 0.0, 1.0], len(z) // 3), np.zeros(len(z)), z])
+    bent = pole + np.column_stack([0.1 * np.sin(2.0 * z), 0 * z, 0 * z])
+
+    def n_stems(places, **limits):
+        counts, clusters = np.ones(len(places), np.int64), np.zeros(len(places), np.int32)
+        found = find_stems(places, counts, clusters, 2.0, StemLimits(section_height=0.3, **limits))
+        return sum(len(stems) for _, _, stems in found)
+
+    assert n_stems(pole) == 1
+    assert n_stems(pole, section_tolerance=0.01) == 0  # sections of single points: others are too close
+    assert n_stems(bent, max_shift=0.3) == 0
+    assert n_stems(bent, max_residual=0.2, max_shift=0.02) == 0
+    assert n_stems(bent, max_residual=0.2, max_shift=0.3) == 1

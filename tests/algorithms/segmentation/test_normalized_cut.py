@@ -9,11 +9,9 @@ from sklearn.metrics import adjusted_rand_score
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.geometry.voxels.grid import build_voxel_grid
-from mlsroad_pipeline.algorithms.segmentation._bisection import best_split, gather, node_weights, second_eigenvector
-from mlsroad_pipeline.algorithms.segmentation._nodes import smooth_intensities
-from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
+from mlsroad_pipeline.algorithms.segmentation.bisection import best_split, gather, node_weights, second_eigenvector
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
-from mlsroad_pipeline.algorithms.segmentation.normalized_cut import segment
+from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters, segment, smooth_intensities
 
 SCALE = np.array([1 / 4, 1 / 100, 1.0])
 
@@ -124,7 +122,7 @@ def test_intensity_separates_a_pole_from_the_bush_around_it(rng):
 def test_intensities_are_means_over_cells_and_their_neighbours(rng):
     places = np.column_stack([rng.uniform(0, 2, (400, 3)), rng.random(400)])
     clusters = rng.integers(0, 2, 400).astype(np.int32)
-    found = smooth_intensities(places, clusters, size=0.3)
+    found = smooth_intensities(places, clusters, size=0.3)[:, 3]
     cell = np.floor((places[:, :3] - places[:, :3].min(axis=0)) / 0.3)
     for k in range(400):
         near = (np.abs(cell - cell[k]).max(axis=1) <= 1) & (clusters == clusters[k])

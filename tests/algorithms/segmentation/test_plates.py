@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
-from mlsroad_pipeline.algorithms.segmentation.normalized_cut import segment
+from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters, segment
 
 
 def lamp(rng, height=8.0, radius=0.08, lean=0.0):

@@ -5,10 +5,8 @@ import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.geometry.voxels.grid import build_voxel_grid
-from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
-from mlsroad_pipeline.algorithms.segmentation.normalized_cut import segment
-from mlsroad_pipeline.algorithms.segmentation.poles import separate_poles
-from mlsroad_pipeline.algorithms.segmentation.rejoining import join_stacked_poles, rejoin_floating_parts
+from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters, segment
+from mlsroad_pipeline.algorithms.segmentation.poles import join_stacked_poles, rejoin_floating_parts, separate_poles
 
 UNCUT = {"max_cut": 0.0}  # then separation is not due to cuts
 

@@ -16,12 +16,14 @@ from kedro.io import DatasetError
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, MissingColumnError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.methods import METHODS, Method
 from mlsroad_pipeline.datasets.models.model_registry_dataset import RegisteredModelDataset, example_points
 from mlsroad_pipeline.datasets.models.point_labeller import table_to_cloud
 
 SOURCE = Path(__file__).resolve().parents[3] / "src"
 NAME = "mlsroad-planted"
 MODULE = "mlsroad_pipeline.algorithms.planted_for_registry"
+PLACE = "planted_for_registry:label"
 LABELLER = """
 import numpy as np
 
@@ -34,7 +36,6 @@ def label(cloud, bundle):
 
 def planted(height):
     metadata = {
-        "entry_point": f"{MODULE}:label",
         "classes": ["ground", "object"],
         "parameters": {"height": height},
         "trained_on": "a planted street",
@@ -52,6 +53,7 @@ def registry(tmp_path_factory):
     module = types.ModuleType(MODULE)
     exec(LABELLER, module.__dict__)
     sys.modules[MODULE] = module
+    METHODS["planted"] = Method("planted", "labelling", "", label_cloud=PLACE)
     mlflow.set_tracking_uri(f"sqlite:///{folder / 'mlflow.db'}")
     experiment = mlflow.create_experiment("registry", artifact_location=(folder / "artifacts").as_uri())
     mlflow.set_experiment(experiment_id=experiment)
@@ -67,7 +69,7 @@ def registry(tmp_path_factory):
         yield folder, run.info.run_id
     finally:
         mlflow.set_tracking_uri(before)
-        del sys.modules[MODULE]
+        del sys.modules[MODULE], METHODS["planted"]
 
 
 def test_loading_takes_the_highest_version_or_the_one_asked_for(registry):
@@ -144,6 +146,8 @@ def test_a_fresh_process_loads_and_predicts_with_this_package_alone(registry, tm
     script = f"""
         import mlsroad_pipeline.algorithms
         mlsroad_pipeline.algorithms.__path__.append({str(tmp_path)!r})
+        from mlsroad_pipeline.algorithms.models.methods import METHODS, Method
+        METHODS["planted"] = Method("planted", "labelling", "", label_cloud={PLACE!r})
         import mlflow, pandas
         mlflow.set_tracking_uri("sqlite:///{folder / "mlflow.db"}")
         model = mlflow.pyfunc.load_model("models:/{NAME}/1")

@@ -4,7 +4,6 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import onnx
-import pandas as pd
 import pytest
 import torch
 from onnx import TensorProto, helper, numpy_helper
@@ -20,7 +19,7 @@ from mlsroad_pipeline.algorithms.models.members import member, with_members
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
 from mlsroad_pipeline.datasets.models.own_segmentation import own_model, with_own_segmentation
 from mlsroad_pipeline.label.models.request import ModelRequest, image_request
-from mlsroad_pipeline.label.models.selection import named_choice
+from mlsroad_pipeline.label.models.selection import choose_model
 from mlsroad_pipeline.label.summary import segmentation_source
 
 SCHEME = ClassScheme("two", ("ground", "thing"), (("road", "sidewalk"), ("car", "tree")), (), (2, 6))
@@ -98,7 +97,7 @@ def test_what_does_not_fit_is_named(tmp_path, classes):
 
 
 def test_the_segmentation_of_a_fusion_is_replaced(classes):
-    given = {"entry_point": "mlsroad_pipeline.algorithms.models.bundle:refuse_points", "classes": list(SCHEME.classes)}
+    given = {"classes": list(SCHEME.classes)}
     given |= {"scheme": asdict(SCHEME), "cameras": ["front"], "parameters": {"reach": 3.0}, "attributes": []}
     members = {name: ModelBundle(name, {"a": np.ones(2)}, given) for name in ("detrended_forest", "image_labels")}
     fusion = with_members(ModelBundle("fusion", {"bias": np.zeros(2)}, given), members)
@@ -124,8 +123,8 @@ def test_the_device_of_the_run_takes_the_place_of_the_stored_one(tmp_path, class
     )
     for stored in (trained, fusion):
         save_bundle(stored, tmp_path / stored.slug)
-        request = ModelRequest(stored.slug, named_choice(model=str(tmp_path / stored.slug)))
-        bundle, _ = image_request(request, ImageLabelsParameters(device="cpu"), {}).bundle(pd.DataFrame(), {})
+        request = ModelRequest(stored.slug, choose_model(model=str(tmp_path / stored.slug)))
+        bundle, _ = image_request(request, ImageLabelsParameters(device="cpu"), {}).bundle()
         network = member(bundle, "image_labels")
         assert network.metadata["parameters"]["device"] == "cpu" and network.metadata["parameters"]["reach"] == 12.0
         assert segmenter_of(network)(np.zeros((32, 32, 3), np.uint8)).shape == (32, 32, 2)
@@ -133,7 +132,7 @@ def test_the_device_of_the_run_takes_the_place_of_the_stored_one(tmp_path, class
 
 def test_masks_do_not_go_with_a_named_model_of_images(tmp_path, classes):
     save_bundle(own_model(ImageLabelsParameters(masks="m", classes=classes), SCHEME), tmp_path / "model")
-    named = named_choice(model=str(tmp_path / "model"))
+    named = choose_model(model=str(tmp_path / "model"))
     for method in (None, "image_labels"):
         with pytest.raises(ParameterError, match=r"masks takes the place of .*model .*: set label\.model to null"):
             image_request(ModelRequest(method, named), ImageLabelsParameters(masks="m", classes=classes), {})

@@ -13,8 +13,7 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.datasets.models.model_registry_dataset import register_bundle
 from mlsroad_pipeline.datasets.models.registered_models import MlflowStore, configured_store
 from mlsroad_pipeline.label.models.choice import load_choice
-from mlsroad_pipeline.label.models.selection import choose
-from mlsroad_pipeline.label.models.survey_facts import SurveyFacts
+from mlsroad_pipeline.label.models.selection import choose_model
 
 CLASSES = {"classes": ["ground", "object"], "trained_on": "a planted street"}
 
@@ -61,12 +60,12 @@ def test_versions_and_aliases_of_the_methods_alone(store):
 
 
 def test_champion_is_chosen_and_loaded_with_its_version(store):
-    choice = choose(SurveyFacts(300.0, 0.9), store=store)
+    choice = choose_model(store=store)
     assert choice.name == "mlsroad-patch_svm version 1"
     bundle = load_choice(choice, store)
     assert bundle.arrays["number"].tolist() == [1]
     assert (bundle.metadata["registered"]["name"], bundle.metadata["registered"]["version"]) == ("mlsroad-patch_svm", 1)
-    named = choose(SurveyFacts(300.0, 0.9), method="patch_svm", model=2, store=store)
+    named = choose_model(method="patch_svm", model=2, store=store)
     assert load_choice(named, store).arrays["number"].tolist() == [2]
 
 
@@ -75,10 +74,9 @@ def test_process_without_tracking_has_no_store_and_imports_no_mlflow():
         "import sys\n"
         "from mlsroad_pipeline.datasets.models.registered_models import configured_store\n"
         "from mlsroad_pipeline.label.models.choice import load_choice\n"
-        "from mlsroad_pipeline.label.models.selection import choose\n"
-        "from mlsroad_pipeline.label.models.survey_facts import SurveyFacts\n"
+        "from mlsroad_pipeline.label.models.selection import choose_model\n"
         "assert configured_store() is None\n"
-        "print(load_choice(choose(SurveyFacts(300.0, 0.9))).slug, 'mlflow' in sys.modules)"
+        "print(load_choice(choose_model()).slug, 'mlflow' in sys.modules)"
     )
     plain = {key: value for key, value in os.environ.items() if not key.startswith("MLFLOW")}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=plain)

@@ -40,8 +40,8 @@ def plan(tmp_path):
 def test_every_labeller_that_needs_no_images_is_run_on_every_recording_by_every_protocol(plan):
     runs = plan().runs()
     trained = len(methods_of("labelling")) * len(TOY) * (len(PROTOCOLS) - 1)
-    assert len(set(runs)) == len(runs) == trained + (len(PROTOCOLS) + 3) * len(TOY)
-    assert {run.method for run in runs if run.protocol == SHIPPED} == {"general", "dense", "pool", "sparse"}
+    assert len(set(runs)) == len(runs) == trained + (len(PROTOCOLS) + 1) * len(TOY)
+    assert {run.method for run in runs if run.protocol == SHIPPED} == {"general", "pool"}
     assert all(preparation_of(slug).kind for slug in methods_of("labelling"))
     assert all(not METHODS[run.trained].needs_images for run in runs if run.protocol != SHIPPED)
     assert {run.protocol for run in runs if run.method == "pool"} == set(PROTOCOLS)

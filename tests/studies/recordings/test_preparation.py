@@ -27,20 +27,3 @@ def test_superpoint_graphs_hold_the_labels_of_their_use_and_train_a_model():
     bundle = preparation.fit([Prepared(parts, "own")], Setup(SLUG, parameters, SCHEME, {"training": "own.a"}))
     assert bundle.metadata["trained_on"] == {"training": "own.a", "graphs": 2}
     assert len(label_cloud(bundle, cloud)[0]) == len(cloud)
-
-
-def test_multiscale_neighbourhoods_have_the_labels_of_their_use_and_train_a_model():
-    slug = "multiscale_forest"
-    own = parameter_groups()[slug](n_scales=4, n_trees=5, max_per_scene=100000)
-    preparation, cloud = preparation_of(slug), street(0, n=800)
-    cloud = cloud.with_columns(part=np.where(cloud.xyz[:, 0] < 3, TRAIN, TRAIN + 1))
-    stages = preparation.stages({slug: own})
-    parts = preparation.prepare({"a": cloud}, stages=stages, scheme=SCHEME, mixed=["shrub"])
-    counts = {name: np.bincount(part["labels"], minlength=len(SCHEME)) for name, part in parts.items()}
-    assert sorted(counts) == ["a.own", "a.whole"]
-    shrub = SCHEME.classes.index("shrub")
-    assert counts["a.whole"][shrub] == 0 < counts["a.own"][shrub]
-    assert counts["a.own"].sum() < (cloud.xyz[:, 0] < 3).sum() + 1 < counts["a.whole"].sum()
-    bundle = preparation.fit([Prepared(parts, "own")], Setup(slug, {slug: own}, SCHEME, {"training": "own.a"}))
-    assert bundle.metadata["trained_on"] == {"training": "own.a", "voxels": int(counts["a.own"].sum())}
-    assert len(label_cloud(bundle, cloud)[0]) == len(cloud)

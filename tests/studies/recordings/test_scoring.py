@@ -75,7 +75,7 @@ def result(truth, label, confidence):
 def test_means_are_over_the_classes_of_the_recording_that_have_points(plan):
     truth = [GROUND] * 4 + [BUILDING] * 4 + [POLE] * 2 + [VEGETATION] * 4  # vegetation is no class of the recording
     label = [GROUND] * 4 + [BUILDING] * 2 + [GROUND] * 2 + [POLE] * 2 + [VEGETATION] * 4
-    tables = study_tables(plan, {"sparse.shipped.toy": result(truth, label, [0.5] * 14)}, {"sparse.shipped": {}})
+    tables = study_tables(plan, {"general.shipped.toy": result(truth, label, [0.5] * 14)}, {"sparse.shipped": {}})
     row = tables.benchmark.iloc[0]
     assert row["iou_ground"] == pytest.approx(4 / 6)
     assert row["iou_building"] == pytest.approx(2 / 4)
@@ -92,13 +92,13 @@ def test_means_are_over_the_classes_of_the_recording_that_have_points(plan):
 def test_reports_show_the_test_part_only_of_runs_that_saw_the_rest(plan):
     truth = [GROUND] * 4 + [BUILDING] * 4
     found = result(truth, truth, [0.9] * 8)
-    results = {"sparse.shipped.toy": found, "patch_svm.own.toy": {k: v for k, v in found.items() if k != "all"}}
+    results = {"general.shipped.toy": found, "patch_svm.own.toy": {k: v for k, v in found.items() if k != "all"}}
     tables = study_tables(plan, results, {"patch_svm.own.toy": {"cpu_seconds": np.array(7.0)}})
     shown = shown_rows(tables.benchmark)
-    assert list(zip(shown["method"], shown["part"], strict=True)) == [("sparse", "all"), ("patch_svm", "test")]
+    assert list(zip(shown["method"], shown["part"], strict=True)) == [("general", "all"), ("patch_svm", "test")]
     assert shown["train_cpu_seconds"].tolist()[1] == 7.0
     text = markdown_tables(plan, tables.benchmark)
-    assert "| sparse | shipped | 1.00 |" in text
+    assert "| general | shipped | 1.00 |" in text
     assert "**Toy** (S, L)" in text
     told = summary(plan, tables.benchmark)
     assert len(told["runs"]) == 3

@@ -19,10 +19,11 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.labels import unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.fusion import ground_colour
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under, bundle_scheme
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.combinations import rank_pairs
 from mlsroad_pipeline.algorithms.models.grouped_decision import decide, largest_of_rows
 from mlsroad_pipeline.algorithms.models.labelling import SoftLabels, label_softly, labels_of_rows
+from mlsroad_pipeline.algorithms.models.members import stored_member
 
 SLUG = "pool"
 
@@ -68,8 +69,6 @@ def pool_bundle(members: Mapping[str, ModelBundle], weights: Mapping[str, float]
     attributes = [name for member in members.values() for name in member.metadata.get("attributes", ())]
     metadata = {
         **shared,
-        "entry_point": f"{__name__}:label_cloud",
-        "soft_entry_point": f"{__name__}:label_cloud_softly",
         "classes": list(first.classes),
         "attributes": sorted(set(attributes) & set(first.metadata.get("attributes", ()))),
         "weights": {name: float(weights[name]) for name in members},
@@ -153,14 +152,7 @@ def members_of(bundle: ModelBundle) -> dict[str, ModelBundle]:
         weights = bundle.metadata.get("weights", {})
         if not stored or set(weights) != set(stored):
             raise DataError(f"model {bundle.slug!r}: its members and weights do not agree: the model is damaged")
-        bundle.prepared[SLUG] = {
-            name: ModelBundle(
-                str(metadata.get("slug", "")),
-                arrays_under(bundle.arrays, f"{name}/"),
-                {key: value for key, value in metadata.items() if key != "slug"},
-            )
-            for name, metadata in ((name, stored[name]) for name in weights)
-        }
+        bundle.prepared[SLUG] = {name: stored_member(bundle, name) for name in weights}
     found: dict[str, ModelBundle] = bundle.prepared[SLUG]
     return found
 

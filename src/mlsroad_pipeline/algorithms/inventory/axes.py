@@ -17,24 +17,12 @@ _LEAST_SPREAD = 0.003  # lower bound of the deviation of medians, metres
 
 @dataclass(frozen=True)
 class Axis:
-    """Axis of a shaft.
+    """Axis of a shaft."""
 
-    Parameters
-    ----------
-    foot : ndarray of float64, shape (2,)
-        x and y at z = 0, metres.
-    slope : ndarray of float64, shape (2,)
-        Change of x and y per metre of z.
-    share : float
-        Share of the slices of 0.25 m between bottom and top whose median lies on the axis.
-    error : float
-        Standard error of the slope, metres per metre.
-    """
-
-    foot: NDArray[np.float64]
-    slope: NDArray[np.float64]
-    share: float
-    error: float
+    foot: NDArray[np.float64]  # m, x and y at z = 0
+    slope: NDArray[np.float64]  # change of x and y per metre of z
+    share: float  # of the slices of 0.25 m between bottom and top whose median lies on the axis
+    error: float  # m per m, standard error of the slope
 
     def at(self, z: float) -> NDArray[np.float64]:
         """Return x and y at a height."""
@@ -56,21 +44,10 @@ class Axis:
 
 
 def fit_axis(xyz: NDArray[np.float64]) -> Axis | None:
-    """Fit the axis of a pole, robust to arms, signs and lamps.
+    """Fit the axis of a pole, robust to arms, signs and lamps; None with fewer than three medians on a line.
 
-    The points are reduced to medians of slices of 0.25 m. Of all lines through two medians the one with the largest
-    sum of max(0, 1 - (d / 0.06 m)^2) over the medians is selected. The medians are recomputed from the points within
-    0.25 m of it, and the line is refined by least squares with Tukey's biweight.
-
-    Parameters
-    ----------
-    xyz : ndarray of float64, shape (k, 3)
-        Points, metres.
-
-    Returns
-    -------
-    Axis or None
-        None with fewer than three medians on a line.
+    Of all lines through two medians of slices of 0.25 m, the best supported one is selected; medians of the points near
+    it are fitted by least squares with Tukey's biweight.
     """
     if len(xyz) < 3:
         return None

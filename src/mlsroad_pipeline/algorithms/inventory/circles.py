@@ -19,44 +19,18 @@ _LARGEST_ERROR = 0.02  # standard error of the radius, metres
 
 @dataclass(frozen=True)
 class Circle:
-    """Cross-section of a shaft.
+    """Cross-section of a shaft."""
 
-    Parameters
-    ----------
-    centre : ndarray of float64, shape (2,)
-        Centre, metres.
-    diameter : float
-        Diameter, metres.
-    arc : float
-        Share of the sectors with points.
-    """
-
-    centre: NDArray[np.float64]
-    diameter: float
-    arc: float
+    centre: NDArray[np.float64]  # m
+    diameter: float  # m
+    arc: float  # share of the sectors with points
 
 
 def fit_circle(xy: NDArray[np.float64], *, reach: float, band: float = 0.015) -> Circle | None:
-    """Fit the circle of a round shaft to points projected along its axis.
+    """Fit the circle of a round shaft to points projected along its axis; None where it is not supported well enough.
 
-    RANSAC over 200 triples of a fixed pseudo-random sequence: the score is the number of points within `band` of the
-    circle minus half the number of points inside it or within 5 cm outside. The best circle is refined by geometric
-    least squares.
-
-    Parameters
-    ----------
-    xy : ndarray of float64, shape (k, 2)
-        Points, metres, relative to the expected centre.
-    reach : float
-        Largest distance of the centre from the expected one, metres.
-    band : float, default 0.015
-        Largest distance of points from the circle, metres; larger for bark than for steel.
-
-    Returns
-    -------
-    Circle or None
-        None if fewer than ten points or less than half of the points near the circle lie on it, if fewer than 5 of 18
-        sectors have points, or if the standard error of the radius exceeds 2 cm.
+    RANSAC over a fixed sequence of 200 triples scores points within `band` of the circle minus half of those inside it
+    or within 5 cm outside; geometric least squares refines the best. The centre is within `reach` of (0, 0), metres.
     """
     if len(xy) < _LEAST_POINTS:
         return None

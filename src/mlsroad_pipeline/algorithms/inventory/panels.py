@@ -25,48 +25,21 @@ _POST = 0.12  # largest distance of the post from the centre of the panel, metre
 
 @dataclass(frozen=True)
 class Panel:
-    """Panel of a sign, or several above each other on one post.
+    """Panel of a sign, or several above each other on one post."""
 
-    Parameters
-    ----------
-    centre : ndarray of float64, shape (3,)
-        Centre of the rectangle, metres.
-    bottom, top : float
-        Elevation of the lower and upper edge, metres.
-    width : float
-        Width, metres.
-    normal : float
-        Direction of the normal, degrees clockwise from north: the facing, 0 to 360; below 180 if the side is unknown.
-    faces : bool
-        True if the side is determined from the post behind the panel.
-    """
-
-    centre: NDArray[np.float64]
-    bottom: float
-    top: float
-    width: float
-    normal: float
-    faces: bool
+    centre: NDArray[np.float64]  # m, of the rectangle
+    bottom: float  # m, elevation of the lower edge
+    top: float  # m, elevation of the upper edge
+    width: float  # m
+    normal: float  # degrees clockwise from north: the facing, 0 to 360; below 180 if the side is unknown
+    faces: bool  # True if the side is determined from the post behind the panel
 
 
 def fit_panel(xyz: NDArray[np.float64]) -> Panel | None:
-    """Fit the panel of a sign.
+    """Fit the panel of a sign, with or without its post; None if no flat part is wider than 0.12 m.
 
-    The vertical plane with the most points away from the post is searched over directions in steps of 2 degrees and
-    offsets in bins of 2 cm, then refined by least squares on the points within 4 cm. The panel consists of its rows of
-    5 cm that are wider than 0.12 m, across gaps of up to three rows, and of the points in the plane above them. The
-    side is determined from the post behind the panel: its axis, fitted to the points below the panel and extrapolated,
-    must lie 1 to 12 cm from the plane.
-
-    Parameters
-    ----------
-    xyz : ndarray of float64, shape (k, 3)
-        Points of the sign, with or without its post, metres.
-
-    Returns
-    -------
-    Panel or None
-        None if no flat part is wider than 0.12 m.
+    The vertical plane with most points away from the post is refined by least squares. The panel consists of its wide
+    rows of 5 cm; its side follows from the post, whose axis must lie 1 to 12 cm behind it.
     """
     if len(xyz) < _LEAST_POINTS:
         return None

@@ -2,32 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.algorithms.inventory.crowns import CROWN_FEATURES, crown_features
 from mlsroad_pipeline.algorithms.inventory.evidence import GROUP_FEATURES, SUMS, SceneCells, group_features
 from mlsroad_pipeline.algorithms.inventory.voxel_sums import runs_of_keys, voxel_keys, voxel_order
+from mlsroad_pipeline.algorithms.segmentation.crowned_stems import measure_crowned
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
-from mlsroad_pipeline.algorithms.segmentation.pole_parameters import POLE_REFINEMENT
-from mlsroad_pipeline.algorithms.segmentation.stems import Stem, find_stems, whole_stems
-from mlsroad_pipeline.algorithms.segmentation.trunks import measure_crowned
+from mlsroad_pipeline.algorithms.segmentation.stems import Stem, StemLimits, find_stems
 
 PROFILE = (
-    "low_ring",
-    "middle_ring",
-    "high_ring",
-    "low_filled",
-    "high_filled",
-    "low_core",
-    "high_core",
-    "bow",
-    "overhead",
-)
+    "low_ring", "middle_ring", "high_ring", "low_filled", "high_filled", "low_core", "high_core", "bow", "overhead",
+)  # fmt: skip
 """Features of the surroundings of a stem by thirds of its length, of its widths, and of its straightness."""
+
+CROWN_FEATURES = ("crown_inner", "crown_outer", "crown_aside", "crown_depth", "beside")
+"""Features of the foliage around the upper end of a stem: a tree's own crown lies around it, a neighbour's aside."""
 
 STEM_FEATURES = (
     "low", "high", "length", "slope", "stems", "top", "beam", "crowned", "bend", "lean", "spread", "aside", "reached",
@@ -39,49 +33,31 @@ STEM_FEATURES = (
 """Names of the features of a stem; lengths in metres."""
 
 _VOXEL, _TOLERANCE, _VERTICAL_TOLERANCE = 0.1, 0.25, 0.5  # metres; scan lines on a pole lie up to 0.4 m apart
-_LINES = replace(POLE_REFINEMENT, section_height=0.3, section_tolerance=0.2, max_residual=0.08, max_shift=0.2)
+_LINES = StemLimits(section_height=0.3, section_tolerance=0.2, max_shift=0.2, max_residual=0.08)
 """Wider limits than in the segmentation: sections of thinly scanned poles hold few points."""
 _FREE_LENGTH = 0.8  # least length of a stem that stands free, metres
 _RADIUS = 0.25  # largest distance of the points of a stem from its axis, metres
 _RING, _LAYER = (0.3, 1.2), 0.25  # distances from the axis, and height of a layer, metres
 _BELOW, _ABOVE = 0.3, 0.2  # length beyond the ends of a stem over which points belong to it, metres
+_CROWN_RADIUS = 3.5  # largest distance of the places of a crown from the axis, metres
+_CROWN_CORE, _CROWN_INNER = 0.3, 1.0  # distances from the axis, metres
+_CROWN_OVERLAP = 0.5  # length below the upper end that belongs to a crown, metres
+_CROWN_LEAST = 5  # places of a crown whose middle is measured
 
 
 class Stems(NamedTuple):
-    """Stems of a scene.
+    """Stems of a scene."""
 
-    Attributes
-    ----------
-    features : ndarray of float32, shape (s, len(STEM_FEATURES))
-        Features of each stem.
-    owner : ndarray of int64, shape (m,)
-        Stem of each point, -1 for none.
-    """
-
-    features: NDArray[np.float32]
-    owner: NDArray[np.int64]
+    features: NDArray[np.float32]  # `STEM_FEATURES` of each stem
+    owner: NDArray[np.int64]  # stem of each point, -1 for none
 
 
 def find_scene_stems(
     local: NDArray[np.floating], height: NDArray[np.floating], points: NDArray[np.int64], cells: SceneCells
 ) -> Stems:
-    """Find stems among the points of a scene that may be poles, posts or trunks.
+    """Find stems among some points of a scene that may be poles, posts or trunks; `owner` is that of `points`.
 
-    Parameters
-    ----------
-    local : ndarray of float32 or float64, shape (n, 3)
-        Points of core and buffers, metres.
-    height : ndarray of float32 or float64, shape (n,)
-        Heights above the ground, metres.
-    points : ndarray of int64, shape (m,)
-        Points to search.
-    cells : SceneCells
-        Cells of the scene, for the evidence.
-
-    Returns
-    -------
-    Stems
-        The stems; `owner` is that of `points`.
+    `local` and `height` are coordinates and heights above the ground of all points, m; `cells` hold the evidence.
     """
     none = Stems(np.zeros((0, len(STEM_FEATURES)), np.float32), np.full(len(points), -1))
     if not len(points):
@@ -90,17 +66,12 @@ def find_scene_stems(
         local.take(points, axis=0).astype(np.float64), height[points].astype(np.float64)
     )
     group = cluster(xyz * (1.0, 1.0, _TOLERANCE / _VERTICAL_TOLERANCE), tolerance=_TOLERANCE)
-    lines = find_stems(xyz, group, _FREE_LENGTH, _LINES)
-    order = np.argsort(group, kind="stable")
     owner, nearest = np.full(len(xyz), -1), np.full(len(xyz), _RADIUS)
     rows: list[NDArray[np.float64]] = []
     found: list[Stem] = []
-    for number, stems in sorted(lines.items()):
-        first, stop = np.searchsorted(group[order], [number, number + 1])
-        members = order[first:stop]
-        whole = whole_stems(stems, xyz[members], counts[members], _LINES)
-        found += whole
-        rows += _measure(whole, members, xyz, counts, ground, owner, nearest, len(rows))
+    for _, members, stems in sorted(find_stems(xyz, counts, group, _FREE_LENGTH, _LINES), key=lambda one: one[0]):
+        found += stems
+        rows += _measure(stems, members, xyz, counts, ground, owner, nearest, len(rows))
     if not rows:
         return none
     of_point = owner[voxel]
@@ -126,15 +97,9 @@ def _voxels(
 
 
 def _measure(
-    stems: list[Stem],
-    members: NDArray[np.int64],
-    xyz: NDArray[np.float64],
-    counts: NDArray[np.int64],
-    ground: NDArray[np.float64],
-    owner: NDArray[np.int64],
-    nearest: NDArray[np.float64],
-    n_before: int,
-) -> list[NDArray[np.float64]]:
+    stems: list[Stem], members: NDArray[np.int64], xyz: NDArray[np.float64], counts: NDArray[np.int64],
+    ground: NDArray[np.float64], owner: NDArray[np.int64], nearest: NDArray[np.float64], n_before: int,
+) -> list[NDArray[np.float64]]:  # fmt: skip
     """Return the measures of the stems of a cluster, and set the owner of its voxels."""
     places = xyz[members]
     beam, crowned, measures = measure_crowned(places, counts[members], stems) if stems else ((), (), ())
@@ -174,3 +139,32 @@ def _profile(stem: Stem, places: NDArray[np.float64], distance: NDArray[np.float
         *(np.log1p(n_ring) - np.log1p(n_core)).tolist(), *filled, *width,
         float(np.hypot(*(means[0] + means[2] - 2 * means[1]))), float(overhead),
     ]  # fmt: skip
+
+
+def crown_features(stems: Sequence[Stem], xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return `CROWN_FEATURES` of stems among places that may be of poles, signs or trees.
+
+    Logarithm of the number of places above the end within 1 m of the axis, and around the end from 1 to 3.5 m; distance
+    of their middle from the axis over their mean distance, NaN for fewer than five; height of the highest above the
+    end, m; logarithm of the number of places from 0.3 to 3.5 m beside the upper half of the stem.
+    """
+    found = np.full((len(stems), len(CROWN_FEATURES)), np.nan)
+    if not len(stems):
+        return found
+    ends = np.array([stem.at(stem.high) for stem in stems])
+    near = cKDTree(xyz[:, :2]).query_ball_point(ends, _CROWN_RADIUS + 1.0)
+    for k, (stem, rows) in enumerate(zip(stems, near, strict=True)):
+        places = xyz[rows]
+        away, z = stem.away(places), places[:, 2]
+        distance = np.hypot(away[:, 0], away[:, 1])
+        within = distance < _CROWN_RADIUS
+        above = within & (z > stem.high - _CROWN_OVERLAP) & ((distance > _CROWN_CORE) | (z > stem.high))
+        inner, outer = above & (distance < _CROWN_INNER) & (z > stem.high), above & (distance >= _CROWN_INNER)
+        aside = np.nan
+        if above.sum() >= _CROWN_LEAST:
+            aside = float(np.hypot(*away[above].mean(axis=0)) / distance[above].mean())
+        middle = (stem.low + stem.high) / 2
+        beside = within & (distance > _CROWN_CORE) & (z > middle) & (z <= stem.high - _CROWN_OVERLAP)
+        depth = max(float(z[above].max()) - stem.high, 0.0) if above.any() else 0.0
+        found[k] = np.log1p(inner.sum()), np.log1p(outer.sum()), aside, depth, np.log1p(beside.sum())
+    return found

@@ -29,44 +29,21 @@ FEWEST_LAYERS = 4
 
 
 class Trunk(NamedTuple):
-    """Trunk of a tree.
+    """Trunk of a tree."""
 
-    Attributes
-    ----------
-    x, y : float
-        Position of its foot, metres.
-    width : float
-        Largest extent along x or y, metres.
-    layers : int
-        Layers of 0.3 m with points, of 6.
-    low : float
-        Height of its lowest voxel above the ground, metres.
-    voxels : ndarray of int64
-        Its voxels.
-    """
-
-    x: float
+    x: float  # m, position of its foot
     y: float
-    width: float
-    layers: int
-    low: float
+    width: float  # m, largest extent along x or y
+    layers: int  # of 0.3 m with points, of 6
+    low: float  # m, height of its lowest voxel above the ground
     voxels: NDArray[np.int64]
 
 
 def find_trunks(voxels: Voxels, *, fewest_layers: int = FEWEST_LAYERS) -> list[Trunk]:
-    """Find the trunks among the voxels of trees.
+    """Find the trunks among the voxels of trees, by place.
 
-    Parameters
-    ----------
-    voxels : Voxels
-        Voxels of one or several trees; where the ground is unknown, heights are above the lowest voxel.
-    fewest_layers : int, default 4
-        Fewest layers with points within one column of the neighbouring ones, of 6. Larger finds fewer trunks.
-
-    Returns
-    -------
-    list of Trunk
-        The trunks, by place.
+    Where the ground is unknown, heights are above the lowest voxel. `fewest_layers` of 6 have points within one column
+    of the neighbouring ones.
     """
     ground = np.where(np.isnan(voxels.ground), voxels.xyz[:, 2].min(), voxels.ground)
     height = voxels.xyz[:, 2] - ground
@@ -99,22 +76,10 @@ def main_trunk(trunks: list[Trunk]) -> Trunk | None:
 
 
 def split_trees(voxels: Voxels, *, spacing: float, depth: float) -> NDArray[np.int64]:
-    """Split a group of touching trees into single trees.
+    """Split the voxels of a group of touching trees; return the tree of each.
 
-    The parts of `splitting.split_at_valleys` are split where they have several trunks: each voxel belongs to the
-    nearest trunk in plan. Parts without a trunk join the nearest trunk if their middle is at most 3.5 m away.
-
-    Parameters
-    ----------
-    voxels : Voxels
-        The group.
-    spacing, depth : float
-        Parameters of `split_at_valleys`, metres.
-
-    Returns
-    -------
-    ndarray of int64, shape (k,)
-        Tree of each voxel.
+    The parts of `split_at_valleys` are split where they have several trunks: each voxel belongs to the nearest trunk in
+    plan. Parts without a trunk join the nearest trunk if their middle is at most 3.5 m away.
     """
     part = split_at_valleys(voxels, spacing=spacing, depth=depth).astype(np.int64)
     trunks = find_trunks(voxels, fewest_layers=FEWEST_LAYERS + 1)

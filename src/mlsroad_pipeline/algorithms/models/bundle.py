@@ -18,9 +18,6 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.models.methods import METHODS
-
-_ENTRY_POINT = re.compile(r"mlsroad_pipeline\.algorithms(\.[A-Za-z]\w*)+:[A-Za-z]\w*")
 
 
 @dataclass(frozen=True)
@@ -34,12 +31,9 @@ class ModelBundle:
     arrays : mapping of str to ndarray
         Learned arrays; no object arrays.
     metadata : mapping of str to any
-        JSON values. Required: ``classes``, the class names in label order. ``entry_point``, ``"module:function"`` below
-        ``mlsroad_pipeline.algorithms`` that takes ``(cloud, bundle)`` and returns labels (n,) and confidences (n,), is
-        filled in for the methods of `METHODS` and required for others, which may have ``soft_entry_point`` too, of a
-        function that returns `SoftLabels`. `label` needs ``scheme``, the class scheme as a
-        mapping of the fields of `ClassScheme`. Usual: ``attributes``, the columns beside the coordinates that the model
-        uses where a survey has them; ``parameters``, of which ``ground`` are those of `GroundParameters`;
+        JSON values. Required: ``classes``, the class names in label order. `label` needs ``scheme``, the class scheme
+        as a mapping of the fields of `ClassScheme`. Usual: ``attributes``, the columns beside the coordinates that the
+        model uses where a survey has them; ``parameters``, of which ``ground`` are those of `GroundParameters`;
         ``trained_on``; ``feature_names``.
 
     Attributes
@@ -50,7 +44,7 @@ class ModelBundle:
     Raises
     ------
     ParameterError
-        If the slug, the entry point or the classes are missing or malformed.
+        If the slug or the classes are missing or malformed.
     DataError
         If an array holds Python objects, or the metadata are no JSON values.
     """
@@ -63,18 +57,6 @@ class ModelBundle:
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[a-z][a-z0-9_]*", self.slug):
             raise ParameterError(f"a model's slug has small letters, digits and _, got {self.slug!r}")
-        if self.slug in METHODS and "entry_point" not in self.metadata:
-            completed = {"entry_point": METHODS[self.slug].place("label_cloud"), **self.metadata}
-            object.__setattr__(self, "metadata", completed)
-        for name in ("entry_point", "soft_entry_point"):
-            place = self.metadata.get(name)
-            if name == "soft_entry_point" and place is None:
-                continue
-            if not isinstance(place, str) or not _ENTRY_POINT.fullmatch(place):
-                raise ParameterError(
-                    f"model {self.slug!r}: {name} must be 'mlsroad_pipeline.algorithms.<module>:<function>', "
-                    f"got {place!r}"
-                )
         classes = self.metadata.get("classes")
         if not isinstance(classes, list | tuple) or not classes or not all(isinstance(c, str) for c in classes):
             raise ParameterError(f"model {self.slug!r}: classes must be a list of names, got {classes!r}")

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_arrays
 from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
-from mlsroad_pipeline.algorithms.models.compact_forest import expanded_forest, is_compact
 
 _ROWS = 32
 """Rows traversed in parallel, so that memory latency overlaps."""
@@ -142,12 +141,12 @@ class FlatForest:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> FlatForest:
-        """Rebuild a forest from the arrays of `to_arrays`, or from compact ones.
+        """Rebuild a forest from the arrays of `to_arrays`.
 
         Parameters
         ----------
         arrays : mapping of str to ndarray
-            The arrays, or those of `compact_forest`; other entries are ignored.
+            The arrays; other entries are ignored.
 
         Returns
         -------
@@ -160,8 +159,6 @@ class FlatForest:
             If an array is missing, or the arrays are no trees.
         """
         names = [field.name for field in fields(cls)]
-        if is_compact(arrays):
-            arrays = expanded_forest(arrays)
         check_arrays(arrays, names, "a forest")
         own = {name: np.asarray(arrays[name]) for name in names}
         n_features = int(own.pop("n_features"))

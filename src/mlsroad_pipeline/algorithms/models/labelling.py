@@ -12,8 +12,8 @@ from mlsroad_pipeline.algorithms.core.classes import IGNORE
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError, ParameterError
 from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.methods import METHODS, load_place
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, model_source
+from mlsroad_pipeline.algorithms.models.methods import METHODS, Method
 
 Labeller = Callable[[PointCloud, ModelBundle], tuple[NDArray[np.integer], NDArray[np.floating]]]
 
@@ -75,9 +75,6 @@ def label_cloud(
 ) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
     """Label a cloud with a model.
 
-    The function is that of the method in `METHODS`. The stored entry point counts for other slugs alone, so that models
-    stored by earlier versions of the package keep working.
-
     Parameters
     ----------
     bundle : ModelBundle
@@ -97,11 +94,13 @@ def label_cloud(
     Raises
     ------
     ParameterError
-        If the function does not exist in this version of the package.
+        If the method of the model is unknown.
     DataError
         If it returns another number of labels, labels outside the classes, or confidences outside 0 to 1.
     """
-    return _checked(bundle, cloud, *_applied(bundle, cloud, _labeller(bundle) if labeller is None else labeller))
+    if labeller is None:
+        labeller = method_of(bundle).load("label_cloud")
+    return _checked(bundle, cloud, *_applied(bundle, cloud, labeller))
 
 
 def label_softly(bundle: ModelBundle, cloud: PointCloud, *, labeller: Labeller | None = None) -> SoftLabels:
@@ -124,23 +123,26 @@ def label_softly(bundle: ModelBundle, cloud: PointCloud, *, labeller: Labeller |
     Raises
     ------
     ParameterError
-        If the function does not exist in this version of the package.
+        If the method of the model is unknown.
     DataError
         If it returns another number of labels, or labels outside the classes.
     """
-    place = _soft_place(bundle)
-    if labeller is not None or not place:
+    if labeller is not None or not method_of(bundle).label_softly:
         return SoftLabels(*label_cloud(bundle, cloud, labeller=labeller))
-    soft: SoftLabels = _applied(bundle, cloud, _loaded(bundle, place))
+    soft: SoftLabels = _applied(bundle, cloud, method_of(bundle).load("label_softly"))
     return SoftLabels(*_checked(bundle, cloud, *soft[:2]), *soft[2:])
 
 
-def _soft_place(bundle: ModelBundle) -> str:
-    """Return the place of the function that gives class probabilities, empty without one."""
+def method_of(bundle: ModelBundle) -> Method:
+    """Return the method of a model; ParameterError if this version of the package does not have it."""
     if bundle.slug not in METHODS:
-        return str(bundle.metadata.get("soft_entry_point", ""))
-    method = METHODS[bundle.slug]
-    return method.place("label_softly") if method.label_softly else ""
+        source = model_source(bundle)
+        name = f"{source['name']} {source['version']}".strip()
+        raise ParameterError(
+            f"model {name!r}: unknown method {bundle.slug!r} (known: {', '.join(METHODS)}); train a model of a known "
+            "method: kedro run --pipelines=SLUG"
+        )
+    return METHODS[bundle.slug]
 
 
 def _applied(bundle: ModelBundle, cloud: PointCloud, function: Callable[[PointCloud, ModelBundle], Any]) -> Any:
@@ -174,18 +176,3 @@ def _checked(
             f"model {bundle.slug!r} returned labels {labels.min()}..{labels.max()} of {len(bundle.classes)} classes"
         )
     return labels.astype(np.int16, copy=False), confidence.astype(np.float32, copy=False)
-
-
-def _labeller(bundle: ModelBundle) -> Labeller:
-    if bundle.slug in METHODS:
-        own: Labeller = METHODS[bundle.slug].load("label_cloud")
-        return own
-    stored: Labeller = _loaded(bundle, bundle.metadata["entry_point"])
-    return stored
-
-
-def _loaded(bundle: ModelBundle, place: str) -> Any:
-    try:
-        return load_place(place)
-    except (ModuleNotFoundError, AttributeError) as error:
-        raise ParameterError(f"model {bundle.slug!r} needs {place}, which this version lacks: {error}") from error

@@ -73,10 +73,29 @@ def member(bundle: ModelBundle, slug: str) -> ModelBundle:
     """
     if bundle.slug == slug:
         return bundle
-    described = bundle.metadata.get("members", {}).get(slug)
-    if described is None:
+    if slug not in bundle.metadata.get("members", {}):
         raise ParameterError(f"model {bundle.slug!r} has no member {slug!r}; train it again with this version")
-    return ModelBundle(slug, arrays_under(bundle.arrays, f"{slug}/"), described)
+    return stored_member(bundle, slug)
+
+
+def stored_member(bundle: ModelBundle, name: str) -> ModelBundle:
+    """Return the model that is stored in another one by its name, which is its slug unless its metadata have one.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        A model whose metadata name the member in ``members``.
+    name : str
+        Name of the member.
+
+    Returns
+    -------
+    ModelBundle
+        The member.
+    """
+    stored = bundle.metadata["members"][name]
+    metadata = {key: value for key, value in stored.items() if key != "slug"}
+    return ModelBundle(str(stored.get("slug", name)), arrays_under(bundle.arrays, f"{name}/"), metadata)
 
 
 def context_of(bundle: ModelBundle) -> float:
@@ -93,5 +112,5 @@ def context_of(bundle: ModelBundle) -> float:
         The greatest context of its method and those of its members, metres.
     """
     members: Mapping[str, Any] = bundle.metadata.get("members", {})
-    slugs = {bundle.slug, *members, *(str(member.get("slug", "")) for member in members.values())}
+    slugs = {bundle.slug, *(str(stored.get("slug", name)) for name, stored in members.items())}
     return max((METHODS[slug].context for slug in slugs if slug in METHODS), default=0.0)

@@ -31,10 +31,11 @@ class Method:
     folder : str
         Package of the method.
     parameters : str
-        Class of the parameters.
+        Class of the parameters; none of a composed method.
     use : str
         Applies a model. Patch labellers: the classifier class. Other labellers: the function that labels a prepared
-        scene. Detectors: the function that detects described objects. Recognisers: the recogniser class.
+        scene. Detectors: the function that detects described objects. Recognisers: the recogniser class. None of a
+        composed method.
     train : str, default "recognition.recogniser:train_recogniser"
         Function that trains a model; recognisers share one.
     label_cloud : str, default "recognition.recogniser:label_cloud"
@@ -59,13 +60,15 @@ class Method:
         Method whose labels this one refines; it is trained first.
     context : float, default 0.0
         Distance beyond the buffers of a scene up to which points improve its labels, metres.
+    composed : bool, default False
+        Whether models consist of trained models of other methods, so that there is no training of its own.
     """
 
     slug: str
     task: Task
     folder: str
-    parameters: str
-    use: str
+    parameters: str = ""
+    use: str = ""
     train: str = "recognition.recogniser:train_recogniser"
     label_cloud: str = "recognition.recogniser:label_cloud"
     label_softly: str = ""
@@ -78,6 +81,7 @@ class Method:
     described: str = "parts"
     refines: str = ""
     context: float = 0.0
+    composed: bool = False
 
     def place(self, part: str) -> str:
         """Return the full place of a part.
@@ -189,10 +193,6 @@ _TABLE = (
         ".labeller:label_scene", ".training:fit", ".labeller:label_cloud", ".labeller:label_cloud_softly",
     ),
     Method(
-        "multiscale_forest", "labelling", "baselines.multiscale_forest", ".parameters:MultiscaleForestParameters",
-        ".labeller:label_scene", ".training:fit", ".labeller:label_cloud",
-    ),
-    Method(
         "image_labels", "labelling", "image_labels", ".training_parameters:ImageLabelsParameters",
         ".labeller:label_scene", ".labeller:fit", "models.bundle:refuse_points", needs_images=True,
     ),
@@ -245,14 +245,27 @@ _TABLE = (
         "pointnet", "recognition", "baselines.pointnet", ".parameters:PointNetParameters",
         ".recogniser:PointNetRecogniser",
     ),
+    Method(
+        "pool", "labelling", "fusion", label_cloud=".pool:label_cloud", label_softly=".pool:label_cloud_softly",
+        composed=True,
+    ),
+    Method(
+        "corrected", "labelling", "baselines.boosted_trees", label_cloud=".corrected:label_cloud",
+        label_softly=".corrected:label_cloud_softly", composed=True,
+    ),
 )  # fmt: skip
 
 METHODS = {method.slug: method for method in _TABLE}
 """Slug to method; the order is that of the tables of scores."""
 
 
+def trained_methods() -> dict[str, Method]:
+    """Return the methods with a training and a pipeline of their own, by slug."""
+    return {slug: method for slug, method in METHODS.items() if not method.composed}
+
+
 def methods_of(task: Task, *, needs_images: bool = False) -> tuple[str, ...]:
-    """Return the slugs of the methods of a task.
+    """Return the slugs of the methods of a task that have a training of their own.
 
     Parameters
     ----------
@@ -266,7 +279,9 @@ def methods_of(task: Task, *, needs_images: bool = False) -> tuple[str, ...]:
     tuple of str
         Slugs in the order of the table.
     """
-    return tuple(slug for slug, method in METHODS.items() if (method.task, method.needs_images) == (task, needs_images))
+    return tuple(
+        slug for slug, method in trained_methods().items() if (method.task, method.needs_images) == (task, needs_images)
+    )
 
 
 def needs_images(slug: str) -> bool:

@@ -122,45 +122,10 @@ def unusual_facts(facts: Mapping[str, float], training: TrainingFacts) -> list[s
     return sentences
 
 
-def distance_from_training(facts: Mapping[str, float], training: TrainingFacts) -> float:
-    """Return the mean distance of the facts of a survey from the medians of the training scenes.
-
-    Parameters
-    ----------
-    facts : mapping of str to float
-        Facts of a survey, see `scene_facts`.
-    training : mapping of str to sequence of float
-        Ranges of `training_facts`.
-
-    Returns
-    -------
-    float
-        1 on average for facts at the quantiles 0.05 and 0.95, 0 for those at the medians; a fact counts at most 10. NaN
-        without facts in common.
-
-    Raises
-    ------
-    DataError
-        If a range has not five values.
-    """
-    distances = []
-    for name, fact in _FACTS.items():
-        if name in facts and name in training:
-            _, low, middle, high, _ = (_scaled(value, fact) for value in _range(name, training))
-            value = _scaled(facts[name], fact)
-            width = max(high - middle if value > middle else middle - low, _least_width(fact))
-            distances.append(min(abs(value - middle) / width, 10.0))
-    return float(np.mean(distances)) if distances else float("nan")
-
-
 def _range(name: str, training: TrainingFacts) -> Sequence[float]:
     if len(training[name]) != len(QUANTILES):
         raise DataError(f"training_facts of {name!r} must have {len(QUANTILES)} quantiles, got {training[name]!r}")
     return training[name]
-
-
-def _scaled(value: float, fact: _Fact) -> float:
-    return float(np.log(max(value, _LEAST))) if fact.ratio else value
 
 
 def _least_width(fact: _Fact) -> float:

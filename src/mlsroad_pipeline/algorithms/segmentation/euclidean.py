@@ -1,4 +1,4 @@
-"""Euclidean clusters: connected components of the graph that joins points within a distance.
+"""Euclidean clusters: connected components of the graph that joins points within a distance, and their numbering.
 
 Points are sorted once into cells of edge ``tolerance / sqrt(3)``. Points of one cell are never farther apart than the
 tolerance, so a cell is one node. Two nearby cells touch if a pair of their points is close enough; cells that are
@@ -12,12 +12,15 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive, check_xyz
-from mlsroad_pipeline.algorithms.geometry.cell_grid import bounding_box, cell_keys
-from mlsroad_pipeline.algorithms.geometry.graphs import find_root, join
+from mlsroad_pipeline.algorithms.geometry.cell_grid import CELLS_PER_RADIUS, bounding_box, build_cell_grids, cell_keys
+from mlsroad_pipeline.algorithms.geometry.cell_windows import first_window, move_window
+from mlsroad_pipeline.algorithms.geometry.graphs import connected_components, find_root, join
 from mlsroad_pipeline.algorithms.geometry.sorting import radix_argsort
+from mlsroad_pipeline.algorithms.geometry.voxels.grid import build_voxel_grid
 
 _MAX_KEY = 2.0**62
 # Row offsets (dy, dz) of the half space that follows a cell in key order, nearest first: once near cells are joined,
@@ -29,6 +32,7 @@ _ROWS = np.array(
     ),
     dtype=np.int64,
 )
+_NEIGHBORS = 4  # spacing is the distance to the fourth nearest neighbour: two along a scan line, two across
 
 
 @njit(cache=True)
@@ -84,14 +88,9 @@ def _touch(a: int, b: int, start: NDArray[np.int64], box: NDArray[np.float64], p
 
 @njit(cache=True)
 def _link_cells(
-    cell_key: NDArray[np.int64],
-    start: NDArray[np.int64],
-    box: NDArray[np.float64],
-    points: NDArray,
-    shape: NDArray[np.int64],
-    rows: NDArray[np.int64],
-    limit: float,
-) -> NDArray[np.int32]:
+    cell_key: NDArray[np.int64], start: NDArray[np.int64], box: NDArray[np.float64], points: NDArray,
+    shape: NDArray[np.int64], rows: NDArray[np.int64], limit: float,
+) -> NDArray[np.int32]:  # fmt: skip
     n_cells = len(cell_key)
     parent = np.arange(n_cells).astype(np.int32)
     for a in range(n_cells):  # the row of the cell itself
@@ -114,29 +113,45 @@ def _link_cells(
 
 
 @njit(cache=True)
-def _labels(
-    parent: NDArray[np.int32], start: NDArray[np.int64], order: NDArray[np.int32], min_points: int
-) -> NDArray[np.int32]:
-    n_cells = len(parent)
-    count = np.zeros(n_cells, np.int64)
-    labels = np.empty(len(order), np.int32)
-    for cell in range(n_cells):
+def _roots(parent: NDArray[np.int32], start: NDArray[np.int64], order: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return the first cell of each point's component."""
+    roots = np.empty(len(order), np.int32)
+    for cell in range(len(parent)):
         root = find_root(parent, cell)
-        count[root] += start[cell + 1] - start[cell]
         for i in range(start[cell], start[cell + 1]):
-            labels[order[i]] = root
-    number = np.full(n_cells, -1, np.int32)
-    n_labels = 0
-    for i in range(len(labels)):
-        root = labels[i]
-        if count[root] < min_points:
-            labels[i] = -1
+            roots[order[i]] = root
+    return roots
+
+
+def number_objects(parts: NDArray[np.integer], min_points: int) -> NDArray[np.int32]:
+    """Number parts, at least 0, as 0, 1, ... by their first points; parts of fewer than `min_points` become -1."""
+    check_at_least(min_points, 1, "min_points")
+    return np.zeros(0, np.int32) if len(parts) == 0 else _numbered(parts, min_points)
+
+
+@njit(cache=True, nogil=True)
+def _numbered(parts: NDArray[np.integer], min_points: int) -> NDArray[np.int32]:
+    counts = np.zeros(parts.max() + 1, np.int64)
+    for part in parts:
+        counts[part] += 1
+    number = np.full(len(counts), -1, np.int32)
+    out = np.empty(len(parts), np.int32)
+    n_objects = 0
+    for i in range(len(parts)):
+        part = parts[i]
+        if counts[part] < min_points:
+            out[i] = -1
             continue
-        if number[root] < 0:
-            number[root] = n_labels
-            n_labels += 1
-        labels[i] = number[root]
-    return labels
+        if number[part] < 0:
+            number[part] = n_objects
+            n_objects += 1
+        out[i] = number[part]
+    return out
+
+
+def number_pairs(a: NDArray[np.integer], b: NDArray[np.integer]) -> NDArray[np.int64]:
+    """Number the distinct pairs of two non-negative integers, such as voxel and cluster, in ascending order."""
+    return np.unique(a.astype(np.int64) * (int(b.max()) + 1) + b, return_inverse=True)[1].astype(np.int64)
 
 
 def cluster(xyz: ArrayLike, *, tolerance: float, min_points: int = 1) -> NDArray[np.int32]:
@@ -192,4 +207,64 @@ def cluster(xyz: ArrayLike, *, tolerance: float, min_points: int = 1) -> NDArray
     keys, order = radix_argsort(cell_keys(array, low, inverse, shape[0], shape[1], 0), int(np.prod(size)).bit_length())
     cell_key, start, box, points = _cells(keys, order, array)
     parent = _link_cells(cell_key, start, box, points, shape, _ROWS, float(tolerance) ** 2)
-    return _labels(parent, start, order, min_points)
+    return _numbered(_roots(parent, start, order), min_points)
+
+
+def cluster_by_spacing(
+    xyz: ArrayLike, *, tolerance: float, spacing_factor: float, max_tolerance: float
+) -> NDArray[np.int32]:
+    """Cluster points within `tolerance`, or up to `max_tolerance` where they are sparser; lengths in metres.
+
+    Voxels of half the tolerance are also joined within `spacing_factor` times the spacing at both, the distance to the
+    fourth nearest voxel. A factor of 0, or a `max_tolerance` up to the tolerance, disables this.
+    """
+    points = check_xyz(xyz)
+    if not 0 <= spacing_factor < np.inf:
+        raise ParameterError(f"spacing_factor must be at least 0, got {spacing_factor!r}")
+    check_positive(max_tolerance, "max_tolerance")
+    labels = cluster(points, tolerance=tolerance)
+    if len(points) <= _NEIGHBORS or spacing_factor == 0 or max_tolerance <= tolerance:
+        return labels
+    grid = build_voxel_grid(points, voxel_size=0.5 * tolerance)
+    places = grid.centroids
+    if len(places) <= _NEIGHBORS:
+        return labels
+    reach = spacing_factor * cKDTree(places).query(places, k=_NEIGHBORS + 1)[0][:, -1]
+    sparse = np.flatnonzero(reach > tolerance)
+    if len(sparse) == 0:
+        return labels
+    first = np.unique(grid.voxel_of_point, return_index=True)[1]  # a voxel belongs to the cluster of its first point
+    parent = np.arange(int(labels.max()) + 1, dtype=np.int32)
+    # A cell one part in a billion wider: rounding cannot put a neighbour one cell farther away.
+    size, width = max_tolerance * (1 + 1e-9) / CELLS_PER_RADIUS, CELLS_PER_RADIUS
+    cells = build_cell_grids(places[sparse], cell_size=size, margin=width)[0]
+    _join_cells(
+        places[sparse], np.minimum(reach[sparse], max_tolerance), labels[first[sparse]], cells.order, cells.keys,
+        cells.starts, cells.row_offsets(width), width, parent,
+    )  # fmt: skip
+    joined = connected_components(np.column_stack([np.arange(len(parent)), parent]), n_nodes=len(parent))
+    return joined[labels]
+
+
+@njit(cache=True, nogil=True)
+def _join_cells(
+    places: NDArray[np.float64], reach: NDArray[np.float64], owner: NDArray[np.int32], order: NDArray[np.int32],
+    keys: NDArray[np.int64], starts: NDArray[np.int64], rows: NDArray[np.int64], width: int, parent: NDArray[np.int32],
+) -> None:  # fmt: skip
+    """Join, in the union-find forest `parent`, the clusters that own two places within the reach of both.
+
+    It works cell by cell; a list of pairs would need gigabytes for a million places.
+    """
+    begin, end = first_window(keys, keys[0], rows, width)
+    for cell in range(len(keys)):
+        move_window(keys, keys[cell], rows, width, begin, end)
+        for i in range(starts[cell], starts[cell + 1]):
+            p = order[i]
+            for j in range(len(rows)):
+                for k in range(starts[begin[j]], starts[end[j]]):
+                    q = order[k]
+                    if q <= p or find_root(parent, owner[p]) == find_root(parent, owner[q]):
+                        continue
+                    dx, dy, dz = places[p, 0] - places[q, 0], places[p, 1] - places[q, 1], places[p, 2] - places[q, 2]
+                    if np.sqrt(dx * dx + dy * dy + dz * dz) <= min(reach[p], reach[q]):
+                        join(parent, owner[p], owner[q])

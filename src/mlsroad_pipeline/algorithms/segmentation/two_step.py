@@ -15,38 +15,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_column, check_positive, check_xyz
-from mlsroad_pipeline.algorithms.geometry.cell_grid import CELLS_PER_RADIUS, build_cell_grids
-from mlsroad_pipeline.algorithms.geometry.cell_windows import first_window, move_window
 from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
-from mlsroad_pipeline.algorithms.segmentation.numbering import number_objects
+from mlsroad_pipeline.algorithms.geometry.neighbors import radius_neighbors
+from mlsroad_pipeline.algorithms.segmentation.euclidean import number_objects
+
+_CHUNK = 100_000  # places whose neighbours are in memory at a time; each has some hundreds
 
 
 @dataclass(frozen=True)
 class TwoStepParameters:
-    """Parameters of the segmentation along and across scan lines.
+    """Parameters of the segmentation along and across scan lines."""
 
-    Parameters
-    ----------
-    along : float, default 0.3
-        The longest step between consecutive returns of a run, metres. Larger runs bridge gaps and join neighbours.
-    across : float, default 0.3
-        Distance within which places of two runs touch, metres.
-    contact : float, default 0.25
-        Share of the places of the shorter run that must touch the other for the two to be joined, 0 to 1. Larger
-        separates objects that touch only at their edges.
-    voxel_size : float, default 0.1
-        A run is thinned to one place per voxel of this edge, metres.
-
-    Raises
-    ------
-    ParameterError
-        If a length is not positive or `contact` is not in [0, 1].
-    """
-
-    along: float = 0.3
-    across: float = 0.3
-    contact: float = 0.25
-    voxel_size: float = 0.1
+    along: float = 0.3  # m, longest step between consecutive returns of a run; larger bridges gaps, joins neighbours
+    across: float = 0.3  # m, distance within which places of two runs touch
+    contact: float = 0.25  # share of the places of the shorter run that must touch the other for a join, 0 to 1
+    voxel_size: float = 0.1  # m, a run is thinned to one place per voxel of this edge
 
     def __post_init__(self) -> None:
         for name in ("along", "across", "voxel_size"):
@@ -63,35 +46,10 @@ def segment_two_step(
     parameters: TwoStepParameters = TwoStepParameters(),
     min_points: int = 1,
 ) -> NDArray[np.int32]:
-    """Segment off-ground points into objects along and across scan lines.
+    """Segment off-ground points, m, into objects along and across scan lines; -1 below `min_points`.
 
     Consecutive returns of one scanner at short distances form a run. Two runs are joined when a sufficient share of the
     shorter one touches the other.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Coordinates without the ground, metres.
-    gps_time : array-like of shape (n,)
-        Time of each return, seconds.
-    scanner : array-like of shape (n,), integer
-        Scanner of each return.
-    parameters : TwoStepParameters
-        Distances and share of contact.
-    min_points : int, default 1
-        Objects with fewer points are labelled -1.
-
-    Returns
-    -------
-    ndarray of int32, shape (n,)
-        Objects 0, 1, ... numbered by their first points; -1 below `min_points`.
-
-    Raises
-    ------
-    DataError
-        If `xyz` is not (n, 3) or not finite, or a column has another length.
-    ParameterError
-        If `min_points` is below 1.
     """
     points = check_xyz(xyz).astype(np.float64, copy=False)
     times = check_column(gps_time, len(points), "gps_time")
@@ -128,88 +86,35 @@ def _thinned(
 
 
 def _touching(places: NDArray[np.float64], of_run: NDArray[np.int64], parameters: TwoStepParameters) -> NDArray:
-    """Return the pairs of runs that touch over a sufficient share."""
-    size = parameters.across * (1 + 1e-9) / CELLS_PER_RADIUS  # rounding cannot put a neighbour a cell too far
-    grid = build_cell_grids(places, cell_size=size, margin=CELLS_PER_RADIUS)[0]
-    rows = grid.row_offsets(CELLS_PER_RADIUS)
-    begin, end = _windows(grid.keys, rows, CELLS_PER_RADIUS)
-    bounds = np.searchsorted(of_run, np.arange(int(of_run.max()) + 2))
-    return np.asarray(
-        _side_by_side(
-            places, grid.order, grid.starts, begin, end, of_run, bounds, parameters.across, parameters.contact
-        )
-    )
+    """Return the pairs of runs that touch over a sufficient share of the shorter one; a place touches a run once."""
+    n_runs = int(of_run.max()) + 1
+    keys, counts = [], []
+    for first in range(0, len(places), _CHUNK):
+        near = radius_neighbors(places, radius=parameters.across, queries=places[first : first + _CHUNK])
+        own, other = _touched_runs(*near, of_run, first)
+        key, count = np.unique(own * n_runs + other, return_counts=True)
+        keys.append(key)
+        counts.append(count)
+    pairs, of_pair = np.unique(np.concatenate(keys), return_inverse=True)
+    touched = np.bincount(of_pair, np.concatenate(counts), minlength=len(pairs))
+    own, other, size = pairs // n_runs, pairs % n_runs, np.bincount(of_run)
+    # Of two equally long runs either may count as the shorter one.
+    good = (size[own] <= size[other]) & (touched >= parameters.contact * size[own])
+    return np.column_stack([own, other])[good]
 
 
 @njit(cache=True, nogil=True)
-def _windows(keys: NDArray[np.int64], rows: NDArray[np.int64], reach: int) -> tuple[NDArray, NDArray]:
-    """Return where each row of cells around each occupied cell begins and ends among the occupied ones."""
-    begins, ends = np.empty((len(keys), len(rows)), np.int32), np.empty((len(keys), len(rows)), np.int32)
-    begin, end = first_window(keys, keys[0], rows, reach)
-    for cell in range(len(keys)):
-        move_window(keys, keys[cell], rows, reach, begin, end)
-        begins[cell], ends[cell] = begin, end
-    return begins, ends
-
-
-@njit(cache=True, nogil=True)
-def _side_by_side(
-    places: NDArray[np.float64],
-    order: NDArray[np.int32],
-    starts: NDArray[np.int64],
-    begins: NDArray[np.int32],
-    ends: NDArray[np.int32],
-    of_run: NDArray[np.int64],
-    bounds: NDArray[np.int64],
-    across: float,
-    contact: float,
-) -> NDArray[np.int64]:
-    """Count, run by run, the places of a run that each other run touches; a place touches a run once."""
-    n_runs = len(bounds) - 1
-    cell_of = np.empty(len(places), np.int32)
-    for cell in range(len(starts) - 1):
-        for i in range(starts[cell], starts[cell + 1]):
-            cell_of[order[i]] = cell
-    count, seen = np.zeros(n_runs, np.int64), np.full(n_runs, -1, np.int64)
-    touched = np.empty(n_runs, np.int64)
-    pairs, n_pairs = np.empty((1024, 2), np.int64), 0
-    for run in range(n_runs):
-        n_touched, size = 0, bounds[run + 1] - bounds[run]
-        for p in range(bounds[run], bounds[run + 1]):
-            near, far = begins[cell_of[p]], ends[cell_of[p]]
-            n_touched = _touch(places, p, order, starts, near, far, of_run, across, count, seen, touched, n_touched)
-        for k in range(n_touched):
-            other = touched[k]
-            # Of two equally long runs either may count as the shorter one.
-            if size <= bounds[other + 1] - bounds[other] and count[other] >= contact * size:
-                if n_pairs == len(pairs):
-                    pairs = np.concatenate((pairs, np.empty_like(pairs)))
-                pairs[n_pairs, 0], pairs[n_pairs, 1] = run, other
-                n_pairs += 1
-            count[other] = 0
-    return pairs[:n_pairs]
-
-
-@njit(cache=True, nogil=True)
-def _touch(
-    places: NDArray[np.float64], p: int, order: NDArray[np.int32], starts: NDArray[np.int64], begin: NDArray[np.int32],
-    end: NDArray[np.int32], of_run: NDArray[np.int64], across: float, count: NDArray[np.int64],
-    seen: NDArray[np.int64], touched: NDArray[np.int64], n_touched: int,
-) -> int:  # fmt: skip
-    """Count a place for each other run that it touches; return the number of runs touched so far."""
-    for j in range(len(begin)):
-        for i in range(starts[begin[j]], starts[end[j]]):
-            q = order[i]
-            other = of_run[q]
-            if other == of_run[p] or seen[other] == p:
-                continue
-            away = 0.0
-            for axis in range(3):
-                away += (places[p, axis] - places[q, axis]) ** 2
-            if away <= across * across:
-                seen[other] = p
-                if count[other] == 0:
-                    touched[n_touched] = other
-                    n_touched += 1
-                count[other] += 1
-    return n_touched
+def _touched_runs(
+    indices: NDArray[np.int32], indptr: NDArray[np.int64], of_run: NDArray[np.int64], first: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the run of a place and another run, once for each place from `first` on and each run that it touches."""
+    seen = np.full(of_run.max() + 1, -1, np.int64)
+    own, other, n = np.empty(len(indices), np.int64), np.empty(len(indices), np.int64), 0
+    for p in range(len(indptr) - 1):
+        for k in range(indptr[p], indptr[p + 1]):
+            run = of_run[indices[k]]
+            if run != of_run[first + p] and seen[run] != p:
+                seen[run] = p
+                own[n], other[n] = of_run[first + p], run
+                n += 1
+    return own[:n], other[:n]

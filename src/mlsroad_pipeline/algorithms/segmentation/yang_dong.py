@@ -17,47 +17,22 @@ from mlsroad_pipeline.algorithms.features.eigen import compute_eigen_features
 from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
 from mlsroad_pipeline.algorithms.geometry.neighbors import radius_neighbors
 from mlsroad_pipeline.algorithms.geometry.voxels.grid import build_voxel_grid
-from mlsroad_pipeline.algorithms.segmentation.numbering import number_objects
+from mlsroad_pipeline.algorithms.segmentation.euclidean import number_objects
 
 LINEAR, PLANAR, VOLUMETRIC = 0, 1, 2
 
 
 @dataclass(frozen=True)
 class YangDongParameters:
-    """Parameters of the shape-based segmentation.
+    """Parameters of the shape-based segmentation."""
 
-    Parameters
-    ----------
-    voxel_size : float, default 0.1
-        Points are thinned to voxels of this edge, metres.
-    radii : sequence of float, default (0.2, 0.35, 0.5)
-        Radii of neighbourhoods, of which that of least entropy is used, metres.
-    tolerance : float, default 0.25
-        Distance within which voxels are neighbours, metres.
-    max_angle : float, default 20
-        The largest angle between the directions of two linear, or the normals of two planar neighbours, degrees.
-        Smaller gives more and smaller segments.
-    min_voxels : int, default 15
-        Smaller segments are merged with the segment that they touch most.
-    contact : float, default 0.3
-        Share of the voxels of the smaller of two segments that must touch the other for the two to be merged, 0 to 1.
-        Larger merges fewer segments.
-    pole_height : float, default 1.5
-        Upright linear segments of at least this height are not merged with foliage beside them, metres.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain.
-    """
-
-    voxel_size: float = 0.1
-    radii: tuple[float, ...] = (0.2, 0.35, 0.5)
-    tolerance: float = 0.25
-    max_angle: float = 20.0
-    min_voxels: int = 15
-    contact: float = 0.3
-    pole_height: float = 1.5
+    voxel_size: float = 0.1  # m, points are thinned to voxels of this edge
+    radii: tuple[float, ...] = (0.2, 0.35, 0.5)  # m, of neighbourhoods; that of least entropy is used
+    tolerance: float = 0.25  # m, distance within which voxels are neighbours
+    max_angle: float = 20.0  # degrees between directions or normals of neighbours; smaller gives more segments
+    min_voxels: int = 15  # smaller segments are merged with the segment that they touch most
+    contact: float = 0.3  # share of the smaller of two segments that must touch the other for a merge, 0 to 1
+    pole_height: float = 1.5  # m, upright lines from this height on are not merged with foliage beside them
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "radii", tuple(float(radius) for radius in self.radii))
@@ -74,29 +49,7 @@ class YangDongParameters:
 def segment_yang_dong(
     xyz: ArrayLike, *, parameters: YangDongParameters = YangDongParameters(), min_points: int = 1
 ) -> NDArray[np.int32]:
-    """Segment off-ground points into objects by the shape of neighbourhoods.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Coordinates without the ground, metres.
-    parameters : YangDongParameters
-        Neighbourhoods, angles and share of contact.
-    min_points : int, default 1
-        Objects with fewer points are labelled -1.
-
-    Returns
-    -------
-    ndarray of int32, shape (n,)
-        Objects 0, 1, ... numbered by their first points; -1 below `min_points`.
-
-    Raises
-    ------
-    DataError
-        If `xyz` is not (n, 3) or not finite.
-    ParameterError
-        If `min_points` is below 1.
-    """
+    """Segment off-ground points, m, into objects by the shape of neighbourhoods; -1 below `min_points`."""
     points = check_xyz(xyz).astype(np.float64, copy=False)
     if len(points) == 0:
         return number_objects(np.zeros(0, np.int64), min_points)
@@ -119,21 +72,9 @@ def segment_yang_dong(
 def classify_dimensions(
     places: NDArray[np.float64], radii: tuple[float, ...]
 ) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
-    """Classify the neighbourhood of each place as linear, planar or volumetric, at the radius of least entropy.
+    """Return kind and direction of the neighbourhood of each place at the radius of least entropy.
 
-    Parameters
-    ----------
-    places : ndarray of float64, shape (n, 3)
-        Places, metres.
-    radii : tuple of float
-        Candidate radii, metres.
-
-    Returns
-    -------
-    kind : ndarray of int8, shape (n,)
-        `LINEAR`, `PLANAR` or `VOLUMETRIC`; volumetric where fewer than three places are near.
-    direction : ndarray of float64, shape (n, 3)
-        Main direction of lines, normal of planes, zero for volumes.
+    The direction is that of a line or the normal of a plane; zero for volumes and for fewer than three places.
     """
     least = np.full(len(places), np.inf)
     kind = np.full(len(places), VOLUMETRIC, np.int8)
@@ -180,12 +121,9 @@ def _absorb_small(segments: NDArray[np.int32], edges: NDArray[np.int64], min_vox
 
 
 def _merge(
-    segments: NDArray[np.int32],
-    edges: NDArray[np.int64],
-    kind: NDArray[np.int8],
-    places: NDArray[np.float64],
+    segments: NDArray[np.int32], edges: NDArray[np.int64], kind: NDArray[np.int8], places: NDArray[np.float64],
     parameters: YangDongParameters,
-) -> NDArray[np.int32]:
+) -> NDArray[np.int32]:  # fmt: skip
     """Merge touching segments into objects, except upright poles with the foliage that they pass through."""
     n = int(segments.max()) + 1
     size = np.bincount(segments, minlength=n)

@@ -97,8 +97,7 @@ def _load_bundle(source: Path) -> ModelBundle:
     try:
         check_model_arrays(arrays)
         _check_mappings(content["metadata"], "metadata")
-        slug, metadata = _as_of_today(content["slug"], content["metadata"])
-        bundle = ModelBundle(slug, arrays, metadata)
+        bundle = ModelBundle(content["slug"], arrays, content["metadata"])
         if "scheme" in bundle.metadata:
             bundle_scheme(bundle)
         return bundle
@@ -123,32 +122,6 @@ def _check_mapping(value: Any, name: str) -> None:
     if not isinstance(value, dict):
         text = printable(json.dumps(value))[:80]
         raise DataError(f"{name} is {text}, not a mapping: the model is damaged, copy or train it again")
-
-
-_RENAMED = {"machine_share": "regression_share", "machine_copies": "regression_copies"}
-"""Training parameters of JointNet in models of earlier versions, and their names of today."""
-
-
-def _as_of_today(slug: str, metadata: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Return slug and metadata of a stored model.
-
-    Models of `jointnet_printed` that lack its present parameters have the settings of `jointnet_tuned`; a network was
-    trained without cleaned objects where its parameters do not name them. Parameters of earlier names get those of
-    today.
-    """
-    parameters = metadata.get("parameters", {})
-    recogniser = parameters.get("recogniser", {})
-    present = dict(recogniser)
-    inputs, training = recogniser.get("inputs"), recogniser.get("training")
-    if isinstance(inputs, dict) and "clean" not in inputs:
-        present["inputs"] = {**inputs, "clean": 0.0}
-        slug = "jointnet_tuned" if slug == "jointnet_printed" else slug
-    if training:
-        present["training"] = {_RENAMED.get(name, name): value for name, value in training.items()}
-    return slug, metadata if present == recogniser else {
-        **metadata,
-        "parameters": {**parameters, "recogniser": present},
-    }
 
 
 @dataclass(frozen=True)

@@ -22,14 +22,12 @@ def model_card(entry: Mapping[str, Any]) -> str:
         The card.
     """
     attributes = " and ".join(entry["attributes"]) or "no attributes"
-    variants = [f"  There is one forest for each of {', '.join(entry['variants'])}."] if entry["variants"] else []
     lines = [
         f"# Model `{entry['name']}`",
         "",
         f"{entry['summary']}. Method: `{entry['method']}`. Licence: {entry['licence']}.",
         "",
         f"- **Input**: coordinates in metres, z up; {attributes} where a survey has them.",
-        *variants,
         f"- **Classes**: {', '.join(entry['classes'])}.",
         f"- **Trained on**: {len(entry['training'])} simulated streets and {_recorded(entry['recordings'])};",
         f"  {entry['samples']} samples.",

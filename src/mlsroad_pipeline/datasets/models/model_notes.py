@@ -8,7 +8,7 @@ from typing import Any
 import mlflow
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.algorithms.models.methods import METHODS, trained_methods
 
 CHALLENGER = "challenger"
 """Alias of the newest version of a registered model. (MLflow reserves the alias ``latest``.)"""
@@ -27,7 +27,7 @@ def annotate_version(name: str, number: int, slug: str, metadata: Mapping[str, A
     client = mlflow.MlflowClient()
     client.set_registered_model_alias(name, CHALLENGER, str(number))
     client.update_model_version(name, str(number), model_description(metadata))
-    if slug in METHODS:
+    if slug in trained_methods():
         client.update_registered_model(name, f"Method `{slug}` ({METHODS[slug].task}): {manual_page(slug)}")
 
 

@@ -66,9 +66,7 @@ class ShippedParameters:
             If the model has no name.
         """
         if not self.name:
-            raise ParameterError(
-                "shipped.name is not set: kedro run --env=general, --env=dense or --env=sparse trains a model"
-            )
+            raise ParameterError("shipped.name is not set: kedro run --env=general trains the models of the package")
         return f"kedro run --env={self.name}"
 
 
@@ -101,7 +99,6 @@ def describe_model(
         The entry.
     """
     metadata = bundle.metadata
-    features, counts = metadata["feature_names"], metadata["trained_on"]
     return ShippedModel(
         name=parameters.name,
         method=bundle.slug,
@@ -112,9 +109,8 @@ def describe_model(
         files={},
         classes=bundle.classes,
         attributes=tuple(metadata["attributes"]),
-        variants=tuple(features) if isinstance(features, Mapping) else (),
         training=training,
-        samples=int(counts["supervoxels"] if "supervoxels" in counts else counts["voxels"]),
+        samples=int(metadata["trained_on"]["voxels"]),
         scores=scores,
         recordings=recordings or {},
         training_facts=metadata.get("training_facts", {}),

@@ -72,18 +72,16 @@ class ShippedModel:
         Class names in label order.
     attributes : tuple of str
         Columns that the model uses where a survey has them.
-    variants : tuple of str
-        Combinations of attributes with a forest of their own; none for a method whose model serves all.
     training : mapping of str to mapping
         Name of each training survey to its parameters of the simulator.
     samples : int
-        Number of training samples: supervoxels or voxels.
+        Number of training voxels.
     scores : tuple of ModelScores
         Scores on data that the model was not trained on.
     recordings : mapping of str to mapping
         Recordings that the model was trained on: ``title``, ``licence``, ``scenes`` and ``sha256`` of each.
     training_facts : mapping of str to sequence of float
-        Ranges of the facts of the training scenes, see `algorithms.quality.training_facts`; empty for earlier models.
+        Ranges of the facts of the training scenes, see `algorithms.quality.training_facts`.
     """
 
     name: str
@@ -95,7 +93,6 @@ class ShippedModel:
     files: Mapping[str, Mapping[str, Any]]
     classes: tuple[str, ...]
     attributes: tuple[str, ...]
-    variants: tuple[str, ...]
     training: Mapping[str, Mapping[str, Any]]
     samples: int
     scores: tuple[ModelScores, ...] = field(default_factory=tuple)

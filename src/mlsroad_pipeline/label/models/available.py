@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mlsroad_pipeline.algorithms.quality.training_facts import unusual_facts
 from mlsroad_pipeline.datasets.models.registered_models import MlflowStore, ModelStore
 from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel, shipped_models
-from mlsroad_pipeline.label.models.survey_facts import SurveyFacts
 
 
 @dataclass(frozen=True)
@@ -57,8 +55,3 @@ def available_models(store: ModelStore | None = None) -> list[AvailableModel]:
         AvailableModel(item.registered_name, item.method, str(item.version), item.aliases, False, item.trained_on)
         for item in registered
     ]
-
-
-def unusual_properties_of(model: AvailableModel, facts: SurveyFacts) -> list[str]:
-    """Return one sentence per property of a survey outside the training data of a shipped model; none without facts."""
-    return [] if model.entry is None else unusual_facts(facts.of_scenes, model.entry.training_facts)

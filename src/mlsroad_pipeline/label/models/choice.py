@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.labelling import method_of
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle
 from mlsroad_pipeline.datasets.models.registered_models import ModelStore, RegisteredVersion
 from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel, load_shipped
@@ -83,7 +84,13 @@ class ModelChoice:
 
 
 def load_choice(choice: ModelChoice, store: ModelStore | None = None) -> ModelBundle:
-    """Return the bundle of a chosen model."""
+    """Return the bundle of a chosen model; ParameterError if its method is unknown."""
+    bundle = _loaded(choice, store)
+    method_of(bundle)
+    return bundle
+
+
+def _loaded(choice: ModelChoice, store: ModelStore | None) -> ModelBundle:
     if isinstance(choice.model, ShippedModel):
         return load_shipped(choice.model.name)
     if isinstance(choice.model, StoredModel):

@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-import pandas as pd
-
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
@@ -16,8 +14,7 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.datasets.models.own_segmentation import own_model, with_device, with_own_segmentation
 from mlsroad_pipeline.datasets.models.registered_models import configured_store
 from mlsroad_pipeline.label.models.choice import ModelChoice, load_choice
-from mlsroad_pipeline.label.models.selection import shipped_choice
-from mlsroad_pipeline.label.models.survey_facts import facts_of_quality
+from mlsroad_pipeline.label.models.selection import choose_model
 
 logger = logging.getLogger(__name__)
 
@@ -30,8 +27,8 @@ class ModelRequest:
     ----------
     method : str, optional
         Method of the model.
-    named : ModelChoice, optional
-        The model, if it does not depend on the survey.
+    choice : ModelChoice, optional
+        The model; the shipped one of the method by default.
     images : ImageLabelsParameters, optional
         Segmentation of images in place of the network of the model.
     own : ModelBundle, optional
@@ -41,17 +38,17 @@ class ModelRequest:
     """
 
     method: str | None = None
-    named: ModelChoice | None = None
+    choice: ModelChoice | None = None
     images: ImageLabelsParameters | None = None
     own: ModelBundle | None = None
     device: str = "auto"
 
-    def bundle(self, quality: pd.DataFrame, of_scenes: Mapping[str, float]) -> tuple[ModelBundle, str]:
-        """Return the model for a survey of a given quality and given facts of scenes, and a line for the log."""
+    def bundle(self) -> tuple[ModelBundle, str]:
+        """Return the model and a line for the log."""
         if self.own is not None:
             source = self.own.metadata["segmentation"]["name"]
             return self.own, f"Labelling with image_labels ({source}): image_labels.masks or .weights names it"
-        choice = self.named or shipped_choice(facts_of_quality(quality, of_scenes), method=self.method)
+        choice = self.choice or choose_model(method=self.method)
         bundle = with_device(load_choice(choice, configured_store()), self.device)
         if self.images is not None:
             bundle = with_own_segmentation(bundle, self.images)
@@ -63,15 +60,15 @@ def image_request(request: ModelRequest, images: ImageLabelsParameters, schemes:
     if not images.own_segmentation:
         return replace(request, device=images.device)
     given = "masks" if images.masks is not None else "weights"
-    chosen = request.named.method if request.named else request.method
+    chosen = request.choice.method if request.choice else request.method
     if chosen == "fusion":
         logger.warning(
             "The fusion was learned with another segmentation than %s unless it was trained with the same",
             images.masks or images.weights,
         )
         return replace(request, images=images)
-    if chosen == "image_labels" and request.named is not None:
-        named = f"{request.named.name} ({request.named.reason})"
+    if chosen == "image_labels" and request.choice is not None:
+        named = f"{request.choice.name} ({request.choice.reason})"
         raise ParameterError(
             f"image_labels.{given} takes the place of {named}: set label.model to null and label.method to "
             f"image_labels (image_labels.scheme has the classes), or image_labels.{given} to null"

@@ -1,4 +1,4 @@
-"""Selection of the model that labels a survey: a named one, the champion, or a shipped one by the survey.
+"""Selection of the model that labels a survey: a named one, the champion, or a shipped one.
 
 No function needs a Kedro session.
 """
@@ -8,53 +8,23 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.models.methods import METHODS
-from mlsroad_pipeline.algorithms.quality.training_facts import distance_from_training, unusual_facts
+from mlsroad_pipeline.algorithms.models.methods import METHODS, trained_methods
 from mlsroad_pipeline.datasets.models.registered_models import ModelStore, RegisteredVersion
 from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel, shipped_models
 from mlsroad_pipeline.label.models.choice import ModelChoice, StoredModel
-from mlsroad_pipeline.label.models.survey_facts import (
-    SCAN_BELOW,
-    SCAN_CONCENTRATION,
-    SPARSE_BELOW,
-    SurveyFacts,
-    facts_of_survey,
-)
-from mlsroad_pipeline.surveys.inspection import InspectParameters
 
 CHAMPION = "champion"
 """Alias of the registered model that `label` prefers to the shipped ones."""
 
-POOL, GENERAL, SPARSE, DENSE = "pool", "general", "sparse", "dense"
-"""Names of shipped models: the default, one of its members, and those that a method without these has."""
+DEFAULT = "pool"
+"""Name of the shipped model that `label` takes by default."""
 
 
-def explain_choice(
-    survey: str | Sequence[str],
-    *,
-    method: str | None = None,
-    model: int | str | None = None,
-    store: ModelStore | None = None,
-    parameters: InspectParameters | None = None,
-) -> ModelChoice:
-    """Return the model that `label` would take for a file, folder or glob, and the reason."""
-    return choose(facts_of_survey(survey, parameters=parameters), method=method, model=model, store=store)
-
-
-def choose(
-    facts: SurveyFacts, *, method: str | None = None, model: int | str | None = None, store: ModelStore | None = None
-) -> ModelChoice:
-    """Return the model for a survey: a named one or the champion (`named_choice`), else a shipped one."""
-    return named_choice(method=method, model=model, store=store) or shipped_choice(facts, method=method)
-
-
-def named_choice(
+def choose_model(
     *, method: str | None = None, model: int | str | None = None, store: ModelStore | None = None
-) -> ModelChoice | None:
-    """Return the model that configuration and registry determine without the survey.
+) -> ModelChoice:
+    """Return the model of a run of `label`.
 
     Parameters
     ----------
@@ -67,8 +37,8 @@ def named_choice(
 
     Returns
     -------
-    ModelChoice or None
-        The model and the reason; None if a shipped model is to be chosen by the survey.
+    ModelChoice
+        The model and the reason: a named one, the champion, a registered one of the method, or a shipped one.
 
     Raises
     ------
@@ -93,70 +63,36 @@ def named_choice(
         return ModelChoice(champions[0], f"it has the alias {CHAMPION!r}")
     if method is not None and own:
         return ModelChoice(own[-1], f"it is the highest version of label.method={method}")
-    if method is not None and method not in {item.method for item in shipped.values()}:
+    return _default(method)
+
+
+def _default(method: str | None) -> ModelChoice:
+    """Return the shipped model of a method; of none that of the package."""
+    shipped = shipped_models()
+    if method is None:
+        if DEFAULT not in shipped:
+            raise ParameterError(f"the package has no model {DEFAULT!r}: install mlsroad_pipeline again")
+        return ModelChoice(shipped[DEFAULT], "it is the default model of the package")
+    own = [item for item in shipped.values() if item.method == method]
+    if not own:
         command = f"kedro run --pipelines=all_methods --to-outputs={method}.registered_model"
-        raise ParameterError(
-            f"label.method {method!r} has no model: the package ships none and none is registered; `{command}`, in a "
-            "clone of the project, trains one"
+        how = (
+            f"`{command}`, in a clone of the project, trains one"
+            if method in trained_methods()
+            else "see mlsroad learn"
         )
-    return None
-
-
-def shipped_choice(facts: SurveyFacts, *, method: str | None = None) -> ModelChoice:
-    """Return the shipped model whose training data are nearest to a survey.
-
-    Models without facts of their training data are not compared: `POOL` is taken, else the one for the density.
-    """
-    shipped = {name: item for name, item in shipped_models().items() if method in (None, item.method)}
-    if not shipped:
-        raise ParameterError("the package holds no models: install mlsroad_pipeline again")
-    if POOL in shipped:
-        shipped.pop(GENERAL, None)  # a member of the pool, with the same training data
-    if len(shipped) == 1:
-        of = "" if method is None else f" of {method}"
-        return ModelChoice(next(iter(shipped.values())), f"it is the only shipped model{of}")
-    described = [item for item in shipped.values() if item.training_facts]
-    if len(described) > 1 and facts.of_scenes:
-        return _nearest_in_training(described, facts.of_scenes)
-    if POOL in shipped:
-        return ModelChoice(shipped[POOL], "it is the default model of the package")
-    model = shipped.get(SPARSE if facts.sparse else DENSE, next(iter(shipped.values())))
-    return ModelChoice(model, _reason(facts))
-
-
-def _nearest_in_training(models: Sequence[ShippedModel], facts: Mapping[str, float]) -> ModelChoice:
-    """Return the model with the fewest unusual facts; of equal ones that with the smallest mean distance."""
-
-    def order(model: ShippedModel) -> tuple[int, float]:
-        distance = distance_from_training(facts, model.training_facts)
-        return len(unusual_facts(facts, model.training_facts)), float("inf") if np.isnan(distance) else distance
-
-    ranked = sorted(models, key=order)
-    counts = ", ".join(f"{item.name} {order(item)[0]} (mean distance {order(item)[1]:.2g})" for item in ranked)
-    return ModelChoice(ranked[0], f"fewest properties of the survey are outside its training data: {counts}")
-
-
-def _reason(facts: SurveyFacts) -> str:
-    if np.isnan(facts.median_density):
-        return "the density of the survey is unknown"
-    text = f"the survey has a median of {facts.median_density:.4g} points per m²"
-    if facts.median_density < SPARSE_BELOW:
-        return f"{text}, below {SPARSE_BELOW:g}"
-    if facts.median_density >= SCAN_BELOW:
-        return f"{text}, at least {SCAN_BELOW:g}"
-    side = "below" if facts.sparse else "at least"
-    scan = "" if facts.sparse else "not "
-    concentration = f"concentration {facts.concentration:.2g}, {side} {SCAN_CONCENTRATION:g}"
-    return f"{text} and is {scan}a scan from one place ({concentration})"
+        raise ParameterError(
+            f"label.method {method!r} has no model: the package ships none and none is registered; {how}"
+        )
+    return ModelChoice(own[0], f"it is the only shipped model of {method}")
 
 
 def _labels_points(item: RegisteredVersion) -> bool:
-    return item.method not in METHODS or METHODS[item.method].task == "labelling"
+    return item.method not in METHODS or METHODS[item.method].task == "labelling"  # loading reports unknown methods
 
 
 def _check_method(method: str | None, registered: Sequence[RegisteredVersion]) -> None:
-    shipped = (item.method for item in shipped_models().values())
-    known = list(dict.fromkeys((*METHODS, *shipped, *(item.method for item in registered))))
+    known = list(dict.fromkeys((*METHODS, *(item.method for item in registered))))
     if method is not None and method not in known:
         raise ParameterError(f"label.method {method!r} is no method (methods: {', '.join(known)})")
 

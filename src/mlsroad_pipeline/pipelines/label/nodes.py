@@ -28,7 +28,7 @@ from mlsroad_pipeline.label.exports import export_inventory
 from mlsroad_pipeline.label.images import LabelImages, images_of_survey, images_to_label
 from mlsroad_pipeline.label.inventory import OBJECTS, inventory_of, marking_warnings, objects_task
 from mlsroad_pipeline.label.models.request import ModelRequest, image_request
-from mlsroad_pipeline.label.models.selection import named_choice
+from mlsroad_pipeline.label.models.selection import choose_model
 from mlsroad_pipeline.label.models.survey_facts import facts_of_pieces, unusual_properties, unusual_warnings
 from mlsroad_pipeline.label.output_codes import code_names, output_codes
 from mlsroad_pipeline.label.photos import write_photos
@@ -68,11 +68,11 @@ def check_label_outputs(
 def find_named_model(
     parameters: LabelParameters, images: ImageLabelsParameters, classes: Mapping[str, Any]
 ) -> ModelRequest:
-    """Return the model that is named or is the champion, before the survey is read."""
+    """Return the request for the model, before the survey is read."""
     if parameters.method == "image_labels" and parameters.model is None and images.own_segmentation:
         return image_request(ModelRequest(parameters.method), images, classes["schemes"])
-    named = named_choice(method=parameters.method, model=parameters.model, store=configured_store())
-    return image_request(ModelRequest(parameters.method, named), images, classes["schemes"])
+    choice = choose_model(method=parameters.method, model=parameters.model, store=configured_store())
+    return image_request(ModelRequest(parameters.method, choice), images, classes["schemes"])
 
 
 def describe_survey(plan: SurveyPlan, pieces: SceneCollection, ingest: IngestParameters) -> dict[str, float]:
@@ -80,9 +80,10 @@ def describe_survey(plan: SurveyPlan, pieces: SceneCollection, ingest: IngestPar
     return facts_of_pieces(plan, pieces, ingest)
 
 
-def choose_model(request: ModelRequest, quality: pd.DataFrame, facts: dict[str, float]) -> ModelBundle:
-    """Return the model for the survey, and log the reason of the choice."""
-    bundle, line = request.bundle(quality, facts)
+def load_model(request: ModelRequest, checked: pd.DataFrame) -> ModelBundle:
+    """Return the model, and log the reason of its choice; `checked` orders the node after the check of the outputs."""
+    del checked
+    bundle, line = request.bundle()
     check_device(bundle)
     logger.info(line)
     return bundle

@@ -5,13 +5,13 @@ from kedro.pipeline import Node, Pipeline
 from mlsroad_pipeline.pipelines.ingest.pipeline import cut_survey
 from mlsroad_pipeline.pipelines.label.nodes import (
     check_label_outputs,
-    choose_model,
     describe_survey,
     export_label_inventory,
     find_label_images,
     find_named_model,
     join_label_objects,
     label_new_scenes,
+    load_model,
     make_inventory,
     plan_label_files,
     warn_of_survey,
@@ -65,10 +65,10 @@ def _model() -> list[Node]:
             name="describe_survey",
         ),
         Node(
-            choose_model,
-            inputs=["label_model_request", "label_quality", "label_facts"],
+            load_model,
+            inputs=["label_model_request", "label_quality"],
             outputs="label_model",
-            name="choose_model",
+            name="load_model",
         ),
         Node(
             warn_of_survey,

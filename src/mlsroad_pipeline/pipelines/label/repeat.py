@@ -20,7 +20,7 @@ from mlsroad_pipeline.execution.output_lock import OutputInUseError, lock_output
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.run_identity import FINISHED
 from mlsroad_pipeline.label.models.choice import ModelChoice, StoredModel
-from mlsroad_pipeline.label.models.selection import named_choice
+from mlsroad_pipeline.label.models.selection import choose_model
 from mlsroad_pipeline.label.runs import finished_record
 from mlsroad_pipeline.label.summary import LabelSummary, moved_summary
 from mlsroad_pipeline.surveys.parameters import LabelParameters
@@ -46,10 +46,10 @@ def is_finished(
             return False
         if images.own_segmentation and parameters.method == summary["method"] == "image_labels":
             return parameters.model is None  # no registered model takes part
-        named = named_choice(method=parameters.method, model=parameters.model, store=configured_store())
+        chosen = choose_model(method=parameters.method, model=parameters.model, store=configured_store())
     except MlsRoadError:  # the run itself reports it
         return False
-    return _is_same(named, summary["model"])
+    return _is_same(chosen, summary["model"])
 
 
 def _is_segmented(images: ImageLabelsParameters, used: Mapping[str, str]) -> bool:
@@ -57,14 +57,14 @@ def _is_segmented(images: ImageLabelsParameters, used: Mapping[str, str]) -> boo
     return not images.own_segmentation or used.get("name") == segmentation_name(images)
 
 
-def _is_same(named: ModelChoice | None, used: Any) -> bool:
-    """Return whether the model that is named, or the champion, labelled; a shipped one follows from the survey."""
+def _is_same(chosen: ModelChoice, used: Any) -> bool:
+    """Return whether the chosen model is the one that labelled."""
     name, version, shipped = used["name"], str(used["version"]), used.get("source") == "shipped"
-    if named is None or isinstance(named.model, ShippedModel):
-        return shipped and (named is None or named.model.name == name)
-    if isinstance(named.model, StoredModel):
-        return used.get("source") == "stored" and used.get("folder") == named.model.folder
-    return not shipped and (f"{PREFIX}{named.method}", str(named.model.version)) == (name, version)
+    if isinstance(chosen.model, ShippedModel):
+        return shipped and chosen.model.name == name
+    if isinstance(chosen.model, StoredModel):
+        return used.get("source") == "stored" and used.get("folder") == chosen.model.folder
+    return not shipped and (f"{PREFIX}{chosen.method}", str(chosen.model.version)) == (name, version)
 
 
 def repeat_summary(run: RunFolder, parameters: LabelParameters) -> LabelSummary:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters
-from mlsroad_pipeline.algorithms.segmentation.measures import segmentation_table
+from mlsroad_pipeline.algorithms.segmentation.stage import segmentation_table
 from mlsroad_pipeline.execution.collection import SceneCollection
 
 

@@ -12,9 +12,6 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG as TREES
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import BoostedTreesParameters
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import training_voxels
-from mlsroad_pipeline.algorithms.baselines.multiscale_forest.parameters import SLUG as SPHERES
-from mlsroad_pipeline.algorithms.baselines.multiscale_forest.parameters import MultiscaleForestParameters
-from mlsroad_pipeline.algorithms.baselines.multiscale_forest.training import training_spheres
 from mlsroad_pipeline.algorithms.baselines.shape_based import labeller as shape_based
 from mlsroad_pipeline.algorithms.baselines.shape_based import training as shape_training
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer import labeller as superpoint_transformer
@@ -254,40 +251,15 @@ def _fit_voxels(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
     return bundle
 
 
-def prepare_spheres(
-    scenes: PointCloud | Mapping[str, PointCloud],
-    *,
-    stages: MultiscaleForestParameters,
-    scheme: ClassScheme,
-    mixed: Sequence[str],
-) -> dict[str, Any]:
-    """Draw the labelled voxels of scenes for each use, with their multiscale spherical neighbourhoods."""
-    return {
-        f"{name}.{use}": training_spheres(labelled, stages, scheme=scheme)
-        for name, uses in labelled_for(scenes, scheme, mixed)
-        for use, labelled in uses.items()
-    }
-
-
-def _fit_spheres(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
-    voxels = [arrays for scene in scenes for arrays in scene.labelled()]
-    bundle: ModelBundle = METHODS[setup.method].load("train")(
-        voxels, parameters=setup.own, scheme=setup.scheme, trained_on=setup.facts
-    )
-    return bundle
-
-
 _FOREST = Preparation("supervoxels", _forest_stages, prepare_supervoxels, _fit_forest)
 _PATCHES = Preparation("patches", _patch_stages, prepare_patches, _fit_patches)
 _SHAPES = Preparation("patches", _patch_stages, prepare_patches, _fit_shapes)
 _GRAPHS = Preparation("superpoint_graphs", _graph_stages, prepare_graphs, _fit_graphs)
 _VOXELS = Preparation("voxels", _voxel_stages, prepare_voxels, _fit_voxels)
-_SPHERES = Preparation("spheres", lambda parameters: parameters[SPHERES], prepare_spheres, _fit_spheres)
 _OF_METHOD = {
     "detrended_forest": _FOREST,
     "shape_based": _SHAPES,
     SUPERPOINTS: _GRAPHS,
-    SPHERES: _SPHERES,
     TREES: _VOXELS,
     **dict.fromkeys(
         (

@@ -3,14 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from references.patches import SCHEME, street
 
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.calibration import calibrate
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import BoostedTreesParameters
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import training_voxels
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.training import fit
-from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.metrics.calibration import reliability_table
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
@@ -58,18 +55,3 @@ def calibration_error(bundle):
 
 def test_confidence_is_the_probability_that_the_label_is_right():
     assert calibration_error(model(20)) < 0.06
-
-
-def test_temperature_of_held_out_streets_mends_trees_of_a_few_rounds():
-    few = model(10)
-    fitted = calibrate(few, [voxels_of(seed) for seed in (4, 5)])
-    error = calibration_error(fitted)
-    assert error < 0.06 and calibration_error(few) > 1.5 * error
-    assert few.arrays["temperature"] == 1 > fitted.arrays["temperature"] > 0
-
-
-def test_no_held_out_voxels_is_an_error():
-    bundle, empty = model(2), voxels_of(4)
-    empty = {**empty, "values": empty["values"][:0], "rows": empty["rows"][:0]}
-    with pytest.raises(DataError, match="there are no labelled points"):
-        calibrate(bundle, [empty])

@@ -57,8 +57,7 @@ def softly(bundle, cloud):
 def labeller(request, monkeypatch):
     given = {"hard": lambda bundle, cloud: SoftLabels(*all_wall(cloud, bundle)), "soft": softly}[request.param]
     monkeypatch.setattr(corrected, "label_softly", given)
-    place = "mlsroad_pipeline.algorithms.mine:label_cloud"
-    return ModelBundle("mine", {"own": np.arange(3)}, {"classes": ["ground", "wall", "pole"], "entry_point": place})
+    return ModelBundle("mine", {"own": np.arange(3)}, {"classes": ["ground", "wall", "pole"]})
 
 
 @pytest.fixture(scope="module")

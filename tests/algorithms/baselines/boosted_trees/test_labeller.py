@@ -64,7 +64,6 @@ def test_the_model_survives_storage(model):
     stored = ModelBundle(SLUG, {name: np.array(a) for name, a in model.arrays.items()}, dict(model.metadata))
     for first, second in zip(label_cloud(model, cloud), label_cloud(stored, cloud), strict=True):
         np.testing.assert_array_equal(first, second)
-    assert model.metadata["entry_point"].endswith("boosted_trees.labeller:label_cloud")
 
 
 def test_neither_order_nor_chunks_of_points_matter(model):

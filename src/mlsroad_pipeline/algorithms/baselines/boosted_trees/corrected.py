@@ -33,6 +33,7 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
 from mlsroad_pipeline.algorithms.models.combinations import rank_pairs
 from mlsroad_pipeline.algorithms.models.grouped_decision import decide
 from mlsroad_pipeline.algorithms.models.labelling import SoftLabels, label_softly, labels_of_rows
+from mlsroad_pipeline.algorithms.models.members import stored_member
 from mlsroad_pipeline.algorithms.stages import ground_of, inlier_rows, inliers
 
 SLUG = "corrected"
@@ -113,8 +114,6 @@ def _with_trees(
     arrays |= {f"{ADDED}/{name}": values for name, values in trees.to_arrays().items()}
     metadata = {
         **{name: base.metadata[name] for name in _SHARED if name in base.metadata},
-        "entry_point": f"{__name__}:label_cloud",
-        "soft_entry_point": f"{__name__}:label_cloud_softly",
         "voxel_size": voxel_size,
         "feature_names": voxel_feature_names(),
         "members": {BASE: {**base.metadata, "slug": base.slug}},
@@ -147,8 +146,7 @@ def labeller_of(bundle: ModelBundle) -> ModelBundle:
         stored = bundle.metadata.get("members", {}).get(BASE)
         if not stored or "slug" not in stored:
             raise DataError(f"model {bundle.slug!r}: its labeller is missing: the model is damaged")
-        metadata = {name: value for name, value in stored.items() if name != "slug"}
-        bundle.prepared[BASE] = ModelBundle(stored["slug"], arrays_under(bundle.arrays, f"{BASE}/"), metadata)
+        bundle.prepared[BASE] = stored_member(bundle, BASE)
     found: ModelBundle = bundle.prepared[BASE]
     return found
 

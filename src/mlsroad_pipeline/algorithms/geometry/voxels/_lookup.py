@@ -129,7 +129,7 @@ def neighbor_rows(
 
 
 @njit(cache=True, nogil=True)
-def find_voxels(
+def look_up_voxels(
     coords: NDArray[np.int64],
     slots: NDArray[np.int64],
     values: NDArray[np.int32],

@@ -121,7 +121,7 @@ class VoxelGrid:
         if triples.ndim != 2 or triples.shape[1] != 3 or not np.issubdtype(triples.dtype, np.integer):
             raise DataError(f"coords must be integers of shape (m, 3), got {triples.dtype} {triples.shape}")
         slots, values = self._table
-        return _lookup.find_voxels(triples.astype(np.int64), slots, values, self._bitmaps, self._first)
+        return _lookup.look_up_voxels(triples.astype(np.int64), slots, values, self._bitmaps, self._first)
 
     def neighbors(self, *, n_threads: int = 1) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
         """Return the occupied 26-neighbours of each voxel as a CSR pair.

@@ -1,4 +1,4 @@
-"""Normalised cut of one group of voxels in two.
+"""Recursive normalised cuts of clusters of voxels.
 
 Weights reach metres, so the graph of a large cluster has nearly as many edges as pairs of voxels. The voxels are
 therefore aggregated into nodes, the cells of a coarser grid. A node represents its voxels at their mean position, with
@@ -13,12 +13,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+_BINS = 12  # of the histogram of an eigenvector's values
+_LEAST_EIGENVALUE = 1e-3  # below, the graph is disconnected and the extension undefined
 _STEPS = 60  # most steps of Lanczos' method
 _CONVERGED = 1e-5
 
 
 @njit(cache=True, nogil=True)
-def weight(a: NDArray[np.float64], b: NDArray[np.float64], scale: NDArray[np.float64], max_squared: float) -> float:
+def _weight(a: NDArray[np.float64], b: NDArray[np.float64], scale: NDArray[np.float64], max_squared: float) -> float:
     """Return the weight of two places (x, y, z, intensity), equation 19."""
     dx, dy, dz, di = a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]
     horizontal = dx * dx + dy * dy
@@ -28,56 +30,33 @@ def weight(a: NDArray[np.float64], b: NDArray[np.float64], scale: NDArray[np.flo
 
 
 @njit(cache=True, nogil=True)
-def _node_keys(
-    places: NDArray[np.float64], members: NDArray[np.int64], low: NDArray[np.float64], size: float, shape: NDArray
-) -> NDArray[np.int64]:
-    keys = np.empty(len(members), np.int64)
-    for k in range(len(members)):
-        p = places[members[k]]
-        key = np.int64(0)
-        for axis in range(3):
-            key = key * shape[axis] + np.int64((p[axis] - low[axis]) / size)
-        keys[k] = key
-    return keys
-
-
-@njit(cache=True, nogil=True)
 def gather(
     places: NDArray[np.float64], members: NDArray[np.int64], voxel_size: float, max_nodes: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Aggregate voxels into at most `max_nodes` nodes."""
-    n = len(members)
+    """Aggregate voxels into at most `max_nodes` nodes; return their mean places and their numbers of voxels."""
+    mine, n = places[members], len(members)
     if n <= max_nodes:
-        nodes = np.empty((n, 4))
-        for k in range(n):
-            nodes[k] = places[members[k]]
-        return nodes, np.ones(n)
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for k in range(n):
-        for axis in range(3):
-            low[axis] = min(low[axis], places[members[k], axis])
-            high[axis] = max(high[axis], places[members[k], axis])
+        return mine, np.ones(n)
     size = voxel_size * max(2.0, 0.7 * np.sqrt(n / max_nodes))
     while True:
-        shape = np.empty(3, np.int64)
+        keys = np.zeros(n, np.int64)
         for axis in range(3):
-            shape[axis] = np.int64((high[axis] - low[axis]) / size) + 1
-        keys = _node_keys(places, members, low, size, shape)
+            low = mine[:, axis].min()
+            keys = keys * (np.int64((mine[:, axis].max() - low) / size) + 1)
+            keys += ((mine[:, axis] - low) / size).astype(np.int64)
         order = np.argsort(keys, kind="mergesort")
-        count = 1
-        for k in range(1, n):
-            count += keys[order[k]] != keys[order[k - 1]]
-        if count <= max_nodes:
+        first = np.ones(n, np.bool_)
+        first[1:] = keys[order[1:]] != keys[order[:-1]]
+        if first.sum() <= max_nodes:
             break
         size *= 1.25
-    nodes, mass = np.zeros((count, 4)), np.zeros(count)
+    nodes, mass = np.zeros((first.sum(), 4)), np.zeros(first.sum())
     node = -1
     for k in range(n):
-        if k == 0 or keys[order[k]] != keys[order[k - 1]]:
-            node += 1
+        node += first[k]
         mass[node] += 1.0
-        nodes[node] += places[members[order[k]]]
-    for node in range(count):
+        nodes[node] += mine[order[k]]
+    for node in range(len(mass)):
         nodes[node] /= mass[node]
     return nodes, mass
 
@@ -92,7 +71,7 @@ def node_weights(
     for i in range(n):
         weights[i, i] = mass[i] * mass[i]
         for j in range(i):
-            value = mass[i] * mass[j] * weight(nodes[i], nodes[j], scale, max_squared)
+            value = mass[i] * mass[j] * _weight(nodes[i], nodes[j], scale, max_squared)
             weights[i, j] = value
             weights[j, i] = value
     return weights
@@ -111,13 +90,10 @@ def second_eigenvector(
     alpha, beta = np.zeros(steps), np.zeros(steps)
     q = start * root
     q -= (q @ first) * first
-    norm = np.sqrt(q @ q)
-    if norm < 1e-12 * np.sqrt(n):  # the initial guess is parallel to the first eigenvector
-        for i in range(n):
-            q[i] = (-1.0) ** i
+    if np.sqrt(q @ q) < 1e-12 * np.sqrt(n):  # the initial guess is parallel to the first eigenvector
+        q = (-1.0) ** np.arange(n)
         q -= (q @ first) * first
-        norm = np.sqrt(q @ q)
-    basis[0] = q / norm
+    basis[0] = q / np.sqrt(q @ q)
     used = 1
     for k in range(steps):
         used = k + 1
@@ -146,14 +122,8 @@ def second_eigenvector(
 def _tridiagonal(
     alpha: NDArray[np.float64], beta: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    n = len(alpha)
-    matrix = np.zeros((n, n))
-    for i in range(n):
-        matrix[i, i] = alpha[i]
-        if i + 1 < n:
-            matrix[i, i + 1] = beta[i]
-            matrix[i + 1, i] = beta[i]
-    return np.linalg.eigh(matrix)
+    """Return eigenvalues and eigenvectors of the symmetric matrix with this diagonal and these values beside it."""
+    return np.linalg.eigh(np.diag(alpha) + np.diag(beta, 1) + np.diag(beta, -1))
 
 
 @njit(cache=True, nogil=True)
@@ -182,34 +152,28 @@ def best_split(
 
 
 @njit(cache=True, nogil=True)
-def smoothness(y: NDArray[np.float64], mass: NDArray[np.float64], n_bins: int) -> float:
+def _smoothness(y: NDArray[np.float64], mass: NDArray[np.float64]) -> float:
     """Return the ratio of the smallest to the largest bin of the histogram of the eigenvector's values."""
     low, high = y.min(), y.max()
-    bins = np.zeros(n_bins)
+    bins = np.zeros(_BINS)
     if not high > low:
         return 1.0
     for i in range(len(y)):
-        bins[min(int((y[i] - low) / (high - low) * n_bins), n_bins - 1)] += mass[i]
+        bins[min(int((y[i] - low) / (high - low) * _BINS), _BINS - 1)] += mass[i]
     return bins.min() / bins.max()
 
 
 @njit(cache=True, nogil=True)
-def extend(
-    places: NDArray[np.float64],
-    members: NDArray[np.int64],
-    nodes: NDArray[np.float64],
-    mass: NDArray[np.float64],
-    y: NDArray[np.float64],
-    eigenvalue: float,
-    scale: NDArray[np.float64],
-    max_squared: float,
-) -> NDArray[np.float64]:
+def _extend(
+    places: NDArray[np.float64], members: NDArray[np.int64], nodes: NDArray[np.float64], mass: NDArray[np.float64],
+    y: NDArray[np.float64], eigenvalue: float, scale: NDArray[np.float64], max_squared: float,
+) -> NDArray[np.float64]:  # fmt: skip
     """Extend the nodes' values to voxels: the weighted mean over nodes, divided by the eigenvalue."""
     out = np.empty(len(members))
     for k in range(len(members)):
         above, below = 0.0, 0.0
         for c in range(len(nodes)):
-            w = mass[c] * weight(places[members[k]], nodes[c], scale, max_squared)
+            w = mass[c] * _weight(places[members[k]], nodes[c], scale, max_squared)
             above += w * y[c]
             below += w
         if below > 0.0:
@@ -221,3 +185,66 @@ def extend(
             if away < nearest:
                 nearest, out[k] = away, y[c]
     return out
+
+
+@njit(cache=True, nogil=True)
+def cut_clusters(
+    low_places: NDArray[np.float64], tall_places: NDArray[np.float64], order: NDArray[np.int64],
+    starts: NDArray[np.int64], low_height: float, scales: NDArray[np.float64], max_cuts: NDArray[np.float64],
+    max_squared: float, voxel_size: float, max_smoothness: float, min_voxels: int, max_nodes: int,
+) -> NDArray[np.int64]:  # fmt: skip
+    """Return the part of each voxel; the voxels of a part become consecutive in `order`.
+
+    Groups no higher than `low_height` compare the intensities of `low_places` at each of the scales until a cut is
+    found; others compare those of `tall_places` at the first scale.
+    """
+    parts = np.empty(len(low_places), np.int64)
+    n_parts = 0
+    for c in range(len(starts) - 1):
+        stack = [(starts[c], starts[c + 1])]
+        while len(stack) > 0:
+            first, stop = stack.pop()
+            members = order[first:stop].copy()
+            low = len(members) > 0 and np.ptp(low_places[members, 2]) <= low_height
+            places, side = low_places if low else tall_places, np.zeros(len(members), np.bool_)
+            for k in range(len(scales) if low else 1):
+                if not side.any():
+                    side = _bisect(
+                        places, members, scales[k], max_cuts[k], max_squared, voxel_size, max_smoothness, min_voxels,
+                        max_nodes,
+                    )  # fmt: skip
+            n_left = np.int64(side.sum())
+            if n_left == 0:
+                parts[members] = n_parts
+                n_parts += 1
+                continue
+            order[first : first + n_left], order[first + n_left : stop] = members[side], members[~side]
+            stack.append((first, first + n_left))
+            stack.append((first + n_left, stop))
+    return parts
+
+
+@njit(cache=True, nogil=True)
+def _bisect(
+    places: NDArray[np.float64], members: NDArray[np.int64], scale: NDArray[np.float64], max_cut: float,
+    max_squared: float, voxel_size: float, max_smoothness: float, min_voxels: int, max_nodes: int,
+) -> NDArray[np.bool_]:  # fmt: skip
+    """Return which voxels are on one side of the best cut; none where the group remains whole."""
+    whole = np.zeros(len(members), np.bool_)
+    if len(members) < 2 * min_voxels:
+        return whole
+    nodes, mass = gather(places, members, voxel_size, max_nodes)
+    if len(nodes) < 2:
+        return whole
+    weights = node_weights(nodes, mass, scale, max_squared)
+    degree = weights.sum(axis=1)
+    y, eigenvalue = second_eigenvector(weights, degree, nodes[:, 0] - nodes[:, 0].mean() + 0.7 * nodes[:, 1])
+    if eigenvalue < _LEAST_EIGENVALUE or _smoothness(y, mass) > max_smoothness:
+        return whole
+    threshold, cut = best_split(weights, degree, mass, y, float(min_voxels))
+    if not cut <= max_cut:
+        return whole
+    if len(nodes) < len(members):
+        y = _extend(places, members, nodes, mass, y, eigenvalue, scale, max_squared)
+    side = y <= threshold
+    return side if min(side.sum(), len(members) - side.sum()) >= min_voxels else whole

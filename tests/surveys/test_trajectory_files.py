@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
-from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
-from mlsroad_pipeline.datasets.trajectory_dataset import TrajectoryDataset
 from mlsroad_pipeline.surveys.trajectory_files import read_trajectory
 
 XYZ = [[583000.5, 4477000.25, 120.0], [583010.5, 4477000.25, 121.0], [583010.5, 4477020.25, 122.0]]
@@ -40,14 +38,14 @@ def test_named_columns_replace_what_the_file_says(tmp_path):
     assert trajectory.time is None
 
 
-def test_dataset_round_trip(tmp_path):
-    dataset = TrajectoryDataset(filepath=str(tmp_path / "new" / "run.csv"))
-    assert not dataset.exists()
-    dataset.save(Trajectory.from_positions(XYZ, [315964800.1234567, 315964801.0, 315964802.0]))
-    back = dataset.load()
+def test_times_keep_a_tenth_of_a_microsecond(tmp_path):
+    path = tmp_path / "run.csv"
+    times = ["315964800.1234567", "315964801.0", "315964802.0"]
+    rows = [",".join([time, *map(str, xyz)]) for time, xyz in zip(times, XYZ, strict=True)]
+    path.write_text("\n".join(["time,x,y,z", *rows]), encoding="utf-8")
+    back = read_trajectory(path)
     np.testing.assert_array_equal(back.xyz, XYZ)
     np.testing.assert_allclose(back.time, [315964800.1234567, 315964801.0, 315964802.0], rtol=0, atol=1e-7)
-    assert dataset.exists()
 
 
 @pytest.mark.parametrize(

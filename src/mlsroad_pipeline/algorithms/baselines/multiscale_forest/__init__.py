@@ -1,1 +1,0 @@
-"""Random forest on multiscale spherical neighbourhoods (Thomas et al. 2018)."""
