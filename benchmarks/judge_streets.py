@@ -8,7 +8,7 @@ On recordings a model is wrong more often than on simulated streets, and poles l
 the logarithms of the class probabilities get normal noise per class, for the street as a whole and for cubes of 3 m,
 and are flattened; some poles are labelled tree and some trunks pole; the street is sheared, and single poles lean and
 are smeared. The strength of the noise of a street is drawn around the one at which the mean IoU on eight common classes
-falls to that of recordings that the model did not learn from (docs/benchmarks.md). For `general` strength 1 lowered it
+falls to that of recordings that the model did not learn from (docs/results.md). For `general` strength 1 lowered it
 from 0.64 to 0.51, for `pool` strength 1.25 from 0.81 to 0.61 (24 streets without leaning and confused poles;
 recordings: 0.56 to 0.70). That poles lean and are labelled tree was seen on Oakland.
 """

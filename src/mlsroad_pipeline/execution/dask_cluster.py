@@ -170,6 +170,4 @@ def _client(address: str) -> Iterator[Client]:
 @functools.lru_cache(maxsize=8)
 def _warn_of_open_ports(address: str) -> None:
     if not address.startswith("tls://") and urlsplit(address).hostname not in LOOPBACK:
-        logger.warning(
-            "%s has no TLS: whoever reaches its ports runs code as you; see docs/how_to/run_on_a_cluster.md", address
-        )
+        logger.warning("%s has no TLS: whoever reaches its ports runs code as you; see docs/execution.md", address)

@@ -14,6 +14,12 @@ CHALLENGER = "challenger"
 """Alias of the newest version of a registered model. (MLflow reserves the alias ``latest``.)"""
 
 _SCORES = "\n\nScores: "
+_PAGES_OF_SEVERAL = {
+    "patch_baselines": ("patch_svm", "patch_forest", "shape_based", "max_margin_markov"),
+    "detection_baselines": ("hough_forest", "object_matching", "bottom_up_top_down"),
+    "recognition_baselines": ("spin_image", "shot", "hierarchy_descriptor", "pointnet"),
+}
+"""Page of the manual to the folders of its methods; the page of any other method has the name of its folder."""
 
 
 def annotate_version(name: str, number: int, slug: str, metadata: Mapping[str, Any]) -> None:
@@ -22,8 +28,14 @@ def annotate_version(name: str, number: int, slug: str, metadata: Mapping[str, A
     client.set_registered_model_alias(name, CHALLENGER, str(number))
     client.update_model_version(name, str(number), model_description(metadata))
     if slug in trained_methods():
-        page = METHODS[slug].folder.rsplit(".", 1)[-1]
-        client.update_registered_model(name, f"Method `{slug}` ({METHODS[slug].task}): docs/methods/{page}.md")
+        client.update_registered_model(name, f"Method `{slug}` ({METHODS[slug].task}): {manual_page(slug)}")
+
+
+def manual_page(slug: str) -> str:
+    """Return the path of the page of the manual on a method."""
+    folder = METHODS[slug].folder.rsplit(".", 1)[-1]
+    page = next((page for page, folders in _PAGES_OF_SEVERAL.items() if folder in folders), folder)
+    return f"docs/methods/{page}.md"
 
 
 def model_description(metadata: Mapping[str, Any]) -> str:

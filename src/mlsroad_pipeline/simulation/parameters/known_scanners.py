@@ -47,7 +47,7 @@ def _sick_side() -> ScannerSystem:
 
 
 def _oakland() -> ScannerSystem:
-    # One LMS 291 to the left, as fitted to the scan lines of the Oakland recordings (docs/realism.md): half a degree,
+    # One LMS 291 to the left, as fitted to the scan lines of the Oakland recordings (docs/simulator.md): half a degree,
     # 1.85 m above the road, from 12 degrees off the nadir upwards, free asphalt measured up to some 19 m.
     device = Device(
         27e3, 37.5, (0.0, 0.9, 0.05), field=(12.0, 180.0), divergence=0.012, range_noise=0.004, accuracy=0.02,

@@ -88,7 +88,7 @@ def mean_table(plan: StudyPlan, shown: pd.DataFrame) -> pd.DataFrame:
 
 
 def markdown_tables(plan: StudyPlan, benchmark: pd.DataFrame) -> str:
-    """Return the tables of `docs/benchmarks.md`: mean IoU of all runs, and the IoU per class of each recording."""
+    """Return Markdown tables: mean IoU of all runs, and the IoU per class of each recording."""
     shown = shown_rows(benchmark)
     parts = [_markdown(mean_table(plan, shown))]
     for name, source in plan.sources.items():

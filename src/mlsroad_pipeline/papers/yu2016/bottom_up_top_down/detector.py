@@ -1,6 +1,6 @@
 """Bottom-up and top-down descriptors, a baseline of Yu et al. 2016 (V-E): spin images propose, Gaussian images verify.
 
-After Patterson et al. 2008 (ECCV); `docs/methods/bottom_up_top_down.md` lists the assumptions.
+After Patterson et al. 2008 (ECCV); `docs/methods/detection_baselines.md` lists the assumptions.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Hough forest on supervoxel neighbourhoods, a baseline of Yu et al. 2016 (V-E): parts vote for an object's centre.
 
-After Wang et al. 2015 (JSTARS 8(4)) and Gall and Lempitsky 2009; `docs/methods/hough_forest.md` lists the assumptions.
+After Wang et al. 2015 (JSTARS 8(4)) and Gall and Lempitsky 2009; assumptions:
+`docs/methods/detection_baselines.md`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Object matching, a baseline of Yu et al. 2016 (V-E): correspondences between prototypes and candidate objects.
 
-After Yu et al. 2015 (GRSL 12(3)); `docs/methods/object_matching.md` lists the assumptions.
+After Yu et al. 2015 (GRSL 12(3)); `docs/methods/detection_baselines.md` lists the assumptions.
 """
 
 from __future__ import annotations
