@@ -14,6 +14,8 @@ from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
 
 
 class InventoryFormat(NamedTuple):
+    """Functions that read and write an inventory in a format."""
+
     read: Callable[[Path], RoadInventory]
     write: Callable[[RoadInventory, Path], list[Path]]  # returns the paths of the written files
 

@@ -71,7 +71,7 @@ def _cuda_failure() -> str | None:
 
 @contextmanager
 def reproducible(seed: int) -> Iterator[None]:
-    """Run PyTorch reproducibly: seeded, in one thread, with deterministic convolutions; restore its state afterwards."""
+    """Run PyTorch reproducibly: seeded, in one thread, with deterministic convolutions, and restore its state."""
     cudnn = torch.backends.cudnn
     # A GPU that is not in use is left alone: reading its random state would take its memory.
     used = [torch.cuda.current_device()] if torch.cuda.is_initialized() else []

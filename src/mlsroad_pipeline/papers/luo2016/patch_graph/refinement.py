@@ -91,7 +91,7 @@ def refine(
     ground: GroundClasses | None = None,
     positions: NDArray[np.floating] | None = None,
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Refine labels by minimising the energy of equations 9 to 11, with object cliques if chosen, by alpha-expansion."""
+    """Refine labels by alpha-expansion of the energy of equations 9 to 11, with object cliques if chosen."""
     chosen = parameters or RefinementParameters()
     if rgb is not None:
         check_column(rgb, len(probabilities), "rgb", 3)

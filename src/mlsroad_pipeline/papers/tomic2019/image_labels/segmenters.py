@@ -24,7 +24,7 @@ _kept: dict[tuple[Any, ...], Segmenter] = {}
 
 
 def segmentation_of(bundle: ModelBundle) -> Mapping[str, Any]:
-    """Return how the images of a model are segmented; models of earlier versions have a network of their own classes."""
+    """Return how the images of a model are segmented; a model without an entry has a network of its own classes."""
     stored = bundle.metadata.get("segmentation")
     if stored is not None:
         found: Mapping[str, Any] = stored
