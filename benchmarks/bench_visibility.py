@@ -1,29 +1,25 @@
-"""Visibility of points in images: right against cast rays on simulated streets, and fast against Open3D.
+"""Visibility of points in images: accuracy against ray casting on simulated streets, speed compared with Open3D.
 
-Run as ``python benchmarks/bench_visibility.py accuracy|speed [--seeds N ...] [--streets KIND ...] [--every N]
-[--pulse-rate HZ --profile-rate HZ]``.
+    python benchmarks/bench_visibility.py accuracy|speed [--seeds N ...] [--streets KIND ...] [--every N]
+        [--pulse-rate HZ --profile-rate HZ]
 
-``accuracy`` scans streets, casts a ray from each camera to every point in its image, and scores each method. A point is
-visible where the ray reaches it but for 6 cm and 1 % of its distance, or 6 cm across the surface that the ray met:
-points lie a little off the surfaces, and on a road met at a slant that is metres along the ray. Rays go from where the
-camera was to where the pulse was sent back, while the methods are given the survey as it was recorded, with the errors
-of its trajectory, boresight and lever arms: one to three centimetres. Points of moving objects, which are elsewhere
-when the image is taken, and points that one of them hides are left out, then put in. Two more figures tell how far the
-errors of the survey reach: rays cast in the true scene to the points as they were recorded, and the scores of the
-points at which rays that are moved by `SETTLED` to either side, up and down all give one answer.
-The scanner sends its own 550,000 pulses in 200 profiles a second; ``--pulse-rate`` and ``--profile-rate`` thin that
-out. Defaults were chosen on towns of seeds 101 and 111, suburbs of 102 and 112 and ring roads of 103 and 113. ``speed``
-takes a million points of a street, in the order of the scan, in one image, and prints medians.
+`accuracy` scans streets, casts a ray from each camera to every point in its image, and scores each method. A point is
+visible where the ray reaches it within 6 cm plus 1 % of its distance, or within 6 cm across the surface that the ray
+met. Rays go from the true place of the camera to the true place of the point; the methods get the survey as recorded,
+with the errors of trajectory, boresight and lever arms (1 to 3 cm). Points of moving objects and points hidden by one
+are left out first, then included. Two more figures show the effect of the errors of the survey: rays cast to the
+recorded points, and the scores of the points whose visibility is the same for rays moved by `SETTLED`. The scanner
+sends 550,000 pulses in 200 profiles a second. Defaults were chosen on towns of seeds 101 and 111, suburbs of 102 and
+112 and ring roads of 103 and 113. `speed` takes a million points of a street in one image.
 """
 
-import argparse
 import json
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 import open3d as o3d
+from _common import parser, race, show
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
@@ -44,7 +40,6 @@ RUNS = 5
 """Runs of which the median time is printed."""
 
 METHODS = {"depth buffer": DepthBuffer(), "hidden point removal": HiddenPointRemoval()}
-
 
 SETTLED = 0.02
 """Shift of the rays that finds the points whose visibility does not depend on it, metres."""
@@ -175,34 +170,26 @@ def speed(seed: int) -> None:
         "hidden point removal on points": lambda: hidden_point_removal(xyz, view.camera.centre, radius=radius),
         "hidden point removal on points, Open3D": lambda: cloud.hidden_point_removal(view.camera.centre, radius),
     }
-    times: dict[str, list[tuple[float, float]]] = {name: [] for name in runs}
-    for _ in range(RUNS + 1):  # one after the other, so that a busier minute is shared; the first compiles
-        for name, run in runs.items():
-            started, busy = time.perf_counter(), time.process_time()
-            run()
-            times[name].append((time.perf_counter() - started, time.process_time() - busy))
-    for name, taken in times.items():
-        kernel, _, rival = name.partition(", ")
-        row = {"kernel": kernel, "program": rival or "mlsroad", "points": len(xyz)}
-        row["seconds"], row["cpu_seconds"] = np.median(taken[1:], axis=0).tolist()
-        print(f"{name:<34}{row['seconds']:>8.2f} s {row['cpu_seconds']:>8.2f} s of CPU")
-        print(json.dumps(row), flush=True)
-    ours = np.flatnonzero(hidden_point_removal(xyz, view.camera.centre, radius=radius))
-    theirs = np.sort(cloud.hidden_point_removal(view.camera.centre, radius)[1])
+    found = race(runs, repeats=RUNS, warm_up=1)
+    for name, timed in found.items():
+        kernel, _, other = name.partition(", ")
+        show(kernel, len(xyz), {other or "mlsroad": timed})
+    ours = np.flatnonzero(found["hidden point removal on points"].result)
+    theirs = np.sort(found["hidden point removal on points, Open3D"].result[1])
     differing = len(np.setxor1d(ours, theirs))
-    print(f"hidden point removal sees {len(ours)} points, Open3D {len(theirs)}, differing {differing}")
+    print(f"visible by hidden point removal: {len(ours)} points, by Open3D {len(theirs)}, differing {differing}")
 
 
 def main() -> None:
     """Run the benchmark."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=["accuracy", "speed"])
-    parser.add_argument("--streets", nargs="+", default=["town", "suburb", "ring_road"])
-    parser.add_argument("--seeds", nargs="+", type=int, default=[204])
-    parser.add_argument("--every", type=int, default=6, help="score every so many images")
-    parser.add_argument("--pulse-rate", type=float, help="pulses per second of each scanner, by default its own")
-    parser.add_argument("--profile-rate", type=float, help="profiles per second of each scanner, by default its own")
-    options = parser.parse_args()
+    arguments = parser(__doc__)
+    arguments.add_argument("what", choices=["accuracy", "speed"])
+    arguments.add_argument("--streets", nargs="+", default=["town", "suburb", "ring_road"])
+    arguments.add_argument("--seeds", nargs="+", type=int, default=[204])
+    arguments.add_argument("--every", type=int, default=6, help="score every so many images")
+    arguments.add_argument("--pulse-rate", type=float, help="pulses per second of each scanner, by default its own")
+    arguments.add_argument("--profile-rate", type=float, help="profiles per second of each scanner, by default its own")
+    options = arguments.parse_args()
     if options.what == "accuracy":
         accuracy(options.streets, options.seeds, options.every, (options.pulse_rate, options.profile_rate))
     else:
