@@ -157,6 +157,9 @@ class Tree:
         self._process, self._interval, self._memory = process, interval, memory
         self._used: dict[int, float] = {}
         self.peak = {"driver": 0, "workers": 0}
+        """Bytes at the moment of the largest sum."""
+        self.largest = dict(self.peak)
+        """Largest bytes of each part."""
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._watch, daemon=True)
 
@@ -182,6 +185,7 @@ class Tree:
             self._used[member.pid] = times.user + times.system
             sizes["driver" if member.pid == self._process.pid else "workers"] += size
         self.peak = max(self.peak, sizes, key=lambda found: sum(found.values()))
+        self.largest = {part: max(size, self.largest[part]) for part, size in sizes.items()}
 
     def _watch(self) -> None:
         while not self._stop.wait(self._interval):

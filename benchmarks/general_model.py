@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import yaml
-from forest_trials import configured
+from _common import configured
 from kedro.framework.session import KedroSession
 from kedro.framework.startup import bootstrap_project
 

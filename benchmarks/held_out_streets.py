@@ -19,19 +19,32 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
-from cut_intensity import stored
+from _common import REPOSITORY
+from kedro.framework.session import KedroSession
+from kedro.framework.startup import bootstrap_project
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.detection.thresholds import best_threshold, detect_by_thresholds, object_weights
 from mlsroad_pipeline.algorithms.visual_words.queries import HeldOut
 from mlsroad_pipeline.algorithms.visual_words.training import train_variant
 from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.pipelines.yu2016_study.pipeline import create_pipeline
 from mlsroad_pipeline.studies.yu2016.keys import run_key, street_key
 from mlsroad_pipeline.studies.yu2016.parameters import CUT, WORDS
-from mlsroad_pipeline.studies.yu2016.plan import StudyPlan
+from mlsroad_pipeline.studies.yu2016.plan import StudyPlan, plan_study
 from mlsroad_pipeline.studies.yu2016.runs import joint_prevalence
 
 Streets = Sequence[tuple[str, int]]
+
+
+def stored(*names: str) -> tuple[StudyPlan, *tuple[SceneCollection, ...]]:
+    """Return the plan of the study and its stored results of these names."""
+    bootstrap_project(REPOSITORY)
+    with KedroSession.create(REPOSITORY) as session:
+        catalog = session.load_context().catalog
+        [planned] = [node for node in create_pipeline().nodes if node.name == "plan_yu2016_study"]
+        plan = plan_study(*(catalog.load(name) for name in planned.inputs))
+        return plan, *(catalog.load(f"yu2016_study.{name}") for name in names)
 
 
 def held_out(

@@ -10,7 +10,6 @@ the confusion matrices of all blocks are added. Prints a table, and a JSON line 
 
 from __future__ import annotations
 
-import argparse
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -18,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from forest_trials import CONF, configured, configured_scheme, configured_stages, prepare, report
+from _common import DATA, configured, configured_scheme, configured_stages, parser, prepare, report
 
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import label_scene as label_voxels
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG as TREES
@@ -42,10 +41,21 @@ ENVIRONMENT = "oakland"
 SUFFIX = ".xyz_label_conf.gz"
 
 
-def read(path: Path, coding: Coding) -> PointCloud:
-    """Read a block as the environment oakland does."""
+def files_of(folder: Path, blocks: str = "") -> list[Path]:
+    """Return the blocks whose name holds a text; at least two are needed."""
+    files = [path for path in sorted(folder.glob(f"*{SUFFIX}")) if blocks in path.name]
+    if len(files) < 2:
+        raise SystemExit(f"{folder} has {len(files)} files *{blocks}*{SUFFIX}; at least two are needed")
+    return files
+
+
+def read_blocks(files: list[Path]) -> dict[str, PointCloud]:
+    """Read blocks as the environment oakland does."""
+    coding = Coding("oakland", configured("classes", ENVIRONMENT)["codings"]["oakland"])
     options = ReadOptions.from_config({**configured("survey", ENVIRONMENT)["read"], "coding": coding})
-    return get_format(path).read(path, options)
+    return {
+        path.name.removesuffix(SUFFIX).removeprefix("oakland_"): get_format(path).read(path, options) for path in files
+    }
 
 
 @dataclass(frozen=True)
@@ -105,25 +115,20 @@ def cross_validate(trial: Trial, clouds: Mapping[str, PointCloud], scheme: Class
 
 def main() -> None:
     """Run the cross-validation that the command line asks for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    default = Path(os.environ.get("MLSROAD_DATA", CONF.parents[1] / "shared/data")) / "oakland"
-    parser.add_argument("folder", nargs="?", type=Path, default=default)
-    parser.add_argument("--method", choices=["detrended_forest", TREES], default="detrended_forest")
-    parser.add_argument("--seeds", type=int, nargs="+")
-    parser.add_argument("--blocks", default="", help="only blocks whose name holds this")
-    parser.add_argument("--without-detrending", action="store_true", help="of the detrended forest")
-    arguments = parser.parse_args()
-    files = [path for path in sorted(arguments.folder.glob(f"*{SUFFIX}")) if arguments.blocks in path.name]
-    if len(files) < 2:
-        parser.error(f"{arguments.folder} has {len(files)} files *{arguments.blocks}*{SUFFIX}: two are needed")
+    arguments = parser(__doc__)
+    arguments.add_argument("folder", nargs="?", type=Path, default=DATA / "oakland")
+    arguments.add_argument("--method", choices=["detrended_forest", TREES], default="detrended_forest")
+    arguments.add_argument("--seeds", type=int, nargs="+")
+    arguments.add_argument("--blocks", default="", help="only blocks whose name holds this")
+    arguments.add_argument("--without-detrending", action="store_true", help="of the detrended forest")
+    options = arguments.parse_args()
+    clouds = read_blocks(files_of(options.folder, options.blocks))
     scheme = configured_scheme(configured("survey", ENVIRONMENT)["scheme"], ENVIRONMENT)
-    coding = Coding("oakland", configured("classes", ENVIRONMENT)["codings"]["oakland"])
-    clouds = {path.name.removesuffix(SUFFIX).removeprefix("oakland_"): read(path, coding) for path in files}
-    if arguments.method == TREES:
+    if options.method == TREES:
         trial = trees_trial(clouds, scheme)
     else:
-        trial = forest_trial(clouds, scheme, detrend=not arguments.without_detrending)
-    for seed in arguments.seeds or [configured(arguments.method, ENVIRONMENT)["seed"]]:
+        trial = forest_trial(clouds, scheme, detrend=not options.without_detrending)
+    for seed in options.seeds or [configured(options.method, ENVIRONMENT)["seed"]]:
         cross_validate(trial, clouds, scheme, seed)
 
 

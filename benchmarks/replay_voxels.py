@@ -13,7 +13,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from forest_trials import configured
+from _common import configured
 
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import join_voxels

@@ -8,17 +8,15 @@ recognised.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import time
 from dataclasses import replace
 from itertools import permutations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
+from _common import configured, parser
 from joblib import Parallel, delayed
 from sklearn.metrics import f1_score
 
@@ -27,12 +25,6 @@ from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
 from mlsroad_pipeline.algorithms.recognition.recogniser import make_recogniser
 from mlsroad_pipeline.surveys.object_files import find_folds, listed_files, read_fold
-
-CONF = Path(__file__).resolve().parents[1] / "conf/base"
-
-
-def configured(name: str) -> dict[str, Any]:
-    return yaml.safe_load((CONF / f"parameters_{name}.yml").read_text(encoding="utf-8"))[name]
 
 
 def parameters_of(slug: str, seed: int, changes: dict[str, Any]) -> Any:
@@ -67,15 +59,15 @@ def score(
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder")
-    parser.add_argument("--methods", nargs="+", default=["jointnet"])
-    parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3])
-    parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--runs", nargs="+", help="only these of the runs, such as fold2")
-    parser.add_argument("--inner", action="store_true")
-    parser.add_argument("--changes", type=json.loads, default={})
-    options = parser.parse_args()
+    arguments = parser(__doc__)
+    arguments.add_argument("folder")
+    arguments.add_argument("--methods", nargs="+", default=["jointnet"])
+    arguments.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3])
+    arguments.add_argument("--jobs", type=int, default=1)
+    arguments.add_argument("--runs", nargs="+", help="only these of the runs, such as fold2")
+    arguments.add_argument("--inner", action="store_true")
+    arguments.add_argument("--changes", type=json.loads, default={})
+    options = arguments.parse_args()
     folds = read_folds(options.folder)
     if options.inner:
         runs = {f"{a} to {b}": (folds[a], folds[b]) for a, b in permutations(folds, 2)}
