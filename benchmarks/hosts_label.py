@@ -18,6 +18,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -94,7 +95,7 @@ def cluster(n_workers: int, case: str) -> Iterator[dict[str, list[psutil.Popen]]
             client.wait_for_workers(n_workers, timeout=300)
         yield processes
     finally:
-        for process in sum(processes.values(), []):
+        for process in chain(*processes.values()):
             end(process)
 
 

@@ -28,19 +28,20 @@ from typing import Any
 
 import numpy as np
 import yaml
-from _common import CONF, REPOSITORY, configured_scheme, parser
-from general_model import train
+from _common import CONF, REPOSITORY, configured, configured_scheme, parser
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.answer_boosting import Answer
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.continuation import continue_training
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import describe_scene, softmax
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG, BoostedTreesParameters
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.segments import (
     LEAST,
     Segments,
     find_segments,
     order_of_questions,
 )
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.training import fit
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.features.voxel_scales import VoxelFeatures, smooth_by_cells
@@ -57,6 +58,7 @@ from mlsroad_pipeline.datasets.models.replay import read_replay
 from mlsroad_pipeline.datasets.models.shipped_models import load_shipped
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.store import SceneStore
+from mlsroad_pipeline.pipelines.boosted_trees.nodes import load_lightgbm
 from mlsroad_pipeline.studies.recordings.scoring import unmixed
 from mlsroad_pipeline.studies.recordings.sources import Source, sources_of
 
@@ -247,10 +249,23 @@ def curves(user: User, steps: list[int], seed: int) -> dict[str, Any]:
 
 
 def unseen_model(folder: Path) -> ModelBundle:
-    """Return the model of simulated streets alone."""
+    """Return the model of simulated streets alone; it is trained where the folder is missing."""
     if not folder.is_dir():
+        load_lightgbm()
         store = SceneStore(str(REPOSITORY / VOXELS))
-        save_bundle(train(SceneCollection(store, store.stored_records()).load_all(), {}, 1.0, []), folder)
+        voxels = list(SceneCollection(store, store.stored_records()).load_all().values())
+        bundle = fit(
+            voxels,
+            parameters=BoostedTreesParameters(**configured(SLUG, "general")),
+            ground=GroundParameters(**configured("ground_removal")),
+            scheme=FINE,
+            trained_on={},
+            sources=["simulated"] * len(voxels),
+            weights=[1.0] * len(voxels),
+            groups=GROUPS.tolist(),
+            n_threads=2,
+        )
+        save_bundle(bundle, folder)
     return load_bundle(folder)
 
 

@@ -24,13 +24,13 @@ from _common import REPOSITORY, Tree, parser
 
 sys.path.insert(0, str(REPOSITORY / "tests"))
 
-from helpers.browser import browser_page  # noqa: E402
-from helpers.page_output import served  # noqa: E402
+from helpers.browser import browser_page
+from helpers.page_output import served
 
-from mlsroad_pipeline.formats.las.header import read_header  # noqa: E402
-from mlsroad_pipeline.formats.las.records import RecordReader  # noqa: E402
-from mlsroad_pipeline.formats.las.writer import RecordWriter  # noqa: E402
-from mlsroad_pipeline.page.output_folder import OutputFolder  # noqa: E402
+from mlsroad_pipeline.formats.las.header import read_header
+from mlsroad_pipeline.formats.las.records import RecordReader
+from mlsroad_pipeline.formats.las.writer import RecordWriter
+from mlsroad_pipeline.page.output_folder import OutputFolder
 
 READY = "window.page?.model.tiles.state === 'ready' && !page.cloud.loading"
 
