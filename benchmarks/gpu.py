@@ -68,10 +68,8 @@ def make_data(file: Path) -> None:
     rich = replace(STREETS["town"], people=3.0, two_wheelers=3.0, clutter=2.0, signs=2.0)
     data: Data = {test: {"objects": [], "images": [], "graphs": []} for test in (False, True)}
     for seed in (*TRAIN, *TEST):
-        survey, found = (
-            simulate_survey(replace(PRESETS["small"], seed=seed, street=rich, image_interval=16.0)),
-            data[seed in TEST],
-        )
+        survey = simulate_survey(replace(PRESETS["small"], seed=seed, street=rich, image_interval=16.0))
+        found = data[seed in TEST]
         found["objects"] += instances(survey.cloud, seed)
         for i in np.linspace(0, len(survey.images) - 1, IMAGES).astype(int).tolist():
             image = survey.images[i]
@@ -104,12 +102,6 @@ def graph_of(cloud: Any, reach: float) -> dict[str, NDArray[Any]]:
     return training_graphs(scene, *prepare(scene, stages), **options)["scanned"]
 
 
-def objects_of(data: Data, dry: bool, *, test: bool) -> tuple[list[NDArray], list[NDArray], NDArray[np.int64]]:
-    """Return points, intensities and classes of objects."""
-    xyz, intensity, label = zip(*data[test]["objects"][: 60 if dry else None], strict=True)
-    return list(xyz), list(intensity), np.array(label)
-
-
 @dataclass(frozen=True)
 class Setting:
     """A training: batch size, steps (epochs of recognisers), precision, devices."""
@@ -134,12 +126,10 @@ class Clock:
 
     def step(self, run: Callable[..., Any], *args: Any) -> Any:
         """Run and time a step."""
-        synchronise()
-        start = time.perf_counter()
+        start = seconds_now()
         self.waits.append(0.0 if self.last is None else start - self.last)
         result = run(*args)
-        synchronise()
-        self.last = time.perf_counter()
+        self.last = seconds_now()
         self.steps.append(self.last - start)
         return result
 
@@ -149,9 +139,8 @@ class Clock:
         for batch in batches:
             given = time.perf_counter()
             yield batch
-            synchronise()
             self.waits.append(given - start)
-            start = time.perf_counter()
+            start = seconds_now()
             self.steps.append(start - given)
 
 
@@ -169,10 +158,11 @@ class Case:
     networks: Callable[[Any], list[torch.nn.Module]]
 
 
-def synchronise() -> None:
-    """Wait until the GPU has finished."""
+def seconds_now() -> float:
+    """Wait until the GPU has finished; return the time."""
     if torch.cuda.is_initialized():
         torch.cuda.synchronize()
+    return time.perf_counter()
 
 
 @contextmanager
@@ -189,7 +179,8 @@ def replaced(owner: Any, name: str, wrap: Callable[[Any], Any]) -> Iterator[None
 def jointnet(data: Data, dry: bool) -> Case:
     """Return the case of JointNet; it predicts objects of other streets."""
     base = JointNetParameters(**configured("jointnet"))
-    objects, test = objects_of(data, dry, test=False), objects_of(data, dry, test=True)
+    parts = (data[of]["objects"][: 60 if dry else None] for of in (False, True))
+    (xyz, intensity, label), (seen, brightness, true) = (zip(*part, strict=True) for part in parts)
 
     def train(setting: Setting, device: str, clock: Clock) -> Any:
         how = replace(
@@ -198,15 +189,15 @@ def jointnet(data: Data, dry: bool) -> Case:
         )  # fmt: skip
         with replaced(jointnet_training._Run, "_step", lambda step: lambda *args: clock.step(step, *args)):
             model = JointNetRecogniser(replace(base, training=how))
-            return model.fit(objects[0], objects[2], intensities=objects[1])
+            return model.fit(list(xyz), np.array(label), intensities=list(intensity))
 
     def predict(model: Any, device: str) -> NDArray[Any]:
         for network in model.networks_:
             network.to(device)
-        return model.predict_proba(test[0], intensities=test[1])
+        return model.predict_proba(list(seen), intensities=list(brightness))
 
-    classes = np.unique(objects[2])
-    truth = np.where(np.isin(test[2], classes), np.searchsorted(classes, test[2]), -1)
+    classes = np.unique(label)
+    truth = np.where(np.isin(true, classes), np.searchsorted(classes, true), -1)
     settings = [Setting(32, 6), Setting(32, 6, "bfloat16", GPU), Setting(256, 6), Setting(256, 6, "bfloat16", GPU)]
     return Case("jointnet", train, predict, truth, small(settings, dry), True, lambda model: model.networks_)
 
@@ -300,8 +291,7 @@ def train_once(case: Case, setting: Setting, place: str, device: str) -> tuple[A
         torch.cuda.reset_peak_memory_stats()
     start = time.perf_counter()
     model = case.train(setting, device, clock)
-    synchronise()
-    seconds = time.perf_counter() - start
+    seconds = seconds_now() - start
     memory = torch.cuda.max_memory_allocated() / 2**20 if device == "cuda" else 0.0
     weights = sum(weight.numel() for network in case.networks(model) for weight in network.parameters())
     first = min(WARM_UP, len(clock.steps) - 1)
@@ -362,8 +352,7 @@ def timed_prediction(case: Case, model: Any, device: str, repeats: int) -> tuple
     for _ in range(repeats):
         start = time.perf_counter()
         found = case.predict(model, device)
-        synchronise()
-        taken.append(time.perf_counter() - start)
+        taken.append(seconds_now() - start)
     return found, float(np.median(taken))
 
 
