@@ -1,4 +1,4 @@
-"""Costs of the scene store per scene, per point, per resumed run and in memory, compared with Kedro and plain files.
+"""Costs of the scene store per scene, per point and per resumed run, compared with Kedro and plain files.
 
     python benchmarks/bench_store.py [--points 2000000] [--scenes 200] [--repeats 5]
 
@@ -12,13 +12,11 @@ import logging
 import shutil
 import tempfile
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import psutil
-from _common import Tree, parser, race
+from _common import parser, race
 from kedro_datasets.pandas import ParquetDataset
 from kedro_datasets.partitions import PartitionedDataset
 
@@ -128,26 +126,6 @@ def bench_formats(n_points: int, repeats: int) -> None:
         report("size of a cloud", name, Path(path).stat().st_size / n_points, "bytes/point")
 
 
-def peak_memory(run: Callable[[], None]) -> float:
-    """Return the peak sum of PSS over this process and its children during a call, MiB above the start."""
-    tree = Tree(psutil.Process(), interval=0.02)
-    tree.sample()
-    start = tree.peak_bytes
-    with tree:
-        run()
-    return (tree.peak_bytes - start) / 2**20
-
-
-def bench_memory(n_points: int) -> None:
-    """Measure the peak memory with growing numbers of scenes: it follows the running scenes, not the survey."""
-    for n_scenes in (4, 16, 48):
-        tasks = {f"s{i}": SceneTask(make_cloud, parameters={"n": n_points, "seed": i}) for i in range(n_scenes)}
-        store = store_at(FOLDER / f"memory{n_scenes}", "loky")
-        peak = peak_memory(partial(store.save, tasks))
-        report("peak memory", f"{n_scenes} scenes of {n_points / 1e6:g} million", peak, "MiB")
-        shutil.rmtree(FOLDER / f"memory{n_scenes}")
-
-
 def main() -> None:
     """Run all benchmarks."""
     options = parser(__doc__)
@@ -159,7 +137,6 @@ def main() -> None:
     try:
         bench_scenes(arguments.scenes, arguments.repeats)
         bench_formats(arguments.points, arguments.repeats)
-        bench_memory(arguments.points // 4)
     finally:
         shutil.rmtree(FOLDER)
 

@@ -329,23 +329,6 @@ def predict_all(case: Case, model: Any, devices: dict[str, str]) -> None:
         )  # fmt: skip
 
 
-def repeat(case: Case, model: Any, devices: dict[str, str]) -> None:
-    """Report whether a second training on the GPU gives the same bits, with deterministic convolutions if not."""
-
-    def again() -> NDArray[Any]:
-        return case.predict(case.train(case.settings[0], devices["gpu"], Clock()), devices["gpu"])
-
-    same = bool(np.array_equal(case.predict(model, devices["gpu"]), again()))
-    report(case=case.name, repeated_training_equal=same)
-    if not same:
-        torch.backends.cudnn.deterministic = True
-        try:
-            same = bool(np.array_equal(again(), again()))
-        finally:
-            torch.backends.cudnn.deterministic = False
-        report(case=case.name, repeated_training_equal_with_deterministic_cudnn=same)
-
-
 def timed_prediction(case: Case, model: Any, device: str, repeats: int) -> tuple[NDArray[Any], float]:
     """Return probabilities and the median time, after a first prediction."""
     found, taken = case.predict(model, device), []
@@ -386,8 +369,6 @@ def main() -> int:
                 model = train_all(case, devices, late)
                 if model is not None:
                     predict_all(case, model, devices)
-                    if time.perf_counter() < late:
-                        repeat(case, model, devices)
             except Exception:  # reported; the other networks are measured
                 failed = True
                 report(case=name, failed=traceback.format_exc()[-400:])

@@ -51,7 +51,7 @@ def test_page_in_the_documentation_has_the_code_of_the_notebook_and_its_pictures
     pages = REPOSITORY / "docs" / "notebooks"
     page = (pages / f"{path.stem}.md").read_text(encoding="utf-8")
     for cell in nbformat.read(path, as_version=4).cells:
-        assert cell.source in page, "run benchmarks/notebook_pictures.py and benchmarks/notebook_pages.py"
+        assert cell.source in page, f"docs/notebooks/{path.stem}.md lacks a cell of the notebook"
     pictures = re.findall(r"\]\((\w+\.webp)\)", page)
     assert len(pictures) >= 5 and all((pages / name).is_file() for name in pictures)
 
