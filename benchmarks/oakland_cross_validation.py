@@ -1,7 +1,6 @@
 """Leave one block out over all blocks of Oakland 3-D: how well a labeller labels blocks that it has not seen.
 
     python benchmarks/oakland_cross_validation.py [FOLDER] [--method detrended_forest] [--seeds 2019 1 2]
-        [--blocks part2] [--without-detrending]
 
 FOLDER holds the blocks (*.xyz_label_conf.gz); by default it is $MLSROAD_DATA/oakland. Parameters are those of conf/base
 and conf/oakland. The method is detrended_forest or boosted_trees. Each block is labelled by a model of all others, and
@@ -41,11 +40,11 @@ ENVIRONMENT = "oakland"
 SUFFIX = ".xyz_label_conf.gz"
 
 
-def files_of(folder: Path, blocks: str = "") -> list[Path]:
-    """Return the blocks whose name holds a text; at least two are needed."""
-    files = [path for path in sorted(folder.glob(f"*{SUFFIX}")) if blocks in path.name]
+def files_of(folder: Path) -> list[Path]:
+    """Return the files of the blocks; at least two are needed."""
+    files = sorted(folder.glob(f"*{SUFFIX}"))
     if len(files) < 2:
-        raise SystemExit(f"{folder} has {len(files)} files *{blocks}*{SUFFIX}; at least two are needed")
+        raise SystemExit(f"{folder} has {len(files)} files *{SUFFIX}; at least two are needed")
     return files
 
 
@@ -67,9 +66,9 @@ class Trial:
     label: Callable[[str, ModelBundle], np.ndarray]
 
 
-def forest_trial(clouds: Mapping[str, PointCloud], scheme: ClassScheme, *, detrend: bool) -> Trial:
+def forest_trial(clouds: Mapping[str, PointCloud], scheme: ClassScheme) -> Trial:
     """Return the trial of the detrended forest."""
-    stages = configured_stages(ENVIRONMENT, detrend=detrend)
+    stages = configured_stages(ENVIRONMENT)
     blocks = {name: prepare(cloud, stages) for name, cloud in clouds.items()}
     parameters = configured("detrended_forest", ENVIRONMENT)
 
@@ -119,15 +118,10 @@ def main() -> None:
     arguments.add_argument("folder", nargs="?", type=Path, default=DATA / "oakland")
     arguments.add_argument("--method", choices=["detrended_forest", TREES], default="detrended_forest")
     arguments.add_argument("--seeds", type=int, nargs="+")
-    arguments.add_argument("--blocks", default="", help="only blocks whose name holds this")
-    arguments.add_argument("--without-detrending", action="store_true", help="of the detrended forest")
     options = arguments.parse_args()
-    clouds = read_blocks(files_of(options.folder, options.blocks))
+    clouds = read_blocks(files_of(options.folder))
     scheme = configured_scheme(configured("survey", ENVIRONMENT)["scheme"], ENVIRONMENT)
-    if options.method == TREES:
-        trial = trees_trial(clouds, scheme)
-    else:
-        trial = forest_trial(clouds, scheme, detrend=not options.without_detrending)
+    trial = trees_trial(clouds, scheme) if options.method == TREES else forest_trial(clouds, scheme)
     for seed in options.seeds or [configured(options.method, ENVIRONMENT)["seed"]]:
         cross_validate(trial, clouds, scheme, seed)
 
