@@ -15,9 +15,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.algorithms.inventory.extraction import extract_objects
-from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
-from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
+from mlsroad_pipeline.algorithms.inventory.objects.extraction import extract_objects
+from mlsroad_pipeline.algorithms.inventory.objects.merging import merge_across_scenes
+from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 

@@ -20,7 +20,7 @@ from _common import RIVALS, cloud_arrays, parser, pcl_programs, race, run_pcl, s
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.features.fpfh import compute_fpfh
-from mlsroad_pipeline.algorithms.patches.extraction import extract_patches
+from mlsroad_pipeline.papers.shared.patches.extraction import extract_patches
 
 RADIUS = 0.3
 VOXEL = 0.05

@@ -17,21 +17,21 @@ from typing import Any
 import numpy as np
 from _common import parser, race
 
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import describe_scene, voxel_probabilities
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.building import build_graph
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.inputs import Scale, even_points, prepare_inputs
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.labeller import parameters_of, prepare
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.prediction import predict_superpoints
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters, StageParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
-from mlsroad_pipeline.algorithms.fusion.pool import NETWORK, TREES, members_of
+from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import describe_scene, voxel_probabilities
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.labelling import label_softly
+from mlsroad_pipeline.algorithms.models.pool.labeller import NETWORK, TREES, members_of
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.building import build_graph
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.inputs import Scale, even_points, prepare_inputs
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.labeller import parameters_of, prepare
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.prediction import predict_superpoints
 from mlsroad_pipeline.algorithms.stages import find_ground
-from mlsroad_pipeline.datasets.models.shipped_models import load_shipped
 from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.model_store.shipped_models import load_shipped
 
 Works = dict[str, Callable[[], Any]]
 

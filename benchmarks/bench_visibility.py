@@ -21,9 +21,9 @@ import open3d as o3d
 from _common import parser, race, show
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.image_labels.camera import Camera
-from mlsroad_pipeline.algorithms.image_labels.projection import project_points
-from mlsroad_pipeline.algorithms.image_labels.visibility import (
+from mlsroad_pipeline.algorithms.cameras.camera import Camera
+from mlsroad_pipeline.algorithms.cameras.projection import project_points
+from mlsroad_pipeline.papers.tomic2019.image_labels.visibility import (
     DepthBuffer,
     HiddenPointRemoval,
     hidden_point_removal,

@@ -29,21 +29,21 @@ from _common import configured, configured_scheme, configured_stages, parser
 from numpy.typing import NDArray
 from run_all import processor
 
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer import optimisation
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.graph import SuperpointGraph
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.inputs import even_points, prepare_inputs
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.labeller import prepare
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.network import to_tensors
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import SuperpointTransformerParameters
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.training_graphs import training_graphs
-from mlsroad_pipeline.algorithms.image_labels import pspnet_training
-from mlsroad_pipeline.algorithms.image_labels.cityscapes import encode_label_image, image_classes
-from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
-from mlsroad_pipeline.algorithms.image_labels.training_parameters import TrainingParameters
-from mlsroad_pipeline.algorithms.jointnet import training as jointnet_training
-from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
-from mlsroad_pipeline.algorithms.jointnet.recogniser import JointNetRecogniser
-from mlsroad_pipeline.algorithms.models import torch_training
+from mlsroad_pipeline.algorithms.cameras.cityscapes import encode_label_image, image_classes
+from mlsroad_pipeline.algorithms.models.machines import torch_training
+from mlsroad_pipeline.algorithms.models.superpoint_transformer import optimisation
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.graph import SuperpointGraph
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.inputs import even_points, prepare_inputs
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.labeller import prepare
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.network import to_tensors
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import SuperpointTransformerParameters
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.training_graphs import training_graphs
+from mlsroad_pipeline.papers.luo2019.jointnet import training as jointnet_training
+from mlsroad_pipeline.papers.luo2019.jointnet.parameters import JointNetParameters
+from mlsroad_pipeline.papers.luo2019.jointnet.recogniser import JointNetRecogniser
+from mlsroad_pipeline.papers.tomic2019.image_labels import pspnet_training
+from mlsroad_pipeline.papers.tomic2019.image_labels.segmentation import segment_image
+from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import TrainingParameters
 from mlsroad_pipeline.simulation import PRESETS, simulate_survey
 from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS
 

@@ -22,10 +22,10 @@ from _common import markdown, parser
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.inventory.extraction import extract_objects, measure_points
-from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
-from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, ObjectRule
-from mlsroad_pipeline.algorithms.metrics.measure_errors import (
+from mlsroad_pipeline.algorithms.inventory.objects.extraction import extract_objects, measure_points
+from mlsroad_pipeline.algorithms.inventory.objects.merging import merge_across_scenes
+from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, ObjectRule
+from mlsroad_pipeline.algorithms.inventory.scoring.measure_errors import (
     kinds_of_truth,
     match_to_truth,
     measurement_errors,

@@ -24,7 +24,7 @@ from oakland_cross_validation import files_of
 from oakland_objects import REACH
 
 from mlsroad_pipeline.algorithms.geometry.assignment import assign_one_to_one
-from mlsroad_pipeline.corrections import Correction, open_corrections
+from mlsroad_pipeline.review.corrections import Correction, open_corrections
 
 FIRST = ("part2_ac", "part2_ad", "part2_ae", "part2_ag", "part2_ah", "part2_ai")
 """Blocks whose objects are corrected; the others are scored."""

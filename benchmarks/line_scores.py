@@ -35,7 +35,7 @@ from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
-from mlsroad_pipeline.algorithms.metrics.line_scores import LineScores, places_along, score_lines
+from mlsroad_pipeline.algorithms.inventory.scoring.line_scores import LineScores, places_along, score_lines
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 from mlsroad_pipeline.simulation.runtime.stream import SurveyStream
 from mlsroad_pipeline.simulation.street.kerb_truth import true_kerbs

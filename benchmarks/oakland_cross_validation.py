@@ -18,22 +18,22 @@ from typing import Any
 import numpy as np
 from _common import DATA, configured, configured_scheme, configured_stages, parser, prepare, report
 
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import label_scene as label_voxels
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG as TREES
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import BoostedTreesParameters
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import training_voxels
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.training import fit as fit_trees
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.detrended_forest.labeller import label_scene
-from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters, fit, training_rows
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
+from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import label_scene as label_voxels
+from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG as TREES
+from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import BoostedTreesParameters
+from mlsroad_pipeline.algorithms.models.boosted_trees.sampling import training_voxels
+from mlsroad_pipeline.algorithms.models.boosted_trees.training import fit as fit_trees
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
+from mlsroad_pipeline.papers.tomic2019.detrended_forest.labeller import label_scene
+from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import ForestParameters, fit, training_rows
 from mlsroad_pipeline.pipelines.boosted_trees.nodes import load_lightgbm
 
 ENVIRONMENT = "oakland"

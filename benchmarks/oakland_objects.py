@@ -21,20 +21,20 @@ from judge_streets import SCHEME, Street
 from oakland_cross_validation import files_of, read_blocks, trees_trial
 from object_judges import fit, stem_version
 
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import (
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
+from mlsroad_pipeline.algorithms.geometry.assignment import assign_one_to_one
+from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import FEATURE_COLUMNS
+from mlsroad_pipeline.algorithms.inventory.objects.class_groups import ClassEvidence, group_shares
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectJudge
+from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import (
     describe_scene,
     parameters_of,
     voxel_probabilities,
 )
-from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.geometry.assignment import assign_one_to_one
-from mlsroad_pipeline.algorithms.inventory.candidate_table import FEATURE_COLUMNS
-from mlsroad_pipeline.algorithms.inventory.class_groups import ClassEvidence, group_shares
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.object_judge import ObjectJudge
 from mlsroad_pipeline.algorithms.stages import find_ground
-from mlsroad_pipeline.datasets.models.object_judges import shipped_judge
+from mlsroad_pipeline.model_store.object_judges import shipped_judge
 
 REACH = {"pole": 0.5, "sign": 0.5, "vehicle": 2.0}
 LEAST_SCORE = 0.4

@@ -30,7 +30,7 @@ from helpers.page_output import served
 from mlsroad_pipeline.formats.las.header import read_header
 from mlsroad_pipeline.formats.las.records import RecordReader
 from mlsroad_pipeline.formats.las.writer import RecordWriter
-from mlsroad_pipeline.page.output_folder import OutputFolder
+from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
 
 READY = "window.page?.model.tiles.state === 'ready' && !page.cloud.loading"
 

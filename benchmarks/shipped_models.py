@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import bundle_scheme
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
-from mlsroad_pipeline.datasets.models.shipped_models import (
+from mlsroad_pipeline.model_store.shipped_models import (
     ModelScores,
     ShippedModel,
     load_shipped,

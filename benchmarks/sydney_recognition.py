@@ -15,11 +15,11 @@ from _common import configured, parser
 from joblib import Parallel, delayed
 from sklearn.metrics import f1_score
 
-from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
+from mlsroad_pipeline.algorithms.core.classes import find_scheme
 from mlsroad_pipeline.algorithms.models.methods import METHODS
-from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
-from mlsroad_pipeline.algorithms.recognition.recogniser import make_recogniser
-from mlsroad_pipeline.surveys.object_files import find_folds, listed_files, read_fold
+from mlsroad_pipeline.papers.shared.recognition.object_files import find_folds, listed_files, read_fold
+from mlsroad_pipeline.papers.shared.recognition.object_set import ObjectSet
+from mlsroad_pipeline.papers.shared.recognition.recogniser import make_recogniser
 
 
 def parameters_of(slug: str, seed: int, changes: dict[str, Any]) -> Any:

@@ -18,13 +18,13 @@ import yaml
 from _common import CONF, configured, parser
 from sydney_recognition import parameters_of
 
-from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
-from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
-from mlsroad_pipeline.algorithms.recognition.recogniser import make_recogniser, probabilities
+from mlsroad_pipeline.algorithms.core.classes import find_scheme
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
-from mlsroad_pipeline.studies.luo2019.parameters import BASELINES
-from mlsroad_pipeline.studies.luo2019.sets import thin
+from mlsroad_pipeline.papers.luo2019.study.parameters import BASELINES
+from mlsroad_pipeline.papers.luo2019.study.sets import thin
+from mlsroad_pipeline.papers.shared.recognition.object_set import ObjectSet
+from mlsroad_pipeline.papers.shared.recognition.recogniser import make_recogniser, probabilities
 
 CLASSES = {"SL": "light pole", "STL": "traffic light", "PS": "traffic light", "SS": "traffic sign"}
 

@@ -23,7 +23,7 @@ EXPORTED = {
     for name in re.findall(r"^::: (\S+)", page.read_text(), re.M)
 }
 """Packages, modules and functions in the reference; their docstrings have all sections."""
-GENERATED = {"mlsroad_pipeline.datasets.models.registered_model_code"}
+GENERATED = {"mlsroad_pipeline.model_store.registered_model_code"}
 """Runs only inside MLflow."""
 
 

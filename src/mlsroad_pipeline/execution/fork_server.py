@@ -45,8 +45,7 @@ def start(preload: str, load_libraries: Callable[[], object] | None = None) -> b
     """Start the server, which imports a module before the first fork; return False if this system has none.
 
     With `load_libraries`, this process calls it and forks the server, unless it has threads that a fork would leave
-    behind. The socket lies in the folder of temporary files. Where the path of that is too long for a socket
-    (108 bytes), or cannot be written, there is no server and each worker loads the libraries by itself.
+    behind. The socket lies in the folder of temporary files.
     """
     global _started  # noqa: PLW0603  # multiprocessing has one server per process
     if not sys.platform.startswith("linux"):

@@ -31,11 +31,6 @@ class KeptCluster:
 
     Scheduler and workers listen on the loopback interface with TLS and a certificate of their own, so that no other
     user of the machine can send them code. A worker that ends is replaced, and all end with this process.
-
-    Parameters
-    ----------
-    n_workers : int
-        The number of worker processes.
     """
 
     def __init__(self, n_workers: int) -> None:

@@ -44,75 +44,36 @@ _is_settled = False
 
 @dataclass(frozen=True)
 class SceneJob:
-    """Job of a worker.
+    """Job of a worker."""
 
-    Parameters
-    ----------
-    key : str
-        The scene.
-    task : SceneTask
-        The task.
-    fingerprint : str
-        Fingerprint of the task, stored with the result.
-    store : SceneStore
-        Destination of the result.
-    token : str
-        Token of the run, from `SceneStore.begin`.
-    backend : str
-        Backend of the worker; see `Execution`.
-    validator : str, optional
-        Dotted name of a function that checks the result.
-    installation : str
-        `fingerprints.installation` of the driver, which a worker on another machine must share; empty for workers of
-        this machine.
-    """
-
-    key: str
-    task: SceneTask
-    fingerprint: str
-    store: SceneStore
-    token: str
-    backend: str
-    validator: str | None = None
+    key: str  # The scene
+    task: SceneTask  # The task
+    fingerprint: str  # Fingerprint of the task, stored with the result
+    store: SceneStore  # Destination of the result
+    token: str  # Token of the run, from `SceneStore.begin`
+    backend: str  # Backend of the worker; see `Execution`
+    validator: str | None = None  # Dotted name of a function that checks the result
+    # `fingerprints.installation` of the driver, which a worker on another machine must share; empty for workers of this
+    # machine
     installation: str = ""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of a job: a record of the stored result or a failure.
+    """Outcome of a job: a record of the stored result or a failure."""
 
-    Parameters
-    ----------
-    key : str
-        The scene.
-    seconds : float
-        Elapsed time, including reading and storing.
-    record : Record, optional
-        Record of the stored result.
-    failure : SceneFailure, optional
-        The failure, if nothing was stored.
-    """
-
-    key: str
-    seconds: float
-    record: Record | None = None
-    failure: SceneFailure | None = None
+    key: str  # The scene
+    seconds: float  # Elapsed time, including reading and storing
+    record: Record | None = None  # Record of the stored result
+    failure: SceneFailure | None = None  # The failure, if nothing was stored
 
 
 @dataclass(frozen=True)
 class WarmUp:
-    """Job that prepares a worker for the tasks to come.
+    """Job that prepares a worker for the tasks to come."""
 
-    Parameters
-    ----------
-    function : str
-        Dotted name of a function without arguments that loads libraries and compiled kernels.
-    lock : str
-        Lock file; workers with the same file warm up one after the other.
-    """
-
-    function: str
-    lock: str
+    function: str  # Dotted name of a function without arguments that loads libraries and compiled kernels
+    lock: str  # Lock file; workers with the same file warm up one after the other
 
 
 def import_function(name: str, role: str) -> Callable[..., Any]:

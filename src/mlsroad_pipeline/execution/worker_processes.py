@@ -26,21 +26,7 @@ _CUT_OFF = 255
 
 
 class WorkerProcesses:
-    """Workers of a scheduler; they end with this process.
-
-    Parameters
-    ----------
-    n_workers : int
-        The number of processes.
-    scheduler : str
-        Address of the scheduler.
-    security : Security
-        Certificates.
-    folder : str
-        Folder for temporary files of the workers.
-    host : str, optional
-        Address that they listen on; by default that of the interface towards the scheduler.
-    """
+    """Workers of a scheduler; they end with this process."""
 
     def __init__(
         self, n_workers: int, scheduler: str, security: Security, folder: str, *, host: str | None = None

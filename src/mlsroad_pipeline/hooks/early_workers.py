@@ -65,11 +65,6 @@ class EarlyWorkersHooks:
 
     Other commands start nothing. Until the pipeline begins, garbage collection is off in the driver: imports create
     many objects and no garbage, and collection takes a quarter of their time.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        The command line; by default that of this process.
     """
 
     def __init__(self, arguments: Sequence[str] | None = None) -> None:

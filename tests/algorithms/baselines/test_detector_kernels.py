@@ -6,20 +6,20 @@ from references.detectors import peak_of_circles
 from scipy.spatial import cKDTree
 from sklearn.tree import DecisionTreeClassifier
 
-from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down._surfaces import nearest_images, spread_evenly
-from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.detector import overlaps
-from mlsroad_pipeline.algorithms.baselines.hough_forest._trees import N_DIRECTIONS, grow_tree
-from mlsroad_pipeline.algorithms.baselines.hough_forest.detector import (
+from mlsroad_pipeline.papers.shared.detection.parts import relative_centres
+from mlsroad_pipeline.papers.shared.detection.sampling import select_objects
+from mlsroad_pipeline.papers.shared.detection.types import object_bounds
+from mlsroad_pipeline.papers.yu2016.bottom_up_top_down._surfaces import nearest_images, spread_evenly
+from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.detector import overlaps
+from mlsroad_pipeline.papers.yu2016.hough_forest._trees import N_DIRECTIONS, grow_tree
+from mlsroad_pipeline.papers.yu2016.hough_forest.detector import (
     HoughForest,
     offsets_to_centre,
 )
-from mlsroad_pipeline.algorithms.baselines.object_matching.detector import (
+from mlsroad_pipeline.papers.yu2016.object_matching.detector import (
     affine_combinations,
     object_similarity,
 )
-from mlsroad_pipeline.algorithms.detection.parts import relative_centres
-from mlsroad_pipeline.algorithms.detection.sampling import select_objects
-from mlsroad_pipeline.algorithms.detection.types import object_bounds
 
 
 def test_peak_is_that_of_circles_drawn_one_by_one(rng):
