@@ -13,7 +13,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from forest_trials import configured
+from _common import configured
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG
