@@ -121,9 +121,10 @@ def test_values_are_the_defaults_of_the_code(group):
 def test_documented_defaults_are_the_defaults_of_the_code(kind):
     fields = {field.name: default_of(field) for field in dataclasses.fields(kind)}
     documented = {name: entry.type for entry in ClassDoc(kind)["Parameters"] for name in entry.name.split(", ")}
-    if not documented:  # each field has a comment on its line instead
-        commented = re.findall(r"^    (\w+): .*\S  # \S", inspect.getsource(kind), re.M)
-        assert set(commented) == set(fields)
+    if not documented:  # each field has a comment instead, on its line or above it
+        source = "".join(inspect.getsource(base) for base in kind.__mro__ if dataclasses.is_dataclass(base))
+        commented = re.findall(r"^    (?:# .*\n    (\w+): |(\w+): .*  # \S)", source, re.M)
+        assert {above or beside for above, beside in commented} == set(fields)
     else:
         assert set(documented) == set(fields)
     for name, text in documented.items():
