@@ -83,7 +83,7 @@ class PointFormat(Protocol):
         Returns
         -------
         bool
-            Whether it begins with one of the signatures. Formats without signatures examine the content or the name.
+            Whether it begins with a signature; formats without signatures examine the content or the name.
         """
         del path
         return head.startswith(self.signatures) if self.signatures else False

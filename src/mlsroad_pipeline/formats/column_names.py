@@ -91,45 +91,16 @@ def _meaning(name: str) -> _Meaning | None:
 
 
 def names_coordinates(names: Sequence[str]) -> bool:
-    """Return whether x, y and z are among names.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names of columns, in any spelling that `resolve_columns` reads.
-
-    Returns
-    -------
-    bool
-        True if all three are.
-    """
+    """Return whether x, y and z are among names."""
     meanings = [_meaning(name) for name in names]
     return set(COORDINATES) <= {meaning.standard for meaning in meanings if meaning is not None}
 
 
 def resolve_columns(file_names: Sequence[str], options: ReadOptions, source: Path) -> dict[str, str]:
-    """Assign standard names to the columns of a file.
+    """Return standard name to name in the file for its columns; `red`, `green` and `blue` are the parts of `rgb`.
 
-    Parameters
-    ----------
-    file_names : sequence of str
-        Names of the file's columns, in their order.
-    options : ReadOptions
-        Its `columns`, `only`, and units that follow from the system already (`crs_units.with_units`).
-    source : Path
-        File name in messages.
-
-    Returns
-    -------
-    dict of str to str
-        Standard name to name in the file; `red`, `green` and `blue` are the parts of `rgb`.
-
-    Raises
-    ------
-    MissingColumnError
-        If a mapped or selected column, or a coordinate, is not in the file.
-    DataError
-        If two names with units may be the same coordinate, or a name states a unit other than the one that is read.
+    `MissingColumnError` if a mapped or selected column, or a coordinate, is missing; `DataError` if two names with
+    units may be the same coordinate, or a name states another unit than the one that is read.
     """
     chosen = _mapped(file_names, options, source)
     mapped, taken = set(chosen), set(chosen.values())

@@ -12,27 +12,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 
 
 def join_colours(parts: Sequence[NDArray], shift: int, *, source: Path) -> NDArray[np.uint8]:
-    """Join three colour columns into one of eight bits.
-
-    Parameters
-    ----------
-    parts : sequence of three ndarrays of shape (n,)
-        Red, green and blue as integers.
-    shift : int
-        Bits to drop: 8 for colours of 16 bits, else 0.
-    source : Path
-        File name in messages.
-
-    Returns
-    -------
-    ndarray of shape (n, 3), uint8
-        The colours.
-
-    Raises
-    ------
-    DataError
-        If a value does not fit into eight bits after the shift.
-    """
+    """Join red, green and blue, integers, into uint8 of shape (n, 3); ``shift`` is 8 for colours of 16 bits, else 0."""
     rgb = np.empty((len(parts[0]), 3), dtype=np.uint8)
     for axis, part in enumerate(parts):
         values = part >> shift if shift else part
@@ -45,26 +25,9 @@ def join_colours(parts: Sequence[NDArray], shift: int, *, source: Path) -> NDArr
 
 
 def float_colours(values: NDArray, greatest: float, *, source: Path) -> NDArray[np.int64]:
-    """Turn colours stored as floats into integers of 8 or 16 bits.
+    """Turn one colour stored as floats into integers 0 to 255.
 
-    Parameters
-    ----------
-    values : ndarray of shape (n,), floating
-        One colour, in [0, 1], [0, 255] or [0, 65535].
-    greatest : float
-        Maximum colour value of the whole file, which distinguishes the three ranges.
-    source : Path
-        File name in messages.
-
-    Returns
-    -------
-    ndarray of shape (n,), int64
-        The colour in 0 to 255.
-
-    Raises
-    ------
-    DataError
-        If a colour is not a number or outside 0 to 65535.
+    ``greatest`` is the maximum colour of the whole file, which distinguishes ranges to 1, to 255 and to 65535.
     """
     wrong = values[~((values >= 0) & (values <= 65535))]
     if len(wrong):
@@ -75,27 +38,7 @@ def float_colours(values: NDArray, greatest: float, *, source: Path) -> NDArray[
 
 
 def integer_labels(values: NDArray, name: str, *, source: Path) -> NDArray:
-    """Return labels as integers.
-
-    Parameters
-    ----------
-    values : ndarray of shape (n,)
-        Labels of the file, integers or floats.
-    name : str
-        The column's name.
-    source : Path
-        File name in messages.
-
-    Returns
-    -------
-    ndarray of shape (n,), integer
-        The labels; those stored as floats become int32.
-
-    Raises
-    ------
-    DataError
-        If a label is not a whole number.
-    """
+    """Return labels as integers (floats become int32); `DataError` if one is not a whole number."""
     if np.issubdtype(values.dtype, np.integer):
         return values
     with np.errstate(invalid="ignore"):  # values out of range differ after the cast and raise below

@@ -18,7 +18,7 @@ LARGEST = 1 << 20
 
 
 def parse_crs(crs: str, *, option: str = "crs") -> str:
-    """Return a coordinate reference system as WKT.
+    """Return a coordinate reference system as WKT; `ParameterError` where PROJ cannot parse it.
 
     Parameters
     ----------
@@ -31,11 +31,6 @@ def parse_crs(crs: str, *, option: str = "crs") -> str:
     -------
     str
         Its WKT.
-
-    Raises
-    ------
-    ParameterError
-        If PROJ cannot parse it.
     """
     try:
         return str(pyproj.CRS.from_user_input(crs).to_wkt())
@@ -48,18 +43,7 @@ def parse_crs(crs: str, *, option: str = "crs") -> str:
 
 @lru_cache(maxsize=64)
 def is_same_crs(one: str, other: str) -> bool:
-    """Return whether two systems are equal, whatever their names and the order of their axes.
-
-    Parameters
-    ----------
-    one, other : str
-        The systems as WKT.
-
-    Returns
-    -------
-    bool
-        False where the texts differ and PROJ cannot parse one of them.
-    """
+    """Return whether two systems are equal, whatever their names and the order of their axes; False if PROJ fails."""
     if one == other:
         return True
     try:
@@ -74,18 +58,7 @@ def _stem(path: Path) -> str:
 
 
 def sidecar_crs(path: Path) -> str | None:
-    """Return the CRS of the ``.prj`` file beside a file.
-
-    Parameters
-    ----------
-    path : Path
-        The file, ``street.xyz.gz`` say; its sidecar is ``street.prj``.
-
-    Returns
-    -------
-    str or None
-        Its WKT; None without a sidecar, or where PROJ cannot parse it, which is logged.
-    """
+    """Return the WKT of the ``.prj`` file beside a file; None without one, or if PROJ cannot parse it (logged)."""
     beside = next((p for e in (SIDECAR, SIDECAR.upper()) if (p := path.with_name(_stem(path) + e)).is_file()), None)
     return None if beside is None else _sidecar(file_key(beside))
 
@@ -104,15 +77,7 @@ def _sidecar(key: FileKey) -> str | None:
 
 
 def write_sidecar(path: Path, crs: str | None) -> None:
-    """Write a CRS beside a file whose format holds none.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    crs : str or None
-        WKT; None writes nothing.
-    """
+    """Write a CRS as WKT beside a file whose format holds none; None writes nothing."""
     if crs:
         with atomic_file(path.with_name(_stem(path) + SIDECAR)) as stream:
             stream.write(crs.encode() + b"\n")
@@ -120,18 +85,7 @@ def write_sidecar(path: Path, crs: str | None) -> None:
 
 @lru_cache(maxsize=64)
 def is_geographic(crs: str | None) -> bool:
-    """Return whether a system has coordinates in degrees.
-
-    Parameters
-    ----------
-    crs : str or None
-        The system as WKT.
-
-    Returns
-    -------
-    bool
-        False where there is none or PROJ cannot parse it.
-    """
+    """Return whether a system has coordinates in degrees; False without one, or if PROJ cannot parse it."""
     try:
         return crs is not None and bool(pyproj.CRS.from_user_input(crs).is_geographic)
     except pyproj.exceptions.CRSError:
@@ -139,7 +93,7 @@ def is_geographic(crs: str | None) -> bool:
 
 
 def place_outside(crs: str, x: float, y: float, *, margin: float = 15.0) -> str | None:
-    """Return longitude and latitude of a place if they lie outside the area that a system is defined for.
+    """Return longitude and latitude of a place that lies outside the area that a system is defined for.
 
     Parameters
     ----------
@@ -148,7 +102,7 @@ def place_outside(crs: str, x: float, y: float, *, margin: float = 15.0) -> str 
     x, y : float
         Easting and northing of the place, metres.
     margin : float, default 15.0
-        Distance beyond the area that is accepted, degrees; Norway is mapped in one zone up to 13 degrees beyond it.
+        Accepted distance beyond the area, degrees; Norway is mapped in one zone up to 13 degrees beyond it.
 
     Returns
     -------
@@ -179,9 +133,9 @@ def reproject(
     Parameters
     ----------
     world : ndarray of shape (n, 3)
-        World coordinates: easting, northing and height in metres, or longitude, latitude in degrees and height.
+        Easting, northing and height in metres, or longitude, latitude in degrees and height.
     source : str or None
-        Their system as WKT.
+        Their system as WKT; None raises `DataError`, as do points where the target is not defined.
     target : str
         Target system: WKT or a code.
     name : Path
@@ -193,11 +147,6 @@ def reproject(
         The coordinates; heights change where both systems have them.
     crs : str
         The target as WKT.
-
-    Raises
-    ------
-    DataError
-        If the file states no system, or a point lies where the target is not defined.
     """
     wkt = parse_crs(target)
     if source is None:

@@ -23,37 +23,16 @@ SAME_UNIT = 1e-7
 
 
 class CrsUnits(NamedTuple):
-    """Units of a system.
+    """Units of a system."""
 
-    Attributes
-    ----------
-    kind : str
-        ``"projected"``, ``"geographic"`` (degrees), ``"geocentric"`` or ``"other"``.
-    flat : tuple of str and float
-        Name of the unit of x and y, and its length in metres (its size in radians for degrees).
-    height : tuple of str and float, or None
-        Those of the heights; None where the system has none.
-    """
-
-    kind: str
-    flat: tuple[str, float]
-    height: tuple[str, float] | None
+    kind: str  # ``"projected"``, ``"geographic"`` (degrees), ``"geocentric"`` or ``"other"``
+    flat: tuple[str, float]  # name of the unit of x and y, and its length in metres (its size in radians for degrees)
+    height: tuple[str, float] | None  # those of the heights; None where the system has none
 
 
 @lru_cache(maxsize=64)
 def crs_units(crs: str) -> CrsUnits | None:
-    """Return the units of a system.
-
-    Parameters
-    ----------
-    crs : str
-        The system as WKT.
-
-    Returns
-    -------
-    CrsUnits or None
-        Its units; None where PROJ cannot parse it, or it has heights only.
-    """
+    """Return the units of a system as WKT; None where PROJ cannot parse it, or it has heights only."""
     try:
         system = pyproj.CRS.from_user_input(crs)
     except pyproj.exceptions.CRSError:
@@ -74,21 +53,16 @@ def with_units(options: ReadOptions, crs: str | None, source: Path) -> ReadOptio
     Parameters
     ----------
     options : ReadOptions
-        Options of reading.
+        Options of reading; their `crs` takes precedence over the file's, and that over a sidecar.
     crs : str or None
-        The file's own system as WKT; the option `crs` takes precedence over it, and it over a sidecar.
+        The file's own system as WKT; `DataError` if it states a unit that is not a length.
     source : Path
         The file.
 
     Returns
     -------
     ReadOptions
-        Options whose `units` are set; heights without a unit of their own have that of x and y.
-
-    Raises
-    ------
-    DataError
-        If the system states a unit of no length.
+        Options with `units`; heights without a unit of their own have that of x and y.
     """
     if options.units != BY_CRS:
         return options
@@ -108,18 +82,7 @@ def with_units(options: ReadOptions, crs: str | None, source: Path) -> ReadOptio
 
 
 def auto_note(options: ReadOptions, crs: str | None, source: Path) -> str:
-    """Return a sentence on the conversion to metres.
-
-    Parameters
-    ----------
-    options, crs, source
-        Arguments of `with_units`.
-
-    Returns
-    -------
-    str
-        The sentence; empty if the options set the units or there is no conversion.
-    """
+    """Return a sentence on the conversion to metres; empty if the options set the units or nothing is converted."""
     if options.units != BY_CRS:
         return ""
     flat, _, height = with_units(options, crs, source).factors.tolist()
@@ -136,21 +99,9 @@ def auto_note(options: ReadOptions, crs: str | None, source: Path) -> str:
 
 @lru_cache(maxsize=64)
 def in_metres(crs: str, flat: float, height: float | None = None) -> str:
-    """Return the system of coordinates that were converted from its units to metres.
+    """Return the system of coordinates that were converted to metres by factors of x and y, and of heights.
 
-    Parameters
-    ----------
-    crs : str
-        The system as WKT.
-    flat : float
-        Factor of the conversion of x and y.
-    height : float, optional
-        Factor of the conversion of the heights; None is that of x and y.
-
-    Returns
-    -------
-    str
-        The same projection and heights in metres, without the code; the system itself where its units are others.
+    It has the same projection and heights in metres, without the code; the system itself where its units are others.
     """
     height = flat if height is None else height
     if (flat == 1.0 and height == 1.0) or crs_units(crs) is None:

@@ -14,21 +14,9 @@ ALLOWED = 1 << 28
 
 
 def check_expansion(path: Path, unpacked: int, packed: int) -> None:
-    """Check that a file does not unpack to far more than a recording does.
+    """Raise `ReadError` for a file that unpacks to far more than a recording does.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    unpacked : int
-        Bytes that it unpacks to, as its headers state them or as counted so far.
-    packed : int
-        Its size in bytes.
-
-    Raises
-    ------
-    ReadError
-        If it unpacks to more than `ALLOWED` bytes and `LARGEST_RATIO` times its size.
+    That is more than `ALLOWED` bytes and more than `LARGEST_RATIO` times its packed size.
     """
     if unpacked > max(ALLOWED, LARGEST_RATIO * packed):
         raise ReadError(

@@ -28,23 +28,7 @@ FileKey = tuple[str, int, int]
 
 
 def check_file(path: str | Path) -> Path:
-    """Return the path of a file that exists, is readable and not empty.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Returns
-    -------
-    Path
-        The same path.
-
-    Raises
-    ------
-    ReadError
-        If it is missing, a folder, empty, or may not be read.
-    """
+    """Return the path of a file that exists, is readable and not empty; raise `ReadError` otherwise."""
     path = Path(path)
     if path.is_dir():
         raise ReadError(f"{path} is a folder, not a file")
@@ -60,7 +44,7 @@ def check_file(path: str | Path) -> Path:
 
 
 def spread_starts(n_points: int, runs: int, size: int) -> list[int]:
-    """Choose the first rows of runs that are spread evenly over a file.
+    """Return the first rows of runs that are spread evenly over a file.
 
     Parameters
     ----------
@@ -74,8 +58,7 @@ def spread_starts(n_points: int, runs: int, size: int) -> list[int]:
     Returns
     -------
     list of int
-        First rows, ascending, fewer in small files. In large ones they are first points of chunks of LAZ, which can be
-        decompressed from their first point only.
+        First rows, ascending; in large files first points of LAZ chunks, from which alone these can be decompressed.
     """
     starts = np.linspace(0, max(n_points - size, 0), runs).astype(np.int64)
     if n_points >= runs * LAZ_CHUNK:
@@ -84,33 +67,14 @@ def spread_starts(n_points: int, runs: int, size: int) -> list[int]:
 
 
 def file_key(path: Path) -> FileKey:
-    """Return the cache key of a file's present content.
-
-    Parameters
-    ----------
-    path : Path
-        An existing file.
-
-    Returns
-    -------
-    tuple of str, int, int
-        Path, size in bytes and modification time in nanoseconds.
-    """
+    """Return the cache key of a file's present content: path, bytes and modification time in nanoseconds."""
     status = path.stat()
     return str(path), status.st_size, status.st_mtime_ns
 
 
 @lru_cache(maxsize=4096)
 def log_once(source: str, text: str) -> None:
-    """Log a note about a file, once per note.
-
-    Parameters
-    ----------
-    source : str
-        The file.
-    text : str
-        Text of the note.
-    """
+    """Log a note about a file, once per note."""
     logger.info("%s: %s", source, text)
 
 
@@ -120,7 +84,7 @@ WRONG = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, Ru
 
 @contextmanager
 def named_errors(path: str | Path, what: str) -> Iterator[None]:
-    """Turn the errors that damaged content raises inside the block into a `ReadError` of one line that names the file.
+    """Turn the errors that damaged content raises inside the block into a one-line `ReadError` that names the file.
 
     Parameters
     ----------
@@ -128,11 +92,6 @@ def named_errors(path: str | Path, what: str) -> Iterator[None]:
         The file that is read, or its folder.
     what : str
         What it should be, such as "a table of poses".
-
-    Raises
-    ------
-    ReadError
-        For each of `WRONG`, numbers that overflow, and errors of this package that do not name the file in one line.
     """
     try:
         with np.errstate(over="raise", invalid="raise", divide="raise"):
@@ -150,16 +109,8 @@ def named_errors(path: str | Path, what: str) -> Iterator[None]:
 def atomic_file(path: Path) -> Iterator[BinaryIO]:
     """Yield a stream whose content becomes `path` when the block ends and is discarded when it raises.
 
-    Parameters
-    ----------
-    path : Path
-        The file to write; its folder is made where it is missing.
-
-    Yields
-    ------
-    binary stream
-        Open for writing and reading, in the same folder under a temporary name. Unfinished files of killed processes
-        for the same path are removed.
+    The temporary file is in the same folder, which is made if it is missing. Unfinished files of killed processes for
+    the same path are removed.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -209,24 +160,9 @@ def _remove_parts_of_killed_runs(path: Path) -> None:
 
 
 def clip_range(start: int, stop: int | None, n_points: int) -> tuple[int, int]:
-    """Return a row range inside a file.
+    """Return ``start`` and ``stop`` (None: the end) clipped to ``n_points`` rows.
 
-    Parameters
-    ----------
-    start, stop : int
-        First row and the row after the last; None is the end. Clipped to the end.
-    n_points : int
-        Number of rows.
-
-    Returns
-    -------
-    tuple of int
-        The range, with ``0 <= start <= stop <= n_points``.
-
-    Raises
-    ------
-    ValueError
-        If `start` is negative or `stop` is before `start`.
+    Raises `ValueError` if ``start`` is negative or ``stop`` is before it.
     """
     end = max(start, n_points) if stop is None else stop
     if start < 0 or end < start:

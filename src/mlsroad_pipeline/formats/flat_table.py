@@ -35,36 +35,10 @@ def flat_cloud(
     crs: str | None = None,
     notes: list[str] | None = None,
 ) -> PointCloud:
-    """Build a point cloud from scalar columns of a range of a file.
+    """Build a point cloud from scalar columns of a range of a file, relative to a round point near its first.
 
-    Parameters
-    ----------
-    raw : mapping of str to ndarray of shape (n,)
-        Columns by standard name (see `column_names.resolve_columns`), with coordinates.
-    first : mapping of str to ndarray of shape (1,) or (0,)
-        The same columns of the file's first row, which sets the origin.
-    options : ReadOptions
-        Options of reading.
-    source : Path
-        The file.
-    start : int
-        Row of the first point.
-    extremes : callable
-        Maps standard names to minimum and maximum of these columns over the whole file.
-    crs : str, optional
-        The file's CRS as WKT.
-    notes : list of str, optional
-        Gets one sentence per guess that a user should know of.
-
-    Returns
-    -------
-    PointCloud
-        The points, float64, relative to a round point near the file's first.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is NaN or infinite, or a value outside its domain.
+    ``raw`` has columns by standard name, ``first`` those of the file's first row, ``start`` is the row of the first
+    point. `DataError` for a coordinate that is NaN or infinite, or a value outside its domain.
     """
     with np.errstate(invalid="ignore", over="ignore"):  # NaN and overflows raise below
         corner = [float(first[name][0]) if len(first[name]) else 0.0 for name in COORDINATES]
@@ -92,19 +66,9 @@ def flat_cloud(
 
 
 def scalar_columns(cloud: PointCloud, metres: float) -> dict[str, NDArray]:
-    """Return a cloud as scalar columns in a file's unit.
+    """Return a cloud as scalar columns in a file's unit, world coordinates (float64) first.
 
-    Parameters
-    ----------
-    cloud : PointCloud
-        The points.
-    metres : float
-        Factor from the file's unit to metres.
-
-    Returns
-    -------
-    dict of str to ndarray of shape (n,)
-        World coordinates float64 first; `rgb` as red, green and blue; other columns of several values numbered.
+    Colours are split into red, green and blue; other columns of several values are numbered.
     """
     world = cloud.world_xyz() / metres
     columns: dict[str, NDArray] = {name: world[:, axis] for axis, name in enumerate(COORDINATES)}
@@ -118,56 +82,19 @@ def scalar_columns(cloud: PointCloud, metres: float) -> dict[str, NDArray]:
 
 
 def parts_of(cloud: PointCloud) -> Iterator[PointCloud]:
-    """Cut a cloud into parts that are written one after another.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        The points.
-
-    Yields
-    ------
-    PointCloud
-        Up to `CHUNK` of them, in their order; none where there are none.
-    """
+    """Yield consecutive parts of a cloud of up to `CHUNK` points."""
     for begin in range(0, len(cloud), CHUNK):
         yield cloud.select(np.arange(begin, min(begin + CHUNK, len(cloud))))
 
 
 def column_names(cloud: PointCloud, options: WriteOptions) -> bytes:
-    """Return the row of names above the points.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        The points.
-    options : WriteOptions
-        Its delimiter.
-
-    Returns
-    -------
-    bytes
-        The row with its line end.
-    """
+    """Return the row of names above the points."""
     names = scalar_columns(cloud.select(np.arange(0)), options.metres)
     return (options.delimiter.join(names) + "\n").encode()
 
 
 def write_columns(cloud: PointCloud, options: WriteOptions) -> bytes:
-    """Return points as rows of text.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        The points.
-    options : WriteOptions
-        Delimiter, decimals, units.
-
-    Returns
-    -------
-    bytes
-        The rows.
-    """
+    """Return points as rows of text."""
     columns = scalar_columns(cloud, options.metres)
     texts = [
         fixed_text(values, options.decimals) if name in COORDINATES else number_text(values)
@@ -177,55 +104,18 @@ def write_columns(cloud: PointCloud, options: WriteOptions) -> bytes:
 
 
 def fixed_text(values: NDArray[np.float64], decimals: int) -> pa.Array:
-    """Return numbers as text with a fixed number of digits after the point.
-
-    Parameters
-    ----------
-    values : ndarray of shape (n,), float64
-        Finite numbers.
-    decimals : int
-        Digits after the point.
-
-    Returns
-    -------
-    pyarrow.Array of string
-        The texts.
-    """
+    """Return numbers as text with a fixed number of digits after the point."""
     return pa.array([f"{value:.{decimals}f}" for value in values.tolist()], pa.string())
 
 
 def number_text(values: NDArray) -> pa.Array:
-    """Return numbers as the shortest text that reads back unchanged.
-
-    Parameters
-    ----------
-    values : ndarray of shape (n,)
-        Integers or floats.
-
-    Returns
-    -------
-    pyarrow.Array of string
-        The texts; "nan" for NaN.
-    """
+    """Return numbers as the shortest text that reads back unchanged; "nan" for NaN."""
     native = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
     return pc.cast(pa.array(native.astype(np.uint8) if native.dtype == np.bool_ else native), pa.string())
 
 
 def join_rows(texts: Sequence[pa.Array], delimiter: str) -> bytes:
-    """Join columns of text into rows.
-
-    Parameters
-    ----------
-    texts : sequence of pyarrow.Array
-        The columns.
-    delimiter : str
-        Delimiter.
-
-    Returns
-    -------
-    bytes
-        The rows, each with a line end.
-    """
+    """Join columns of text into rows with line ends."""
     if not len(texts[0]):
         return b""
     rows = pc.binary_join_element_wise(*texts, delimiter)

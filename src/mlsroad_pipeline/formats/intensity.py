@@ -20,22 +20,12 @@ FULL = (1.0, 255.0, 65535.0)
 
 
 class IntensityRule(NamedTuple):
-    """A linear map of intensities.
+    """A linear map of intensities."""
 
-    Attributes
-    ----------
-    low, high : float
-        Values that become 0 and 1.
-    clipped : bool
-        Whether values beyond them are clipped; otherwise they are an error.
-    note : str
-        Sentence for the user, empty for the usual rules.
-    """
-
-    low: float
+    low: float  # values that become 0 and 1
     high: float
-    clipped: bool = False
-    note: str = ""
+    clipped: bool = False  # whether values beyond them are clipped; otherwise they are an error
+    note: str = ""  # sentence for the user, empty for the usual rules
 
     @property
     def by_range(self) -> bool:
@@ -44,21 +34,10 @@ class IntensityRule(NamedTuple):
 
 
 def intensity_rule(dtype: np.dtype, options: ReadOptions, extremes: Callable[[], tuple[float, float]]) -> IntensityRule:
-    """Return the rule for the intensities of a file.
+    """Return the rule for the intensities of a file of this type.
 
-    Parameters
-    ----------
-    dtype : dtype
-        The column's type in the file.
-    options : ReadOptions
-        Its `intensity_range` and `intensity_scale`.
-    extremes : callable
-        Returns minimum and maximum intensity of the whole file; called where the rule depends on them.
-
-    Returns
-    -------
-    IntensityRule
-        The rule.
+    ``extremes`` returns minimum and maximum intensity of the whole file; it is called only where the rule depends on
+    them.
     """
     rule = options.intensity_scale
     if options.intensity_range is not None:
@@ -90,27 +69,7 @@ def _by_type(dtype: np.dtype, high: float) -> IntensityRule:
 
 
 def scaled_intensity(values: NDArray, rule: IntensityRule, *, source: Path) -> NDArray[np.float32]:
-    """Map intensities to [0, 1].
-
-    Parameters
-    ----------
-    values : ndarray of shape (n,)
-        Intensities of the file.
-    rule : IntensityRule
-        The rule.
-    source : Path
-        File name in messages.
-
-    Returns
-    -------
-    ndarray of shape (n,), float32
-        Intensities; NaN where the file has NaN.
-
-    Raises
-    ------
-    DataError
-        If one falls outside [0, 1] and the rule does not clip.
-    """
+    """Map intensities to [0, 1], NaN to NaN; `DataError` if one falls outside and the rule does not clip."""
     with np.errstate(over="ignore", invalid="ignore"):  # overflows raise below
         shifted = values - rule.low if rule.by_range else values
         scaled: NDArray[np.float32] = (shifted / (rule.high - rule.low)).astype(np.float32, copy=False)

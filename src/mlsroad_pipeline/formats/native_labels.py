@@ -31,15 +31,7 @@ class LabelSink(Protocol):
     """Sink of labels of consecutive ranges that writes the points of the source with them."""
 
     def write(self, start: int, labels: PointLabels) -> None:
-        """Write the points from row `start`.
-
-        Parameters
-        ----------
-        start : int
-            Row of the first point.
-        labels : PointLabels
-            Their results.
-        """
+        """Write the points from row `start`."""
 
 
 def native_path(source: Path, folder: Path, form: PointFormat) -> Path | None:
@@ -48,7 +40,7 @@ def native_path(source: Path, folder: Path, form: PointFormat) -> Path | None:
     Parameters
     ----------
     source : Path
-        The survey.
+        The survey; `DataError` if the copy would overwrite it or its present labels.
     folder : Path
         The folder of the results.
     form : PointFormat
@@ -60,11 +52,6 @@ def native_path(source: Path, folder: Path, form: PointFormat) -> Path | None:
         KITTI: the ``.label`` of that name in `folder`; others: the same file name there. None where the format cannot
         hold labels (E57, NPY), for a PLY file whose vertices are not first or hold lists, and for PCD that is not
         binary, has padding, or has beams without return.
-
-    Raises
-    ------
-    DataError
-        If that is the survey itself or its present labels.
     """
     if form.name == "KITTI":
         target = folder / f"{source.stem}.label"
@@ -94,11 +81,6 @@ def native_sink(source: Path, target: Path, form: PointFormat, options: ReadOpti
         Its format.
     options : ReadOptions
         Options of reading.
-
-    Yields
-    ------
-    LabelSink
-        The sink.
     """
     with output_file(target) as stream:
         if isinstance(form, TextFormat):

@@ -29,20 +29,10 @@ DTYPES = (np.uint8, np.float32, np.uint32)
 
 
 def can_hold(source: Path, form: str) -> bool:
-    """Return whether this module can add labels to a file.
+    """Return whether this module can add labels to a file of a format.
 
-    Parameters
-    ----------
-    source : Path
-        The file.
-    form : str
-        Name of its format.
-
-    Returns
-    -------
-    bool
-        True for Parquet (not one named like the inventory), NPZ (not NPY), and binary PCD without padding, whose
-        offsets are uncertain, and without beams that did not return.
+    True for Parquet (not one named like the inventory), NPZ (not NPY), and binary PCD without padding, whose offsets
+    are uncertain, and without beams that did not return.
     """
     if form == "PCD":
         header = read_pcd_header(source)
@@ -59,15 +49,7 @@ class TableSink(Protocol):
     """Sink of labels of consecutive ranges, closed after the last one."""
 
     def write(self, start: int, labels: PointLabels) -> None:
-        """Write the points from row `start`.
-
-        Parameters
-        ----------
-        start : int
-            Row of the first point.
-        labels : PointLabels
-            Their results.
-        """
+        """Write the points from row `start`."""
 
     def finish(self) -> None:
         """Write the content after the points."""

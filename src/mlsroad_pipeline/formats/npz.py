@@ -71,24 +71,12 @@ class NpzFormat(TableFormat):
             return stream.read(min(length, 1 << 12)).endswith(b".npy")
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
-        """Open a file; its arrays are held in memory.
-
-        Raises
-        ------
-        ReadError
-            If it is not an archive of arrays, or damaged.
-        """
+        """Open a file; its arrays are held in memory."""
         del options
         return _open(file_key(path))
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
-        """Write a cloud: ``xyz`` (world coordinates, float64), one array per column and, where there is one, ``crs``.
-
-        Raises
-        ------
-        DataError
-            If the file is named ``.npy``, or a column is named like the coordinates or the CRS.
-        """
+        """Write ``xyz`` (world coordinates, float64), one array per column and, where there is one, ``crs``."""
         path = Path(path)
         taken = sorted({"xyz", CRS} & set(cloud.columns))
         if path.suffix.lower() != ".npz" or taken:

@@ -61,13 +61,7 @@ class ParquetFormat(TableFormat):
     signatures: tuple[bytes, ...] = (b"PAR1",)
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
-        """Open a file.
-
-        Raises
-        ------
-        ReadError
-            If it is not Parquet or damaged.
-        """
+        """Open a file."""
         del options
         return _open(file_key(path))
 

@@ -20,19 +20,8 @@ SAMPLES, SAMPLE = 5, 200
 def step_note(rows: StoredCoordinates, n_points: int, factors: NDArray[np.float64]) -> str:
     """Return a sentence on coordinates that are too large for the type that they are stored in.
 
-    Parameters
-    ----------
-    rows : callable
-        Function of a range of rows; it returns their coordinates x, y and z as stored.
-    n_points : int
-        Number of rows.
-    factors : ndarray of shape (3,)
-        Factors of the coordinates to metres.
-
-    Returns
-    -------
-    str
-        The sentence; empty where neighbouring numbers are less than `LARGEST_STEP` apart at half of the sampled points.
+    ``rows`` returns x, y and z of a range of rows as stored, ``factors`` convert them to metres. Empty where
+    neighbouring numbers are less than `LARGEST_STEP` apart at half of the sampled points.
     """
     if not any(_is_narrow(values) for values in rows(0, min(1, n_points))):
         return ""

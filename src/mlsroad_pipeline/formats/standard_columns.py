@@ -31,17 +31,9 @@ NEAR = 1000.0
 
 
 def origin_near(corner: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a round point near a file's coordinates.
+    """Return a round point near a point of a file (metres): easting and northing rounded down to 100 m, height zero.
 
-    Parameters
-    ----------
-    corner : ndarray of shape (3,), float64
-        Any point of the file, metres.
-
-    Returns
-    -------
-    ndarray of shape (3,), float64
-        Easting and northing rounded down to 100 m, height zero; all zero where the coordinates are local already.
+    All zero where the coordinates are local already.
     """
     if not np.isfinite(corner).all() or (np.abs(corner[:2]) < NEAR).all():
         return np.zeros(3)
@@ -49,22 +41,7 @@ def origin_near(corner: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def check_finite(xyz: NDArray[np.float64], *, source: Path, start: int) -> None:
-    """Raise an error for NaN or infinite coordinates.
-
-    Parameters
-    ----------
-    xyz : ndarray of shape (n, 3)
-        Coordinates.
-    source : Path
-        File name in messages.
-    start : int
-        Row of the first point in the file.
-
-    Raises
-    ------
-    DataError
-        If there is one; the message gives file, count and first row.
-    """
+    """Raise `DataError` for NaN or infinite coordinates; ``start`` is the row of the first point in the file."""
     with np.errstate(invalid="ignore", over="ignore"):
         suspicious = not np.isfinite(xyz.sum())  # one pass without a mask; an overflowing sum is only checked again
     if suspicious:
@@ -91,38 +68,10 @@ def standard_cloud(
 ) -> PointCloud:
     """Build a point cloud from columns of a range of a file.
 
-    Parameters
-    ----------
-    raw : mapping of str to ndarray
-        Columns by standard name (see `column_names.resolve_columns`), without coordinates.
-    xyz : ndarray of shape (n, 3), float64
-        Coordinates in metres relative to `origin`.
-    options : ReadOptions
-        Rules for intensity, colour and labels.
-    source : Path
-        The file.
-    origin : ndarray of shape (3,)
-        World coordinates of the local zero.
-    crs : str or None
-        The file's own CRS as WKT; the one of the options takes precedence over it, and it over a sidecar.
-    anchor : ndarray of shape (3,)
-        World coordinates of any point of the file, the same for all ranges: a reprojected cloud's origin is near it.
-    extremes : callable
-        Maps standard names to minimum and maximum of these columns over the whole file.
-    notes : list of str, optional
-        Gets one sentence per guess that a user should know of.
-
-    Returns
-    -------
-    PointCloud
-        The points with standard columns.
-
-    Raises
-    ------
-    DataError
-        If an intensity, a colour or a label is outside its domain.
-    UnknownClassError
-        If a label is not in the coding.
+    ``raw`` has columns by standard name without coordinates, ``xyz`` is in metres relative to ``origin``. The CRS of
+    the options takes precedence over that of the file, and this over a sidecar. ``anchor`` is any point of the file in
+    world coordinates, the same for all ranges: a reprojected cloud's origin is near it. ``extremes`` maps standard
+    names to minimum and maximum of these columns over the whole file; ``notes`` gets one sentence per guess.
     """
     columns = dict(raw)
     if "intensity" in columns:

@@ -38,81 +38,28 @@ _EXTREMES: dict[tuple[FileKey, tuple[str, ...], tuple[object, ...]], tuple[float
 
 @dataclass(frozen=True)
 class PointTable:
-    """An open file as a table.
+    """An open file as a table."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Its columns, each with one value per point.
-    n_points : int
-        Number of rows.
-    rows : callable
-        ``rows(names, start, stop)`` returns these columns of a range of rows, each of shape (stop - start,), as
-        stored in the file.
-    crs : str, optional
-        Its CRS as WKT.
-    details : mapping
-        Content of `FileInfo.details`.
-    notes : tuple of str
-        One sentence per repair of the reader.
-    guess : mapping of str to Any
-        Detected mapping of unnamed columns, as in `ReadOptions.columns`; used where that is not set.
-    stored : tuple of callable and int
-        Coordinates in the type of the file, where `rows` returns others: for each part of the file, a function of a
-        range of its rows, and their number.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # columns, each with one value per point
     n_points: int
-    rows: Callable[[Sequence[str], int, int], Mapping[str, NDArray]]
-    crs: str | None = None
-    details: Mapping[str, Any] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    guess: Mapping[str, Any] = field(default_factory=dict)
+    rows: Callable[[Sequence[str], int, int], Mapping[str, NDArray]]  # columns of rows start to stop, as stored
+    crs: str | None = None  # CRS as WKT
+    details: Mapping[str, Any] = field(default_factory=dict)  # content of `FileInfo.details`
+    notes: tuple[str, ...] = ()  # one sentence per repair of the reader
+    guess: Mapping[str, Any] = field(default_factory=dict)  # `ReadOptions.columns` of unnamed columns, where not set
+    # Coordinates in the type of the file, where `rows` returns others: per part, a function of rows, and their number.
     stored: tuple[tuple[StoredCoordinates, int], ...] = ()
 
 
 class TableFormat(PointFormat):
-    """A format whose files are tables; a subclass opens and writes them.
-
-    Attributes
-    ----------
-    name, extensions, signatures
-        See `PointFormat`.
-    """
+    """A format whose files are tables; a subclass opens and writes them."""
 
     @abstractmethod
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
-        """Open a file.
-
-        Parameters
-        ----------
-        path : Path
-            An existing file that is not empty.
-        options : ReadOptions
-            Options of reading.
-
-        Returns
-        -------
-        PointTable
-            Its columns.
-
-        Raises
-        ------
-        ReadError
-            If it is not of this format or damaged.
-        """
+        """Open a file."""
 
     def info(self, path: Path, options: ReadOptions) -> FileInfo:
-        """Return the description of a file.
-
-        Raises
-        ------
-        ReadError
-            If the file is not of this format or damaged.
-        MissingColumnError
-            If a mapped column is not in the file.
-        """
+        """Return the description of a file."""
         path = check_file(path)
         table = self.open_table(path, options)
         notes = [*table.notes, auto_note(options, table.crs, path)]
@@ -125,17 +72,7 @@ class TableFormat(PointFormat):
         )
 
     def read(self, path: Path, options: ReadOptions, *, start: int = 0, stop: int | None = None) -> PointCloud:
-        """Read a range of rows.
-
-        Raises
-        ------
-        ReadError
-            If the file is not of this format, truncated or damaged.
-        MissingColumnError
-            If a mapped column is not in the file.
-        DataError
-            If a value is outside its domain.
-        """
+        """Read a range of rows."""
         path = check_file(path)
         table = self.open_table(path, options)
         return self._cloud(table, path, options, *clip_range(start, stop, table.n_points))
@@ -200,23 +137,9 @@ def _stored(table: PointTable, names: Mapping[str, str], start: int, stop: int) 
 
 
 def check_record_size(path: Path, begin: int, n_points: int, size: int, column: str) -> None:
-    """Raise an error for a header without one of its columns, whose points would be read from wrong places.
+    """Raise `ReadError` for a header without one of its columns, whose points would be read from wrong places.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    begin : int
-        Byte offset of the points.
-    n_points, size : int
-        Number of points and bytes of a point that its header states.
-    column : str
-        Name of a column in the terms of the format.
-
-    Raises
-    ------
-    ReadError
-        If the bytes behind these points are the same small number for each point, and are not points of `size` bytes.
+    That is so if the bytes behind the stated points are the same small number for each point, and are not such points.
     """
     file = open_content(path)
     more = file.size - begin - n_points * size
@@ -236,20 +159,7 @@ def _repeated(data: NDArray[np.uint8], size: int) -> float:
 
 
 def with_points_only(table: PointTable, path: Path) -> PointTable:
-    """Leave out rows whose three coordinates are NaN: beams that did not return.
-
-    Parameters
-    ----------
-    table : PointTable
-        The table of the file.
-    path : Path
-        File name in the log.
-
-    Returns
-    -------
-    PointTable
-        The same table where there are none; else one without them, in the same order. Their number is logged.
-    """
+    """Leave out rows whose three coordinates are NaN (beams that did not return); their number is logged."""
     if not set(COORDINATES) <= set(table.names):
         return table
     returned = []

@@ -52,24 +52,13 @@ class E57Format(TableFormat):
     signatures: tuple[bytes, ...] = (b"ASTM-E57",)
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
-        """Open a file; stated limits of intensity apply where `intensity_scale` is ``"dtype"``.
-
-        Raises
-        ------
-        ReadError
-            If it is not E57, truncated or damaged.
-        """
+        """Open a file; stated limits of intensity apply where `intensity_scale` is ``"dtype"``."""
         return _open(file_key(path), options.intensity_scale in ("dtype", "auto"))
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
         """Write a cloud as one scan without a pose, coordinates in float64, in metres.
 
         Columns outside the standard keep their names.
-
-        Raises
-        ------
-        DataError
-            If a column cannot be stored, or the file is named as gzip.
         """
         refuse_packed(Path(path), self.name)
         own = dict(zip(COORDINATES, CARTESIAN, strict=True)) | {name: key for key, name in NAMES.items()}

@@ -26,28 +26,14 @@ LEAST_NORM = 1e-9
 
 @dataclass(frozen=True)
 class E57Field:
-    """One field of the points of a scan.
+    """One field of the points of a scan."""
 
-    Parameters
-    ----------
-    name : str
-        Its name, such as ``cartesianX``; with a prefix where it belongs to an extension.
-    kind : str
-        ``Float``, ``Integer``, ``ScaledInteger`` or ``String``.
-    bits : int
-        Bits of one value; 0 for a constant field.
-    minimum, maximum : float or int
-        Minimum and maximum, unscaled.
-    scale, offset : float
-        Scale and offset of a scaled integer.
-    """
-
-    name: str
-    kind: str
-    bits: int
-    minimum: float
+    name: str  # such as ``cartesianX``; with a prefix where it belongs to an extension
+    kind: str  # ``Float``, ``Integer``, ``ScaledInteger`` or ``String``
+    bits: int  # bits of one value; 0 for a constant field
+    minimum: float  # minimum and maximum, unscaled
     maximum: float
-    scale: float = 1.0
+    scale: float = 1.0  # scale and offset of a scaled integer
     offset: float = 0.0
 
     @property
@@ -64,59 +50,22 @@ class E57Field:
 
 @dataclass(frozen=True)
 class E57Scan:
-    """One scan of an E57 file.
-
-    Parameters
-    ----------
-    name : str
-        Its name or number.
-    n_points : int
-        Number of records.
-    fields : tuple of E57Field
-        Fields of a record.
-    rotation : ndarray of shape (3, 3)
-        Rotation from the scanner's frame to the file's.
-    translation : ndarray of shape (3,)
-        Position of the scanner, metres.
-    limits : mapping of str to float
-        Stated limits of intensity and colours.
-    start : float
-        Time that time stamps count from.
-    streams : tuple of (ndarray, ndarray)
-        Per field: offsets of its pieces in the content, and the number of bytes before each; the last is the sum.
-    notes : tuple of str
-        Sentences on repairs.
-    """
+    """One scan of an E57 file."""
 
     name: str
     n_points: int
     fields: tuple[E57Field, ...]
-    rotation: NDArray[np.float64]
-    translation: NDArray[np.float64]
-    limits: Mapping[str, float]
-    start: float
+    rotation: NDArray[np.float64]  # rotation from the scanner's frame to the file's
+    translation: NDArray[np.float64]  # position of the scanner, metres
+    limits: Mapping[str, float]  # stated limits of intensity and colours
+    start: float  # time that time stamps count from
+    # Per field: offsets of its pieces in the content, and the bytes before each with their sum at the end.
     streams: tuple[tuple[NDArray[np.int64], NDArray[np.int64]], ...] = field(default=(), repr=False)
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # sentences on repairs
 
 
 def parse_xml(pages: E57Pages) -> ET.Element:
-    """Return the XML of a file.
-
-    Parameters
-    ----------
-    pages : E57Pages
-        The file.
-
-    Returns
-    -------
-    Element
-        Its root.
-
-    Raises
-    ------
-    ReadError
-        If it is not well-formed or declares entities.
-    """
+    """Return the root of the XML of a file; `ReadError` if it is not well-formed or declares entities."""
     if pages.xml_size > LARGEST_XML:
         raise ReadError(f"{pages.path} is damaged: its header states {pages.xml_size} bytes of XML")
     text = pages.read(pages.xml_start, pages.xml_size).tobytes()
@@ -129,25 +78,7 @@ def parse_xml(pages: E57Pages) -> ET.Element:
 
 
 def read_scans(pages: E57Pages, root: ET.Element) -> list[E57Scan]:
-    """Return the scans of a file.
-
-    Parameters
-    ----------
-    pages : E57Pages
-        The file.
-    root : Element
-        Its XML.
-
-    Returns
-    -------
-    list of E57Scan
-        The scans in the order of the file.
-
-    Raises
-    ------
-    ReadError
-        If a description or a section is damaged, or holds fewer values than it states.
-    """
+    """Return the scans of a file; `ReadError` if a description is damaged, or a section holds too few values."""
     scans = []
     for number, node in enumerate(root.findall(f"{NAMESPACE}data3D/*")):
         try:

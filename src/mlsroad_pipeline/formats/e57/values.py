@@ -11,24 +11,7 @@ from mlsroad_pipeline.formats.e57.scans import E57Scan
 
 
 def read_field(pages: E57Pages, scan: E57Scan, name: str, start: int, stop: int) -> NDArray:
-    """Return one field of a range of records.
-
-    Parameters
-    ----------
-    pages : E57Pages
-        The file.
-    scan : E57Scan
-        The scan.
-    name : str
-        The field's name.
-    start, stop : int
-        First record and the one after the last.
-
-    Returns
-    -------
-    ndarray of shape (stop - start,)
-        Its values, scaled.
-    """
+    """Return one field of the records ``start`` to ``stop``, scaled."""
     number = next(i for i, f in enumerate(scan.fields) if f.name == name)
     spec, n = scan.fields[number], stop - start
     if n <= 0:

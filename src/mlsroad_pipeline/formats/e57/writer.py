@@ -27,23 +27,9 @@ TYPES = ("u1", "i1", "u2", "i2", "u4", "i4", "i8", "f4", "f8")
 
 
 def write_e57(stream: BinaryIO, columns: Mapping[str, NDArray], *, crs: str | None, source: str) -> None:
-    """Write columns as the only scan of an E57 file.
+    """Write columns, ``cartesianX`` to ``cartesianZ`` among them, as the only scan of an E57 file.
 
-    Parameters
-    ----------
-    stream : binary stream
-        Output stream.
-    columns : mapping of str to ndarray of shape (n,)
-        The fields, ``cartesianX``, ``cartesianY`` and ``cartesianZ`` among them.
-    crs : str or None
-        The CRS as WKT.
-    source : str
-        File name in messages.
-
-    Raises
-    ------
-    DataError
-        If a column has a name that XML does not allow or a type that E57 does not have.
+    `DataError` if a column has a name that XML does not allow or a type that E57 does not have.
     """
     fields = {name: _stored(name, values, source) for name, values in columns.items()}
     n_points = len(next(iter(fields.values())))

@@ -19,23 +19,9 @@ LAYERS = {6: 9, 7: 10, 8: 11, 9: 10, 10: 12}
 
 
 def check_layers(stream: BinaryIO, header: LasHeader, chunk: tuple[int, int, int], path: Path) -> None:
-    """Raise an error for layers larger than their chunk, before memory is allocated.
+    """Raise `ReadError` for layers larger than their chunk, before memory is allocated.
 
-    Parameters
-    ----------
-    stream : binary stream
-        The file.
-    header : LasHeader
-        Its header; point formats 0 to 5 have no layers.
-    chunk : tuple of int
-        Byte offset, size in bytes and number of points of the chunk.
-    path : Path
-        File name in messages.
-
-    Raises
-    ------
-    ReadError
-        If the layers, or the number of points, are not those of the chunk.
+    ``chunk`` is its byte offset, size in bytes and number of points. Point formats 0 to 5 have no layers.
     """
     at, n_bytes, n_points = chunk
     if header.point_format not in LAYERS:
@@ -55,20 +41,7 @@ def check_layers(stream: BinaryIO, header: LasHeader, chunk: tuple[int, int, int
 class VariableChunks:
     """Reader of ranges of files with chunks of variable size, such as COPC; lazrs seeks only in chunks of one size.
 
-    Parameters
-    ----------
-    stream : binary stream
-        The file.
-    header : LasHeader
-        Its header.
-    path : Path
-        File name in messages.
-    record : bytes
-        Its LASzip record.
-    chunks : sequence of tuple of int
-        Points and bytes of each chunk.
-    select : int
-        Fields to decompress (lazrs flags).
+    ``record`` is the LASzip record, ``chunks`` are points and bytes of each, ``select`` the fields to decompress.
     """
 
     def __init__(
@@ -87,23 +60,7 @@ class VariableChunks:
         self._begins = header.point_offset + 8 + np.cumsum([0, *(n_bytes for _, n_bytes in chunks)])
 
     def read(self, start: int, stop: int) -> NDArray[np.uint8]:
-        """Read a range, chunk by chunk.
-
-        Parameters
-        ----------
-        start, stop : int
-            First row and the row after the last; at least one.
-
-        Returns
-        -------
-        ndarray of uint8
-            The bytes of its records.
-
-        Raises
-        ------
-        ReadError
-            If the compressed data are damaged.
-        """
+        """Return the bytes of the records ``start`` to ``stop``, at least one, chunk by chunk."""
         out = np.empty((stop - start) * self._size, dtype=np.uint8)
         for number in range(int(np.searchsorted(self._ends, start, "right")), len(self._chunks)):
             n_points, n_bytes = self._chunks[number]
@@ -128,29 +85,7 @@ class VariableChunks:
 
 
 def check_chunk_table(stream: BinaryIO, header: LasHeader, laz: lazrs.LazVlr, path: Path) -> list[tuple[int, int]]:
-    """Raise an error for an inconsistent chunk table, before decompression.
-
-    Parameters
-    ----------
-    stream : binary stream
-        The file.
-    header : LasHeader
-        Its header.
-    laz : lazrs.LazVlr
-        Its LASzip record.
-    path : Path
-        File name in messages.
-
-    Returns
-    -------
-    list of tuple of int
-        Points and bytes of each chunk.
-
-    Raises
-    ------
-    ReadError
-        If the table lies outside the file or disagrees with the number of points or the size of the file.
-    """
+    """Return points and bytes of each chunk; `ReadError` for an inconsistent table, before decompression."""
     size = stream.seek(0, 2)
     begin = header.point_offset
     if begin + 8 > size:

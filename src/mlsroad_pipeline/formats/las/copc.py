@@ -40,50 +40,17 @@ GATHERED = 1 << 19
 
 
 def is_copc(header: LasHeader) -> bool:
-    """Return whether a file is cloud-optimised.
-
-    Parameters
-    ----------
-    header : LasHeader
-        Its header.
-
-    Returns
-    -------
-    bool
-        Whether its first record is that of COPC.
-    """
+    """Return whether a file is cloud-optimised: its first record is that of COPC."""
     return bool(header.vlrs) and header.vlrs[0].key == INFO
 
 
 def copc_path(path: str) -> str:
-    """Return the name of the cloud-optimised copy of a file.
-
-    Parameters
-    ----------
-    path : str
-        A path that ends in ``.laz``.
-
-    Returns
-    -------
-    str
-        The path with ``.copc.laz``.
-    """
+    """Return the name of the cloud-optimised copy, ``.copc.laz``, of a path that ends in ``.laz``."""
     return str(Path(path).with_suffix(SUFFIX))
 
 
 def without_copc(header: LasHeader) -> LasHeader:
-    """Return a header without the COPC records, whose byte offsets hold for one file only.
-
-    Parameters
-    ----------
-    header : LasHeader
-        Any header.
-
-    Returns
-    -------
-    LasHeader
-        The header for points at other offsets or in another order.
-    """
+    """Return a header without the COPC records, whose byte offsets hold for one file only."""
     vlrs = tuple(vlr for vlr in header.vlrs if vlr.key[0] != INFO[0])
     return replace(header, vlrs=vlrs, evlrs=tuple(vlr for vlr in header.evlrs if vlr.key[0] != INFO[0]))
 
@@ -91,24 +58,17 @@ def without_copc(header: LasHeader) -> LasHeader:
 def write_copc(source: str | Path, target: str | Path, *, n_threads: int = 1) -> None:
     """Copy a LAS or LAZ file to COPC: the same points with all dimensions, in the order of an octree.
 
-    Point formats 0 to 5 become 6 to 10. Web viewers and QGIS read parts of the result on demand. The
-    points pass through a temporary file beside the target; memory holds about 40 bytes per point.
+    Point formats 0 to 5 become 6 to 10. Web viewers and QGIS read parts of the result on demand. The points pass
+    through a temporary file beside the target; memory holds about 40 bytes per point.
 
     Parameters
     ----------
     source : str or Path
-        A LAS or LAZ file.
+        A LAS or LAZ file; `DataError` if it holds waveforms, which COPC cannot.
     target : str or Path
-        The file to write, named ``.copc.laz``.
+        The file to write, named ``.copc.laz`` and not the source.
     n_threads : int, default 1
         Above one, chunks are decompressed and compressed in parallel; the bytes are the same.
-
-    Raises
-    ------
-    ReadError
-        If the source is damaged.
-    DataError
-        If it holds waveforms, which COPC cannot, or the target is named otherwise or is the source.
     """
     path, target = check_file(source), Path(target)
     if not target.name.lower().endswith(SUFFIX):

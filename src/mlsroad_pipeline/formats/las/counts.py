@@ -34,20 +34,7 @@ INTERNAL, EXTERNAL = 0x02, 0x04
 
 
 def waveform_start(block: bytes) -> tuple[int, str]:
-    """Return the byte offset of the waveform packets of a LAS 1.3 file, 0 if it holds none.
-
-    Parameters
-    ----------
-    block : bytes
-        The public header block.
-
-    Returns
-    -------
-    start : int
-        Byte offset.
-    note : str
-        Sentence if the offset is not used; else empty.
-    """
+    """Return the byte offset of the waveform packets of a LAS 1.3 file, 0 without, and a sentence if it is not used."""
     start, points = struct.unpack_from("<Q", block, 227)[0], struct.unpack_from("<I", block, 96)[0]
     encoding, point_format = struct.unpack_from("<H", block, 6)[0], block[104] & 0x3F
     if not start:
@@ -64,23 +51,7 @@ def waveform_start(block: bytes) -> tuple[int, str]:
 def stored_points(file: Content, block: bytes, stated: int, end: int) -> tuple[int, str]:
     """Return the number of points of an uncompressed file, and a sentence if it is not the stated one.
 
-    Parameters
-    ----------
-    file : Content
-        Bytes of the file.
-    block : bytes
-        The public header block.
-    stated : int
-        Number of points that the header states.
-    end : int
-        Byte offset of what follows the points.
-
-    Returns
-    -------
-    n_points : int
-        The stated number, or a larger one if whole records fill the file; a smaller file is an error of the reader.
-    note : str
-        Sentence for the user.
+    It is larger than stated if whole records fill the file up to ``end``; a smaller file is an error of the reader.
     """
     begin, size = struct.unpack_from("<I", block, 96)[0], struct.unpack_from("<H", block, 105)[0]
     have, rest = divmod(max(end - begin, 0), size)
@@ -121,31 +92,8 @@ def _coordinates(data: bytes, size: int) -> NDArray[np.float64]:
 def compressed_points(key: FileKey, begin: int, record: bytes, layout: tuple[int, int], stated: int) -> tuple[int, str]:
     """Return the number of points of a LAZ file by its chunks, and a sentence if it is not the stated one.
 
-    Parameters
-    ----------
-    key : tuple
-        See `file_key`.
-    begin : int
-        Byte offset of the points.
-    record : bytes
-        Data of the LASzip record.
-    layout : tuple of int
-        Point format and size of a point.
-    stated : int
-        Number of points that the header states.
-
-    Returns
-    -------
-    n_points : int
-        The stated number, or that of the chunks where it is larger. A damaged table gives the stated number: the
-        reader raises the error.
-    note : str
-        Sentence for the user.
-
-    Raises
-    ------
-    ReadError
-        If the last chunk of points of formats 0 to 5 ends before the points that the header states.
+    ``layout`` is point format and size of a point. A damaged table gives the stated number: the reader raises the
+    error. `ReadError` if the last chunk of points of formats 0 to 5 ends before the points that the header states.
     """
     try:
         laz = lazrs.LazVlr(record)

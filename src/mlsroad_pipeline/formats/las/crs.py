@@ -22,7 +22,7 @@ WKT = (PROJECTION, 2112)
 
 
 def read_crs(header: LasHeader, path: Path | None = None) -> str | None:
-    """Return the coordinate reference system of a file.
+    """Return the system of a file: the WKT record's text, else the GeoTIFF keys as WKT, else None.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def read_crs(header: LasHeader, path: Path | None = None) -> str | None:
     Returns
     -------
     str or None
-        The WKT record's text where there is one; else the GeoTIFF keys as WKT where they are supported.
+        The system as WKT.
     """
     record = find_wkt(header)
     return _geotiff_wkt(header, path) if record is None else _text(record)
@@ -55,18 +55,7 @@ def _text(record: Vlr) -> str:
 
 
 def two_systems_note(header: LasHeader) -> str:
-    """Return a sentence if a file names two systems.
-
-    Parameters
-    ----------
-    header : LasHeader
-        The file's header.
-
-    Returns
-    -------
-    str
-        The sentence, empty if its WKT records and its GeoTIFF keys agree or one of them is missing.
-    """
+    """Return a sentence if the WKT records and the GeoTIFF keys of a file name different systems, else ""."""
     texts = {_text(vlr) for vlr in _wkt_records(header)}
     if len(texts) > 1:
         return f"it has {len(texts)} WKT records that differ: the first valid one is used; crs sets another"
@@ -94,28 +83,9 @@ def _geotiff_wkt(header: LasHeader, path: Path | None) -> str | None:
 def with_crs_of(
     header: LasHeader, cloud: PointCloud, path: Path, metres: NDArray[np.float64] | None = None
 ) -> LasHeader:
-    """Set the system of a cloud in another file's header, where the two differ.
+    """Set the system of a cloud in another file's header, where the two differ; ``metres`` are the file's factors.
 
-    Parameters
-    ----------
-    header : LasHeader
-        The header to write.
-    cloud : PointCloud
-        The points.
-    path : Path
-        The file to write, for messages.
-    metres : ndarray of shape (3,), optional
-        Factors from the file's units to metres; None for metres.
-
-    Returns
-    -------
-    LasHeader
-        The header; the same where the cloud has no system or that of the header.
-
-    Raises
-    ------
-    DataError
-        If the header's version holds GeoTIFF keys, not WKT, and the system has no EPSG code.
+    `DataError` if the header's version holds GeoTIFF keys, not WKT, and the system has no EPSG code.
     """
     stated = read_crs(header)
     factors = [1.0, 1.0] if metres is None else metres[1:].tolist()

@@ -18,18 +18,7 @@ FAR = 1e5
 
 
 def dimension_names(header: LasHeader) -> list[str]:
-    """Return the names of a file's dimensions.
-
-    Parameters
-    ----------
-    header : LasHeader
-        The file's header.
-
-    Returns
-    -------
-    list of str
-        Coordinates as x, y and z, bit fields apart, extra dimensions last.
-    """
+    """Return the names of dimensions: coordinates as x, y and z, bit fields apart, extra dimensions last."""
     names: list[str] = []
     for field in record_dtype(header).names or ():
         parts = COMPOSED_FIELDS[header.point_format].get(field)
@@ -38,42 +27,14 @@ def dimension_names(header: LasHeader) -> list[str]:
 
 
 def extra_dimension(header: LasHeader, name: str) -> ExtraDimension | None:
-    """Return the extra dimension of a field of the records.
-
-    Parameters
-    ----------
-    header : LasHeader
-        The file's header.
-    name : str
-        The field's name.
-
-    Returns
-    -------
-    ExtraDimension or None
-        None for a standard dimension.
-    """
+    """Return the extra dimension of a field of the records; None for a standard one."""
     extra = header.extra_dimensions
     fields = (record_dtype(header).names or ())[-len(extra) :] if extra else ()
     return dict(zip(fields, extra, strict=True)).get(name)
 
 
 def dimension(records: NDArray, header: LasHeader, name: str) -> NDArray:
-    """Return one dimension of records, bit fields unpacked, extra dimensions in their unit.
-
-    Parameters
-    ----------
-    records : structured ndarray of shape (n,)
-        Records of the file.
-    header : LasHeader
-        Its header.
-    name : str
-        A name of `dimension_names`, coordinates left out.
-
-    Returns
-    -------
-    ndarray of shape (n,) or (n, width)
-        A copy.
-    """
+    """Return one dimension of records, bit fields unpacked, extra dimensions in their unit."""
     for field, parts in COMPOSED_FIELDS[header.point_format].items():
         for part in parts:
             if part.name == name:
@@ -84,7 +45,7 @@ def dimension(records: NDArray, header: LasHeader, name: str) -> NDArray:
 
 
 def near_corner(first: NDArray, header: LasHeader, metres: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a position near the points of a file.
+    """Return world coordinates in metres near the points of a file.
 
     Parameters
     ----------
@@ -98,8 +59,7 @@ def near_corner(first: NDArray, header: LasHeader, metres: NDArray[np.float64]) 
     Returns
     -------
     ndarray of shape (3,), float64
-        World coordinates in metres: the minimum that the header states if it is near the first point, since stated
-        bounds are often unset or wrong; else the first point, or the header's offset.
+        The stated minimum if it is near the first point (it is often unset or wrong); else that point, or the offset.
     """
     steps = np.array([float(first[name][0]) for name in "XYZ"]) if len(first) else np.zeros(3)
     with np.errstate(over="ignore", invalid="ignore"):  # overflows are an error of the coordinates
@@ -117,7 +77,7 @@ def local_xyz(
     path: Path,
     start: int,
 ) -> NDArray[np.float64]:
-    """Return the coordinates of records relative to an origin.
+    """Return the coordinates of records relative to an origin, in metres; `DataError` if one overflows.
 
     Parameters
     ----------
@@ -129,20 +89,13 @@ def local_xyz(
         World coordinates of the local zero, metres.
     metres : ndarray of shape (3,)
         Factors from the file's units to metres.
-    path : Path
-        The file, for messages.
-    start : int
-        Row of the first record.
+    path, start
+        The file and the row of the first record, for messages.
 
     Returns
     -------
     ndarray of shape (n, 3), float64
         Metres.
-
-    Raises
-    ------
-    DataError
-        If scale and offset make a coordinate overflow.
     """
     xyz = np.empty((len(records), 3))
     with np.errstate(over="ignore", invalid="ignore"):  # overflows raise below, with their row

@@ -25,31 +25,15 @@ DESCRIPTOR_TYPES = ("u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8")
 
 @dataclass(frozen=True)
 class ExtraDimension:
-    """One extra dimension of the points, from its 192-byte descriptor.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    dtype : dtype
-        Type of one stored value, little-endian.
-    width : int, default 1
-        Values per point.
-    scale, offset : ndarray of shape (width,), float64, optional
-        A value is its stored number times `scale`, plus `offset`; None where the descriptor has none.
-    descriptor : bytes, default empty
-        The 192 bytes; empty where `pack_descriptors` creates them.
-    no_data : ndarray of shape (width,), optional
-        Stored number that stands for a missing value; None where the descriptor has none.
-    """
+    """One extra dimension of the points, from its 192-byte descriptor."""
 
     name: str
-    dtype: np.dtype
-    width: int = 1
-    scale: NDArray[np.float64] | None = None
+    dtype: np.dtype  # type of one stored value, little-endian
+    width: int = 1  # values per point
+    scale: NDArray[np.float64] | None = None  # a value is its stored number times this plus `offset`
     offset: NDArray[np.float64] | None = None
-    descriptor: bytes = field(default=b"", repr=False)
-    no_data: NDArray | None = None
+    descriptor: bytes = field(default=b"", repr=False)  # the 192 bytes; empty where `pack_descriptors` creates them
+    no_data: NDArray | None = None  # stored number that stands for a missing value; None where the descriptor has none
 
     @property
     def field_type(self) -> tuple[str, np.dtype] | tuple[str, np.dtype, tuple[int]]:
@@ -58,18 +42,7 @@ class ExtraDimension:
 
     @classmethod
     def parse(cls, descriptor: bytes) -> ExtraDimension:
-        """Read a descriptor (specification, table 24).
-
-        Parameters
-        ----------
-        descriptor : bytes
-            Its 192 bytes.
-
-        Returns
-        -------
-        ExtraDimension
-            The dimension.
-        """
+        """Read a descriptor (specification, table 24)."""
         code, options = descriptor[2], descriptor[3]
         name = _text(descriptor[4:36])
         if code == 0:
@@ -86,24 +59,7 @@ class ExtraDimension:
 
     @classmethod
     def create(cls, name: str, dtype: np.dtype, width: int = 1, description: str = "") -> ExtraDimension:
-        """Create an unscaled dimension; undocumented bytes where the width is above three.
-
-        Parameters
-        ----------
-        name : str
-            Its name, up to 32 bytes.
-        dtype : dtype
-            Type of one value.
-        width : int, default 1
-            Values per point.
-        description : str
-            Up to 32 bytes.
-
-        Returns
-        -------
-        ExtraDimension
-            The dimension.
-        """
+        """Create an unscaled dimension; name and description of up to 32 bytes, untyped bytes above three values."""
         dtype = np.dtype(dtype).newbyteorder("<")
         if width > 3:
             code, options = 0, width
@@ -113,17 +69,9 @@ class ExtraDimension:
         return cls(name, dtype, width, descriptor=packed)
 
     def without_missing(self, values: NDArray) -> NDArray:
-        """Return values in their unit, NaN where they are missing.
+        """Return stored numbers in their unit, NaN where they are missing.
 
-        Parameters
-        ----------
-        values : ndarray of shape (n,) or (n, width)
-            Stored numbers.
-
-        Returns
-        -------
-        ndarray of the same shape
-            The values: float64 where the dimension is scaled or is an integer with a number for missing values.
+        They are float64 where the dimension is scaled or is an integer with a number for missing values.
         """
         scaled = values
         if self.scale is not None or self.offset is not None:
@@ -137,18 +85,7 @@ class ExtraDimension:
         return missing
 
     def stored(self, values: NDArray) -> NDArray:
-        """Return the numbers to store for values.
-
-        Parameters
-        ----------
-        values : ndarray of shape (n,) or (n, width)
-            Values in their unit, NaN where they are missing.
-
-        Returns
-        -------
-        ndarray of the same shape
-            Numbers; integers are rounded.
-        """
+        """Return the numbers to store for values in their unit (NaN: missing); integers are rounded."""
         numbers = values
         if self.scale is not None or self.offset is not None:
             offset, scale = (0.0 if self.offset is None else self.offset), (1.0 if self.scale is None else self.scale)
@@ -159,37 +96,13 @@ class ExtraDimension:
         return numbers
 
     def renamed(self, name: str) -> ExtraDimension:
-        """Return the same dimension under another name.
-
-        Parameters
-        ----------
-        name : str
-            Its new name, up to 32 bytes.
-
-        Returns
-        -------
-        ExtraDimension
-            The dimension.
-        """
+        """Return the same dimension under another name."""
         descriptor = self.descriptor[:4] + struct.pack("32s", _bytes(name)) + self.descriptor[36:]
         return replace(self, name=name, descriptor=descriptor)
 
 
 def undocumented(n_bytes: int, base: str = "extra_bytes") -> list[ExtraDimension]:
-    """Return dimensions for bytes without a type, which other programs can read when they are described.
-
-    Parameters
-    ----------
-    n_bytes : int
-        Number of bytes.
-    base : str, default "extra_bytes"
-        Name of the first dimension.
-
-    Returns
-    -------
-    list of ExtraDimension
-        ``extra_bytes``, ``extra_bytes_2`` and so on.
-    """
+    """Return dimensions ``extra_bytes``, ``extra_bytes_2``, ... for bytes without a type."""
     dimensions: list[ExtraDimension] = []
     while n_bytes:
         width = next(w for w in range(min(n_bytes, LARGEST_WIDTH), 0, -1) if not w & SCALE_BITS)
@@ -205,18 +118,7 @@ def _finite(descriptor: bytes, at: int, width: int) -> NDArray[np.float64] | Non
 
 
 def pack_descriptors(dimensions: Sequence[ExtraDimension]) -> bytes:
-    """Return the data of the record that describes extra dimensions.
-
-    Parameters
-    ----------
-    dimensions : sequence of ExtraDimension
-        The dimensions in the order of their bytes; one that had no descriptor gets one.
-
-    Returns
-    -------
-    bytes
-        Their descriptors.
-    """
+    """Return the data of the record that describes extra dimensions; one without a descriptor gets one."""
     return b"".join(_valid(d) for d in dimensions)
 
 
@@ -251,18 +153,5 @@ def _bytes(text: str) -> bytes:
 
 
 def cut_text(text: str, n_bytes: int) -> str:
-    """Return the start of a text that has at most so many bytes, whole characters.
-
-    Parameters
-    ----------
-    text : str
-        The text.
-    n_bytes : int
-        Largest number of bytes in UTF-8.
-
-    Returns
-    -------
-    str
-        Its start.
-    """
+    """Return the start of a text that has at most `n_bytes` in UTF-8, whole characters."""
     return text.encode()[:n_bytes].decode("utf-8", "ignore")

@@ -50,15 +50,7 @@ class LasFormat(PointFormat):
     signatures: tuple[bytes, ...] = (b"LASF",)
 
     def info(self, path: Path, options: ReadOptions) -> FileInfo:
-        """Return the contents of a file's header.
-
-        Raises
-        ------
-        ReadError
-            If the file is not LAS or is damaged.
-        MissingColumnError
-            If a mapped column is not in the file.
-        """
+        """Return the contents of a file's header."""
         path = check_file(path)
         header = read_header(path)
         crs = read_crs(header, path)
@@ -84,17 +76,7 @@ class LasFormat(PointFormat):
         )
 
     def read(self, path: Path, options: ReadOptions, *, start: int = 0, stop: int | None = None) -> PointCloud:
-        """Read a range of rows.
-
-        Raises
-        ------
-        ReadError
-            If the file is not LAS, truncated or damaged.
-        MissingColumnError
-            If a mapped column is not in the file.
-        DataError
-            If a value is outside its domain.
-        """
+        """Read a range of rows."""
         path = check_file(path)
         header = read_header(path)
         options = with_units(options, read_crs(header, path), path)
@@ -142,13 +124,6 @@ class LasFormat(PointFormat):
 
         With a template (`like`), its header, records, scale, offset and layout are used; columns that it lacks become
         extra dimensions; without one, the header is LAS 1.4 and every column is kept.
-
-        Raises
-        ------
-        DataError
-            If a coordinate or a column does not fit into the layout, or the file is named as gzip.
-        ReadError
-            If the template cannot be read.
         """
         path = Path(path)
         refuse_packed(path, self.name)
@@ -213,18 +188,7 @@ def _extremes(path: Path, header: LasHeader, names: list[str], options: ReadOpti
 
 @lru_cache(maxsize=64)
 def first_record(key: FileKey) -> NDArray:
-    """Return the first record of a file, or none.
-
-    Parameters
-    ----------
-    key : tuple
-        See `file_key`.
-
-    Returns
-    -------
-    structured ndarray of shape (1,) or (0,)
-        The record.
-    """
+    """Return the first record of a file, or none."""
     path = Path(key[0])
     with RecordReader(path, read_header(path)) as reader:
         return reader.read(0, 1)
@@ -232,20 +196,7 @@ def first_record(key: FileKey) -> NDArray:
 
 @lru_cache(maxsize=64)
 def file_extremes(key: FileKey, names: Sequence[str]) -> tuple[float, float]:
-    """Return minimum and maximum of dimensions over a whole file.
-
-    Parameters
-    ----------
-    key : tuple
-        See `file_key`.
-    names : tuple of str
-        Names of dimensions.
-
-    Returns
-    -------
-    tuple of float
-        Both, NaN left out; zero without values.
-    """
+    """Return minimum and maximum of dimensions over a whole file."""
     path = Path(key[0])
     header = read_header(path)
     low, high = np.inf, -np.inf

@@ -78,34 +78,16 @@ class _Unsupported(Exception):
 
 @dataclass(frozen=True)
 class GeotiffKeys:
-    """The keys of a file, each with its value.
+    """The keys of a file, each with its value."""
 
-    Parameters
-    ----------
-    values : mapping of int to int, float or str
-        Key to value.
-    """
-
-    values: Mapping[int, int | float | str]
+    values: Mapping[int, int | float | str]  # key to value
 
     @classmethod
     def parse(cls, directory: bytes, doubles: bytes, texts: bytes) -> GeotiffKeys:
-        """Read the records of the keys.
+        """Read the keys from the data of records 34735, 34736 and 34737 (the last two may be empty).
 
-        Parameters
-        ----------
-        directory, doubles, texts : bytes
-            Data of the records 34735, 34736 and 34737; the last two may be empty.
-
-        Returns
-        -------
-        GeotiffKeys
-            The keys; one that points outside the records is left out.
-
-        Raises
-        ------
-        DataError
-            If there are fewer keys than the directory states.
+        A key that points outside the records is left out; `DataError` if there are fewer keys than the directory
+        states.
         """
         words = np.frombuffer(directory[: len(directory) // 8 * 8], dtype="<u2").reshape(-1, 4)
         stated = int(words[0, 3]) if len(words) else 0
@@ -123,18 +105,7 @@ class GeotiffKeys:
         return cls(values)
 
     def wkt(self) -> str:
-        """Return the system as WKT.
-
-        Returns
-        -------
-        str
-            Its WKT.
-
-        Raises
-        ------
-        DataError
-            If there is none, or a part of it is not supported; the message names it.
-        """
+        """Return the system as WKT; `DataError` if there is none or a part, which is named, is not supported."""
         try:
             crs = self._horizontal()
             height = self._vertical()
@@ -231,23 +202,7 @@ def _of_datum(code: int) -> pyproj.CRS | None:
 
 
 def pack_directory(crs: str) -> bytes:
-    """Return the directory of keys that names a system by EPSG codes.
-
-    Parameters
-    ----------
-    crs : str
-        The system as WKT.
-
-    Returns
-    -------
-    bytes
-        Data of the record 34735.
-
-    Raises
-    ------
-    DataError
-        If a part of the system has no EPSG code.
-    """
+    """Return the record 34735 that names a system by EPSG codes; `DataError` if a part has no code."""
     system = pyproj.CRS.from_user_input(crs)
     parts = system.sub_crs_list or [system]
     keys = {MODEL: 2 if parts[0].is_geographic else 1, RASTER: 1}

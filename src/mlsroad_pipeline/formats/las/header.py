@@ -38,76 +38,25 @@ LASZIP = (b"laszip encoded", 22204)
 
 @dataclass(frozen=True)
 class LasHeader:
-    """Header and variable length records of a LAS or LAZ file.
+    """Header and variable length records of a LAS or LAZ file."""
 
-    Parameters
-    ----------
-    block : bytes
-        The public header block with bytes appended by its writer.
-    vlrs : tuple of Vlr
-        The records before the points, the LASzip one included.
-    gap : bytes
-        Bytes between the last of these records and the points.
-    evlrs : tuple of Vlr
-        The extended records behind the points.
-    notes : tuple of str
-        One sentence per statement of the header that the file contradicts.
-    """
-
-    block: bytes
-    vlrs: tuple[Vlr, ...] = ()
-    gap: bytes = b""
-    evlrs: tuple[Vlr, ...] = ()
-    notes: tuple[str, ...] = ()
+    block: bytes  # the public header block with bytes appended by its writer
+    vlrs: tuple[Vlr, ...] = ()  # the records before the points, the LASzip one included
+    gap: bytes = b""  # bytes between the last of these records and the points
+    evlrs: tuple[Vlr, ...] = ()  # the extended records behind the points
+    notes: tuple[str, ...] = ()  # one sentence per statement of the header that the file contradicts
 
     def get(self, form: str, offset: int) -> int | float:
-        """Return one field of the header.
-
-        Parameters
-        ----------
-        form : str
-            Format of the `struct` module.
-        offset : int
-            Byte offset in the header.
-
-        Returns
-        -------
-        int or float
-            Its value.
-        """
+        """Return one field of the header."""
         value: int | float = struct.unpack_from("<" + form, self.block, offset)[0]
         return value
 
     def integer(self, form: str, offset: int) -> int:
-        """Return one integer field of the header.
-
-        Parameters
-        ----------
-        form : str
-            Format of the `struct` module.
-        offset : int
-            Byte offset in the header.
-
-        Returns
-        -------
-        int
-            Its value.
-        """
+        """Return one integer field of the header."""
         return int(self.get(form, offset))
 
     def patched(self, *changes: tuple[str, int, object]) -> LasHeader:
-        """Return the header with fields (form, offset, value or sequence of values) replaced.
-
-        Parameters
-        ----------
-        *changes : tuple of str, int and value
-            The fields.
-
-        Returns
-        -------
-        LasHeader
-            The header.
-        """
+        """Return the header with fields (form, offset, value or sequence of values) replaced."""
         block = bytearray(self.block)
         for form, offset, value in changes:
             values = value if isinstance(value, (tuple, list, np.ndarray)) else (value,)
@@ -146,18 +95,7 @@ class LasHeader:
         return self.integer("Q", 247) or legacy if self.minor >= 4 else legacy
 
     def with_points(self, n_points: int) -> LasHeader:
-        """Return the header with another number of points.
-
-        Parameters
-        ----------
-        n_points : int
-            The number.
-
-        Returns
-        -------
-        LasHeader
-            The header.
-        """
+        """Return the header with another number of points."""
         legacy = n_points if self.minor < 4 or (self.integer("I", 107) and n_points < 2**32) else 0
         changes: list[tuple[str, int, object]] = [("I", 107, legacy)]
         return self.patched(*changes, *([("Q", 247, n_points)] if self.minor >= 4 else []))
@@ -179,18 +117,7 @@ class LasHeader:
         return np.array([high_low[:, 1], high_low[:, 0]])
 
     def find(self, key: tuple[bytes, int]) -> Vlr | None:
-        """Return the first record with this user id and record id, extended ones included.
-
-        Parameters
-        ----------
-        key : tuple of bytes and int
-            See `Vlr.key`.
-
-        Returns
-        -------
-        Vlr or None
-            The record.
-        """
+        """Return the first record with this user id and record id, extended ones included."""
         return next((vlr for vlr in (*self.vlrs, *self.evlrs) if vlr.key == key), None)
 
     @property
@@ -214,23 +141,7 @@ class LasHeader:
 
 
 def read_header(path: Path) -> LasHeader:
-    """Read header and records of a LAS or LAZ file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    LasHeader
-        Header and records of the file.
-
-    Raises
-    ------
-    ReadError
-        If the file is not LAS, of an unknown version or point format, or ends before its points.
-    """
+    """Read header and records of a LAS or LAZ file; `ReadError` if it is not LAS, of an unknown version, or cut."""
     file = open_content(path)
     with file.stream() as stream:
         size = file.size
@@ -330,18 +241,7 @@ def _with_evlrs(stream: BinaryIO, header: LasHeader, path: Path, size: int) -> L
 
 
 def pack_header(header: LasHeader) -> bytes:
-    """Return the bytes of header and records before the points, sizes and counts patched.
-
-    Parameters
-    ----------
-    header : LasHeader
-        The header.
-
-    Returns
-    -------
-    bytes
-        Bytes from the start of the file to the first point.
-    """
+    """Return the bytes of header and records up to the first point, sizes and counts updated."""
     records = b"".join(vlr.pack() for vlr in header.vlrs)
     point_offset = len(header.block) + len(records) + len(header.gap)
     done = header.patched(("H", 94, len(header.block)), ("I", 96, point_offset), ("I", 100, len(header.vlrs)))

@@ -33,26 +33,10 @@ MOST_TRIES, LARGEST_WORK = 64, 1 << 29
 
 
 def stream_points(data: bytes, record: bytes, laz: lazrs.LazVlr, stated: int) -> tuple[int, str]:
-    """Return the number of points of a chunk.
+    """Return the number of points of a chunk, and a sentence if bytes behind the points are no such points.
 
-    Parameters
-    ----------
-    data : bytes
-        The chunk.
-    record : bytes
-        Data of the LASzip record.
-    laz : lazrs.LazVlr
-        The same, parsed.
-    stated : int
-        Number of points that the header of the file leaves for the chunk; any number.
-
-    Returns
-    -------
-    n_points : int
-        The stated number, unless the chunk ends before these points, or has bytes behind them and compressing more
-        points gives the same bytes.
-    note : str
-        Sentence if bytes behind the points are no such points.
+    ``stated`` is what the header of the file leaves for the chunk; any number. The result is that number, unless the
+    chunk ends before these points, or has bytes behind them and compressing more points gives the same bytes.
     """
     if stated > laz.chunk_size():
         return stated, ""

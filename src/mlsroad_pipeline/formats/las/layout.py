@@ -49,7 +49,7 @@ DEGREE_STEP = 1e-7
 def with_extra(
     header: LasHeader, added: list[ExtraDimension], *, existing: list[ExtraDimension], source: str = "the cloud"
 ) -> LasHeader:
-    """Add extra dimensions to a header.
+    """Add extra dimensions to a header; `DataError` if LAS cannot hold so many.
 
     Parameters
     ----------
@@ -66,11 +66,6 @@ def with_extra(
     -------
     LasHeader
         The header with its record size and its extra bytes record changed, the record at its previous index.
-
-    Raises
-    ------
-    DataError
-        If LAS cannot hold so many dimensions.
     """
     if not existing and not added:
         return header
@@ -119,25 +114,7 @@ def _standard_names(header: LasHeader) -> set[str]:
 
 
 def header_like(path: Path, cloud: PointCloud) -> LasHeader:
-    """Return a file's header, with extra dimensions for columns of the cloud that the file lacks.
-
-    Parameters
-    ----------
-    path : Path
-        A LAS or LAZ file.
-    cloud : PointCloud
-        Points to write.
-
-    Returns
-    -------
-    LasHeader
-        The header; counts and bounds are still the file's.
-
-    Raises
-    ------
-    DataError
-        If a column cannot be stored.
-    """
+    """Return a file's header, with extra dimensions for columns of the cloud that the file lacks."""
     header = read_header(path)
     added = _extra_for(cloud, _standard_names(header))
     existing = list(header.extra_dimensions)
@@ -158,11 +135,6 @@ def new_header(cloud: PointCloud, options: WriteOptions) -> LasHeader:
     -------
     LasHeader
         Point format 7 where there are colours, else 6; WKT where there is a CRS.
-
-    Raises
-    ------
-    DataError
-        If a column cannot be stored.
     """
     block = bytearray(HEADER_SIZES[4])
     point_format = 7 if any(name in cloud for name in DERIVED) else 6
@@ -180,19 +152,7 @@ def new_header(cloud: PointCloud, options: WriteOptions) -> LasHeader:
 def with_room(header: LasHeader, cloud: PointCloud, metres: NDArray[np.float64]) -> LasHeader:
     """Set a scale and an offset in another file's header that can represent the points.
 
-    Parameters
-    ----------
-    header : LasHeader
-        The header to write.
-    cloud : PointCloud
-        The points.
-    metres : ndarray of shape (3,)
-        Factors from the file's units to metres.
-
-    Returns
-    -------
-    LasHeader
-        The same where they fit; else with the offset of the cloud, and degrees in steps of `DEGREE_STEP`.
+    The header is the same where they fit; else it has the offset of the cloud, and degrees in steps of `DEGREE_STEP`.
     """
     if not len(cloud):
         return header
@@ -212,13 +172,12 @@ def pack_records(
     metres: NDArray[np.float64] | None = None,
     depths: Depths | None = None,
 ) -> NDArray:
-    """Convert points to records.
+    """Convert points to records; `DataError` if a coordinate or a value does not fit its field.
 
     Parameters
     ----------
     cloud : PointCloud
-        The points; each column is stored in the dimension of its name. Absent dimensions are zero, absent numbers of
-        returns one.
+        The points, each column in the dimension of its name; absent dimensions are zero, absent numbers of returns one.
     header : LasHeader
         The layout.
     metres : ndarray of shape (3,), optional
@@ -230,11 +189,6 @@ def pack_records(
     -------
     structured ndarray of shape (n,)
         Contiguous records.
-
-    Raises
-    ------
-    DataError
-        If a coordinate or a value does not fit its field.
     """
     records = np.zeros(len(cloud), dtype=record_dtype(header))
     factors, depths = np.ones(3) if metres is None else metres, depths or Depths()

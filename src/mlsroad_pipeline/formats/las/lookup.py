@@ -16,18 +16,7 @@ N_CODES = 256
 
 
 def class_names(header: LasHeader) -> dict[int, str]:
-    """Return the names of class codes that a file states.
-
-    Parameters
-    ----------
-    header : LasHeader
-        Its header.
-
-    Returns
-    -------
-    dict of int to str
-        Code to name; empty without the record.
-    """
+    """Return code to name of the classes that a file names; empty without the record."""
     return {code: name.decode("utf-8", "replace") for code, name in _stored_names(header).items()}
 
 

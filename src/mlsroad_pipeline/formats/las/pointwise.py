@@ -52,19 +52,7 @@ class _Chunk(io.RawIOBase):
 
 
 class PointwisePoints:
-    """Reader of ranges of a file without chunks; a range before the last one is read from the start of the file.
-
-    Parameters
-    ----------
-    stream : binary stream
-        The file.
-    header : LasHeader
-        Its header.
-    path : Path
-        File name in messages.
-    record : bytes
-        Its LASzip record.
-    """
+    """Reader of ranges of a file without chunks; a range before the last one is read from the start of the file."""
 
     def __init__(self, stream: BinaryIO, header: LasHeader, path: Path, record: bytes) -> None:
         self._stream, self._header, self._path = stream, header, path
@@ -79,23 +67,7 @@ class PointwisePoints:
         self._decompressor, self._position = lazrs.LasZipDecompressor(source, self._record), 0
 
     def read(self, start: int, stop: int) -> NDArray[np.uint8]:
-        """Read a range.
-
-        Parameters
-        ----------
-        start, stop : int
-            First row and the row after the last; at least one.
-
-        Returns
-        -------
-        ndarray of uint8
-            The bytes of its records.
-
-        Raises
-        ------
-        ReadError
-            If the compressed data are damaged or end early.
-        """
+        """Return the bytes of the records ``start`` to ``stop``, at least one."""
         size = self._header.record_size
         try:
             if start < self._position:

@@ -38,17 +38,9 @@ RECORD_1_0 = b"\xdd\xcc"
 def upgraded_header(header: LasHeader) -> LasHeader:
     """Return a header of LAS 1.4 or above and point format 6 to 10 for the same points.
 
-    Parameters
-    ----------
-    header : LasHeader
-        Any header.
-
-    Returns
-    -------
-    LasHeader
-        The header: dates, identifiers, scale, offset, records and bytes of unknown meaning are kept. A CRS in GeoTIFF
-        keys is added as WKT, which these formats require, where they are supported. Records of a cloud-optimised file
-        (COPC) are dropped: their byte offsets hold for the old file only.
+    Dates, identifiers, scale, offset, records and bytes of unknown meaning are kept. A CRS in GeoTIFF keys is added as
+    WKT, which these formats require, where the keys are supported. COPC records are dropped: they hold for the old file
+    only.
     """
     single = [find_wkt(header), header.find(LOOKUP)]
     header = replace(header, vlrs=_valid(header.vlrs, single), evlrs=_valid(header.evlrs, single))

@@ -8,27 +8,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Vlr:
-    """A variable length record, or an extended one (EVLR).
+    """A variable length record, or an extended one (EVLR)."""
 
-    Parameters
-    ----------
-    user_id : bytes
-        Identifier of the record's owner, up to 16 bytes; a record read from a file keeps its padding.
-    record_id : int
-        Number of the record among those of the user, 0 to 65535.
-    data : bytes
-        Payload, without the record header.
-    description : bytes, default empty
-        Free text, up to 32 bytes.
-    reserved : int, default 0
-        First two bytes of the record header, as read.
-    """
-
-    user_id: bytes
-    record_id: int
-    data: bytes
-    description: bytes = b""
-    reserved: int = 0
+    user_id: bytes  # identifier of the record's owner, up to 16 bytes; a record read from a file keeps its padding
+    record_id: int  # number of the record among those of the user, 0 to 65535
+    data: bytes  # payload, without the record header
+    description: bytes = b""  # free text, up to 32 bytes
+    reserved: int = 0  # first two bytes of the record header, as read
 
     @property
     def key(self) -> tuple[bytes, int]:
@@ -36,18 +22,7 @@ class Vlr:
         return self.user_id.split(b"\0")[0], self.record_id
 
     def pack(self, *, extended: bool = False) -> bytes:
-        """Return the bytes of the record in a file.
-
-        Parameters
-        ----------
-        extended : bool, default False
-            Whether its length is stored in 64 bits.
-
-        Returns
-        -------
-        bytes
-            Record header and data.
-        """
+        """Return the bytes of the record in a file."""
         form = "<H16sHQ32s" if extended else "<H16sHH32s"
         head = struct.pack(form, self.reserved, self.user_id, self.record_id, len(self.data), self.description)
         return head + self.data

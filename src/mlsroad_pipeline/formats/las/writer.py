@@ -63,17 +63,10 @@ class RecordWriter:
             self._compressor = kind(stream, laz)
 
     def write(self, records: NDArray) -> None:
-        """Append records.
+        """Append contiguous records of the header's layout.
 
-        Parameters
-        ----------
-        records : structured ndarray of shape (n,)
-            Records of the header's layout, contiguous.
-
-        Raises
-        ------
-        DataError
-            If waveform packets of several scanner channels are to be compressed, which lazrs cannot do without loss.
+        `DataError` if waveform packets of several scanner channels are to be compressed, which lazrs cannot do without
+        loss.
         """
         if not len(records):
             return
@@ -87,14 +80,9 @@ class RecordWriter:
             self._compressor.compress_many(data)
 
     def write_compressed(self, records: NDArray, chunks: Sequence[tuple[int, bytes]]) -> None:
-        """Append compressed chunks of a LAZ file; a file is written either this way or by `write`.
+        """Append chunks (points, bytes) of a LAZ file; ``records`` has the fields for counts and bounds.
 
-        Parameters
-        ----------
-        records : structured ndarray of shape (n,)
-            Their records, as far as counts and bounds need them.
-        chunks : sequence of tuple of int and bytes
-            Points and compressed points of each.
+        A file is written either this way or by `write`.
         """
         self.count_only(records)
         if not self._chunks:
@@ -104,13 +92,7 @@ class RecordWriter:
             self._chunks.append((n_points, len(data)))
 
     def count_only(self, records: NDArray) -> None:
-        """Update counts and bounds with records without writing them.
-
-        Parameters
-        ----------
-        records : structured ndarray of shape (n,)
-            Records of the header's layout, at least one.
-        """
+        """Update counts and bounds with records, at least one, without writing them."""
         for axis, name in enumerate("XYZ"):
             self._low[axis] = min(self._low[axis], int(records[name].min()))
             self._high[axis] = max(self._high[axis], int(records[name].max()))
@@ -129,13 +111,7 @@ class RecordWriter:
             )
 
     def close(self) -> None:
-        """Finish the points, write the extended records, and update the header.
-
-        Raises
-        ------
-        DataError
-            If there are more points than the version can hold.
-        """
+        """Write the end of the points, the extended records and the final header."""
         if self._chunks:
             self._write_chunk_table()
         elif self._compressor is not None:
@@ -157,22 +133,8 @@ class RecordWriter:
     def finished_header(self, header: LasHeader, end: int) -> LasHeader:
         """Return a header with the counts, bounds and returns of the records so far.
 
-        Parameters
-        ----------
-        header : LasHeader
-            The header.
-        end : int
-            Byte offset of the extended records.
-
-        Returns
-        -------
-        LasHeader
-            The updated header.
-
-        Raises
-        ------
-        DataError
-            If there are more points than the version can hold.
+        ``end`` is the byte offset of the extended records. `DataError` if there are more points than the version can
+        hold.
         """
         empty = self.count == 0
         scaled = (np.stack([self._high, self._low], axis=1) * header.scale[:, None]) + header.offset[:, None]

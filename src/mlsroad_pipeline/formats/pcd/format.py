@@ -50,13 +50,7 @@ class PcdFormat(TableFormat):
         return path.name.lower().endswith(self.extensions) and head.lstrip().startswith((b"VERSION", b"FIELDS", b"#"))
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
-        """Open a file.
-
-        Raises
-        ------
-        ReadError
-            If it is not PCD, truncated or damaged.
-        """
+        """Open a file."""
         return _open(file_key(path), options.n_threads > 1)
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
@@ -64,11 +58,6 @@ class PcdFormat(TableFormat):
 
         Coordinates are float32 as the library expects them, or float64 where they are too large for that (1 km and more
         from zero). The CRS goes into a ``.prj`` beside the file.
-
-        Raises
-        ------
-        DataError
-            If a column has a name with blanks or a type that PCD does not support.
         """
         dtype = _record_type(cloud, options, path)
         names = dtype.names or ()

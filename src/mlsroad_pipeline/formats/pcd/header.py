@@ -24,24 +24,12 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class PcdField:
-    """One field of a PCD file.
+    """One field of a PCD file."""
 
-    Parameters
-    ----------
-    name : str
-        Its name; ``_`` is padding.
-    dtype : dtype
-        Type of one value, little-endian.
-    count : int
-        Values per point; 0 occupies no bytes.
-    offset : int
-        Byte offset in a record.
-    """
-
-    name: str
-    dtype: np.dtype
-    count: int
-    offset: int
+    name: str  # ``_`` is padding
+    dtype: np.dtype  # type of one value, little-endian
+    count: int  # values per point; 0 occupies no bytes
+    offset: int  # byte offset in a record
 
     @property
     def size(self) -> int:
@@ -58,30 +46,14 @@ class PcdField:
 
 @dataclass(frozen=True)
 class PcdHeader:
-    """Header of a PCD file.
-
-    Parameters
-    ----------
-    fields : tuple of PcdField
-        The fields in the order of a record.
-    n_points : int
-        Number of points.
-    encoding : str
-        ``ascii``, ``binary`` or ``binary_compressed``.
-    begin : int
-        Byte offset of the data.
-    n_lines : int
-        Lines of the header.
-    entries : dict of str to str
-        All entries, unchanged.
-    """
+    """Header of a PCD file."""
 
     fields: tuple[PcdField, ...]
     n_points: int
-    encoding: str
-    begin: int
+    encoding: str  # ``ascii``, ``binary`` or ``binary_compressed``
+    begin: int  # byte offset of the data
     n_lines: int
-    entries: dict[str, str]
+    entries: dict[str, str]  # all entries, unchanged
 
     @property
     def record_size(self) -> int:
@@ -90,23 +62,7 @@ class PcdHeader:
 
 
 def read_pcd_header(path: Path) -> PcdHeader:
-    """Read the header of a PCD file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    PcdHeader
-        Its header.
-
-    Raises
-    ------
-    ReadError
-        If the header is not that of a PCD file, ends early or contradicts itself.
-    """
+    """Read the header of a PCD file; `ReadError` if it is another file, ends early or contradicts itself."""
     data = open_content(path).read(HEAD)
     entries: dict[str, str] = {}
     at = n_lines = 0

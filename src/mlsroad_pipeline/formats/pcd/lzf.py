@@ -15,25 +15,7 @@ LARGEST_RATIO = 132
 
 
 def unpack(packed: bytes, size: int) -> NDArray[np.uint8]:
-    """Decompress LZF data.
-
-    Parameters
-    ----------
-    packed : bytes
-        The compressed data.
-    size : int
-        Number of bytes after decompression.
-
-    Returns
-    -------
-    ndarray of shape (size,), uint8
-        The data.
-
-    Raises
-    ------
-    ValueError
-        If the data are damaged: they end early, refer to bytes before their start, or have another size.
-    """
+    """Decompress LZF data to `size` bytes; `ValueError` if they are damaged or have another size."""
     if size > LARGEST_RATIO * len(packed):
         raise ValueError(f"{len(packed)} bytes cannot decompress to {size}")
     out = np.empty(size, dtype=np.uint8)

@@ -28,18 +28,7 @@ NAMES = {"<f4": "float", "|u1": "uchar", "<u4": "uint"}
 
 
 def coloured_path(path: str) -> str:
-    """Return the name of the coloured copy of a file.
-
-    Parameters
-    ----------
-    path : str
-        A path that ends in ``.laz``.
-
-    Returns
-    -------
-    str
-        The path with ``_classes.ply``.
-    """
+    """Return the name of the coloured copy, ``_classes.ply``, of a path that ends in ``.laz``."""
     return str(Path(path).with_suffix("")) + COLOURED
 
 
@@ -54,14 +43,7 @@ def write_coloured_ply(source: str | Path, target: str | Path) -> None:
     source : str or Path
         A LAS or LAZ file with `classification`.
     target : str or Path
-        The PLY file to write.
-
-    Raises
-    ------
-    ReadError
-        If the source is damaged.
-    DataError
-        If the target is the source.
+        The PLY file to write; `DataError` if it is the source.
     """
     path, target = Path(source), Path(target)
     if target.exists() and target.samefile(path):

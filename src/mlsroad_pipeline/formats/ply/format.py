@@ -45,13 +45,7 @@ class PlyFormat(TableFormat):
     signatures: tuple[bytes, ...] = (b"ply\n", b"ply\r")
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
-        """Open a file.
-
-        Raises
-        ------
-        ReadError
-            If it is not PLY, truncated or damaged.
-        """
+        """Open a file."""
         header = read_ply_header(path)
         scalars = tuple(name for name, kind in header.vertex.properties.items() if kind is not None)
 
@@ -110,29 +104,7 @@ def _native(values: NDArray) -> NDArray:
 def read_vertices(
     path: Path, header: PlyHeader, start: int, stop: int, *, threads: bool = False
 ) -> Mapping[str, NDArray]:
-    """Return the scalar properties of a range of vertices.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    header : PlyHeader
-        Its header.
-    start, stop : int
-        First row and the row after the last, inside the file.
-    threads : bool, default False
-        Whether text is parsed by all processors.
-
-    Returns
-    -------
-    mapping of str to ndarray of shape (n,)
-        Properties by name; views of the file where it is binary.
-
-    Raises
-    ------
-    ReadError
-        If the file ends early or a row of text is invalid.
-    """
+    """Return the scalar properties of a range of vertices by name; views of the file where it is binary."""
     vertex = header.vertex
     if not header.vertex_first:
         return {name: values[start:stop] for name, values in scattered_vertices(file_key(path)).items()}
@@ -156,25 +128,7 @@ def read_vertices(
 
 
 def vertex_rows(path: Path, header: PlyHeader) -> TextRows:
-    """Return the rows of an ascii file's vertices.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    header : PlyHeader
-        Its header.
-
-    Returns
-    -------
-    TextRows
-        The rows; cached as long as the file does not change.
-
-    Raises
-    ------
-    ReadError
-        If there are fewer rows than the header states.
-    """
+    """Return the rows of an ascii file's vertices; `ReadError` if there are fewer than stated."""
     rows = _vertex_rows(
         file_key(path),
         header.begin,

@@ -24,24 +24,12 @@ HEAD = 1 << 20
 
 @dataclass(frozen=True)
 class PlyElement:
-    """One element of a PLY file.
+    """One element of a PLY file."""
 
-    Parameters
-    ----------
-    name : str
-        Its name; the points are ``vertex``.
-    count : int
-        Number of records.
-    properties : dict of str to str or None
-        Name to numpy type without byte order, such as ``f4``, in the order of the file; None for a list.
-    lists : dict of str to tuple of str
-        Name of a list to the types of its number of items and of an item.
-    """
-
-    name: str
+    name: str  # the points are ``vertex``
     count: int
-    properties: dict[str, str | None] = field(default_factory=dict)
-    lists: dict[str, tuple[str, str]] = field(default_factory=dict)
+    properties: dict[str, str | None] = field(default_factory=dict)  # name to type, such as ``f4``; None for a list
+    lists: dict[str, tuple[str, str]] = field(default_factory=dict)  # types of the number of items and of an item
 
     @property
     def has_lists(self) -> bool:
@@ -49,41 +37,18 @@ class PlyElement:
         return None in self.properties.values()
 
     def dtype(self, order: str) -> np.dtype:
-        """Return the type of a record without lists.
-
-        Parameters
-        ----------
-        order : str
-            Byte order as numpy writes it.
-
-        Returns
-        -------
-        dtype
-            A structured type.
-        """
+        """Return the type of a record without lists."""
         return np.dtype([(name, order + kind) for name, kind in self.properties.items() if kind is not None])
 
 
 @dataclass(frozen=True)
 class PlyHeader:
-    """Header of a PLY file.
+    """Header of a PLY file."""
 
-    Parameters
-    ----------
-    encoding : str
-        ``ascii``, ``binary_little_endian`` or ``binary_big_endian``.
-    elements : tuple of PlyElement
-        The elements in the order of the file.
-    text : bytes
-        Text of the header, up to the start of the data.
-    comments : tuple of str
-        The comments, without the keyword.
-    """
-
-    encoding: str
-    elements: tuple[PlyElement, ...]
-    text: bytes
-    comments: tuple[str, ...]
+    encoding: str  # ``ascii``, ``binary_little_endian`` or ``binary_big_endian``
+    elements: tuple[PlyElement, ...]  # the elements in the order of the file
+    text: bytes  # text of the header, up to the start of the data
+    comments: tuple[str, ...]  # the comments, without the keyword
 
     @property
     def order(self) -> str:
@@ -112,23 +77,7 @@ class PlyHeader:
 
 
 def read_ply_header(path: Path) -> PlyHeader:
-    """Read the header of a PLY file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    PlyHeader
-        Its header.
-
-    Raises
-    ------
-    ReadError
-        If the header is not that of a PLY file, ends early, or names no vertices.
-    """
+    """Read the header of a PLY file; `ReadError` if it is another file, ends early, or names no vertices."""
     data = open_content(path).read(HEAD)
     if data[:3] != b"ply":
         raise ReadError(f"{path} is not a PLY file: it begins with {data[:4]!r}")

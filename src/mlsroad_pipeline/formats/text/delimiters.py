@@ -12,17 +12,7 @@ from mlsroad_pipeline.formats.text.values import WHITESPACE, is_number, split_ro
 def sniffed(sample: Sequence[str], delimiter: str | None, decimal: str | None) -> tuple[str, str]:
     """Return the delimiter and the decimal mark for which most values are numbers, equally many in each row.
 
-    Parameters
-    ----------
-    sample : sequence of str
-        The first rows; the first may hold names.
-    delimiter, decimal : str or None
-        Those of the options; None detects them.
-
-    Returns
-    -------
-    delimiter, decimal : str
-        Both.
+    Those that are given are kept; the first row of the sample may hold names.
     """
     row = sample[-1 if len(sample) < 3 else 1]
     blanks = WHITESPACE if "  " in row or row != row.strip() else " "
@@ -39,17 +29,7 @@ def sniffed(sample: Sequence[str], delimiter: str | None, decimal: str | None) -
 def numeric_share(rows: Sequence[str], delimiter: str, decimal: str) -> float:
     """Return the share of numbers among the values of rows.
 
-    Parameters
-    ----------
-    rows : sequence of str
-        The rows.
-    delimiter, decimal : str
-        Delimiter and decimal mark.
-
-    Returns
-    -------
-    float
-        The share; 0 where rows differ in length or have fewer than three columns of numbers.
+    It is 0 where rows differ in length or have fewer than three columns of numbers.
     """
     values = [split_row(line, delimiter) for line in rows]
     width = len(values[0]) if values else 0
@@ -60,22 +40,7 @@ def numeric_share(rows: Sequence[str], delimiter: str, decimal: str) -> float:
 
 
 def numeric_columns(body: Sequence[str], delimiter: str, decimal: str, width: int) -> tuple[int, ...] | None:
-    """Return the indices of columns with a number in some row of the sample.
-
-    Parameters
-    ----------
-    body : sequence of str
-        Rows of points.
-    delimiter, decimal : str
-        Delimiter and decimal mark.
-    width : int
-        Number of values of a row.
-
-    Returns
-    -------
-    tuple of int or None
-        The indices; None if all columns have numbers.
-    """
+    """Return the indices of columns with a number in some row of the sample; None if all have."""
     rows = [found for found in (split_row(line, delimiter) for line in body) if len(found) == width]
     kept = tuple(i for i in range(width) if any(is_number(found[i], decimal) for found in rows) or not rows)
     return None if len(kept) == width else kept

@@ -32,13 +32,7 @@ class TextFormat(TableFormat):
     signatures: tuple[bytes, ...] = ()
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
-        """Open a file; its rows are counted, not parsed.
-
-        Raises
-        ------
-        ReadError
-            If the file holds no rows of numbers, or its first column counts them and has no name.
-        """
+        """Open a file; its rows are counted, not parsed."""
         found = open_table(path, options)
         placed = "x" in options.columns
         if found.wrong and not placed:

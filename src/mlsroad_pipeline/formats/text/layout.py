@@ -37,52 +37,24 @@ LAST_LINES = 20
 
 @dataclass(frozen=True)
 class TextHead:
-    """Lines of a text file before its first row of points.
+    """Lines of a text file before its first row of points."""
 
-    Parameters
-    ----------
-    lines : tuple of bytes
-        Comments, names and the number of points, with their line ends.
-    names_at : int
-        Index of the line with the names, -1 without names.
-    """
-
-    lines: tuple[bytes, ...]
-    names_at: int
+    lines: tuple[bytes, ...]  # comments, names and the number of points, with their line ends
+    names_at: int  # index of the line with the names, -1 without names
 
 
 @dataclass(frozen=True)
 class TextTable:
-    """Rows of a text file and their layout.
+    """Rows of a text file and their layout."""
 
-    Parameters
-    ----------
-    rows : TextRows
-        Byte offsets of the rows.
-    names : tuple of str
-        Names of the columns: of the file, else of `LAYOUTS` or x, y, z, column_3, ...
-    form : RowForm
-        Layout of a row.
-    head : TextHead
-        The lines before the first row.
-    has_names : bool
-        Whether the file has names, in a row or in a comment.
-    guess : mapping of str to Any
-        Detected mapping of unnamed columns, as in `ReadOptions.columns`; used where that is not set.
-    notes : tuple of str
-        Sentences for the user.
-    wrong : str
-        Message of an error unless `ReadOptions.columns` names the coordinates; else empty.
-    """
-
-    rows: TextRows
-    names: tuple[str, ...]
+    rows: TextRows  # byte offsets of the rows
+    names: tuple[str, ...]  # names of the columns: of the file, else of `LAYOUTS` or x, y, z, column_3, ...
     form: RowForm
-    head: TextHead
-    has_names: bool
-    guess: Mapping[str, Any] = field(default_factory=dict)
+    head: TextHead  # the lines before the first row
+    has_names: bool  # whether the file has names, in a row or in a comment
+    guess: Mapping[str, Any] = field(default_factory=dict)  # `ReadOptions.columns` of unnamed columns, where not set
     notes: tuple[str, ...] = ()
-    wrong: str = ""
+    wrong: str = ""  # message of an error unless `ReadOptions.columns` names the coordinates; else empty
 
     @property
     def delimiter(self) -> str:
@@ -96,25 +68,7 @@ class TextTable:
 
 
 def open_table(path: Path, options: ReadOptions) -> TextTable:
-    """Detect and log a text file's delimiter, decimal mark, names and rows.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    options : ReadOptions
-        Its `delimiter`, `decimal`, `header` and `comment`.
-
-    Returns
-    -------
-    TextTable
-        The table; cached as long as the file does not change.
-
-    Raises
-    ------
-    ReadError
-        If there is no row.
-    """
+    """Detect and log a text file's delimiter, decimal mark, names and rows; cached while it does not change."""
     return _open_table(file_key(path), options.delimiter, options.decimal, options.header, options.comment)
 
 
@@ -226,18 +180,7 @@ def _is_names(line: str, delimiter: str, decimal: str, path: Path, number: int) 
 
 
 def looks_like_table(path: Path) -> bool:
-    """Return whether a file of unknown extension holds rows of at least three numbers.
-
-    Parameters
-    ----------
-    path : Path
-        An existing file.
-
-    Returns
-    -------
-    bool
-        Whether the last whole line of its first 64 KiB is such a row, and all of that is text.
-    """
+    """Return whether the first 64 KiB of a file are text that ends with a row of at least three numbers."""
     data = first_bytes(path, 1 << 16)
     lines = [line for line in data.splitlines()[: None if len(data) < 1 << 16 else -1] if line.strip()]
     if b"\0" in data or not lines:
@@ -247,18 +190,7 @@ def looks_like_table(path: Path) -> bool:
 
 
 def holds_rows(path: Path) -> bool:
-    """Return whether a text file holds a row of at least three numbers.
-
-    Parameters
-    ----------
-    path : Path
-        An existing file.
-
-    Returns
-    -------
-    bool
-        Whether one of the last lines of its first 64 KiB is such a row.
-    """
+    """Return whether one of the last lines of the first 64 KiB of a file is a row of at least three numbers."""
     data = first_bytes(path, 1 << 16)
     lines = [decoded(line)[0] for line in data.splitlines()[: None if len(data) < 1 << 16 else -1] if line.strip()]
     return any(numeric_share([line], *sniffed([line], None, None)) > 0.5 for line in lines[-LAST_LINES:])
@@ -280,20 +212,7 @@ def _is_comment(line: bytes, comment: str) -> bool:
 
 
 def path_layout(path: Path, width: int) -> tuple[str, ...]:
-    """Return the columns of a file by its extension.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    width : int
-        Its values per row.
-
-    Returns
-    -------
-    tuple of str
-        Their names; empty for other extensions.
-    """
+    """Return the names of the columns of a file by its extension and values per row; empty for other extensions."""
     name = unpacked_name(path).lower()
     return next((layout for e, layout in LAYOUTS.items() if name.endswith(e) and len(layout) == width), ())
 

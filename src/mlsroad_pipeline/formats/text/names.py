@@ -17,18 +17,7 @@ OPTIONS = "set header: false if it is a point, comment to skip it, or columns by
 
 
 def decoded(line: bytes) -> tuple[str, str]:
-    """Return a line as text, with the encoding: UTF-8, or Latin-1 where it is none.
-
-    Parameters
-    ----------
-    line : bytes
-        The line.
-
-    Returns
-    -------
-    text, encoding : str
-        The line without its end, and the encoding.
-    """
+    """Return a line without its end as text, with the encoding: UTF-8, or Latin-1 where it is not UTF-8."""
     bare = line.removeprefix(b"\xef\xbb\xbf").rstrip(b"\r\n")
     try:
         return bare.decode("utf-8"), "utf-8"
@@ -39,20 +28,8 @@ def decoded(line: bytes) -> tuple[str, str]:
 def split_names(line: str, width: int, delimiter: str) -> list[str]:
     """Return the names of a row; values may have another delimiter than names.
 
-    Parameters
-    ----------
-    line : str
-        The row, without the mark of a comment.
-    width : int
-        Number of values of a row of points.
-    delimiter : str
-        Delimiter of the values.
-
-    Returns
-    -------
-    list of str
-        As many as values where one of the usual separators gives so many, or all but an empty one at the end; else
-        those that the delimiter gives.
+    As many as values (``width``) where one of the usual separators gives so many, or all but an empty one at the end;
+    else those that the delimiter gives.
     """
     own = [value.strip() for value in split_row(line, delimiter)]
     for names in (own, *([name.strip() for name in re.split(p, line.strip(" \r\n"))] for p in SEPARATORS)):
@@ -63,25 +40,9 @@ def split_names(line: str, width: int, delimiter: str) -> list[str]:
 
 
 def names_in_comments(lines: Sequence[bytes], comment: str, width: int, delimiter: str) -> tuple[int, tuple[str, ...]]:
-    """Return the names in a comment above the points, as `numpy.savetxt` writes them.
+    """Return index and names of the last comment that names the columns, as `numpy.savetxt` writes; else -1, ().
 
-    Parameters
-    ----------
-    lines : sequence of bytes
-        Lines above the points.
-    comment : str
-        Prefix of comments.
-    width : int
-        Number of values of a row.
-    delimiter : str
-        Delimiter of the values.
-
-    Returns
-    -------
-    index : int
-        Index of the line, -1 where none has names.
-    names : tuple of str
-        The names; empty where there are none: one that has no names of x, y and z is a sentence.
+    A comment without the names of x, y and z is a sentence.
     """
     for index in range(len(lines) - 1, -1, -1):
         text = decoded(lines[index])[0].strip()
@@ -99,31 +60,7 @@ def names_in_comments(lines: Sequence[bytes], comment: str, width: int, delimite
 
 
 def checked_names(values: Sequence[str], width: int, path: Path, line: int, text: str) -> tuple[str, ...]:
-    """Return the names of a row above the points.
-
-    Parameters
-    ----------
-    values : sequence of str
-        Its values.
-    width : int
-        Number of values of a row of points.
-    path : Path
-        File name in messages.
-    line : int
-        Line number of the names.
-    text : str
-        The line.
-
-    Returns
-    -------
-    tuple of str
-        The names.
-
-    Raises
-    ------
-    ReadError
-        If there are more or fewer names than values, or one is repeated.
-    """
+    """Return the names of a row above the points; `ReadError` for another number of names, or a repeated one."""
     names = tuple(value.strip('"') for value in values)
     shown = text if len(text) <= 100 else text[:97] + "..."
     if len(names) != width:

@@ -18,44 +18,17 @@ BLOCK = 1 << 24
 
 @dataclass(frozen=True)
 class TextRows:
-    """Rows of a text file after its header.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    text : Content
-        Its bytes, uncompressed.
-    first_line : int
-        Line number of the first row, counted from 1.
-    n_rows : int
-        Number of rows; blank lines at the end are not counted.
-    marks : ndarray of int64
-        Byte offset of every `STRIDE`-th row.
-    end : int
-        Byte offset after the last row.
-    """
+    """Rows of a text file after its header."""
 
     path: Path
-    text: Content
-    first_line: int
-    n_rows: int
-    marks: NDArray[np.int64]
-    end: int
+    text: Content  # bytes, uncompressed
+    first_line: int  # line number of the first row, counted from 1
+    n_rows: int  # number of rows; blank lines at the end are not counted
+    marks: NDArray[np.int64]  # byte offset of every `STRIDE`-th row
+    end: int  # byte offset after the last row
 
     def read(self, start: int, stop: int) -> bytes:
-        """Return the text of rows.
-
-        Parameters
-        ----------
-        start, stop : int
-            First row and the row after the last, inside the file.
-
-        Returns
-        -------
-        bytes
-            The rows with their line ends.
-        """
+        """Return the text of rows inside the file, with their line ends."""
         if start >= stop:
             return b""
         at = int(self.marks[start // STRIDE])
@@ -71,25 +44,9 @@ class TextRows:
 
 
 def index_rows(path: Path, text: Content, begin: int, first_line: int, *, limit: int | None = None) -> TextRows:
-    """Count rows and index their byte offsets.
+    """Count rows from byte offset ``begin`` and index their byte offsets.
 
-    Parameters
-    ----------
-    path : Path
-        File name in messages.
-    text : Content
-        Its bytes.
-    begin : int
-        Byte offset of the first row.
-    first_line : int
-        Line number of the first row.
-    limit : int, optional
-        Rows to count at most; None goes to the end of the file, whose trailing blank lines are left out.
-
-    Returns
-    -------
-    TextRows
-        The index.
+    At most ``limit`` rows; None goes to the end of the file, whose trailing blank lines are left out.
     """
     marks, count, at = [begin], 0, begin
     end = text.size if limit is not None else _end_of_text(text, begin)

@@ -29,27 +29,10 @@ COUNTS = (
 
 
 def interpret(rows: TextRows, form: RowForm) -> tuple[dict[str, Any], tuple[str, ...], str]:
-    """Return what unnamed columns behind x, y and z are, and sentences on what they may be.
+    """Return a mapping of unnamed columns behind x, y and z, sentences for the user, and the message of an error.
 
-    Colours are three whole numbers up to 255 right after x, y, z or after one more column, which is the intensity
-    where it is not negative. Other columns are not interpreted.
-
-    Parameters
-    ----------
-    rows : TextRows
-        The rows.
-    form : RowForm
-        Layout of a row.
-
-    Returns
-    -------
-    guess : dict
-        Mapping of columns, as in `ReadOptions.columns`.
-    notes : tuple of str
-        Sentences for the user.
-    wrong : str
-        Message of an error where the first of more than three columns is the number of the row, and the others are
-        coordinates; else empty.
+    Colours are three whole numbers up to 255 right after x, y, z or after one more column, which is the intensity where
+    it is not negative. The message is not empty where the first of more than three columns is the number of the row.
     """
     if form.width < 4:
         return {}, (), ""

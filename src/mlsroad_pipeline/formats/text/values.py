@@ -21,27 +21,13 @@ DECIMAL_COMMA = re.compile(r"[+-]?\d+(,\d+)?([eE][+-]?\d+)?")
 
 @dataclass(frozen=True)
 class RowForm:
-    """Layout of the rows of a text file.
-
-    Parameters
-    ----------
-    width : int
-        Values per row.
-    delimiter : str
-        One character, or ``"whitespace"`` for any run of blanks.
-    decimal : str, default "."
-        Decimal mark.
-    kept : tuple of int, optional
-        Indices of the values that are numbers; None takes all.
-    quoted : bool, default False
-        Whether values may be in double quotes.
-    """
+    """Layout of the rows of a text file."""
 
     width: int
-    delimiter: str
+    delimiter: str  # one character, or ``"whitespace"`` for any run of blanks
     decimal: str = "."
-    kept: tuple[int, ...] | None = None
-    quoted: bool = False
+    kept: tuple[int, ...] | None = None  # indices of the values that are numbers; None takes all
+    quoted: bool = False  # whether values may be in double quotes
 
     @property
     def places(self) -> tuple[int, ...]:
@@ -52,30 +38,10 @@ class RowForm:
 def parse_rows(
     data: bytes, form: RowForm, *, path: Path, first_line: int, threads: bool = False
 ) -> list[NDArray[np.float64]]:
-    """Parse rows of numbers.
+    """Return the kept columns of whole rows of text; an empty or "nan" value is NaN.
 
-    Parameters
-    ----------
-    data : bytes
-        Whole rows.
-    form : RowForm
-        Their layout.
-    path : Path
-        File name in messages.
-    first_line : int
-        Line number of the first row.
-    threads : bool, default False
-        Whether the parser may use all processors.
-
-    Returns
-    -------
-    list of ndarray of shape (n,), float64
-        The kept columns; an empty or "nan" value is NaN.
-
-    Raises
-    ------
-    ReadError
-        If a row has another number of values or one is not a number; the message gives file, line and content.
+    `ReadError` with file, line and content if a row has another number of values or one is not a number. ``threads``:
+    the parser may use all processors.
     """
     if not data:
         return [np.empty(0) for _ in form.places]
@@ -114,28 +80,9 @@ def _parse(data: bytes, form: RowForm, threads: bool) -> list[NDArray[np.float64
 
 
 def typed_column(values: NDArray[np.float64], dtype: np.dtype, what: str, path: Path) -> NDArray:
-    """Return a parsed column in the type that the file header states.
+    """Return a parsed column in the type that the file header states; floats too large for it become infinite.
 
-    Parameters
-    ----------
-    values : ndarray of shape (n,), float64
-        The column.
-    dtype : dtype
-        The stated type.
-    what : str
-        Column name in messages.
-    path : Path
-        File name in messages.
-
-    Returns
-    -------
-    ndarray of shape (n,)
-        The values in that type; floats that are too large for it become infinite.
-
-    Raises
-    ------
-    ReadError
-        If an integer lies outside the type or is missing.
+    `ReadError` if an integer lies outside the type or is missing.
     """
     if dtype.kind == "f":
         with np.errstate(over="ignore"):
@@ -147,40 +94,14 @@ def typed_column(values: NDArray[np.float64], dtype: np.dtype, what: str, path: 
 
 
 def split_row(line: str, delimiter: str) -> list[str]:
-    """Return the values of one row as text.
-
-    Parameters
-    ----------
-    line : str
-        The row.
-    delimiter : str
-        One character, or ``"whitespace"``.
-
-    Returns
-    -------
-    list of str
-        The values, blanks around them removed.
-    """
+    """Return the values of one row as text, blanks around them removed."""
     if delimiter in (WHITESPACE, " ", "\t"):
         return line.split()
     return [value.strip() for value in line.strip().split(delimiter)]
 
 
 def is_number(text: str, decimal: str = ".") -> bool:
-    """Return whether a value is a number or denotes a missing one.
-
-    Parameters
-    ----------
-    text : str
-        The value.
-    decimal : str, default "."
-        Decimal mark.
-
-    Returns
-    -------
-    bool
-        True for what `parse_rows` accepts.
-    """
+    """Return whether a value is one that `parse_rows` accepts: a number, or the mark of a missing one."""
     text = text.strip('"')
     if text in MISSING:
         return True
