@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
-from mlsroad_pipeline.formats.expansion import check_expansion
-from mlsroad_pipeline.formats.files import FileKey, atomic_file, file_key
+from mlsroad_pipeline.formats.files import FileKey, atomic_file, check_expansion, file_key
 
 GZIP, SUFFIX = b"\x1f\x8b", ".gz"
 BLOCK = 1 << 24

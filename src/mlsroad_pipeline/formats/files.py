@@ -168,3 +168,21 @@ def clip_range(start: int, stop: int | None, n_points: int) -> tuple[int, int]:
     if start < 0 or end < start:
         raise ValueError(f"row range must satisfy 0 <= start <= stop, got {start}..{stop}")
     return min(start, n_points), min(end, n_points)
+
+
+LARGEST_RATIO = 200
+"""Largest ratio of unpacked to packed bytes; recordings reach about 30."""
+
+ALLOWED = 1 << 28
+"""Unpacked bytes that any file may have."""
+
+
+def check_expansion(path: Path, unpacked: int, packed: int) -> None:
+    """Raise `ReadError` for a file that unpacks to far more than a recording does.
+
+    That is more than `ALLOWED` bytes and more than `LARGEST_RATIO` times its packed size.
+    """
+    if unpacked > max(ALLOWED, LARGEST_RATIO * packed):
+        raise ReadError(
+            f"{path} is damaged or made to fill the memory: its {packed} bytes would become {unpacked} or more"
+        )

@@ -14,17 +14,15 @@ import pyarrow as pa
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.formats.base import PointFormat, ReadOptions
 from mlsroad_pipeline.formats.content import BLOCK, open_content, output_file
-from mlsroad_pipeline.formats.flat_table import join_rows, number_text
 from mlsroad_pipeline.formats.kitti import label_path
 from mlsroad_pipeline.formats.labelled_names import CLASS, CONFIDENCE, OBJECT, RESULTS, PointLabels, kept_name
 from mlsroad_pipeline.formats.native_tables import SINKS, can_hold
 from mlsroad_pipeline.formats.ply.format import PlyFormat, vertex_rows
 from mlsroad_pipeline.formats.ply.header import PlyHeader, read_ply_header
 from mlsroad_pipeline.formats.text.format import TextFormat
-from mlsroad_pipeline.formats.text.layout import TextTable, open_table
-from mlsroad_pipeline.formats.text.names import decoded
+from mlsroad_pipeline.formats.text.layout import TextTable, decoded, open_table
 from mlsroad_pipeline.formats.text.rows import TextRows
-from mlsroad_pipeline.formats.text.values import WHITESPACE
+from mlsroad_pipeline.formats.text.values import WHITESPACE, join_rows, number_text
 
 
 class LabelSink(Protocol):

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
-from mlsroad_pipeline.formats.expansion import check_expansion
-from mlsroad_pipeline.formats.files import FileKey, atomic_file, file_key
+from mlsroad_pipeline.formats.files import FileKey, atomic_file, check_expansion, file_key
 from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES
 from mlsroad_pipeline.formats.tables import PointTable, TableFormat
 

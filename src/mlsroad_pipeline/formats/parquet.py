@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
-from mlsroad_pipeline.formats.expansion import check_expansion
-from mlsroad_pipeline.formats.files import FileKey, atomic_file, file_key
-from mlsroad_pipeline.formats.flat_table import scalar_columns
+from mlsroad_pipeline.formats.files import FileKey, atomic_file, check_expansion, file_key
 from mlsroad_pipeline.formats.standard_columns import COLOURS
-from mlsroad_pipeline.formats.tables import PointTable, TableFormat
+from mlsroad_pipeline.formats.tables import PointTable, TableFormat, scalar_columns
 
 GROUP = 1 << 18
 """Rows of a row group, the smallest unit of reading."""

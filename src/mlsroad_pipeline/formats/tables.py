@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,48 @@ from mlsroad_pipeline.formats.column_names import resolve_columns
 from mlsroad_pipeline.formats.content import open_content
 from mlsroad_pipeline.formats.crs_units import auto_note, with_units
 from mlsroad_pipeline.formats.files import FileKey, check_file, clip_range, file_key
-from mlsroad_pipeline.formats.flat_table import flat_cloud
-from mlsroad_pipeline.formats.precision import StoredCoordinates, step_note
-from mlsroad_pipeline.formats.standard_columns import COORDINATES
+from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES, check_finite, origin_near, standard_cloud
+
+StoredCoordinates = Callable[[int, int], Sequence[NDArray]]
+"""Function of a range of rows that returns their coordinates as stored."""
+
+LARGEST_STEP = 0.01
+"""Largest distance of neighbouring numbers, in metres, that causes no warning."""
+
+SAMPLES, SAMPLE = 5, 200
+"""Number and length of the runs of points whose coordinates are compared with their type."""
+
+
+def step_note(rows: StoredCoordinates, n_points: int, factors: NDArray[np.float64]) -> str:
+    """Return a sentence on coordinates that are too large for the type that they are stored in.
+
+    ``rows`` returns x, y and z of a range of rows as stored, ``factors`` convert them to metres. Empty where
+    neighbouring numbers are less than `LARGEST_STEP` apart at half of the sampled points.
+    """
+    if not any(_is_narrow(values) for values in rows(0, min(1, n_points))):
+        return ""
+    starts = sorted({round(part * max(n_points - SAMPLE, 0)) for part in np.linspace(0, 1, SAMPLES)})
+    parts = [rows(start, min(start + SAMPLE, n_points)) for start in starts]
+    steps = {}
+    for columns, factor in zip(zip(*parts, strict=True), factors, strict=True):
+        values = np.concatenate(columns)
+        values = values[np.isfinite(values)]
+        if _is_narrow(values) and len(values):
+            with np.errstate(over="ignore"):
+                step = float(np.median(np.abs(np.spacing(values)))) * float(factor)
+            steps[step] = 8 * values.dtype.itemsize
+    step = max(steps, default=0.0)
+    if not LARGEST_STEP < step < np.inf:
+        return ""
+    return (
+        f"coordinates are stored as floats of {steps[step]} bits in steps of {step:g} m, too coarse for objects: "
+        "export them with 64 bits, or relative to an offset"
+    )
+
+
+def _is_narrow(values: NDArray) -> bool:
+    return values.dtype.kind == "f" and values.dtype.itemsize < 8
+
 
 logger = logging.getLogger(__name__)
 
@@ -187,3 +226,66 @@ def with_points_only(table: PointTable, path: Path) -> PointTable:
         return {name: values[index - begin] for name, values in part.items()}
 
     return replace(table, n_points=len(kept), rows=rows, details={**table.details, "without_return": n_lost})
+
+
+def flat_cloud(
+    raw: Mapping[str, NDArray],
+    *,
+    first: Mapping[str, NDArray],
+    options: ReadOptions,
+    source: Path,
+    start: int,
+    extremes: Callable[[Sequence[str]], tuple[float, float]],
+    crs: str | None = None,
+    notes: list[str] | None = None,
+) -> PointCloud:
+    """Build a point cloud from scalar columns of a range of a file, relative to a round point near its first.
+
+    ``raw`` has columns by standard name, ``first`` those of the file's first row, ``start`` is the row of the first
+    point. `DataError` for a coordinate that is NaN or infinite, or a value outside its domain.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):  # NaN and overflows raise below
+        corner = [float(first[name][0]) if len(first[name]) else 0.0 for name in COORDINATES]
+        origin = origin_near(np.array(corner) * options.factors)
+        xyz = np.empty((len(raw["x"]), 3))
+        for axis, name in enumerate(COORDINATES):
+            if options.factors[axis] == 1.0:
+                xyz[:, axis] = raw[name]
+            else:
+                np.multiply(raw[name], options.factors[axis], out=xyz[:, axis], dtype=np.float64)
+        check_finite(xyz, source=source, start=start)
+        if origin.any():
+            xyz -= origin
+        columns = {name: values for name, values in raw.items() if name not in COORDINATES}
+        return standard_cloud(
+            *(columns, xyz),
+            options=options,
+            source=source,
+            origin=origin,
+            crs=crs,
+            anchor=np.array(corner) * options.factors,
+            extremes=extremes,
+            notes=notes,
+        )
+
+
+def scalar_columns(cloud: PointCloud, metres: float) -> dict[str, NDArray]:
+    """Return a cloud as scalar columns in a file's unit, world coordinates (float64) first.
+
+    Colours are split into red, green and blue; other columns of several values are numbered.
+    """
+    world = cloud.world_xyz() / metres
+    columns: dict[str, NDArray] = {name: world[:, axis] for axis, name in enumerate(COORDINATES)}
+    for name, values in cloud.columns.items():
+        if values.ndim == 1:
+            columns[name] = values
+            continue
+        parts = COLOURS if name == "rgb" else [f"{name}_{i}" for i in range(values.shape[1])]
+        columns.update({part: values[:, i] for i, part in enumerate(parts)})
+    return columns
+
+
+def parts_of(cloud: PointCloud) -> Iterator[PointCloud]:
+    """Yield consecutive parts of a cloud of up to `CHUNK` points."""
+    for begin in range(0, len(cloud), CHUNK):
+        yield cloud.select(np.arange(begin, min(begin + CHUNK, len(cloud))))

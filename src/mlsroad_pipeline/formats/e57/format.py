@@ -17,14 +17,11 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.content import refuse_packed, with_packed
 from mlsroad_pipeline.formats.e57.pages import E57Pages
-from mlsroad_pipeline.formats.e57.scans import NAMESPACE, E57Scan, parse_xml, read_scans
-from mlsroad_pipeline.formats.e57.values import read_field
+from mlsroad_pipeline.formats.e57.scans import NAMESPACE, E57Scan, parse_xml, read_field, read_scans
 from mlsroad_pipeline.formats.e57.writer import write_e57
 from mlsroad_pipeline.formats.files import FileKey, atomic_file, file_key, spread_starts
-from mlsroad_pipeline.formats.flat_table import scalar_columns
-from mlsroad_pipeline.formats.intensity import FULL, ORIGINAL
-from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES
-from mlsroad_pipeline.formats.tables import PointTable, TableFormat
+from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES, FULL, ORIGINAL
+from mlsroad_pipeline.formats.tables import PointTable, TableFormat, scalar_columns
 
 CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")

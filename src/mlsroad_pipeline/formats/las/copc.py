@@ -21,12 +21,12 @@ from mlsroad_pipeline.formats.las.header import (
     LASZIP,
     RECORD_SIZES,
     LasHeader,
+    Vlr,
     pack_header,
     read_header,
 )
 from mlsroad_pipeline.formats.las.records import RecordReader, record_dtype
 from mlsroad_pipeline.formats.las.upgrade import upgrade_records, upgraded_header
-from mlsroad_pipeline.formats.las.vlr import Vlr
 from mlsroad_pipeline.formats.las.writer import RecordWriter
 
 SUFFIX = ".copc.laz"

@@ -14,8 +14,7 @@ from mlsroad_pipeline.formats.crs import is_same_crs, sidecar_crs
 from mlsroad_pipeline.formats.crs_units import crs_units, in_metres
 from mlsroad_pipeline.formats.files import log_once
 from mlsroad_pipeline.formats.las.geotiff_keys import DIRECTORY, DOUBLES, TEXTS, GeotiffKeys, pack_directory
-from mlsroad_pipeline.formats.las.header import WKT_BIT, LasHeader
-from mlsroad_pipeline.formats.las.vlr import Vlr
+from mlsroad_pipeline.formats.las.header import WKT_BIT, LasHeader, Vlr
 
 PROJECTION = b"LASF_Projection"
 WKT = (PROJECTION, 2112)

@@ -12,13 +12,7 @@ from typing import Any
 
 import numpy as np
 import pyproj
-from pyproj.crs import (  # type: ignore[attr-defined]  # two are documented, but not in its list of exports
-    CompoundCRS,
-    CoordinateOperation,
-    Ellipsoid,
-    GeographicCRS,
-    ProjectedCRS,
-)
+from pyproj.crs import CompoundCRS, CoordinateOperation, Ellipsoid, GeographicCRS, ProjectedCRS
 from pyproj.crs import coordinate_operation as operations
 from pyproj.crs.coordinate_system import Cartesian2DCS
 from pyproj.crs.datum import CustomDatum, CustomEllipsoid

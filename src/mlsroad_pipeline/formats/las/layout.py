@@ -24,10 +24,10 @@ from mlsroad_pipeline.formats.las.header import (
     SIGNATURE,
     WKT_BIT,
     LasHeader,
+    Vlr,
     read_header,
 )
 from mlsroad_pipeline.formats.las.records import record_dtype, unique_names
-from mlsroad_pipeline.formats.las.vlr import Vlr
 
 DERIVED = ("rgb", "rgb16")
 """Columns that are written as red, green and blue."""

@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mlsroad_pipeline.formats.las.header import LasHeader
-from mlsroad_pipeline.formats.las.vlr import Vlr
+from mlsroad_pipeline.formats.las.header import LasHeader, Vlr
 
 LOOKUP = (b"LASF_Spec", 0)
 ENTRY = np.dtype([("code", "u1"), ("name", "S15")])

@@ -17,14 +17,13 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.content import open_content
 from mlsroad_pipeline.formats.files import FileKey, clip_range, file_key
-from mlsroad_pipeline.formats.las.chunks import VariableChunks, check_chunk_table, check_layers
+from mlsroad_pipeline.formats.las.chunks import PointwisePoints, VariableChunks, check_chunk_table, check_layers
 from mlsroad_pipeline.formats.las.counts import POINTWISE
 from mlsroad_pipeline.formats.las.extra import NAME_BYTES, cut_text
 from mlsroad_pipeline.formats.las.header import (
     LASZIP,
     LasHeader,
 )
-from mlsroad_pipeline.formats.las.pointwise import PointwisePoints
 
 EXTRA = "_extra"
 """Suffix of a name that occurs twice."""

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.formats.las.counts import EXTERNAL, INTERNAL
 from mlsroad_pipeline.formats.las.crs import WKT, find_wkt, read_crs, with_wkt
-from mlsroad_pipeline.formats.las.header import HEADER_SIZES, RECORD_SIZES, WKT_BIT, LasHeader
+from mlsroad_pipeline.formats.las.header import HEADER_SIZES, RECORD_SIZES, WKT_BIT, LasHeader, Vlr
 from mlsroad_pipeline.formats.las.lookup import LOOKUP
 from mlsroad_pipeline.formats.las.records import record_dtype
-from mlsroad_pipeline.formats.las.vlr import Vlr
 
 SUCCESSORS = {0: 6, 1: 6, 2: 7, 3: 7, 4: 9, 5: 10}
 """Point format to the one of LAS 1.4 that holds all its fields."""

@@ -17,9 +17,9 @@ from mlsroad_pipeline.formats.las.header import (
     LASZIP,
     RECORD_SIZES,
     LasHeader,
+    Vlr,
     pack_header,
 )
-from mlsroad_pipeline.formats.las.vlr import Vlr
 
 WAVEFORM_FORMATS = (9, 10)
 CHANNEL_BITS = 0x30

@@ -16,11 +16,17 @@ from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.content import open_content, output_file, with_packed
 from mlsroad_pipeline.formats.crs import write_sidecar
 from mlsroad_pipeline.formats.files import FileKey, file_key
-from mlsroad_pipeline.formats.flat_table import parts_of, scalar_columns
 from mlsroad_pipeline.formats.pcd.header import PcdField, PcdHeader, read_pcd_header
 from mlsroad_pipeline.formats.pcd.lzf import unpack
 from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES, NEAR
-from mlsroad_pipeline.formats.tables import PointTable, TableFormat, check_record_size, with_points_only
+from mlsroad_pipeline.formats.tables import (
+    PointTable,
+    TableFormat,
+    check_record_size,
+    parts_of,
+    scalar_columns,
+    with_points_only,
+)
 from mlsroad_pipeline.formats.text.rows import TextRows, index_rows
 from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, parse_rows, typed_column
 

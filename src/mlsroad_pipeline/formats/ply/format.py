@@ -16,10 +16,9 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.content import open_content, output_file, with_packed
 from mlsroad_pipeline.formats.files import FileKey, file_key
-from mlsroad_pipeline.formats.flat_table import parts_of, scalar_columns
 from mlsroad_pipeline.formats.ply.header import TYPES, PlyHeader, read_ply_header
 from mlsroad_pipeline.formats.ply.vertices import scattered_vertices
-from mlsroad_pipeline.formats.tables import PointTable, TableFormat, check_record_size
+from mlsroad_pipeline.formats.tables import PointTable, TableFormat, check_record_size, parts_of, scalar_columns
 from mlsroad_pipeline.formats.text.rows import TextRows, index_rows
 from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, parse_rows, typed_column
 

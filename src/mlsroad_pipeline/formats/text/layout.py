@@ -10,15 +10,113 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.base import ReadOptions
+from mlsroad_pipeline.formats.column_names import names_coordinates
 from mlsroad_pipeline.formats.content import first_bytes, open_content, unpacked_name
 from mlsroad_pipeline.formats.files import FileKey, file_key
-from mlsroad_pipeline.formats.text.delimiters import numeric_columns, numeric_share, sniffed
-from mlsroad_pipeline.formats.text.names import OPTIONS, checked_names, decoded, names_in_comments, split_names
 from mlsroad_pipeline.formats.text.rows import TextRows, index_rows
 from mlsroad_pipeline.formats.text.unnamed import interpret
 from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, is_number, split_row
+
+SEPARATORS = (r"\t", r"\s*;\s*", r"\s*,\s*", r"\s{2,}", r"\s+")
+"""Patterns that may separate names, whatever separates the values."""
+
+OPTIONS = "set header: false if it is a point, comment to skip it, or columns by index"
+
+
+def decoded(line: bytes) -> tuple[str, str]:
+    """Return a line without its end as text, with the encoding: UTF-8, or Latin-1 where it is not UTF-8."""
+    bare = line.removeprefix(b"\xef\xbb\xbf").rstrip(b"\r\n")
+    try:
+        return bare.decode("utf-8"), "utf-8"
+    except UnicodeDecodeError:
+        return bare.decode("latin-1"), "latin-1"
+
+
+def split_names(line: str, width: int, delimiter: str) -> list[str]:
+    """Return the names of a row; values may have another delimiter than names.
+
+    As many as values (``width``) where one of the usual separators gives so many, or all but an empty one at the end;
+    else those that the delimiter gives.
+    """
+    own = [value.strip() for value in split_row(line, delimiter)]
+    for names in (own, *([name.strip() for name in re.split(p, line.strip(" \r\n"))] for p in SEPARATORS)):
+        whole = names[:-1] if len(names) == width + 1 and not names[-1] else names
+        if len(whole) == width and not any(name.endswith((",", ";")) for name in whole):
+            return whole
+    return own
+
+
+def names_in_comments(lines: Sequence[bytes], comment: str, width: int, delimiter: str) -> tuple[int, tuple[str, ...]]:
+    """Return index and names of the last comment that names the columns, as `numpy.savetxt` writes; else -1, ().
+
+    A comment without the names of x, y and z is a sentence.
+    """
+    for index in range(len(lines) - 1, -1, -1):
+        text = decoded(lines[index])[0].strip()
+        if not text.startswith(comment):
+            continue
+        names = [name.strip('"') for name in split_names(text.lstrip(comment + "/ "), width, delimiter)]
+        if (
+            len(names) == width
+            and names_coordinates(names)
+            and len(set(names)) == width
+            and not any(map(is_number, names))
+        ):
+            return index, tuple(names)
+    return -1, ()
+
+
+def checked_names(values: Sequence[str], width: int, path: Path, line: int, text: str) -> tuple[str, ...]:
+    """Return the names of a row above the points; `ReadError` for another number of names, or a repeated one."""
+    names = tuple(value.strip('"') for value in values)
+    shown = text if len(text) <= 100 else text[:97] + "..."
+    if len(names) != width:
+        raise ReadError(f"{path}, line {line}: {len(names)} names for {width} values: {shown!r}; {OPTIONS}")
+    if len(set(names)) < len(names):
+        raise ReadError(f"{path}, line {line}: a name is duplicated: {', '.join(names)}; rename one, or {OPTIONS}")
+    return names
+
+
+def sniffed(sample: Sequence[str], delimiter: str | None, decimal: str | None) -> tuple[str, str]:
+    """Return the delimiter and the decimal mark for which most values are numbers, equally many in each row.
+
+    Those that are given are kept; the first row of the sample may hold names.
+    """
+    row = sample[-1 if len(sample) < 3 else 1]
+    blanks = WHITESPACE if "  " in row or row != row.strip() else " "
+    delimiters = [delimiter] if delimiter else [*(d for d in (";", ",", "\t") if d in row), blanks]
+    marks = [decimal] if decimal else [".", ","]
+    candidates = [(d, m) for d in delimiters for m in marks if d != m]
+    for rows in (sample, sample[1:]):  # the first row may be names
+        shares = [numeric_share(rows, *candidate) for candidate in candidates]
+        if rows and (max(shares) == 1.0 or (rows is not sample and max(shares) > 0)):
+            return candidates[int(np.argmax(shares))]  # of several the first: sorted by reliability
+    return candidates[0]
+
+
+def numeric_share(rows: Sequence[str], delimiter: str, decimal: str) -> float:
+    """Return the share of numbers among the values of rows.
+
+    It is 0 where rows differ in length or have fewer than three columns of numbers.
+    """
+    values = [split_row(line, delimiter) for line in rows]
+    width = len(values[0]) if values else 0
+    if width < 3 or any(len(found) != width for found in values):
+        return 0.0
+    good = np.array([[is_number(value, decimal) for value in found] for found in values]).mean(axis=0)
+    return float(good.mean()) if (good >= 0.5).sum() >= 3 else 0.0
+
+
+def numeric_columns(body: Sequence[str], delimiter: str, decimal: str, width: int) -> tuple[int, ...] | None:
+    """Return the indices of columns with a number in some row of the sample; None if all have."""
+    rows = [found for found in (split_row(line, delimiter) for line in body) if len(found) == width]
+    kept = tuple(i for i in range(width) if any(is_number(found[i], decimal) for found in rows) or not rows)
+    return None if len(kept) == width else kept
+
 
 LAYOUTS = {".xyz_label_conf": ("x", "y", "z", "label", "confidence")}
 """Columns of files without a row of names, by file extension (Oakland 3-D)."""

@@ -1,17 +1,23 @@
-"""Parser of rows of numbers; errors name the line."""
+"""Parser of rows of numbers, whose errors name the line, and writer of such rows."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.csv
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.base import WriteOptions
+from mlsroad_pipeline.formats.standard_columns import COORDINATES
+from mlsroad_pipeline.formats.tables import scalar_columns
 
 PARSE_BLOCK = 1 << 22
 WHITESPACE = "whitespace"
@@ -126,3 +132,39 @@ def _explained(data: bytes, form: RowForm, *, path: Path, first_line: int, reaso
         if wrong is not None:
             return ReadError(f"{path}, line {number}: {wrong!r} is not a number: {shown!r}")
     return ReadError(f"{path}, lines from {first_line}: {reason}")
+
+
+def column_names(cloud: PointCloud, options: WriteOptions) -> bytes:
+    """Return the row of names above the points."""
+    names = scalar_columns(cloud.select(np.arange(0)), options.metres)
+    return (options.delimiter.join(names) + "\n").encode()
+
+
+def write_columns(cloud: PointCloud, options: WriteOptions) -> bytes:
+    """Return points as rows of text."""
+    columns = scalar_columns(cloud, options.metres)
+    texts = [
+        fixed_text(values, options.decimals) if name in COORDINATES else number_text(values)
+        for name, values in columns.items()
+    ]
+    return join_rows(texts, options.delimiter)
+
+
+def fixed_text(values: NDArray[np.float64], decimals: int) -> pa.Array:
+    """Return numbers as text with a fixed number of digits after the point."""
+    return pa.array([f"{value:.{decimals}f}" for value in values.tolist()], pa.string())
+
+
+def number_text(values: NDArray) -> pa.Array:
+    """Return numbers as the shortest text that reads back unchanged; "nan" for NaN."""
+    native = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
+    return pc.cast(pa.array(native.astype(np.uint8) if native.dtype == np.bool_ else native), pa.string())
+
+
+def join_rows(texts: Sequence[pa.Array], delimiter: str) -> bytes:
+    """Join columns of text into rows with line ends."""
+    if not len(texts[0]):
+        return b""
+    rows = pc.binary_join_element_wise(*texts, delimiter)
+    joined = pc.binary_join(pa.ListArray.from_arrays(pa.array([0, len(rows)], pa.int32()), rows), "\n")
+    return bytes(joined[0].as_buffer()) + b"\n"
