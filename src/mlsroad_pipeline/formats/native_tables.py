@@ -124,7 +124,7 @@ class _PcdSink:
 
     def write(self, start: int, labels: PointLabels) -> None:
         """Write the points from row `start`."""
-        size, n = self._header.record_size, len(labels.codes)
+        size, n = self._header.dtype.itemsize, len(labels.codes)
         old = self._file.records(np.dtype("u1"), self._header.begin + start * size, n * size)
         added = [(CONFIDENCE, "<f4"), (OBJECT, "<u4"), (CLASS, "u1")]
         new = np.empty(n, dtype=[("old", "u1", (size,)), *added])

@@ -175,6 +175,16 @@ def _stored(table: PointTable, names: Mapping[str, str], start: int, stop: int) 
     return [part[names[axis]] for axis in COORDINATES]
 
 
+def truncated(path: Path, stated: int, have: int) -> ReadError:
+    """Return the error for a file with fewer points than its header states."""
+    return ReadError(f"{path} is truncated: its header states {stated} points, it holds {have}")
+
+
+def left_over(stated: int, more: int, what: str) -> tuple[str, ...]:
+    """Return a sentence on rows or bytes behind the stated points, if there are any."""
+    return (f"its header states {stated} points, {more} more {what} follow: they are not read",) * (more > 0)
+
+
 def check_record_size(path: Path, begin: int, n_points: int, size: int, column: str) -> None:
     """Raise `ReadError` for a header without one of its columns, whose points would be read from wrong places.
 

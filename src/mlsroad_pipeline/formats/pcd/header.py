@@ -37,6 +37,11 @@ class PcdField:
         return self.dtype.itemsize * self.count
 
     @property
+    def shape(self) -> tuple[int, ...]:
+        """Return the shape of its values of one point."""
+        return () if self.count == 1 else (self.count,)
+
+    @property
     def columns(self) -> tuple[str, ...]:
         """Return the names of its columns: several values are numbered, padding has none."""
         if self.name == PADDING or not self.count:
@@ -56,9 +61,17 @@ class PcdHeader:
     entries: dict[str, str]  # all entries, unchanged
 
     @property
-    def record_size(self) -> int:
-        """Return the bytes of a record."""
-        return sum(field.size for field in self.fields)
+    def dtype(self) -> np.dtype:
+        """Return the type of a record; its names are those of the fields with columns."""
+        named = [field for field in self.fields if field.columns]
+        return np.dtype(
+            {
+                "names": [field.name for field in named],
+                "formats": [(field.dtype, field.shape) for field in named],
+                "offsets": [field.offset for field in named],
+                "itemsize": sum(field.size for field in self.fields),
+            }
+        )
 
 
 def read_pcd_header(path: Path) -> PcdHeader:
@@ -110,8 +123,9 @@ def _fields(entries: dict[str, str], path: Path) -> tuple[PcdField, ...]:
             raise ReadError(
                 f"{path}: field {name!r} has COUNT {count}, which makes records of over {LARGEST_RECORD} bytes"
             )
+    own = [field.name for field in fields if field.columns]
     columns = [column for field in fields for column in field.columns]
-    twice = next((column for column in columns if columns.count(column) > 1), None)
+    twice = next((name for group in (own, columns) for name in group if group.count(name) > 1), None)
     if twice is not None:
         raise ReadError(f"{path}: field {twice!r} is duplicated in its header")
     return _where_written(tuple(fields), path)

@@ -11,14 +11,21 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.content import open_content, output_file, with_packed
 from mlsroad_pipeline.formats.files import FileKey, file_key
 from mlsroad_pipeline.formats.ply.header import TYPES, PlyHeader, read_ply_header
 from mlsroad_pipeline.formats.ply.vertices import scattered_vertices
-from mlsroad_pipeline.formats.tables import PointTable, TableFormat, check_record_size, parts_of, scalar_columns
+from mlsroad_pipeline.formats.tables import (
+    PointTable,
+    TableFormat,
+    check_record_size,
+    left_over,
+    parts_of,
+    scalar_columns,
+    truncated,
+)
 from mlsroad_pipeline.formats.text.rows import TextRows, index_rows
 from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, parse_rows, typed_column
 
@@ -83,12 +90,10 @@ def _left_over(path: Path, header: PlyHeader) -> tuple[str, ...]:
     file, stated = open_content(path), header.vertex.count
     if header.encoding == "ascii":
         end = vertex_rows(path, header).end if stated else header.begin
-        more = index_rows(path, file, end, 1).n_rows
-        return (f"its header states {stated} points, {more} more rows follow: they are not read",) * (more > 0)
+        return left_over(stated, index_rows(path, file, end, 1).n_rows, "rows")
     size = header.vertex.dtype(header.order).itemsize
-    more = file.size - header.begin - stated * size
     check_record_size(path, header.begin, stated, size, "property")
-    return (f"its header states {stated} points, {more} more bytes follow: they are not read",) * (more > 0)
+    return left_over(stated, file.size - header.begin - stated * size, "bytes")
 
 
 def _ply_type(dtype: np.dtype) -> str:
@@ -118,24 +123,19 @@ def read_vertices(
             name: typed_column(values, np.dtype(kind), f"property {name!r}", path) for (name, kind), values in named
         }
     file = open_content(path)
-    size, needed = file.size - header.begin, vertex.count * dtype.itemsize
-    if size < needed:
-        have = size // dtype.itemsize
-        raise ReadError(f"{path} is truncated: its header states {vertex.count} points, it holds {have}")
+    have = (file.size - header.begin) // max(dtype.itemsize, 1)
+    if dtype.itemsize and have < vertex.count:
+        raise truncated(path, vertex.count, have)
     table = file.records(dtype, header.begin, vertex.count)[start:stop]
     return {name: table[name] for name in dtype.names or ()}
 
 
 def vertex_rows(path: Path, header: PlyHeader) -> TextRows:
     """Return the rows of an ascii file's vertices; `ReadError` if there are fewer than stated."""
-    rows = _vertex_rows(
-        file_key(path),
-        header.begin,
-        header.text.count(header.text[3:4] if header.text[3:5] != b"\r\n" else b"\n") + 1,
-        header.vertex.count,
-    )
+    line_end = header.text[3:4] if header.text[3:5] != b"\r\n" else b"\n"
+    rows = _vertex_rows(file_key(path), header.begin, header.text.count(line_end) + 1, header.vertex.count)
     if rows.n_rows < header.vertex.count:
-        raise ReadError(f"{path} is truncated: its header states {header.vertex.count} points, it holds {rows.n_rows}")
+        raise truncated(path, header.vertex.count, rows.n_rows)
     return rows
 
 

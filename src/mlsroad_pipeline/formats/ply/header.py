@@ -87,18 +87,15 @@ def read_ply_header(path: Path) -> PlyHeader:
     while not lines or lines[-1].strip() != b"end_header":
         end = data.find(line_end, at)
         if end < 0:
-            break
+            cut = (
+                "nothing follows its PLY header"
+                if data[at:].strip() == b"end_header"
+                else "its PLY header has no end_header"
+            )
+            raise ReadError(f"{path} is truncated: {cut}")
         lines.append(data[at:end])
         at = end + len(line_end)
-    else:
-        return _parsed(data[:at], [line.decode("utf-8", "replace") for line in lines], path)
-    if data[at:].strip() == b"end_header":
-        raise ReadError(f"{path} is truncated: nothing follows its PLY header")
-    raise ReadError(f"{path} is truncated: its PLY header has no end_header")
-
-
-class _Repeated(Exception):
-    """A line that repeats a name; the message is the reason."""
+    return _parsed(data[:at], [line.decode("utf-8", "replace") for line in lines], path)
 
 
 def _parsed(text: bytes, lines: Sequence[str], path: Path) -> PlyHeader:
@@ -106,49 +103,36 @@ def _parsed(text: bytes, lines: Sequence[str], path: Path) -> PlyHeader:
     elements: list[PlyElement] = []
     comments: list[str] = []
     for number, line in enumerate(lines, start=1):
+        repeated = ""
         try:
-            _read_line(line, formats, elements, comments, is_first=number == 1)
+            match line.split():
+                case ["ply"] if number == 1:
+                    pass
+                case ["format", kind, *_]:
+                    repeated = "a second format" if formats else ""
+                    formats.append(kind)
+                case ["comment", *_]:
+                    comments.append(line.strip()[8:])
+                case ["obj_info", *_] | ["end_header"] | []:
+                    pass
+                case ["element", name, count] if count.isascii() and count.isdigit():
+                    repeated = f"element {name!r} is repeated" if any(e.name == name for e in elements) else ""
+                    elements.append(PlyElement(name, int(count)))
+                case ["property", *kinds, name] if len(kinds) in (1, 3) and (kinds[0] == "list") == (len(kinds) == 3):
+                    repeated = f"property {name!r} is repeated" if name in elements[-1].properties else ""
+                    types = [TYPES[kind] for kind in kinds[-2:]]
+                    elements[-1].properties[name] = types[0] if len(types) == 1 else None
+                    if len(types) == 2:
+                        elements[-1].lists[name] = types[0], types[1]
+                case _:
+                    raise ValueError(line)
         except (KeyError, ValueError, IndexError):
             raise ReadError(f"{path}, line {number}: not understood: {line!r}; correct the header") from None
-        except _Repeated as error:
-            raise ReadError(f"{path}, line {number}: {error}: {line!r}; rename or remove it") from None
+        if repeated:
+            raise ReadError(f"{path}, line {number}: {repeated}: {line!r}; rename or remove it")
     encoding = formats[0] if formats else ""
     if encoding not in ORDERS:
         raise ReadError(f"{path} has PLY format {encoding!r}; {', '.join(ORDERS)} can be read")
     if not any(element.name == "vertex" for element in elements):
         raise ReadError(f"{path} has no element 'vertex' (elements: {', '.join(e.name for e in elements) or 'none'})")
     return PlyHeader(encoding, tuple(elements), text, tuple(comments))
-
-
-def _read_line(
-    line: str, formats: list[str], elements: list[PlyElement], comments: list[str], *, is_first: bool
-) -> None:
-    """Add what a line of the header states; raise an error for a line that states nothing known."""
-    match line.split():
-        case ["ply"] if is_first:
-            pass
-        case ["format", kind, *_]:
-            if formats:
-                raise _Repeated("a second format")
-            formats.append(kind)
-        case ["comment", *_]:
-            comments.append(line.strip()[8:])
-        case ["obj_info", *_] | ["end_header"] | []:
-            pass
-        case ["element", name, count] if count.isascii() and count.isdigit():
-            if any(element.name == name for element in elements):
-                raise _Repeated(f"element {name!r} is repeated")
-            elements.append(PlyElement(name, int(count)))
-        case ["property", "list", counts, kind, name] if TYPES[counts] and TYPES[kind]:
-            _add_property(elements[-1], name, None)
-            elements[-1].lists[name] = TYPES[counts], TYPES[kind]
-        case ["property", kind, name]:
-            _add_property(elements[-1], name, TYPES[kind])
-        case _:
-            raise ValueError(line)
-
-
-def _add_property(element: PlyElement, name: str, kind: str | None) -> None:
-    if name in element.properties:
-        raise _Repeated(f"property {name!r} is repeated")
-    element.properties[name] = kind
