@@ -121,7 +121,7 @@ def _write(
     others = tuple(vlr for vlr in header.vlrs if vlr.key not in (INFO, LASZIP))
     info = Vlr(*INFO, bytes(INFO_DATA.size), b"COPC info")
     records_of = (info, *others, Vlr(*LASZIP, bytes(laz.record_data()), b"http://laszip.org"))
-    header = replace(header, vlrs=records_of).patched(("B", 104, header.point_format | COMPRESSED))
+    header = replace(header, vlrs=records_of).patched(layout=header.point_format | COMPRESSED)
     stream.write(pack_header(header))
     points_at = stream.tell()
     kind = lazrs.ParLasZipCompressor if n_threads > 1 else lazrs.LasZipCompressor

@@ -17,6 +17,18 @@ from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.content import Content, open_content
 from mlsroad_pipeline.formats.files import ALLOWED, LARGEST_RATIO, FileKey
 
+POINTWISE = 1
+"""LASzip compressor without chunks (LASzip 1)."""
+
+LAYERED_FROM = 6
+"""First point format whose chunks state their number of points."""
+
+COMPARED, REACH, NEAR_STEPS = 1000, 100, 1_000_000
+"""Number of records that others are compared with, and how far others may be: extents of these, and steps."""
+
+NEAR_EXTENT = 1 << 28
+"""Largest extent in steps of points that no header counts: bytes of anything else fill the 32 bits."""
+
 NOT_COUNTED = (
     "the last chunk of its points is longer than the {} points that its header leaves for it: what follows is not "
     "read; write the file anew from its source"
@@ -33,126 +45,13 @@ MOST_TRIES, LARGEST_WORK = 64, 1 << 29
 """Limits of this search: number of compressions of the chunk, and their bytes of points together."""
 
 
-def stream_points(data: bytes, record: bytes, laz: lazrs.LazVlr, stated: int) -> tuple[int, str]:
-    """Return the number of points of a chunk, and a sentence if bytes behind the points are no such points.
-
-    ``stated`` is what the header of the file leaves for the chunk; any number. The result is that number, unless the
-    chunk ends before these points, or has bytes behind them and compressing more points gives the same bytes.
-    """
-    if stated > laz.chunk_size():
-        return stated, ""
-    if stated > 0 and _unpacked(data[:-1], record, laz, stated) is None:
-        enough = _unpacked(data, record, laz, stated) is not None
-        return (stated if enough else _most_points(data, record, laz, 0)), ""
-    fewest = _most_points(data[:-1], record, laz, stated) + 1
-    alone = _unpacked(data, record, laz, fewest + 1) is None
-    most = fewest if alone else _most_points(data, record, laz, fewest)
-    points = _unpacked(data, record, laz, most)
-    if points is None or not points.size:
-        return stated, ""
-    size = laz.item_size()
-    tries = min(MOST_TRIES, LARGEST_WORK // points.size)
-    low, high = _same_bytes(fewest, most, tries, lambda n: _packed(points[: n * size], record) == data)
-    if not low:
-        return stated, NOT_COUNTED.format(max(stated, 0))
-    return low, EQUAL.format(high - low) if high > low else ""
-
-
-def _same_bytes(fewest: int, most: int, tries: int, same: Callable[[int], bool]) -> tuple[int, int]:
-    """Return the first and the last of consecutive numbers of points that give the same bytes; zeros if none is found.
-
-    Numbers are tried from the middle of the range on: those that give the same bytes are most of it, or it is short.
-    """
-    found = next((n for n in islice(_middles(fewest, most), tries) if same(n)), 0)
-    if not found:
-        return 0, 0
-    low, high = fewest - 1, found
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if same(middle) else (middle, high)
-    first, low, high = high, found, most + 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (middle, high) if same(middle) else (low, middle)
-    return first, low
-
-
-def _middles(low: int, high: int) -> Iterator[int]:
-    """Yield the numbers of a range, each time the middle of one of the parts that are left."""
-    parts = [(low, high)]
-    for first, last in parts:
-        if first <= last:
-            middle = (first + last) // 2
-            yield middle
-            parts += [(first, middle - 1), (middle + 1, last)]
-
-
-def _most_points(data: bytes, record: bytes, laz: lazrs.LazVlr, stated: int) -> int:
-    """Return how many points can be decompressed from these bytes, by bisection."""
-    size = laz.item_size()
-    limit = min(laz.chunk_size(), max(ALLOWED, LARGEST_RATIO * len(data)) // size)
-    low, high = max(stated, 0), min(max(2 * stated, FIRST_GUESS), limit + 1)
-    while high <= limit and _unpacked(data, record, laz, high) is not None:
-        low, high = high, min(2 * high, limit + 1)
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if _unpacked(data, record, laz, middle) is None else (middle, high)
-    return low
-
-
-def _unpacked(data: bytes, record: bytes, laz: lazrs.LazVlr, n_points: int) -> NDArray[np.uint8] | None:
-    points = np.empty(n_points * laz.item_size(), np.uint8)
-    try:
-        lazrs.decompress_points_with_chunk_table(data, record, points, [(n_points, len(data))])
-    except lazrs.LazrsError:
-        return None
-    return points
-
-
-def _packed(points: NDArray[np.uint8], record: bytes) -> bytes:
-    """Return points as one chunk."""
-    whole = bytes(lazrs.compress_points(lazrs.LazVlr(record), points, False))
-    return whole[8 : struct.unpack_from("<q", whole)[0]]
-
-
-POINTWISE = 1
-"""LASzip compressor without chunks (LASzip 1)."""
-
-LAYERED_FROM = 6
-"""First point format whose chunks state their number of points."""
-
-COMPARED, REACH, NEAR_STEPS = 1000, 100, 1_000_000
-"""Number of records that others are compared with, and how far others may be: extents of these, and steps."""
-
-NEAR_EXTENT = 1 << 28
-"""Largest extent in steps of points that no header counts: bytes of anything else fill the 32 bits."""
-
-WAVEFORMS = (4, 5, 9, 10)
-INTERNAL, EXTERNAL = 0x02, 0x04
-"""Bits of the global encoding: waveform packets in the file, or in another one."""
-
-
-def waveform_start(block: bytes) -> tuple[int, str]:
-    """Return the byte offset of the waveform packets of a LAS 1.3 file, 0 without, and a sentence if it is not used."""
-    start, points = struct.unpack_from("<Q", block, 227)[0], struct.unpack_from("<I", block, 96)[0]
-    encoding, point_format = struct.unpack_from("<H", block, 6)[0], block[104] & 0x3F
-    if not start:
-        return 0, ""
-    if point_format not in WAVEFORMS:
-        return 0, f"its header states waveform packets at byte {start}, but its points have none: not read"
-    if encoding & EXTERNAL and not encoding & INTERNAL:
-        return 0, f"its waveform packets are in another file (.wdp), not at byte {start} as its header states: not read"
-    if start < points:
-        return 0, f"its header states waveform packets at byte {start}, before its points: not read"
-    return start, ""
-
-
-def stored_points(file: Content, block: bytes, stated: int, end: int) -> tuple[int, str]:
+def stored_points(file: Content, layout: tuple[int, int], stated: int, end: int) -> tuple[int, str]:
     """Return the number of points of an uncompressed file, and a sentence if it is not the stated one.
 
-    It is larger than stated if whole records fill the file up to ``end``; a smaller file is an error of the reader.
+    ``layout`` is the byte offset of the points and the size of one. The number is larger than stated if whole records
+    fill the file up to ``end``; a smaller file is an error of the reader.
     """
-    begin, size = struct.unpack_from("<I", block, 96)[0], struct.unpack_from("<H", block, 105)[0]
+    begin, size = layout
     have, rest = divmod(max(end - begin, 0), size)
     extra = end - begin - stated * size
     if extra <= 0:
@@ -241,3 +140,85 @@ def _has_table(stream: BinaryIO, begin: int, size: int) -> bool:
 def _of_layers(data: bytes, size: int, largest: int) -> int:
     last = int(struct.unpack_from("<I", data, size)[0])
     return last if last <= largest else 0
+
+
+def stream_points(data: bytes, record: bytes, laz: lazrs.LazVlr, stated: int) -> tuple[int, str]:
+    """Return the number of points of a chunk, and a sentence if bytes behind the points are no such points.
+
+    ``stated`` is what the header of the file leaves for the chunk; any number. The result is that number, unless the
+    chunk ends before these points, or has bytes behind them and compressing more points gives the same bytes.
+    """
+    if stated > laz.chunk_size():
+        return stated, ""
+    if stated > 0 and _unpacked(data[:-1], record, laz, stated) is None:
+        enough = _unpacked(data, record, laz, stated) is not None
+        return (stated if enough else _most_points(data, record, laz, 0)), ""
+    fewest = _most_points(data[:-1], record, laz, stated) + 1
+    alone = _unpacked(data, record, laz, fewest + 1) is None
+    most = fewest if alone else _most_points(data, record, laz, fewest)
+    points = _unpacked(data, record, laz, most)
+    if points is None or not points.size:
+        return stated, ""
+    size = laz.item_size()
+    tries = min(MOST_TRIES, LARGEST_WORK // points.size)
+    low, high = _same_bytes(fewest, most, tries, lambda n: _packed(points[: n * size], record) == data)
+    if not low:
+        return stated, NOT_COUNTED.format(max(stated, 0))
+    return low, EQUAL.format(high - low) if high > low else ""
+
+
+def _same_bytes(fewest: int, most: int, tries: int, same: Callable[[int], bool]) -> tuple[int, int]:
+    """Return the first and the last of consecutive numbers of points that give the same bytes; zeros if none is found.
+
+    Numbers are tried from the middle of the range on: those that give the same bytes are most of it, or it is short.
+    """
+    found = next((n for n in islice(_middles(fewest, most), tries) if same(n)), 0)
+    if not found:
+        return 0, 0
+    low, high = fewest - 1, found
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if same(middle) else (middle, high)
+    first, low, high = high, found, most + 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if same(middle) else (low, middle)
+    return first, low
+
+
+def _middles(low: int, high: int) -> Iterator[int]:
+    """Yield the numbers of a range, each time the middle of one of the parts that are left."""
+    parts = [(low, high)]
+    for first, last in parts:
+        if first <= last:
+            middle = (first + last) // 2
+            yield middle
+            parts += [(first, middle - 1), (middle + 1, last)]
+
+
+def _most_points(data: bytes, record: bytes, laz: lazrs.LazVlr, stated: int) -> int:
+    """Return how many points can be decompressed from these bytes, by bisection."""
+    size = laz.item_size()
+    limit = min(laz.chunk_size(), max(ALLOWED, LARGEST_RATIO * len(data)) // size)
+    low, high = max(stated, 0), min(max(2 * stated, FIRST_GUESS), limit + 1)
+    while high <= limit and _unpacked(data, record, laz, high) is not None:
+        low, high = high, min(2 * high, limit + 1)
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if _unpacked(data, record, laz, middle) is None else (middle, high)
+    return low
+
+
+def _unpacked(data: bytes, record: bytes, laz: lazrs.LazVlr, n_points: int) -> NDArray[np.uint8] | None:
+    points = np.empty(n_points * laz.item_size(), np.uint8)
+    try:
+        lazrs.decompress_points_with_chunk_table(data, record, points, [(n_points, len(data))])
+    except lazrs.LazrsError:
+        return None
+    return points
+
+
+def _packed(points: NDArray[np.uint8], record: bytes) -> bytes:
+    """Return points as one chunk."""
+    whole = bytes(lazrs.compress_points(lazrs.LazVlr(record), points, False))
+    return whole[8 : struct.unpack_from("<q", whole)[0]]

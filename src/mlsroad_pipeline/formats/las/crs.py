@@ -18,6 +18,8 @@ from mlsroad_pipeline.formats.las.header import WKT_BIT, LasHeader, Vlr
 
 PROJECTION = b"LASF_Projection"
 WKT = (PROJECTION, 2112)
+KEYS = tuple((PROJECTION, key) for key in (DIRECTORY, DOUBLES, TEXTS))
+"""Records of the GeoTIFF keys."""
 
 
 def read_crs(header: LasHeader, path: Path | None = None) -> str | None:
@@ -67,7 +69,7 @@ def two_systems_note(header: LasHeader) -> str:
 
 def _geotiff_wkt(header: LasHeader, path: Path | None) -> str | None:
     """Return the system of the GeoTIFF keys; log keys that are not supported."""
-    directory, doubles, texts = (header.find((PROJECTION, key)) for key in (DIRECTORY, DOUBLES, TEXTS))
+    directory, doubles, texts = (header.find(key) for key in KEYS)
     if directory is None:
         return None
     values = [b"" if vlr is None else vlr.data for vlr in (doubles, texts)]
@@ -100,9 +102,8 @@ def with_crs_of(
             f"{path}: the LAS 1.{header.minor} header of {cloud.source} states another coordinate reference system "
             f"than the points have, and cannot state theirs ({error}); write with like: none"
         ) from error
-    stale = {(PROJECTION, key) for key in (DIRECTORY, DOUBLES, TEXTS, WKT[1])}
-    kept = tuple(vlr for vlr in header.vlrs if vlr.key not in stale)
-    return replace(header, vlrs=(*kept, Vlr(PROJECTION, DIRECTORY, directory, b"GeoTIFF GeoKeyDirectoryTag")))
+    kept = replace(header.without(*KEYS, WKT), evlrs=header.evlrs)
+    return replace(kept, vlrs=(*kept.vlrs, Vlr(PROJECTION, DIRECTORY, directory, b"GeoTIFF GeoKeyDirectoryTag")))
 
 
 def with_assigned_crs(header: LasHeader, crs: str) -> LasHeader:
@@ -123,13 +124,7 @@ def with_assigned_crs(header: LasHeader, crs: str) -> LasHeader:
     stated = read_crs(header)
     if stated is not None and is_same_crs(stated, crs):
         return header
-    stale = {(PROJECTION, key) for key in (DIRECTORY, DOUBLES, TEXTS)}
-    kept = replace(
-        header,
-        vlrs=tuple(vlr for vlr in header.vlrs if vlr.key not in stale),
-        evlrs=tuple(vlr for vlr in header.evlrs if vlr.key not in stale),
-    )
-    return with_wkt(kept, crs)
+    return with_wkt(header.without(*KEYS), crs)
 
 
 def with_wkt(header: LasHeader, crs: str | None) -> LasHeader:
@@ -151,12 +146,7 @@ def with_wkt(header: LasHeader, crs: str | None) -> LasHeader:
         return header
     record = header.find(WKT)
     if record is None or _text(record) != crs.strip():
-        others = tuple(vlr for vlr in header.vlrs if vlr.key != WKT)
-        text = crs.encode() + b"\0"
-        extended = tuple(vlr for vlr in header.evlrs if vlr.key != WKT)
-        if len(text) <= 0xFFFF:
-            others = (*others, Vlr(PROJECTION, WKT[1], text, b"OGC WKT"))
-        else:
-            extended = (*extended, Vlr(PROJECTION, WKT[1], text, b"OGC WKT"))
-        header = replace(header, vlrs=others, evlrs=extended)
-    return header.patched(("H", 6, header.integer("H", 6) | WKT_BIT))
+        header, new = header.without(WKT), Vlr(*WKT, crs.encode() + b"\0", b"OGC WKT")
+        group = "vlrs" if len(new.data) <= 0xFFFF else "evlrs"
+        header = replace(header, **{group: (*getattr(header, group), new)})
+    return header.patched(encoding=header.integer("encoding") | WKT_BIT)

@@ -66,9 +66,9 @@ class LasFormat(PointFormat):
             "cloud_optimised": is_copc(header),
             "scale": header.scale,
             "offset": header.offset,
-            "created": (header.integer("H", 92), header.integer("H", 90)),
-            "gps_time": "adjusted standard" if header.integer("H", 6) & 1 else "week",
-            "software": header.block[58:90].split(b"\0")[0].decode("utf-8", "replace"),
+            "created": (header.integer("year"), header.integer("day")),
+            "gps_time": "adjusted standard" if header.integer("encoding") & 1 else "week",
+            "software": bytes(header.fields["software"]).split(b"\0")[0].decode("utf-8", "replace"),
         }
         warnings = tuple(text for text in notes if text)
         return FileInfo(

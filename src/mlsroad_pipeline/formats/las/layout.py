@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from mlsroad_pipeline.formats.base import WriteOptions
 from mlsroad_pipeline.formats.crs import is_geographic
 from mlsroad_pipeline.formats.las.crs import with_wkt
 from mlsroad_pipeline.formats.las.depths import Depths
-from mlsroad_pipeline.formats.las.extra import DESCRIPTOR_SIZE, DESCRIPTOR_TYPES, ExtraDimension, pack_descriptors
+from mlsroad_pipeline.formats.las.extra import DESCRIPTOR, DESCRIPTOR_TYPES, ExtraDimension, pack_descriptors
 from mlsroad_pipeline.formats.las.header import (
     EXTRA_BYTES,
     HEADER_SIZES,
@@ -36,7 +35,7 @@ STORED_AS: dict[str, np.dtype] = {"b1": np.dtype("u1"), "f2": np.dtype("f4"), "f
 """Types without a descriptor to those that hold their values."""
 
 SOFTWARE = b"mlsroad"
-MOST_DIMENSIONS, LARGEST_RECORD = 65535 // DESCRIPTOR_SIZE, 65535
+MOST_DIMENSIONS, LARGEST_RECORD = 65535 // DESCRIPTOR.itemsize, 65535
 """Limits of the Extra Bytes record and of a point."""
 
 SINGLE_RETURN = (0x09, 0x11)
@@ -85,7 +84,7 @@ def with_extra(
     others = [vlr for vlr in header.vlrs if vlr.key != EXTRA_BYTES]
     vlrs = (*others[:at], record, *others[at:])
     evlrs = tuple(vlr for vlr in header.evlrs if vlr.key != EXTRA_BYTES)
-    return replace(header, vlrs=vlrs, evlrs=evlrs).patched(("H", 105, size))
+    return replace(header, vlrs=vlrs, evlrs=evlrs).patched(record_size=size)
 
 
 def _extra_for(cloud: PointCloud, known: set[str]) -> list[ExtraDimension]:
@@ -136,16 +135,17 @@ def new_header(cloud: PointCloud, options: WriteOptions) -> LasHeader:
     LasHeader
         Point format 7 where there are colours, else 6; WKT where there is a CRS.
     """
-    block = bytearray(HEADER_SIZES[4])
     point_format = 7 if any(name in cloud for name in DERIVED) else 6
-    struct.pack_into("<4s20xBB32s32s", block, 0, SIGNATURE, 1, 4, b"OTHER", SOFTWARE)
-    struct.pack_into("<HH", block, 90, 1, 1970)
-    struct.pack_into("<H", block, 6, WKT_BIT)
-    struct.pack_into("<BH", block, 104, point_format, RECORD_SIZES[point_format])
     step = options.scale / options.metres
     flat = DEGREE_STEP if is_geographic(cloud.crs) else step
-    struct.pack_into("<6d", block, 131, flat, flat, step, *cloud.origin / options.metres)
-    header = with_wkt(LasHeader(bytes(block)), cloud.crs)
+    new = LasHeader(bytes(HEADER_SIZES[4])).patched(
+        **{"signature": SIGNATURE, "major": 1, "minor": 4, "system": b"OTHER", "software": SOFTWARE},
+        **{"day": 1, "year": 1970, "encoding": WKT_BIT, "layout": point_format},
+        record_size=RECORD_SIZES[point_format],
+        scale=(flat, flat, step),
+        offset=cloud.origin / options.metres,
+    )
+    header = with_wkt(new, cloud.crs)
     return with_extra(header, _extra_for(cloud, _standard_names(header)), existing=[], source=cloud.source)
 
 
@@ -159,10 +159,10 @@ def with_room(header: LasHeader, cloud: PointCloud, metres: NDArray[np.float64])
     low, high = ((cloud.origin + f(cloud.xyz.astype(np.float64), axis=0)) / metres for f in (np.min, np.max))
     reach = np.maximum(np.abs(low - header.offset), np.abs(high - header.offset)) / np.abs(header.scale)
     if is_geographic(cloud.crs) and header.scale[:2].max() > DEGREE_STEP:
-        return header.patched(("2d", 131, (DEGREE_STEP,) * 2), ("2d", 155, (0.0,) * 2))
+        return header.patched(scale=[DEGREE_STEP, DEGREE_STEP, header.scale[2]], offset=[0, 0, header.offset[2]])
     if (reach[:2] < 2**31 - 1).all():
         return header
-    return header.patched(("2d", 155, tuple(np.floor(cloud.origin[:2] / metres[:2]))))
+    return header.patched(offset=[*np.floor(cloud.origin[:2] / metres[:2]), header.offset[2]])
 
 
 def pack_records(

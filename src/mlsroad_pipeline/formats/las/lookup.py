@@ -50,8 +50,5 @@ def with_class_names(header: LasHeader, names: Mapping[int, str]) -> LasHeader:
     for code, text in {**_stored_names(header), **own}.items():
         entries["name"][code] = text
     record = Vlr(*LOOKUP, entries.tobytes(), b"Classification Lookup")
-    return replace(
-        header,
-        vlrs=(*(vlr for vlr in header.vlrs if vlr.key != LOOKUP), record),
-        evlrs=tuple(vlr for vlr in header.evlrs if vlr.key != LOOKUP),
-    )
+    others = header.without(LOOKUP)
+    return replace(others, vlrs=(*others.vlrs, record))

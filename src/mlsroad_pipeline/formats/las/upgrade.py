@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.formats.las.counts import EXTERNAL, INTERNAL
 from mlsroad_pipeline.formats.las.crs import WKT, find_wkt, read_crs, with_wkt
-from mlsroad_pipeline.formats.las.header import HEADER_SIZES, RECORD_SIZES, WKT_BIT, LasHeader, Vlr
+from mlsroad_pipeline.formats.las.header import EXTERNAL, HEADER_SIZES, INTERNAL, RECORD_SIZES, WKT_BIT, LasHeader, Vlr
 from mlsroad_pipeline.formats.las.lookup import LOOKUP
 from mlsroad_pipeline.formats.las.records import record_dtype
 
@@ -43,13 +42,13 @@ def upgraded_header(header: LasHeader) -> LasHeader:
     """
     single = [find_wkt(header), header.find(LOOKUP)]
     header = replace(header, vlrs=_valid(header.vlrs, single), evlrs=_valid(header.evlrs, single))
-    if header.integer("H", 90) > LAST_DAY:
-        header = header.patched(("H", 90, 0), ("H", 92, 0))
-    encoding = header.integer("H", 6) & (ENCODING_BITS | TIME_OFFSET_BIT * (header.minor >= 5))
+    if header.integer("day") > LAST_DAY:
+        header = header.patched(day=0, year=0)
+    encoding = header.integer("encoding") & (ENCODING_BITS | TIME_OFFSET_BIT * (header.minor >= 5))
     if encoding & (INTERNAL | EXTERNAL) == INTERNAL | EXTERNAL:
-        inside = header.minor >= 3 and header.integer("Q", 227) > 0
+        inside = header.minor >= 3 and header.integer("waveforms") > 0
         encoding &= ~(EXTERNAL if inside else INTERNAL)
-    header = header.patched(("H", 6, encoding))
+    header = header.patched(encoding=encoding)
     old = header.point_format
     if old not in SUCCESSORS and header.minor >= 4:
         return _with_system(header, header)
@@ -58,8 +57,7 @@ def upgraded_header(header: LasHeader) -> LasHeader:
     block = header.block[:own].ljust(HEADER_SIZES[written], b"\0") + header.block[own:]
     gap = header.gap.removesuffix(RECORD_1_0) if header.minor == 0 else header.gap
     size = header.record_size + RECORD_SIZES[successor] - RECORD_SIZES[old]
-    changes: list[tuple[str, int, object]] = [("B", 25, written), ("B", 104, successor), ("H", 105, size)]
-    new = replace(header, block=block, gap=gap).patched(*changes)
+    new = replace(header, block=block, gap=gap).patched(minor=written, layout=successor, record_size=size)
     return _with_system(new, header)
 
 
@@ -79,7 +77,7 @@ def _ascii(user_id: bytes) -> bytes:
 def _with_system(new: LasHeader, old: LasHeader) -> LasHeader:
     """Return a header with the system of another as WKT, and the bit that point formats 6 to 10 require in any case."""
     done = new if find_wkt(old) is not None else with_wkt(new, read_crs(old))
-    return done.patched(("H", 6, done.integer("H", 6) | WKT_BIT))
+    return done.patched(encoding=done.integer("encoding") | WKT_BIT)
 
 
 def upgrade_records(records: NDArray, header: LasHeader, target: LasHeader) -> NDArray:

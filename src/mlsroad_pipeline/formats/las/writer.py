@@ -45,7 +45,7 @@ class RecordWriter:
         self._chunks: list[tuple[int, int]] = []  # of the chunks appended compressed
         records = tuple(vlr for vlr in header.vlrs if vlr.key != LASZIP)
         layout = header.point_format | (COMPRESSED if compress else 0)
-        self.header = replace(header, vlrs=records).patched(("B", 104, layout))
+        self.header = replace(header, vlrs=records).patched(layout=layout)
         self.count = 0
         self._channel: int | None = None
         self._low = np.full(3, np.iinfo(np.int32).max, dtype=np.int64)
@@ -138,25 +138,24 @@ class RecordWriter:
         """
         empty = self.count == 0
         scaled = (np.stack([self._high, self._low], axis=1) * header.scale[:, None]) + header.offset[:, None]
-        bounds = np.zeros(6) if empty else np.sort(scaled, axis=1)[:, ::-1].ravel()
-        stated = header.bounds[::-1].T.ravel()
-        if (np.abs(stated - bounds) <= np.repeat(np.abs(header.scale), 2) / 2).all():
+        bounds = np.zeros((3, 2)) if empty else np.sort(scaled, axis=1)[:, ::-1]
+        stated = np.array(header.fields["bounds"])
+        if (np.abs(stated - bounds) <= np.abs(header.scale)[:, None] / 2).all():
             bounds = stated  # equal up to the rounding of the first writer
-        new_only = header.minor >= 4 and not header.integer("I", 107) and header.integer("Q", 247) > 0
+        new_only = header.minor >= 4 and not header.integer("legacy_count") and header.integer("count") > 0
         legacy = header.point_format < 6 and self.count < 2**32 and not new_only  # as in the source file
         if header.minor < 4 and not legacy:
             raise DataError(f"LAS 1.{header.minor} cannot hold {self.count} points; write point format 6 or above")
         by_return = self._returns[1:]
-        changes: list[tuple[str, int, object]] = [
-            ("I5I", 107, (self.count, *by_return[:5]) if legacy else (0,) * 6),
-            ("6d", 179, bounds),
-        ]
-        if header.minor >= 4:
-            changes.append(("QI", 235, (end if header.evlrs else 0, len(header.evlrs))))
-            changes.append(("Q15Q", 247, (self.count, *by_return)))
+        done = header.patched(
+            legacy_count=self.count if legacy else 0, legacy_returns=by_return[:5] if legacy else 0, bounds=bounds
+        )
         if header.minor >= 3:
-            changes.append(("Q", 227, _waveform_start(header, end)))
-        return header.patched(*changes)
+            done = done.patched(waveforms=_waveform_start(header, end))
+        if header.minor >= 4:
+            records = {"evlr_start": end if header.evlrs else 0, "n_evlrs": len(header.evlrs)}
+            done = done.patched(**records, count=self.count, returns=by_return)
+        return done
 
 
 def _waveform_start(header: LasHeader, end: int) -> int:

@@ -29,7 +29,7 @@ class PlyElement:
     name: str  # the points are ``vertex``
     count: int
     properties: dict[str, str | None] = field(default_factory=dict)  # name to type, such as ``f4``; None for a list
-    lists: dict[str, tuple[str, str]] = field(default_factory=dict)  # types of the number of items and of an item
+    lists: dict[str, tuple[str, ...]] = field(default_factory=dict)  # types of the number of items and of an item
 
     @property
     def has_lists(self) -> bool:
@@ -87,12 +87,9 @@ def read_ply_header(path: Path) -> PlyHeader:
     while not lines or lines[-1].strip() != b"end_header":
         end = data.find(line_end, at)
         if end < 0:
-            cut = (
-                "nothing follows its PLY header"
-                if data[at:].strip() == b"end_header"
-                else "its PLY header has no end_header"
-            )
-            raise ReadError(f"{path} is truncated: {cut}")
+            ended = data[at:].strip() == b"end_header"
+            what = "nothing follows its PLY header" if ended else "its PLY header has no end_header"
+            raise ReadError(f"{path} is truncated: {what}")
         lines.append(data[at:end])
         at = end + len(line_end)
     return _parsed(data[:at], [line.decode("utf-8", "replace") for line in lines], path)
@@ -120,10 +117,9 @@ def _parsed(text: bytes, lines: Sequence[str], path: Path) -> PlyHeader:
                     elements.append(PlyElement(name, int(count)))
                 case ["property", *kinds, name] if len(kinds) in (1, 3) and (kinds[0] == "list") == (len(kinds) == 3):
                     repeated = f"property {name!r} is repeated" if name in elements[-1].properties else ""
-                    types = [TYPES[kind] for kind in kinds[-2:]]
-                    elements[-1].properties[name] = types[0] if len(types) == 1 else None
-                    if len(types) == 2:
-                        elements[-1].lists[name] = types[0], types[1]
+                    first, *item = (TYPES[kind] for kind in kinds[-2:])
+                    elements[-1].properties[name] = None if item else first
+                    elements[-1].lists.update({name: (first, *item)} if item else {})
                 case _:
                     raise ValueError(line)
         except (KeyError, ValueError, IndexError):
