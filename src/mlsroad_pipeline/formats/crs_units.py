@@ -15,11 +15,8 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.formats.crs import parse_crs, sidecar_crs
 from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions
 
-ANGLES = re.compile(r"degree|radian|gr?ad|arc|\bgon\b|centesimal", re.IGNORECASE)
-"""Names of units of angles."""
-
-SAME_UNIT = 1e-7
-"""Relative tolerance within which two units are equal: a foot and a US survey foot differ by 2e-6."""
+ANGLES = re.compile(r"degree|radian|gr?ad|arc|\bgon\b|centesimal", re.IGNORECASE)  # names of units of angles
+SAME_UNIT = 1e-7  # relative tolerance within which two units are equal: a foot and a US survey foot differ by 2e-6
 
 
 class CrsUnits(NamedTuple):

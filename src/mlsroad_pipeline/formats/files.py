@@ -20,11 +20,8 @@ from mlsroad_pipeline.algorithms.core.plain_text import printable
 
 logger = logging.getLogger(__name__)
 
-LAZ_CHUNK = 50_000
-"""Points of a chunk in LAZ files that LASzip, lazrs and PDAL write."""
-
-FileKey = tuple[str, int, int]
-"""Path, size and modification time: the key of cached properties of a file."""
+LAZ_CHUNK = 50_000  # points of a chunk in LAZ files that LASzip, lazrs and PDAL write
+FileKey = tuple[str, int, int]  # path, size and modification time: the key of cached properties of a file
 
 
 def check_file(path: str | Path) -> Path:
@@ -78,8 +75,8 @@ def log_once(source: str, text: str) -> None:
     logger.info("%s: %s", source, text)
 
 
+# Errors that content raises whose types, keys or sizes are others than its reader takes for granted.
 WRONG = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RuntimeError)
-"""Errors that content raises whose types, keys or sizes are others than its reader takes for granted."""
 
 
 @contextmanager
@@ -170,11 +167,8 @@ def clip_range(start: int, stop: int | None, n_points: int) -> tuple[int, int]:
     return min(start, n_points), min(end, n_points)
 
 
-LARGEST_RATIO = 200
-"""Largest ratio of unpacked to packed bytes; recordings reach about 30."""
-
-ALLOWED = 1 << 28
-"""Unpacked bytes that any file may have."""
+LARGEST_RATIO = 200  # largest ratio of unpacked to packed bytes; recordings reach about 30
+ALLOWED = 1 << 28  # unpacked bytes that any file may have
 
 
 def check_expansion(path: Path, unpacked: int, packed: int) -> None:

@@ -15,11 +15,8 @@ from mlsroad_pipeline.formats.files import atomic_file, check_file
 from mlsroad_pipeline.formats.tables import PointTable, TableFormat
 
 RECORD = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
-PROBED, FARTHEST = 1000, 1e4
-"""Number of records that are examined, and largest plausible coordinate in metres."""
-
-LABEL_BITS = 16
-"""The lower 16 bits of a label are its class, the upper 16 its instance."""
+PROBED, FARTHEST = 1000, 1e4  # number of records that are examined, and largest plausible coordinate in metres
+LABEL_BITS = 16  # the lower 16 bits of a label are its class, the upper 16 its instance
 
 
 class KittiFormat(TableFormat):

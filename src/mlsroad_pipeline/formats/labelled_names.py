@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 CLASS, CONFIDENCE, OBJECT = "classification", "confidence", "object_id"
-RESULTS = (CLASS, CONFIDENCE, OBJECT)
-"""Columns of the result, in the order of `PointLabels`."""
+RESULTS = (CLASS, CONFIDENCE, OBJECT)  # columns of the result, in the order of `PointLabels`
 
 
 class PointLabels(NamedTuple):

@@ -21,11 +21,9 @@ from mlsroad_pipeline.formats.parquet import GROUP
 from mlsroad_pipeline.formats.pcd.format import PcdFormat
 from mlsroad_pipeline.formats.pcd.header import PADDING, PcdHeader, read_pcd_header
 
+# Fields added to a PCD header; those of four bytes come first, where they are aligned.
 ADDED = {"FIELDS": f"{CONFIDENCE} {OBJECT} {CLASS}", "SIZE": "4 4 1", "TYPE": "F U U", "COUNT": "1 1 1"}
-"""Fields added to a PCD header; those of four bytes come first, where they are aligned."""
-
-DTYPES = (np.uint8, np.float32, np.uint32)
-"""Types of the columns of `RESULTS`."""
+DTYPES = (np.uint8, np.float32, np.uint32)  # types of the columns of `RESULTS`
 
 
 def can_hold(source: Path, form: str) -> bool:
@@ -149,5 +147,5 @@ def _labelled_head(text: bytes, header: PcdHeader) -> bytes:
     return ("\n".join(lines) + "\n").encode()
 
 
+# Format to the writer of its copies; arguments: the file and an output stream.
 SINKS: dict[str, Callable[[Path, BinaryIO], TableSink]] = {"Parquet": _ParquetSink, "NPZ": _NpzSink, "PCD": _PcdSink}
-"""Format to the writer of its copies; arguments: the file and an output stream."""

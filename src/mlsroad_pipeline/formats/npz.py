@@ -22,26 +22,18 @@ from mlsroad_pipeline.formats.files import FileKey, atomic_file, check_expansion
 from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES
 from mlsroad_pipeline.formats.tables import PointTable, TableFormat
 
+# Arrays whose first three columns have names, in lower case.
 VECTORS = {
     **dict.fromkeys(("xyz", "points", "point", "positions", "pos", "coord", "coords", "coordinates"), COORDINATES),
     **dict.fromkeys(("rgb", "color", "colors", "colour", "colours"), COLOURS),
 }
-"""Arrays whose first three columns have names, in lower case."""
-
-TIME_UNITS = ("W", "D", "h", "m", "s", "ms", "us", "ns")
-"""Units of times of NumPy that have a fixed length."""
-
+TIME_UNITS = ("W", "D", "h", "m", "s", "ms", "us", "ns")  # units of times of NumPy that have a fixed length
 CRS = "crs"
-LARGEST_RATIO = 1100
-"""Maximum compression ratio of Deflate, about 1,032 to 1: an entry above it is damaged."""
-
+LARGEST_RATIO = 1100  # maximum compression ratio of Deflate, about 1,032 to 1: an entry above it is damaged
 DAMAGE = (ValueError, EOFError, OSError, struct.error, zipfile.BadZipFile, zlib.error)
+# Errors raised for a damaged header of an archive entry or an array.
 MANGLED = (SyntaxError, tokenize.TokenError, KeyError, TypeError, RuntimeError)
-"""Errors raised for a damaged header of an archive entry or an array."""
-
-LARGEST_WIDTH = 32
-"""Largest number of columns of an array of coordinates and attributes with few points."""
-
+LARGEST_WIDTH = 32  # largest number of columns of an array of coordinates and attributes with few points
 EPOCH = (1980, 1, 1, 0, 0, 0)
 
 logger = logging.getLogger(__name__)

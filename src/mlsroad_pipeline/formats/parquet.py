@@ -20,21 +20,14 @@ from mlsroad_pipeline.formats.files import FileKey, atomic_file, check_expansion
 from mlsroad_pipeline.formats.standard_columns import COLOURS
 from mlsroad_pipeline.formats.tables import PointTable, TableFormat, scalar_columns
 
-GROUP = 1 << 18
-"""Rows of a row group, the smallest unit of reading."""
-
+GROUP = 1 << 18  # rows of a row group, the smallest unit of reading
 CRS_KEY = b"crs"
-VECTORS = {"rgb": COLOURS, "xyz": ("x", "y", "z")}
-"""Names of the parts of vectors that have names; others are numbered."""
-
+VECTORS = {"rgb": COLOURS, "xyz": ("x", "y", "z")}  # names of the parts of vectors that have names; others are numbered
 logger = logging.getLogger(__name__)
 
 
-PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
-"""Units of times in a second."""
-
-DAY = 86_400.0
-"""Seconds of a day."""
+PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}  # units of times in a second
+DAY = 86_400.0  # seconds of a day
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,8 @@ from mlsroad_pipeline.formats.crs import parse_crs, reproject, sidecar_crs
 from mlsroad_pipeline.formats.crs_units import in_metres
 from mlsroad_pipeline.formats.files import log_once
 
-ORIGINAL = "original_intensity"
-"""Column with the intensities of the file, where they are mapped by their range."""
-
-FULL = (1.0, 255.0, 65535.0)
-"""Full scales of intensities stored as floats."""
+ORIGINAL = "original_intensity"  # column with the intensities of the file, where they are mapped by their range
+FULL = (1.0, 255.0, 65535.0)  # full scales of intensities stored as floats
 
 
 class IntensityRule(NamedTuple):
@@ -131,8 +128,8 @@ COLOURS = ("red", "green", "blue")
 COLOUR_DEPTH = "colours are read as {} bits in fields of 16; rgb_bits changes that"
 
 INTEGER_COLUMNS = ("label", "instance")
+# Coordinates below this many metres are local: float32 resolves them to 0.1 mm, and the origin stays zero.
 NEAR = 1000.0
-"""Coordinates below this many metres are local: float32 resolves them to 0.1 mm, and the origin stays zero."""
 
 
 def origin_near(corner: NDArray[np.float64]) -> NDArray[np.float64]:

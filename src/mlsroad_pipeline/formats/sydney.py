@@ -29,19 +29,13 @@ RECORD = np.dtype(
         *(("azimuth", "<f4"), ("range", "<f4"), ("pid", "<i4")),
     ]
 )
+# Columns that are read: the time is in seconds, all others are unchanged.
 NAMES = ("gps_time", *(RECORD.names or ())[1:])
-"""Columns that are read: the time is in seconds, all others are unchanged."""
-
 MICRO = 1e-6
+# Microseconds since 1970 of the years 1990 and 2100: times outside are invalid.
 EARLIEST, LATEST = 631_152_000_000_000, 4_102_444_800_000_000
-"""Microseconds since 1970 of the years 1990 and 2100: times outside are invalid."""
-
-PROBED = 64
-"""Records whose ranges are compared with their coordinates."""
-
-RANGE_SLACK = 0.05
-"""Metres that a range may differ from the length of its vector, by the calibration of the lasers."""
-
+PROBED = 64  # records whose ranges are compared with their coordinates
+RANGE_SLACK = 0.05  # metres that a range may differ from the length of its vector, by the calibration of the lasers
 TIME_TEXT = re.compile(rb"\d{8}T\d{6}(\.\d{1,6})?,")
 
 

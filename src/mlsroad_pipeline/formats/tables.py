@@ -21,14 +21,10 @@ from mlsroad_pipeline.formats.crs_units import auto_note, with_units
 from mlsroad_pipeline.formats.files import FileKey, check_file, clip_range, file_key
 from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES, check_finite, origin_near, standard_cloud
 
+# Function of a range of rows that returns their coordinates as stored.
 StoredCoordinates = Callable[[int, int], Sequence[NDArray]]
-"""Function of a range of rows that returns their coordinates as stored."""
-
-LARGEST_STEP = 0.01
-"""Largest distance of neighbouring numbers, in metres, that causes no warning."""
-
-SAMPLES, SAMPLE = 5, 200
-"""Number and length of the runs of points whose coordinates are compared with their type."""
+LARGEST_STEP = 0.01  # largest distance of neighbouring numbers, in metres, that causes no warning
+SAMPLES, SAMPLE = 5, 200  # number and length of the runs of points whose coordinates are compared with their type
 
 
 def step_note(rows: StoredCoordinates, n_points: int, factors: NDArray[np.float64]) -> str:
@@ -65,14 +61,10 @@ def _is_narrow(values: NDArray) -> bool:
 logger = logging.getLogger(__name__)
 
 CHUNK = 1_000_000
-LEAST_RECORDS = 100
-"""Smallest number of points whose bytes are compared with the length of a file."""
-
-COMPARED = 1 << 16
-"""Least number of bytes whose repetition shows the size of a record."""
-
+LEAST_RECORDS = 100  # smallest number of points whose bytes are compared with the length of a file
+COMPARED = 1 << 16  # least number of bytes whose repetition shows the size of a record
+# Minima and maxima of columns of a file under given options.
 _EXTREMES: dict[tuple[FileKey, tuple[str, ...], tuple[object, ...]], tuple[float, float]] = {}
-"""Minima and maxima of columns of a file under given options."""
 
 
 @dataclass(frozen=True)

@@ -29,9 +29,8 @@ INVALID = ("cartesianInvalidState", "sphericalInvalidState")
 NAMES = {"colorRed": "red", "colorGreen": "green", "colorBlue": "blue", "timeStamp": "gps_time"}
 SCAN = "scan"
 CHUNK = 1_000_000
+# Number and length of the runs of points whose intensities are compared with the stated limits.
 SAMPLES, SAMPLE_SIZE = 8, 2000
-"""Number and length of the runs of points whose intensities are compared with the stated limits."""
-
 logger = logging.getLogger(__name__)
 
 

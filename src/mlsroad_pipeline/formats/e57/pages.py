@@ -16,9 +16,7 @@ PAGE = 1024
 CONTENT = PAGE - 4
 SIGNATURE = b"ASTM-E57"
 HEADER = struct.Struct("<8sIIQQQQ")
-LARGEST_BLOCK = 1 << 26
-"""Largest part of the content in bytes that is held for further reads."""
-
+LARGEST_BLOCK = 1 << 26  # largest part of the content in bytes that is held for further reads
 POLYNOMIAL = 0x82F63B78
 
 

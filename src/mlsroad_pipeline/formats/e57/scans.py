@@ -18,11 +18,8 @@ NAMESPACE = "{http://www.astm.org/COMMIT/E57/2010-e57-v1.0}"
 SECTION = struct.Struct("<B7xQQQ")
 COMPRESSED_VECTOR, DATA_PACKET = 1, 1
 LARGEST_XML = 1 << 28
-PADDED = 9
-"""Smallest number of uncounted records that is reported."""
-
-LEAST_NORM = 1e-9
-"""Smallest norm of a quaternion with a direction."""
+PADDED = 9  # smallest number of uncounted records that is reported
+LEAST_NORM = 1e-9  # smallest norm of a quaternion with a direction
 
 
 @dataclass(frozen=True)

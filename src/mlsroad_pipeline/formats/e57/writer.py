@@ -15,12 +15,11 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.formats.e57.pages import CONTENT, HEADER, PAGE, SIGNATURE, pack_pages
 from mlsroad_pipeline.formats.e57.scans import COMPRESSED_VECTOR, DATA_PACKET, NAMESPACE, SECTION
 
+# Fields of the standard; others get the prefix of an extension.
 STANDARD = (
     *("cartesianX", "cartesianY", "cartesianZ", "intensity", "colorRed", "colorGreen", "colorBlue", "timeStamp"),
     *("rowIndex", "columnIndex", "returnIndex", "returnCount"),
 )
-"""Fields of the standard; others get the prefix of an extension."""
-
 PREFIX, EXTENSION = "mls", "https://mlsroad/columns"
 LARGEST_PACKET = 1 << 16
 TYPES = ("u1", "i1", "u2", "i2", "u4", "i4", "i8", "f4", "f8")

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.las.header import RECORD_SIZES, LasHeader
 
-LAYERS = {6: 9, 7: 10, 8: 11, 9: 10, 10: 12}
-"""Layers of a chunk of these point formats; each extra byte has one more."""
+LAYERS = {6: 9, 7: 10, 8: 11, 9: 10, 10: 12}  # layers of a chunk of these point formats; each extra byte has one more
 
 
 def check_layers(stream: BinaryIO, header: LasHeader, chunk: tuple[int, int, int], path: Path) -> None:
@@ -118,11 +117,8 @@ def check_chunk_table(stream: BinaryIO, header: LasHeader, laz: lazrs.LazVlr, pa
     return list(chunks)
 
 
-STEP = 100_000
-"""Points that are skipped at a time."""
-
-CHUNKED = 2
-"""LASzip compressor of the same streams in chunks, which lazrs decompresses."""
+STEP = 100_000  # points that are skipped at a time
+CHUNKED = 2  # LASzip compressor of the same streams in chunks, which lazrs decompresses
 
 
 class _Chunk(io.RawIOBase):

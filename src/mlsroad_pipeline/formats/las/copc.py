@@ -35,8 +35,7 @@ INFO, HIERARCHY = (b"copc", 1), (b"copc", 1000)
 INFO_DATA = struct.Struct("<5d2Q2d88x")
 ENTRIES = np.dtype([("key", "<i4", 4), ("offset", "<u8"), ("size", "<i4"), ("count", "<i4")])
 CHUNK = 1_000_000
-GATHERED = 1 << 19
-"""Points per compressed batch."""
+GATHERED = 1 << 19  # points per compressed batch
 
 
 def is_copc(header: LasHeader) -> bool:

@@ -17,32 +17,22 @@ from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.content import Content, open_content
 from mlsroad_pipeline.formats.files import ALLOWED, LARGEST_RATIO, FileKey
 
-POINTWISE = 1
-"""LASzip compressor without chunks (LASzip 1)."""
-
-LAYERED_FROM = 6
-"""First point format whose chunks state their number of points."""
-
+POINTWISE = 1  # LASzip compressor without chunks (LASzip 1)
+LAYERED_FROM = 6  # first point format whose chunks state their number of points
+# Number of records that others are compared with, and how far others may be: extents of these, and steps.
 COMPARED, REACH, NEAR_STEPS = 1000, 100, 1_000_000
-"""Number of records that others are compared with, and how far others may be: extents of these, and steps."""
-
+# Largest extent in steps of points that no header counts: bytes of anything else fill the 32 bits.
 NEAR_EXTENT = 1 << 28
-"""Largest extent in steps of points that no header counts: bytes of anything else fill the 32 bits."""
-
+# Sentence where the chunk is not that of a known compressor.
 NOT_COUNTED = (
     "the last chunk of its points is longer than the {} points that its header leaves for it: what follows is not "
     "read; write the file anew from its source"
 )
-"""Sentence where the chunk is not that of a known compressor."""
-
+# Addition to a warning where several numbers of points have the same compressed bytes.
 EQUAL = "; up to {} more may follow: points equal to the last ones add no byte"
-"""Addition to a warning where several numbers of points have the same compressed bytes."""
-
-FIRST_GUESS = 1024
-"""Smallest number of points with which the search for the last point begins."""
-
+FIRST_GUESS = 1024  # smallest number of points with which the search for the last point begins
+# Limits of this search: number of compressions of the chunk, and their bytes of points together.
 MOST_TRIES, LARGEST_WORK = 64, 1 << 29
-"""Limits of this search: number of compressions of the chunk, and their bytes of points together."""
 
 
 def stored_points(file: Content, layout: tuple[int, int], stated: int, end: int) -> tuple[int, str]:

@@ -18,8 +18,7 @@ from mlsroad_pipeline.formats.las.header import WKT_BIT, LasHeader, Vlr
 
 PROJECTION = b"LASF_Projection"
 WKT = (PROJECTION, 2112)
-KEYS = tuple((PROJECTION, key) for key in (DIRECTORY, DOUBLES, TEXTS))
-"""Records of the GeoTIFF keys."""
+KEYS = tuple((PROJECTION, key) for key in (DIRECTORY, DOUBLES, TEXTS))  # records of the GeoTIFF keys
 
 
 def read_crs(header: LasHeader, path: Path | None = None) -> str | None:

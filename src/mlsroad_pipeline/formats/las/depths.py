@@ -12,9 +12,8 @@ from mlsroad_pipeline.formats.las.header import read_header
 from mlsroad_pipeline.formats.las.records import RecordReader
 from mlsroad_pipeline.formats.standard_columns import COLOURS
 
+# Number of runs and points per run, evenly spread over the file, that determine the depth.
 SAMPLES, SAMPLE_SIZE = 8, 2000
-"""Number of runs and points per run, evenly spread over the file, that determine the depth."""
-
 EIGHT = 255
 
 

@@ -13,8 +13,7 @@ from mlsroad_pipeline.formats.las.header import LasHeader
 from mlsroad_pipeline.formats.las.records import record_dtype
 from mlsroad_pipeline.formats.standard_columns import check_finite
 
-FAR = 1e5
-"""Distance in metres from the first point above which stated bounds are not used."""
+FAR = 1e5  # distance in metres from the first point above which stated bounds are not used
 
 
 def dimension_names(header: LasHeader) -> list[str]:

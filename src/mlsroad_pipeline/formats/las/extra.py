@@ -16,18 +16,10 @@ DESCRIPTOR = np.dtype(
         ("description", f"S{NAME_BYTES}"),
     ]
 )
-NO_DATA, SCALE, OFFSET = 0x01, 0x08, 0x10
-"""Bits of the options: the values of these fields are set."""
-
-LAST_TYPE = 30
-"""Last type of a descriptor that is defined."""
-
-LARGEST_WIDTH = 255
-"""Largest number of undocumented bytes of a descriptor."""
-
-_NUMBERS = ("label", "instance")
-"""Lower-case names of dimensions that are read as whole numbers, missing ones too."""
-
+NO_DATA, SCALE, OFFSET = 0x01, 0x08, 0x10  # bits of the options: the values of these fields are set
+LAST_TYPE = 30  # last type of a descriptor that is defined
+LARGEST_WIDTH = 255  # largest number of undocumented bytes of a descriptor
+_NUMBERS = ("label", "instance")  # lower-case names of dimensions that are read as whole numbers, missing ones too
 DESCRIPTOR_TYPES = ("u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8")
 
 

@@ -29,19 +29,13 @@ PROJECTED, CONVERSION, METHOD, LINEAR_UNIT = 3072, 3074, 3075, 3076
 VERTICAL, VERTICAL_UNIT = 4096, 4099
 
 USER_DEFINED, DEGREE = 32767, 9102
-EPSG_CODES = range(1024, 32767)
-"""Key values that are EPSG codes (7.5.1)."""
-
+EPSG_CODES = range(1024, 32767)  # key values that are EPSG codes (7.5.1)
 LINEAR = {9001: (1.0, "EASTING_NORTHING"), 9002: (0.3048, "EASTING_NORTHING_FT")}
+# Code of a unit to its length in metres and to its axes in pyproj.
 LINEAR[9003] = (1200 / 3937, "EASTING_NORTHING_US_FT")
-"""Code of a unit to its length in metres and to its axes in pyproj."""
-
+# GeoTIFF 1.0 named vertical systems by the codes of their datums.
 DATUMS_AS_SYSTEMS = {5101: 5701, 5102: 5702, 5103: 5703, 5104: 5736, 5105: 5705, 5106: 5706}
-"""GeoTIFF 1.0 named vertical systems by the codes of their datums."""
-
-IN_FEET = {(5703, 9003): 6360, (5703, 9002): 8228}
-"""The same heights (NAVD88) in another unit, by code and unit."""
-
+IN_FEET = {(5703, 9003): 6360, (5703, 9002): 8228}  # the same heights (NAVD88) in another unit, by code and unit
 EAST, NORTH, SCALE = (3082, 3086, 3090), (3083, 3087, 3091), (3092, 3093)
 LONGITUDE, LATITUDE, FIRST, SECOND = (3080, 3084, 3088), (3081, 3085, 3089), (3078,), (3079,)
 _FALSE = {"false_easting": EAST, "false_northing": NORTH}
@@ -52,6 +46,7 @@ _FALSE_ORIGIN = {
     **{"latitude_false_origin": LATITUDE, "longitude_false_origin": LONGITUDE},
     **{"easting_false_origin": EAST, "northing_false_origin": NORTH},
 }
+# Code of a transformation to its class and, for each of its parameters, its possible keys.
 METHODS: dict[int, tuple[Any, dict[str, tuple[int, ...]]]] = {
     1: (operations.TransverseMercatorConversion, _SCALED),
     7: (operations.MercatorAConversion, _SCALED),
@@ -60,10 +55,7 @@ METHODS: dict[int, tuple[Any, dict[str, tuple[int, ...]]]] = {
     10: (operations.LambertAzimuthalEqualAreaConversion, {**_NATURAL, **_FALSE}),
     11: (operations.AlbersEqualAreaConversion, {**_FALSE_ORIGIN, **_TWO_PARALLELS}),
 }
-"""Code of a transformation to its class and, for each of its parameters, its possible keys."""
-
-_NEEDED = {"latitude_first_parallel", "latitude_second_parallel"}
-"""Parameters without a sensible default."""
+_NEEDED = {"latitude_first_parallel", "latitude_second_parallel"}  # parameters without a sensible default
 
 
 class _Unsupported(Exception):

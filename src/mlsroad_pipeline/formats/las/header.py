@@ -20,8 +20,8 @@ from mlsroad_pipeline.formats.files import check_expansion, file_key
 from mlsroad_pipeline.formats.las.counts import compressed_points, stored_points
 from mlsroad_pipeline.formats.las.extra import ExtraDimension, parse_descriptors
 
+# Head of a record, and of an extended one: reserved, user id, record id, length of the data, description.
 VLR_FORMS = {False: struct.Struct("<H16sHH32s"), True: struct.Struct("<H16sHQ32s")}
-"""Head of a record, and of an extended one: reserved, user id, record id, length of the data, description."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,7 @@ class Vlr:
 
 
 SIGNATURE = b"LASF"
+# Fields of the public header block of LAS 1.4; earlier versions have the first of them. Bounds: maximum first.
 FIELDS = np.dtype(
     [
         *(("signature", "S4"), ("source_id", "<u2"), ("encoding", "<u2"), ("guid", "V16"), ("major", "u1")),
@@ -56,22 +57,14 @@ FIELDS = np.dtype(
         *(("count", "<u8"), ("returns", "<u8", 15)),
     ]
 )
-"""Fields of the public header block of LAS 1.4; earlier versions have the first of them. Bounds: maximum first."""
-
 SMALLEST_HEADER = 227
 HEADER_SIZES = {0: SMALLEST_HEADER, 1: SMALLEST_HEADER, 2: SMALLEST_HEADER, 3: 235, 4: 375, 5: 393}
-RECORD_SIZES = (20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67)
-"""Bytes of a point of formats 0 to 10, extra bytes left out."""
-
+RECORD_SIZES = (20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67)  # bytes of a point of formats 0 to 10, extra bytes left out
 FORMAT_BITS, COMPRESSED = 0x3F, 0x80
 WKT_BIT = 0x10
-INTERNAL, EXTERNAL = 0x02, 0x04
-"""Bits of the global encoding: waveform packets in the file, or in another one."""
-
+INTERNAL, EXTERNAL = 0x02, 0x04  # bits of the global encoding: waveform packets in the file, or in another one
 WAVEFORMS = (4, 5, 9, 10)
-SMALLEST_STEP, LARGEST_STEP = 1e-20, 1e6
-"""Valid range of scales."""
-
+SMALLEST_STEP, LARGEST_STEP = 1e-20, 1e6  # valid range of scales
 EXTRA_BYTES = (b"LASF_Spec", 4)
 LASZIP = (b"laszip encoded", 22204)
 

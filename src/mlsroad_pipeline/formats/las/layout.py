@@ -28,21 +28,14 @@ from mlsroad_pipeline.formats.las.header import (
 )
 from mlsroad_pipeline.formats.las.records import record_dtype, unique_names
 
-DERIVED = ("rgb", "rgb16")
-"""Columns that are written as red, green and blue."""
-
+DERIVED = ("rgb", "rgb16")  # columns that are written as red, green and blue
+# Types without a descriptor to those that hold their values.
 STORED_AS: dict[str, np.dtype] = {"b1": np.dtype("u1"), "f2": np.dtype("f4"), "f16": np.dtype("f8")}
-"""Types without a descriptor to those that hold their values."""
-
 SOFTWARE = b"mlsroad"
-MOST_DIMENSIONS, LARGEST_RECORD = 65535 // DESCRIPTOR.itemsize, 65535
-"""Limits of the Extra Bytes record and of a point."""
-
-SINGLE_RETURN = (0x09, 0x11)
-"""Bits of the first of one return in point formats 0 to 5, and 6 to 10."""
-
+MOST_DIMENSIONS, LARGEST_RECORD = 65535 // DESCRIPTOR.itemsize, 65535  # limits of the Extra Bytes record and of a point
+SINGLE_RETURN = (0x09, 0x11)  # bits of the first of one return in point formats 0 to 5, and 6 to 10
+# Resolution of longitudes and latitudes, degrees: 11 mm, the finest that holds all of them in 32 bits.
 DEGREE_STEP = 1e-7
-"""Resolution of longitudes and latitudes, degrees: 11 mm, the finest that holds all of them in 32 bits."""
 
 
 def with_extra(

@@ -25,11 +25,10 @@ from mlsroad_pipeline.formats.las.header import (
     LasHeader,
 )
 
-EXTRA = "_extra"
-"""Suffix of a name that occurs twice."""
-
+EXTRA = "_extra"  # suffix of a name that occurs twice
 SELECT_ALL = int(lazrs.SELECTIVE_DECOMPRESS_ALL)
 
+# Field of a record in point formats 6 to 8 to the layer that holds it; the scanner channel is in the first one too.
 _LAYERS = {
     **dict.fromkeys(("X", "Y", "bit_fields"), int(lazrs.SELECTIVE_DECOMPRESS_XY_RETURNS_CHANNEL)),
     "Z": int(lazrs.SELECTIVE_DECOMPRESS_Z),
@@ -43,13 +42,10 @@ _LAYERS = {
     **dict.fromkeys(("red", "green", "blue"), int(lazrs.SELECTIVE_DECOMPRESS_RGB)),
     "nir": int(lazrs.SELECTIVE_DECOMPRESS_NIR),
 }
-"""Field of a record in point formats 6 to 8 to the layer that holds it; the scanner channel is in the first one too."""
-
+# LAZ files of at most so many points are decompressed as a whole once rows inside a chunk are read.
 KEPT_POINTS = 1_000_000
-"""LAZ files of at most so many points are decompressed as a whole once rows inside a chunk are read."""
-
+# Records of the last small file; a chunk can be decompressed from its first point only, and samples need many.
 _kept: dict[tuple[FileKey, np.dtype], NDArray] = {}
-"""Records of the last small file; a chunk can be decompressed from its first point only, and samples need many."""
 
 
 def record_dtype(header: LasHeader) -> np.dtype:

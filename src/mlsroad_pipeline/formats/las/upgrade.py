@@ -13,24 +13,14 @@ from mlsroad_pipeline.formats.las.header import EXTERNAL, HEADER_SIZES, INTERNAL
 from mlsroad_pipeline.formats.las.lookup import LOOKUP
 from mlsroad_pipeline.formats.las.records import record_dtype
 
-SUCCESSORS = {0: 6, 1: 6, 2: 7, 3: 7, 4: 9, 5: 10}
-"""Point format to the one of LAS 1.4 that holds all its fields."""
-
-ANGLE_STEP = 0.006
-"""Degrees of one step of the scan angle in formats 6 to 10; formats 0 to 5 have whole degrees."""
-
-LAST_DAY = 366
-"""Largest day of a date."""
-
+SUCCESSORS = {0: 6, 1: 6, 2: 7, 3: 7, 4: 9, 5: 10}  # point format to the one of LAS 1.4 that holds all its fields
+ANGLE_STEP = 0.006  # degrees of one step of the scan angle in formats 6 to 10; formats 0 to 5 have whole degrees
+LAST_DAY = 366  # largest day of a date
+# Bits of the global encoding that are defined, and another of LAS 1.5: times are relative to an offset.
 ENCODING_BITS, TIME_OFFSET_BIT = 0x1F, 0x40
-"""Bits of the global encoding that are defined, and another of LAS 1.5: times are relative to an offset."""
-
-SINGLE = (WKT, LOOKUP)
-"""Records that a file has once; the first is used, of WKT the first that is valid."""
-
+SINGLE = (WKT, LOOKUP)  # records that a file has once; the first is used, of WKT the first that is valid
 COPC = b"copc"
-RECORD_1_0 = b"\xdd\xcc"
-"""Signature before the points in LAS 1.0."""
+RECORD_1_0 = b"\xdd\xcc"  # signature before the points in LAS 1.0
 
 
 def upgraded_header(header: LasHeader) -> LasHeader:

@@ -32,16 +32,12 @@ from mlsroad_pipeline.formats.tables import (
 from mlsroad_pipeline.formats.text.rows import index_rows
 from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, parse_rows, typed_column
 
-PACKED_COLOURS = ("rgb", "rgba")
-"""Fields of four bytes that hold blue, green, red and, in the last, alpha."""
-
+PACKED_COLOURS = ("rgb", "rgba")  # fields of four bytes that hold blue, green, red and, in the last, alpha
 KINDS_WRITTEN = "iuf"
 
-LARGEST_RATIO = 132
-"""Maximum compression ratio of LZF: three bytes expand to at most 264. Data above it are damaged."""
-
+LARGEST_RATIO = 132  # maximum compression ratio of LZF: three bytes expand to at most 264. Data above it are damaged
+# Function of names and a range of rows that returns these fields by name, each of shape (n,) or (n, count).
 Rows = Callable[[set[str], int, int], Mapping[str, NDArray] | NDArray]
-"""Function of names and a range of rows that returns these fields by name, each of shape (n,) or (n, count)."""
 
 
 class PcdFormat(TableFormat):

@@ -15,9 +15,7 @@ from mlsroad_pipeline.formats.labelled_names import CLASS, CONFIDENCE, OBJECT, R
 from mlsroad_pipeline.formats.las.format import LasFormat
 
 CHUNK = 1_000_000
-COLOURED = "_classes.ply"
-"""Ending of the name of a coloured copy."""
-
+COLOURED = "_classes.ply"  # ending of the name of a coloured copy
 RECORD = np.dtype(
     [
         *(("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")),

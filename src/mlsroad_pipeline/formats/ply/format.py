@@ -29,9 +29,8 @@ from mlsroad_pipeline.formats.tables import (
 from mlsroad_pipeline.formats.text.rows import TextRows, index_rows
 from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, parse_rows, typed_column
 
+# Characters that a comment holds unchanged; the others are percent-encoded.
 PLAIN = "".join(sorted(set(string.printable) - set("%" + string.whitespace))) + " "
-"""Characters that a comment holds unchanged; the others are percent-encoded."""
-
 PLY_NAMES = {
     **{"i1": "char", "u1": "uchar", "i2": "short", "u2": "ushort", "i4": "int", "u4": "uint"},
     **{"f4": "float", "f8": "double"},

@@ -17,8 +17,7 @@ from mlsroad_pipeline.formats.ply.header import PlyElement, PlyHeader, read_ply_
 from mlsroad_pipeline.formats.text.rows import index_rows
 from mlsroad_pipeline.formats.text.values import typed_column
 
-SIZE_TYPES = ("i1", "u1", "i2", "u2", "i4", "u4")
-"""Types of the number of items of a list."""
+SIZE_TYPES = ("i1", "u1", "i2", "u2", "i4", "u4")  # types of the number of items of a list
 
 
 @lru_cache(maxsize=1)

@@ -21,9 +21,8 @@ from mlsroad_pipeline.formats.text.rows import TextRows, index_rows
 from mlsroad_pipeline.formats.text.unnamed import interpret
 from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, is_number, split_row
 
+# Patterns that may separate names, whatever separates the values.
 SEPARATORS = (r"\t", r"\s*;\s*", r"\s*,\s*", r"\s{2,}", r"\s+")
-"""Patterns that may separate names, whatever separates the values."""
-
 OPTIONS = "set header: false if it is a point, comment to skip it, or columns by index"
 
 
@@ -118,19 +117,15 @@ def numeric_columns(body: Sequence[str], delimiter: str, decimal: str, width: in
     return None if len(kept) == width else kept
 
 
+# Columns of files without a row of names, by file extension (Oakland 3-D).
 LAYOUTS = {".xyz_label_conf": ("x", "y", "z", "label", "confidence")}
-"""Columns of files without a row of names, by file extension (Oakland 3-D)."""
-
-BOM = b"\xef\xbb\xbf"
-"""Mark of UTF-8 at the start of a file."""
-
+BOM = b"\xef\xbb\xbf"  # mark of UTF-8 at the start of a file
 HEAD = 1 << 20
 SAMPLE = 20
 
 logger = logging.getLogger(__name__)
 
-LAST_LINES = 20
-"""Number of lines among which `holds_rows` searches a row of numbers."""
+LAST_LINES = 20  # number of lines among which `holds_rows` searches a row of numbers
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.formats.content import Content
 
-STRIDE = 50_000
-"""Rows between two indexed byte offsets."""
-
+STRIDE = 50_000  # rows between two indexed byte offsets
 BLOCK = 1 << 24
 
 

@@ -11,15 +11,10 @@ from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.text.rows import TextRows
 from mlsroad_pipeline.formats.text.values import RowForm, parse_rows
 
-SAMPLE = 20
-"""Rows of a sample; there is one at the start, in the middle and at the end of a file."""
-
-LEAST_ROWS = 30
-"""Smallest number of sampled rows of which the first column may be their number."""
-
+SAMPLE = 20  # rows of a sample; there is one at the start, in the middle and at the end of a file
+LEAST_ROWS = 30  # smallest number of sampled rows of which the first column may be their number
+# Least values of eastings, northings and times, and least ratio of times to local coordinates.
 FAR, FACTOR = 10_000.0, 10.0
-"""Least values of eastings, northings and times, and least ratio of times to local coordinates."""
-
 GROWS = "its first column is read as x, but grows from row to row as times do; if it is no x, set columns by index"
 
 COUNTS = (
