@@ -18,20 +18,7 @@ LARGEST = 1 << 20
 
 
 def parse_crs(crs: str, *, option: str = "crs") -> str:
-    """Return a coordinate reference system as WKT; `ParameterError` where PROJ cannot parse it.
-
-    Parameters
-    ----------
-    crs : str
-        WKT, PROJ or an authority's code.
-    option : str, default "crs"
-        Name of the option in messages.
-
-    Returns
-    -------
-    str
-        Its WKT.
-    """
+    """Return WKT, PROJ or an authority's code as WKT; `ParameterError` with the name of the option if PROJ fails."""
     try:
         return str(pyproj.CRS.from_user_input(crs).to_wkt())
     except pyproj.exceptions.CRSError as error:
@@ -93,21 +80,10 @@ def is_geographic(crs: str | None) -> bool:
 
 
 def place_outside(crs: str, x: float, y: float, *, margin: float = 15.0) -> str | None:
-    """Return longitude and latitude of a place that lies outside the area that a system is defined for.
+    """Return longitude and latitude of a place, in metres, that lies outside the area of a system as WKT.
 
-    Parameters
-    ----------
-    crs : str
-        The system as WKT.
-    x, y : float
-        Easting and northing of the place, metres.
-    margin : float, default 15.0
-        Accepted distance beyond the area, degrees; Norway is mapped in one zone up to 13 degrees beyond it.
-
-    Returns
-    -------
-    str or None
-        The place; None if it lies inside, or the area is unknown.
+    ``margin`` is the accepted distance beyond the area in degrees: Norway is mapped in one zone up to 13 degrees beyond
+    it. None if the place lies inside, or the area is unknown.
     """
     try:
         system = pyproj.CRS.from_user_input(crs)
@@ -128,25 +104,11 @@ def place_outside(crs: str, x: float, y: float, *, margin: float = 15.0) -> str 
 def reproject(
     world: NDArray[np.float64], source: str | None, target: str, *, name: Path
 ) -> tuple[NDArray[np.float64], str]:
-    """Transform coordinates from one system to another.
+    """Transform world coordinates of shape (n, 3) from one system as WKT to another, as WKT or a code.
 
-    Parameters
-    ----------
-    world : ndarray of shape (n, 3)
-        Easting, northing and height in metres, or longitude, latitude in degrees and height.
-    source : str or None
-        Their system as WKT; None raises `DataError`, as do points where the target is not defined.
-    target : str
-        Target system: WKT or a code.
-    name : Path
-        File name in messages.
-
-    Returns
-    -------
-    xyz : ndarray of shape (n, 3), float64
-        The coordinates; heights change where both systems have them.
-    crs : str
-        The target as WKT.
+    The results are float64 in metres, or degrees and height, and the target as WKT; heights change where both systems
+    have them. `DataError`, which names the file, without a source system, or for points where the target is not
+    defined.
     """
     wkt = parse_crs(target)
     if source is None:

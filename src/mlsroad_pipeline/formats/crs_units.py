@@ -45,21 +45,10 @@ def crs_units(crs: str) -> CrsUnits | None:
 
 
 def with_units(options: ReadOptions, crs: str | None, source: Path) -> ReadOptions:
-    """Return options whose units are numbers: those of the coordinate reference system where the options refer to it.
+    """Return options with numbers for units: those of the coordinate reference system where the options refer to it.
 
-    Parameters
-    ----------
-    options : ReadOptions
-        Options of reading; their `crs` takes precedence over the file's, and that over a sidecar.
-    crs : str or None
-        The file's own system as WKT; `DataError` if it states a unit that is not a length.
-    source : Path
-        The file.
-
-    Returns
-    -------
-    ReadOptions
-        Options with `units`; heights without a unit of their own have that of x and y.
+    The `crs` of the options takes precedence over the file's, which is given as WKT, and that over a sidecar. Heights
+    without a unit of their own have that of x and y. `DataError` if the system states a unit that is not a length.
     """
     if options.units != BY_CRS:
         return options

@@ -41,21 +41,9 @@ def check_file(path: str | Path) -> Path:
 
 
 def spread_starts(n_points: int, runs: int, size: int) -> list[int]:
-    """Return the first rows of runs that are spread evenly over a file.
+    """Return the first rows of ``runs`` runs of ``size`` points that are spread evenly over a file, ascending.
 
-    Parameters
-    ----------
-    n_points : int
-        Points of the file.
-    runs : int
-        Number of runs.
-    size : int
-        Points of a run.
-
-    Returns
-    -------
-    list of int
-        First rows, ascending; in large files first points of LAZ chunks, from which alone these can be decompressed.
+    In large files they are first points of LAZ chunks, which can be decompressed from there only.
     """
     starts = np.linspace(0, max(n_points - size, 0), runs).astype(np.int64)
     if n_points >= runs * LAZ_CHUNK:
@@ -83,12 +71,7 @@ WRONG = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, Ru
 def named_errors(path: str | Path, what: str) -> Iterator[None]:
     """Turn the errors that damaged content raises inside the block into a one-line `ReadError` that names the file.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file that is read, or its folder.
-    what : str
-        What it should be, such as "a table of poses".
+    ``what`` is what the file, or its folder, should be, such as "a table of poses".
     """
     try:
         with np.errstate(over="raise", invalid="raise", divide="raise"):

@@ -112,22 +112,7 @@ def _packed(labels: Path, n_points: int, path: Path) -> NDArray[np.uint32]:
 
 
 def read_labels(labels: Path, n_points: int, path: Path) -> NDArray[np.uint16]:
-    """Read the classes of a ``.label`` file that lies apart from its scan.
-
-    Parameters
-    ----------
-    labels : Path
-        The ``.label`` file.
-    n_points : int
-        Points of the scan.
-    path : Path
-        The scan, for messages.
-
-    Returns
-    -------
-    ndarray of uint16, shape (n_points,)
-        Class of each point.
-    """
+    """Return the classes (uint16) of a ``.label`` file that lies apart from its scan ``path``."""
     return (_packed(labels, n_points, path) & (2**LABEL_BITS - 1)).astype(np.uint16)
 
 
@@ -139,17 +124,7 @@ def _column(table: dict[str, NDArray], name: str, start: int, stop: int) -> NDAr
 
 
 def write_labels(path: Path, labels: NDArray, instances: NDArray | None) -> None:
-    """Write a ``.label`` file; `DataError` if a value does not fit into 16 bits.
-
-    Parameters
-    ----------
-    path : Path
-        The file to write.
-    labels : ndarray of int, shape (n,)
-        Classes, 0 to 65535.
-    instances : ndarray of int, shape (n,), or None
-        Instances, 0 to 65535; None is 0.
-    """
+    """Write a ``.label`` file of classes and instances (None: 0); `DataError` for values outside 0 to 65535."""
     parts = [("label", labels), ("instance", np.zeros(len(labels), np.int32) if instances is None else instances)]
     for name, values in parts:
         if len(values) and not 0 <= values.min() <= values.max() < 2**LABEL_BITS:

@@ -78,10 +78,15 @@ class NpzFormat(TableFormat):
             arrays[CRS] = np.array(cloud.crs)
         with atomic_file(path) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
             for name, values in arrays.items():
-                entry = zipfile.ZipInfo(f"{name}.npy", EPOCH)  # no date: same points, same bytes
-                entry.compress_type = zipfile.ZIP_DEFLATED
-                with archive.open(entry, "w", force_zip64=True) as target:
+                with archive.open(archive_entry(f"{name}.npy"), "w", force_zip64=True) as target:
                     np.lib.format.write_array(target, np.asarray(values, order="C"), allow_pickle=False)
+
+
+def archive_entry(name: str) -> zipfile.ZipInfo:
+    """Return a compressed entry of an archive without a date, so that the same points give the same bytes."""
+    entry = zipfile.ZipInfo(name, EPOCH)
+    entry.compress_type = zipfile.ZIP_DEFLATED
+    return entry
 
 
 @lru_cache(maxsize=1)

@@ -9,7 +9,7 @@ from helpers.formats import read_text_slowly
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, MissingColumnError, ReadError, UnknownClassError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
-from mlsroad_pipeline.formats.text import rows as text_rows
+from mlsroad_pipeline.formats.text import values as text_rows
 from mlsroad_pipeline.formats.text.format import TextFormat
 
 TEXT = TextFormat()

@@ -55,19 +55,10 @@ def without_copc(header: LasHeader) -> LasHeader:
 
 
 def write_copc(source: str | Path, target: str | Path, *, n_threads: int = 1) -> None:
-    """Copy a LAS or LAZ file to COPC: the same points with all dimensions, in the order of an octree.
+    """Copy a LAS or LAZ file to COPC, ``.copc.laz``: the same points with all dimensions, in the order of an octree.
 
-    Point formats 0 to 5 become 6 to 10. Web viewers and QGIS read parts of the result on demand. The points pass
-    through a temporary file beside the target; memory holds about 40 bytes per point.
-
-    Parameters
-    ----------
-    source : str or Path
-        A LAS or LAZ file; `DataError` if it holds waveforms, which COPC cannot.
-    target : str or Path
-        The file to write, named ``.copc.laz`` and not the source.
-    n_threads : int, default 1
-        Above one, chunks are decompressed and compressed in parallel; the bytes are the same.
+    Point formats 0 to 5 become 6 to 10; waveforms, which COPC cannot hold, are a `DataError`. The points pass through a
+    temporary file beside the target; memory holds about 40 bytes per point. The bytes do not depend on ``n_threads``.
     """
     path, target = check_file(source), Path(target)
     if not target.name.lower().endswith(SUFFIX):

@@ -22,20 +22,7 @@ KEYS = tuple((PROJECTION, key) for key in (DIRECTORY, DOUBLES, TEXTS))  # record
 
 
 def read_crs(header: LasHeader, path: Path | None = None) -> str | None:
-    """Return the system of a file: the WKT record's text, else the GeoTIFF keys as WKT, else None.
-
-    Parameters
-    ----------
-    header : LasHeader
-        The file's header.
-    path : Path, optional
-        File name in the log where its keys are not supported; None logs nothing.
-
-    Returns
-    -------
-    str or None
-        The system as WKT.
-    """
+    """Return the WKT of a file: of its WKT record, else of its GeoTIFF keys, else None; log for a path."""
     record = find_wkt(header)
     return _geotiff_wkt(header, path) if record is None else _text(record)
 
@@ -106,19 +93,9 @@ def with_crs_of(
 
 
 def with_assigned_crs(header: LasHeader, crs: str) -> LasHeader:
-    """Replace the system of a header by another; coordinates are not transformed.
+    """Replace the system of a header of LAS 1.4 or above by another; coordinates are not transformed.
 
-    Parameters
-    ----------
-    header : LasHeader
-        A header of version 1.4 or above.
-    crs : str
-        The system as WKT.
-
-    Returns
-    -------
-    LasHeader
-        The header with the system as WKT, without GeoTIFF keys; the same where it states this system.
+    The header is the same where it states this system; else it has WKT, and no GeoTIFF keys.
     """
     stated = read_crs(header)
     if stated is not None and is_same_crs(stated, crs):
@@ -127,20 +104,7 @@ def with_assigned_crs(header: LasHeader, crs: str) -> LasHeader:
 
 
 def with_wkt(header: LasHeader, crs: str | None) -> LasHeader:
-    """Add a WKT record to a header, as point formats 6 to 10 require.
-
-    Parameters
-    ----------
-    header : LasHeader
-        A header of version 1.4 or above.
-    crs : str or None
-        The system as WKT; None leaves the header as it is.
-
-    Returns
-    -------
-    LasHeader
-        The header with the record and the WKT bit. Its GeoTIFF keys are kept.
-    """
+    """Add a WKT record and the WKT bit to a header of LAS 1.4 or above, if there is a system; GeoTIFF keys are kept."""
     if not crs:
         return header
     record = header.find(WKT)

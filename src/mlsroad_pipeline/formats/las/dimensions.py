@@ -44,21 +44,10 @@ def dimension(records: NDArray, header: LasHeader, name: str) -> NDArray:
 
 
 def near_corner(first: NDArray, header: LasHeader, metres: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return world coordinates in metres near the points of a file.
+    """Return world coordinates in metres near the points of a file, whose first record is given if there is one.
 
-    Parameters
-    ----------
-    first : structured ndarray of shape (1,) or (0,)
-        The first record of the file, if it has one.
-    header : LasHeader
-        Its header.
-    metres : ndarray of shape (3,)
-        Factors from the file's units to metres.
-
-    Returns
-    -------
-    ndarray of shape (3,), float64
-        The stated minimum if it is near the first point (it is often unset or wrong); else that point, or the offset.
+    It is the stated minimum if that is near the first point (it is often unset or wrong); else that point, or the
+    offset. ``metres`` are factors from the file's units.
     """
     steps = np.array([float(first[name][0]) for name in "XYZ"]) if len(first) else np.zeros(3)
     with np.errstate(over="ignore", invalid="ignore"):  # overflows are an error of the coordinates
@@ -76,25 +65,9 @@ def local_xyz(
     path: Path,
     start: int,
 ) -> NDArray[np.float64]:
-    """Return the coordinates of records relative to an origin, in metres; `DataError` if one overflows.
+    """Return the coordinates of records relative to ``origin``, (n, 3) in metres; `DataError` if one overflows.
 
-    Parameters
-    ----------
-    records : structured ndarray of shape (n,)
-        Records of the file.
-    header : LasHeader
-        Its header.
-    origin : ndarray of shape (3,)
-        World coordinates of the local zero, metres.
-    metres : ndarray of shape (3,)
-        Factors from the file's units to metres.
-    path, start
-        The file and the row of the first record, for messages.
-
-    Returns
-    -------
-    ndarray of shape (n, 3), float64
-        Metres.
+    ``metres`` are factors from the file's units; ``start`` is the row of the first record, for messages.
     """
     xyz = np.empty((len(records), 3))
     with np.errstate(over="ignore", invalid="ignore"):  # overflows raise below, with their row

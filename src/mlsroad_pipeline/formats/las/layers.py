@@ -53,20 +53,9 @@ def _laszip(point_format: int, record_size: int) -> lazrs.LazVlr:
 
 
 class LayerCopier:
-    """Copier of chunks of a LAZ file with replaced classes and added dimensions; a context manager.
+    """Copier of chunks of a LAZ file that `has_layers`, with replaced classes and added dimensions; a context manager.
 
-    Parameters
-    ----------
-    path : Path
-        A file that `has_layers`.
-    header : LasHeader
-        Its header.
-    added : mapping of str to ExtraDimension
-        Dimensions to append to those of the file, by name.
-    classes : bool, default False
-        Whether `read` decompresses the file's classes.
-    n_threads : int, default 1
-        Above one, chunks are decompressed and compressed in parallel; the bytes are the same.
+    ``classes``: `read` decompresses the file's classes, too. The bytes do not depend on ``n_threads``.
     """
 
     def __init__(

@@ -41,23 +41,10 @@ DEGREE_STEP = 1e-7
 def with_extra(
     header: LasHeader, added: list[ExtraDimension], *, existing: list[ExtraDimension], source: str = "the cloud"
 ) -> LasHeader:
-    """Add extra dimensions to a header; `DataError` if LAS cannot hold so many.
+    """Add extra dimensions to a header; `DataError`, which names the source, if LAS cannot hold so many.
 
-    Parameters
-    ----------
-    header : LasHeader
-        The header.
-    added : list of ExtraDimension
-        Dimensions to append.
-    existing : list of ExtraDimension
-        Dimensions of the header, in their order, possibly renamed.
-    source : str, default "the cloud"
-        Name of the points in messages.
-
-    Returns
-    -------
-    LasHeader
-        The header with its record size and its extra bytes record changed, the record at its previous index.
+    ``existing`` are the dimensions of the header in their order, possibly renamed. The record that describes them stays
+    at its index.
     """
     if not existing and not added:
         return header
@@ -116,17 +103,8 @@ def header_like(path: Path, cloud: PointCloud) -> LasHeader:
 def new_header(cloud: PointCloud, options: WriteOptions) -> LasHeader:
     """Return a LAS 1.4 header for a cloud, without a date, so that the same points give the same bytes.
 
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points to write.
-    options : WriteOptions
-        Its `scale` and `units`; longitudes and latitudes are stored in steps of `DEGREE_STEP`.
-
-    Returns
-    -------
-    LasHeader
-        Point format 7 where there are colours, else 6; WKT where there is a CRS.
+    It has point format 7 where there are colours, else 6, and WKT where there is a CRS. Longitudes and latitudes are
+    stored in steps of `DEGREE_STEP`, all else by the scale and the units of the options.
     """
     point_format = 7 if any(name in cloud for name in DERIVED) else 6
     step = options.scale / options.metres
@@ -165,23 +143,11 @@ def pack_records(
     metres: NDArray[np.float64] | None = None,
     depths: Depths | None = None,
 ) -> NDArray:
-    """Convert points to records; `DataError` if a coordinate or a value does not fit its field.
+    """Convert points to contiguous records; `DataError` if a coordinate or a value does not fit its field.
 
-    Parameters
-    ----------
-    cloud : PointCloud
-        The points, each column in the dimension of its name; absent dimensions are zero, absent numbers of returns one.
-    header : LasHeader
-        The layout.
-    metres : ndarray of shape (3,), optional
-        Factors from the file's units to metres; None for metres.
-    depths : Depths, optional
-        Full scales of intensity and colours; None uses all 16 bits.
-
-    Returns
-    -------
-    structured ndarray of shape (n,)
-        Contiguous records.
+    A column goes to the dimension of its name; absent dimensions are zero, absent numbers of returns one. ``metres``
+    are factors from the file's units (None: 1), ``depths`` the full scales of intensity and colours (None: all 16
+    bits).
     """
     records = np.zeros(len(cloud), dtype=record_dtype(header))
     factors, depths = np.ones(3) if metres is None else metres, depths or Depths()

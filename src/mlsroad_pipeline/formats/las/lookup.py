@@ -28,20 +28,7 @@ def _stored_names(header: LasHeader) -> dict[int, bytes]:
 
 
 def with_class_names(header: LasHeader, names: Mapping[int, str]) -> LasHeader:
-    """Add names of class codes to a header; those of other codes are kept.
-
-    Parameters
-    ----------
-    header : LasHeader
-        The header.
-    names : mapping of int to str
-        Code to name; the record holds 15 ASCII characters of it.
-
-    Returns
-    -------
-    LasHeader
-        The header; the same without names.
-    """
+    """Add names of class codes, 15 ASCII characters of each, to a header; those of other codes are kept."""
     if not names:
         return header
     entries = np.zeros(N_CODES, dtype=ENTRY)

@@ -94,18 +94,9 @@ def unique_names(point_format: int, names: Sequence[str]) -> list[str]:
 class RecordReader:
     """Reader of ranges of records of one file; a context manager.
 
-    `ReadError` if the file holds fewer points than its header states, or its chunk table is damaged.
-
-    Parameters
-    ----------
-    path : Path
-        A LAS or LAZ file.
-    header : LasHeader
-        Its header.
-    n_threads : int, default 1
-        Above one, LAZ chunks are decompressed in parallel.
-    select : int, default all
-        For point formats 6 to 10 in LAZ: which fields are decompressed (lazrs flags); others are zero.
+    ``select``: for point formats 6 to 10 in LAZ, the fields that are decompressed (lazrs flags); others are zero. Above
+    one of ``n_threads``, chunks are decompressed in parallel. `ReadError` if the file holds fewer points than its
+    header states, or its chunk table is damaged.
     """
 
     def __init__(self, path: Path, header: LasHeader, *, n_threads: int = 1, select: int = SELECT_ALL) -> None:

@@ -71,22 +71,7 @@ def _with_system(new: LasHeader, old: LasHeader) -> LasHeader:
 
 
 def upgrade_records(records: NDArray, header: LasHeader, target: LasHeader) -> NDArray:
-    """Convert records to another layout that begins with the same fields.
-
-    Parameters
-    ----------
-    records : structured ndarray of shape (n,)
-        Records of `header`.
-    header : LasHeader
-        Their header.
-    target : LasHeader
-        The same file's upgraded header, possibly with more extra dimensions at the end.
-
-    Returns
-    -------
-    structured ndarray of shape (n,)
-        The records; new fields are zero.
-    """
+    """Convert records to the layout of an upgraded header, possibly with more dimensions, which are zero."""
     out = np.zeros(len(records), dtype=record_dtype(target))
     size = (len(records), -1)
     new, old = out.view(np.uint8).reshape(size), records.view(np.uint8).reshape(size)

@@ -26,18 +26,10 @@ CHANNEL_BITS = 0x30
 
 
 class RecordWriter:
-    """Writer of records in order, then of the header with their count, bounds and returns.
+    """Writer of records in order, as LAZ or LAS, then of the header with their count, bounds and returns.
 
-    Parameters
-    ----------
-    stream : binary stream
-        Writable and seekable, at its start.
-    header : LasHeader
-        The header; counts, bounds, compression and byte offsets of records are set by the writer.
-    compress : bool
-        LAZ if true, else LAS.
-    n_threads : int, default 1
-        Above one, chunks are compressed in parallel; the bytes are the same.
+    ``stream`` is writable and seekable, at its start. Above one of ``n_threads``, chunks are compressed in parallel to
+    the same bytes.
     """
 
     def __init__(self, stream: BinaryIO, header: LasHeader, *, compress: bool, n_threads: int = 1) -> None:

@@ -29,8 +29,7 @@ from mlsroad_pipeline.formats.tables import (
     truncated,
     with_points_only,
 )
-from mlsroad_pipeline.formats.text.rows import index_rows
-from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, parse_rows, typed_column
+from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, index_rows, parse_rows, typed_column
 
 PACKED_COLOURS = ("rgb", "rgba")  # fields of four bytes that hold blue, green, red and, in the last, alpha
 KINDS_WRITTEN = "iuf"

@@ -34,14 +34,7 @@ def write_coloured_ply(source: str | Path, target: str | Path) -> None:
     """Write the points of a labelled LAS or LAZ file as PLY in the colours of their classes.
 
     Coordinates are float32 relative to the file's origin, as simple viewers need them; the origin is in a comment.
-    Class, confidence and object are kept.
-
-    Parameters
-    ----------
-    source : str or Path
-        A LAS or LAZ file with `classification`.
-    target : str or Path
-        The PLY file to write; `DataError` if it is the source.
+    Class, confidence and object are kept. `DataError` if the target is the source.
     """
     path, target = Path(source), Path(target)
     if target.exists() and target.samefile(path):

@@ -26,8 +26,7 @@ from mlsroad_pipeline.formats.tables import (
     scalar_columns,
     truncated,
 )
-from mlsroad_pipeline.formats.text.rows import TextRows, index_rows
-from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, parse_rows, typed_column
+from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, TextRows, index_rows, parse_rows, typed_column
 
 # Characters that a comment holds unchanged; the others are percent-encoded.
 PLAIN = "".join(sorted(set(string.printable) - set("%" + string.whitespace))) + " "

@@ -13,8 +13,7 @@ from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.content import output_file, with_packed
 from mlsroad_pipeline.formats.crs import write_sidecar
 from mlsroad_pipeline.formats.tables import PointTable, TableFormat, parts_of
-from mlsroad_pipeline.formats.text.layout import open_table
-from mlsroad_pipeline.formats.text.unnamed import GROWS
+from mlsroad_pipeline.formats.text.layout import GROWS, open_table
 from mlsroad_pipeline.formats.text.values import column_names, parse_rows, write_columns
 
 
