@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
-from typing import IO, Any, BinaryIO, cast
+from typing import IO, BinaryIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,30 +47,8 @@ class Content:
 
     def stream(self) -> io.BufferedReader:
         """Return a new stream over the bytes, to be closed by the caller."""
-        return io.BufferedReader(_Unpacked(self)) if self.packed else self.path.open("rb")
-
-
-class _Unpacked(io.RawIOBase):
-    """Stream with its own position on shared content."""
-
-    def __init__(self, content: Content) -> None:
-        self._content, self._at = content, 0
-
-    def readable(self) -> bool:
-        return True
-
-    def seekable(self) -> bool:
-        return True
-
-    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
-        self._at = offset + {io.SEEK_SET: 0, io.SEEK_CUR: self._at, io.SEEK_END: self._content.size}[whence]
-        return self._at
-
-    def readinto(self, buffer: Any) -> int:
-        data = self._content.read(len(buffer), self._at)
-        buffer[: len(data)] = data
-        self._at += len(data)
-        return len(data)
+        path = Path(f"/proc/self/fd/{self._descriptor}") if self.packed else self.path
+        return path.open("rb")  # opened anew: each stream has a position of its own
 
 
 def open_content(path: Path) -> Content:

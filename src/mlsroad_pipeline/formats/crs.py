@@ -29,14 +29,21 @@ def parse_crs(crs: str, *, option: str = "crs") -> str:
 
 
 @lru_cache(maxsize=64)
+def parsed_crs(crs: str) -> pyproj.CRS | None:
+    """Return a system by its WKT or code; None where PROJ cannot parse it."""
+    try:
+        return pyproj.CRS.from_user_input(crs)
+    except pyproj.exceptions.CRSError:
+        return None
+
+
+@lru_cache(maxsize=64)
 def is_same_crs(one: str, other: str) -> bool:
     """Return whether two systems are equal, whatever their names and the order of their axes; False if PROJ fails."""
     if one == other:
         return True
-    try:
-        return bool(pyproj.CRS.from_user_input(one).equals(pyproj.CRS.from_user_input(other), ignore_axis_order=True))
-    except pyproj.exceptions.CRSError:
-        return False
+    first, second = parsed_crs(one), parsed_crs(other)
+    return first is not None and second is not None and bool(first.equals(second, ignore_axis_order=True))
 
 
 def _stem(path: Path) -> str:
@@ -54,13 +61,12 @@ def sidecar_crs(path: Path) -> str | None:
 def _sidecar(key: FileKey) -> str | None:
     with Path(key[0]).open("rb") as stream:
         text = stream.read(LARGEST).decode("utf-8-sig", "replace").strip()
-    try:
-        crs = str(pyproj.CRS.from_user_input(text).to_wkt())
-    except pyproj.exceptions.CRSError:
+    system = parsed_crs(text)
+    if system is None:
         log_once(key[0], f"holds no coordinate reference system that PROJ can parse: {text[:60]!r}")
         return None
-    log_once(key[0], f"holds the coordinate reference system {pyproj.CRS.from_wkt(crs).name}")
-    return crs
+    log_once(key[0], f"holds the coordinate reference system {system.name}")
+    return str(system.to_wkt())
 
 
 def write_sidecar(path: Path, crs: str | None) -> None:
@@ -73,10 +79,8 @@ def write_sidecar(path: Path, crs: str | None) -> None:
 @lru_cache(maxsize=64)
 def is_geographic(crs: str | None) -> bool:
     """Return whether a system has coordinates in degrees; False without one, or if PROJ cannot parse it."""
-    try:
-        return crs is not None and bool(pyproj.CRS.from_user_input(crs).is_geographic)
-    except pyproj.exceptions.CRSError:
-        return False
+    system = None if crs is None else parsed_crs(crs)
+    return system is not None and bool(system.is_geographic)
 
 
 def place_outside(crs: str, x: float, y: float, *, margin: float = 15.0) -> str | None:

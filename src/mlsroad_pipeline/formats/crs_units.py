@@ -12,7 +12,7 @@ import numpy as np
 import pyproj
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.formats.crs import parse_crs, sidecar_crs
+from mlsroad_pipeline.formats.crs import parse_crs, parsed_crs, sidecar_crs
 from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions
 
 ANGLES = re.compile(r"degree|radian|gr?ad|arc|\bgon\b|centesimal", re.IGNORECASE)  # names of units of angles
@@ -30,9 +30,8 @@ class CrsUnits(NamedTuple):
 @lru_cache(maxsize=64)
 def crs_units(crs: str) -> CrsUnits | None:
     """Return the units of a system as WKT; None where PROJ cannot parse it, or it has heights only."""
-    try:
-        system = pyproj.CRS.from_user_input(crs)
-    except pyproj.exceptions.CRSError:
+    system = parsed_crs(crs)
+    if system is None:
         return None
     axes = [(axis.direction, axis.unit_name, axis.unit_conversion_factor) for axis in system.axis_info]
     heights = [(name, factor) for direction, name, factor in axes if direction in ("up", "down")]
