@@ -13,9 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.formats.las.counts import table_offset
 from mlsroad_pipeline.formats.las.header import RECORD_SIZES, LasHeader
 
 LAYERS = {6: 9, 7: 10, 8: 11, 9: 10, 10: 12}  # layers of a chunk of these point formats; each extra byte has one more
+
+
+def damaged_rows(path: Path, start: int, stop: int, error: Exception) -> ReadError:
+    """Return the error for rows that cannot be decompressed."""
+    return ReadError(f"{path} is damaged or truncated within rows {start} to {stop - 1}: {error}")
 
 
 def check_layers(stream: BinaryIO, header: LasHeader, chunk: tuple[int, int, int], path: Path) -> None:
@@ -76,8 +82,7 @@ class VariableChunks:
                     *(self._stream.read(n_bytes), self._record, points, [(n_points, n_bytes)], self._selection)
                 )
             except lazrs.LazrsError as error:
-                rows = f"rows {first} to {first + n_points - 1}"
-                raise ReadError(f"{self._path} is damaged or truncated within {rows}: {error}") from error
+                raise damaged_rows(self._path, first, first + n_points, error) from error
             low, high = max(start, first), min(stop, first + n_points)
             part = points[(low - first) * self._size : (high - first) * self._size]
             out[(low - start) * self._size : (high - start) * self._size] = part
@@ -86,15 +91,10 @@ class VariableChunks:
 
 def check_chunk_table(stream: BinaryIO, header: LasHeader, laz: lazrs.LazVlr, path: Path) -> list[tuple[int, int]]:
     """Return points and bytes of each chunk; `ReadError` for an inconsistent table, before decompression."""
-    size = stream.seek(0, 2)
-    begin = header.point_offset
+    size, begin = stream.seek(0, 2), header.point_offset
     if begin + 8 > size:
         raise ReadError(f"{path} is truncated: it ends at byte {size}, its points begin at {begin}")
-    stream.seek(begin)
-    table = struct.unpack("<q", stream.read(8))[0]
-    if table == -1:  # a writer that cannot seek back puts it at the end
-        stream.seek(size - 8)
-        table = struct.unpack("<q", stream.read(8))[0]
+    table = table_offset(stream, begin, size)
     if not begin + 8 <= table <= size - 8:
         raise ReadError(f"{path} is truncated: its chunk table would be at byte {table}, and it has {size} bytes")
     stream.seek(table)
@@ -180,7 +180,6 @@ class PointwisePoints:
             self._decompressor.decompress_many(out)
         except lazrs.LazrsError as error:
             self._position = stop + 1
-            rows = f"rows {start} to {stop - 1}"
-            raise ReadError(f"{self._path} is damaged or truncated within {rows}: {error}") from error
+            raise damaged_rows(self._path, start, stop, error) from error
         self._position = stop
         return np.frombuffer(out, dtype=np.uint8)

@@ -111,16 +111,22 @@ def compressed_points(key: FileKey, begin: int, record: bytes, layout: tuple[int
     return stated, note
 
 
+def table_offset(stream: BinaryIO, begin: int, end: int) -> int:
+    """Return the byte offset of the chunk table that a file from its points to its end states."""
+    stream.seek(begin)
+    table = int(struct.unpack("<q", stream.read(8))[0])
+    if table == -1:  # a writer that cannot seek back puts it at the end
+        stream.seek(end - 8)
+        table = int(struct.unpack("<q", stream.read(8))[0])
+    return table
+
+
 def _has_table(stream: BinaryIO, begin: int, size: int) -> bool:
     """Return whether the chunk table lies behind the points and has no more chunks than fit before it."""
     end = stream.seek(0, 2)
     if end < begin + 8:
         return False
-    stream.seek(begin)
-    table = struct.unpack("<q", stream.read(8))[0]
-    if table == -1:  # a writer that cannot seek back puts it at the end
-        stream.seek(end - 8)
-        table = struct.unpack("<q", stream.read(8))[0]
+    table = table_offset(stream, begin, end)
     if not begin + 8 <= table <= end - 8:
         return False
     stream.seek(table)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from laspy.point.dims import COMPOSED_FIELDS
@@ -25,6 +26,23 @@ def dimension_names(header: LasHeader) -> list[str]:
     return names
 
 
+class BitField(NamedTuple):
+    """Bits of a field of the records."""
+
+    field: str
+    mask: int
+    shift: int  # of the lowest bit
+
+
+def bit_field(header: LasHeader, name: str) -> BitField | None:
+    """Return the bits of a dimension; None where it has a field of its own."""
+    for field, parts in COMPOSED_FIELDS[header.point_format].items():
+        for part in parts:
+            if part.name == name:
+                return BitField(field, part.mask, (part.mask & -part.mask).bit_length() - 1)
+    return None
+
+
 def extra_dimension(header: LasHeader, name: str) -> ExtraDimension | None:
     """Return the extra dimension of a field of the records; None for a standard one."""
     extra = header.extra_dimensions
@@ -34,10 +52,9 @@ def extra_dimension(header: LasHeader, name: str) -> ExtraDimension | None:
 
 def dimension(records: NDArray, header: LasHeader, name: str) -> NDArray:
     """Return one dimension of records, bit fields unpacked, extra dimensions in their unit."""
-    for field, parts in COMPOSED_FIELDS[header.point_format].items():
-        for part in parts:
-            if part.name == name:
-                return (records[field] & part.mask) >> (part.mask & -part.mask).bit_length() - 1
+    bits = bit_field(header, name)
+    if bits is not None:
+        return (records[bits.field] & bits.mask) >> bits.shift
     values = np.ascontiguousarray(records[name])
     extra = extra_dimension(header, name)
     return values if extra is None else extra.without_missing(values)

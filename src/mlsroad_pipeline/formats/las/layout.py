@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from laspy.point.dims import COMPOSED_FIELDS
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
@@ -15,6 +14,7 @@ from mlsroad_pipeline.formats.base import WriteOptions
 from mlsroad_pipeline.formats.crs import is_geographic
 from mlsroad_pipeline.formats.las.crs import with_wkt
 from mlsroad_pipeline.formats.las.depths import Depths
+from mlsroad_pipeline.formats.las.dimensions import bit_field, dimension_names
 from mlsroad_pipeline.formats.las.extra import DESCRIPTOR, DESCRIPTOR_TYPES, ExtraDimension, pack_descriptors
 from mlsroad_pipeline.formats.las.header import (
     EXTRA_BYTES,
@@ -67,10 +67,11 @@ def with_extra(
     return replace(header, vlrs=vlrs, evlrs=evlrs).patched(record_size=size)
 
 
-def _extra_for(cloud: PointCloud, known: set[str]) -> list[ExtraDimension]:
-    added = []
+def _extra_for(cloud: PointCloud, header: LasHeader) -> list[ExtraDimension]:
+    """Return dimensions for the columns of a cloud that a header lacks."""
+    added, known = [], {*dimension_names(header)[3:], *"XYZ", *DERIVED}  # the first three are x, y and z
     for name, values in cloud.columns.items():
-        if name in known or name in DERIVED:
+        if name in known:
             continue
         dtype: np.dtype = STORED_AS.get(values.dtype.str[1:], values.dtype)
         width = 1 if values.ndim == 1 else values.shape[1]
@@ -84,18 +85,10 @@ def _extra_for(cloud: PointCloud, known: set[str]) -> list[ExtraDimension]:
     return added
 
 
-def _standard_names(header: LasHeader) -> set[str]:
-    names: set[str] = set()
-    for field in record_dtype(header).names or ():
-        parts = COMPOSED_FIELDS[header.point_format].get(field)
-        names.update([field] if parts is None else [part.name for part in parts])
-    return names
-
-
 def header_like(path: Path, cloud: PointCloud) -> LasHeader:
     """Return a file's header, with extra dimensions for columns of the cloud that the file lacks."""
     header = read_header(path)
-    added = _extra_for(cloud, _standard_names(header))
+    added = _extra_for(cloud, header)
     existing = list(header.extra_dimensions)
     return with_extra(header, added, existing=existing, source=cloud.source) if added else header
 
@@ -117,7 +110,7 @@ def new_header(cloud: PointCloud, options: WriteOptions) -> LasHeader:
         offset=cloud.origin / options.metres,
     )
     header = with_wkt(new, cloud.crs)
-    return with_extra(header, _extra_for(cloud, _standard_names(header)), existing=[], source=cloud.source)
+    return with_extra(header, _extra_for(cloud, header), existing=[], source=cloud.source)
 
 
 def with_room(header: LasHeader, cloud: PointCloud, metres: NDArray[np.float64]) -> LasHeader:
@@ -177,17 +170,16 @@ def _whole_intensity(values: NDArray, depths: Depths) -> NDArray:
 
 
 def _store(records: NDArray, header: LasHeader, name: str, values: NDArray, source: str) -> None:
-    for field, parts in COMPOSED_FIELDS[header.point_format].items():
-        for part in parts:
-            if part.name == name:
-                shift = (part.mask & -part.mask).bit_length() - 1
-                if len(values) and not 0 <= values.min() <= values.max() <= part.mask >> shift:
-                    raise DataError(
-                        f"{source}: {name} {values.max()} does not fit point format {header.point_format}, "
-                        f"which holds 0 to {part.mask >> shift}"
-                    )
-                records[field] |= _fitting(values, np.dtype("u1"), name, source) << shift
-                return
+    bits = bit_field(header, name)
+    if bits is not None:
+        largest = bits.mask >> bits.shift
+        if len(values) and not 0 <= values.min() <= values.max() <= largest:
+            raise DataError(
+                f"{source}: {name} {values.max()} does not fit point format {header.point_format}, "
+                f"which holds 0 to {largest}"
+            )
+        records[bits.field] |= _fitting(values, np.dtype("u1"), name, source) << bits.shift
+        return
     extra = dict(zip(reversed(records.dtype.names or ()), reversed(header.extra_dimensions), strict=False)).get(name)
     values = values if extra is None else extra.stored(values)
     dtype = records.dtype[name].base

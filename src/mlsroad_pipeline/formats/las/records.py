@@ -17,7 +17,13 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.content import open_content
 from mlsroad_pipeline.formats.files import FileKey, clip_range, file_key
-from mlsroad_pipeline.formats.las.chunks import PointwisePoints, VariableChunks, check_chunk_table, check_layers
+from mlsroad_pipeline.formats.las.chunks import (
+    PointwisePoints,
+    VariableChunks,
+    check_chunk_table,
+    check_layers,
+    damaged_rows,
+)
 from mlsroad_pipeline.formats.las.counts import POINTWISE
 from mlsroad_pipeline.formats.las.extra import NAME_BYTES, cut_text
 from mlsroad_pipeline.formats.las.header import (
@@ -184,8 +190,7 @@ class RecordReader:
             self._decompressor.decompress_many(buffer)
         except lazrs.LazrsError as error:
             self._position = -1
-            rows = f"rows {start} to {stop - 1}"
-            raise ReadError(f"{self.path} is damaged or truncated within {rows}: {error}") from error
+            raise damaged_rows(self.path, start, stop, error) from error
         self._position = stop
 
     def _check_layers(self, start: int, stop: int) -> None:
