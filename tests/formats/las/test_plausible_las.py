@@ -326,7 +326,7 @@ def test_a_point_without_a_label_is_an_error(tmp_path, rng):
         confidence[5] = np.nan
         return codes, confidence, numbers
 
-    with pytest.raises(ValueError, match=r"a\.las: 1 of rows 0 to 299 have no label"):
+    with pytest.raises(ValueError, match=r"a\.las: 1 of rows 0 to 299"):
         write_labelled(path, tmp_path / "out" / "a.laz", labels)
 
 

@@ -75,7 +75,7 @@ def test_compressed_data_of_a_plain_packer(tmp_path, rng):
         cloud = PCD.read(compressed(tmp_path / f"{n}.pcd", data, n, 13 * n), DEFAULT)
         np.testing.assert_array_equal(cloud["v"], values)
         assert not cloud.xyz.any()
-    with pytest.raises(ReadError, match="3 bytes cannot decompress to 1300"):
+    with pytest.raises(ReadError, match="3 bytes .* 1300"):
         PCD.read(compressed(tmp_path / "a.pcd", b"abc", 100, 1300), DEFAULT)
     for i, damaged in enumerate((b"\x05ab", b"\x20\x05", b"\xe0", b"\x00a\x40", b"\x01ab\x20\x02")):
         with pytest.raises(ReadError, match=rf"{i}\.pcd is damaged: its compressed data"):
@@ -131,7 +131,7 @@ def test_beams_without_return_are_left_out(tmp_path, rng, caplog):
     np.testing.assert_array_equal(PCD.read(path, DEFAULT, start=5, stop=8)["a"], kept[5:8, 3])
     points[3, 1] = np.inf
     path.write_bytes(head("x y z a", "4 4 4 4", "F F F F", "1 1 1 1", 40, "binary") + points.tobytes())
-    with pytest.raises(DataError, match=r"1 points with NaN or infinite coordinates"):
+    with pytest.raises(DataError, match="1 points with NaN"):
         PCD.read(path, DEFAULT)
     points[:, :3] = np.nan
     path.write_bytes(head("x y z a", "4 4 4 4", "F F F F", "1 1 1 1", 40, "binary") + points.tobytes())
