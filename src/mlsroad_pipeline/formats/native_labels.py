@@ -6,7 +6,7 @@ import re
 import shutil
 import zipfile
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, cast
@@ -282,8 +282,8 @@ def _labelled_pcd_head(text: bytes, header: PcdHeader) -> bytes:
     return ("\n".join(lines) + "\n").encode()
 
 
-SINKS = {
+# Format to the writer of its copies; arguments: the survey, options of reading it, and an output stream.
+SINKS: dict[str, Callable[[Path, ReadOptions, BinaryIO], LabelSink]] = {
     **{"text": _TextSink, "PLY": _PlySink, "KITTI": _KittiSink},
     **{"Parquet": _ParquetSink, "NPZ": _NpzSink, "PCD": _PcdSink},
 }
-"""Format to the writer of its copies."""

@@ -110,6 +110,8 @@ def with_wkt(header: LasHeader, crs: str | None) -> LasHeader:
     record = header.find(WKT)
     if record is None or _text(record) != crs.strip():
         header, new = header.without(WKT), Vlr(*WKT, crs.encode() + b"\0", b"OGC WKT")
-        group = "vlrs" if len(new.data) <= 0xFFFF else "evlrs"
-        header = replace(header, **{group: (*getattr(header, group), new)})
+        if len(new.data) <= 0xFFFF:
+            header = replace(header, vlrs=(*header.vlrs, new))
+        else:
+            header = replace(header, evlrs=(*header.evlrs, new))
     return header.patched(encoding=header.integer("encoding") | WKT_BIT)

@@ -12,11 +12,16 @@ from typing import Any
 
 import numpy as np
 import pyproj
-from pyproj.crs import CompoundCRS, GeographicCRS, ProjectedCRS
+from pyproj.crs import (  # type: ignore[attr-defined]  # two are documented, but not in its list of exports
+    CompoundCRS,
+    CoordinateOperation,
+    Ellipsoid,
+    GeographicCRS,
+    ProjectedCRS,
+)
 from pyproj.crs import coordinate_operation as operations
-from pyproj.crs.coordinate_operation import CoordinateOperation
 from pyproj.crs.coordinate_system import Cartesian2DCS
-from pyproj.crs.datum import CustomDatum, CustomEllipsoid, Ellipsoid
+from pyproj.crs.datum import CustomDatum, CustomEllipsoid
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 

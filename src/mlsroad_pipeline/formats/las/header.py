@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO
 
@@ -79,7 +80,7 @@ class LasHeader:
     evlrs: tuple[Vlr, ...] = ()  # the extended records behind the points
     notes: tuple[str, ...] = ()  # one sentence per statement of the header that the file contradicts
 
-    @property
+    @cached_property
     def fields(self) -> np.void:
         """Return the record of `FIELDS`; those that the version lacks are bytes appended by the writer, or zero."""
         record: np.void = np.frombuffer(self.block.ljust(FIELDS.itemsize, b"\0"), FIELDS, 1)[0]
@@ -157,7 +158,7 @@ class LasHeader:
         vlrs, evlrs = (tuple(vlr for vlr in group if vlr.key not in keys) for group in (self.vlrs, self.evlrs))
         return replace(self, vlrs=vlrs, evlrs=evlrs)
 
-    @property
+    @cached_property
     def extra_dimensions(self) -> tuple[ExtraDimension, ...]:
         """Return the extra dimensions; bytes without a descriptor are one named ``extra_bytes``."""
         spare = self.record_size - RECORD_SIZES[self.point_format]

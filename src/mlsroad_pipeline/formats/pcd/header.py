@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -60,7 +61,7 @@ class PcdHeader:
     n_lines: int
     entries: dict[str, str]  # all entries, unchanged
 
-    @property
+    @cached_property
     def dtype(self) -> np.dtype:
         """Return the type of a record; its names are those of the fields with columns."""
         named = [field for field in self.fields if field.columns]
