@@ -185,7 +185,8 @@ def _binary_rows(path: Path, header: PcdHeader) -> Rows:
             f"{path} is truncated: its header states {header.n_points} points of {size} bytes from byte "
             f"{header.begin}, it holds {have // max(size, 1)}"
         )
-    return lambda names, start, stop: file.records(header.dtype, header.begin + start * size, stop - start)
+    table = file.records(header.dtype, header.begin, header.n_points if size else 0)
+    return lambda names, start, stop: table[start:stop]
 
 
 def _compressed_rows(path: Path, header: PcdHeader) -> Rows:
