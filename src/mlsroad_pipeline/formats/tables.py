@@ -109,13 +109,7 @@ class TableFormat(PointFormat):
         return self._cloud(table, path, options, *clip_range(start, stop, table.n_points))
 
     def _cloud(
-        self,
-        table: PointTable,
-        path: Path,
-        options: ReadOptions,
-        start: int,
-        stop: int,
-        notes: list[str] | None = None,
+        self, table: PointTable, path: Path, options: ReadOptions, start: int, stop: int, notes: list[str] | None = None
     ) -> PointCloud:
         options = with_units(options, table.crs, path)
         if table.guess and not options.columns:

@@ -26,13 +26,7 @@ from mlsroad_pipeline.formats.las.layout import header_like, new_header, pack_re
 from mlsroad_pipeline.formats.las.records import RecordReader, layers_of
 from mlsroad_pipeline.formats.las.writer import RecordWriter
 from mlsroad_pipeline.formats.options import BY_CRS
-from mlsroad_pipeline.formats.standard_columns import (
-    COLOUR_DEPTH,
-    COLOURS,
-    COORDINATES,
-    origin_near,
-    standard_cloud,
-)
+from mlsroad_pipeline.formats.standard_columns import COLOUR_DEPTH, COLOURS, COORDINATES, origin_near, standard_cloud
 
 CHUNK = 1_000_000
 
@@ -83,13 +77,7 @@ class LasFormat(PointFormat):
         return self._cloud(path, header, options, *clip_range(start, stop, header.n_points))
 
     def _cloud(
-        self,
-        path: Path,
-        header: LasHeader,
-        options: ReadOptions,
-        start: int,
-        stop: int,
-        notes: list[str] | None = None,
+        self, path: Path, header: LasHeader, options: ReadOptions, start: int, stop: int, notes: list[str] | None = None
     ) -> PointCloud:
         names = resolve_columns(dimension_names(header), options, path)
         bits = options.rgb_bits

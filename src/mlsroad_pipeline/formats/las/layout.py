@@ -130,11 +130,7 @@ def with_room(header: LasHeader, cloud: PointCloud, metres: NDArray[np.float64])
 
 
 def pack_records(
-    cloud: PointCloud,
-    header: LasHeader,
-    *,
-    metres: NDArray[np.float64] | None = None,
-    depths: Depths | None = None,
+    cloud: PointCloud, header: LasHeader, *, metres: NDArray[np.float64] | None = None, depths: Depths | None = None
 ) -> NDArray:
     """Convert points to contiguous records; `DataError` if a coordinate or a value does not fit its field.
 

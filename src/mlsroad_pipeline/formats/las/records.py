@@ -26,10 +26,7 @@ from mlsroad_pipeline.formats.las.chunks import (
 )
 from mlsroad_pipeline.formats.las.counts import POINTWISE
 from mlsroad_pipeline.formats.las.extra import NAME_BYTES, cut_text
-from mlsroad_pipeline.formats.las.header import (
-    LASZIP,
-    LasHeader,
-)
+from mlsroad_pipeline.formats.las.header import LASZIP, LasHeader
 
 EXTRA = "_extra"  # suffix of a name that occurs twice
 SELECT_ALL = int(lazrs.SELECTIVE_DECOMPRESS_ALL)

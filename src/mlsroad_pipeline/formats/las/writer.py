@@ -12,14 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.formats.las.header import (
-    COMPRESSED,
-    LASZIP,
-    RECORD_SIZES,
-    LasHeader,
-    Vlr,
-    pack_header,
-)
+from mlsroad_pipeline.formats.las.header import COMPRESSED, LASZIP, RECORD_SIZES, LasHeader, Vlr, pack_header
 
 WAVEFORM_FORMATS = (9, 10)
 CHANNEL_BITS = 0x30
