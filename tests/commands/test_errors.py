@@ -8,7 +8,7 @@ from kedro.io import DatasetError
 from kedro.validation import ParameterValidationError
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
-from mlsroad_pipeline.commands.errors import describe, one_line_errors
+from mlsroad_pipeline.commands.console import describe, one_line_errors
 from mlsroad_pipeline.commands.options import expanded
 from mlsroad_pipeline.execution.task import SceneError, SceneFailure
 

@@ -9,10 +9,7 @@ import pytest
 from kedro.io import DatasetError
 
 from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
-from mlsroad_pipeline.datasets.figure_dataset import FigureDataset
-from mlsroad_pipeline.datasets.html_report_dataset import HtmlReportDataset
-from mlsroad_pipeline.datasets.metric_series_dataset import MetricSeriesDataset
-from mlsroad_pipeline.datasets.scores_dataset import ScoresDataset
+from mlsroad_pipeline.datasets.report_files import FigureDataset, HtmlReportDataset, MetricSeriesDataset, ScoresDataset
 from mlsroad_pipeline.reporting.figures.training import oob_figure
 
 
@@ -43,7 +40,7 @@ def test_scores_on_disk_keep_the_contract(table, tmp_path):
 def test_the_next_save_removes_the_part_of_a_killed_one(table, tmp_path):
     path = tmp_path / "m.csv"
     script = (
-        "import os, sys; from mlsroad_pipeline.datasets.scores_dataset import ScoresDataset\n"
+        "import os, sys; from mlsroad_pipeline.datasets.report_files import ScoresDataset\n"
         "os.replace = lambda *_: os.kill(os.getpid(), 9)\n"
         "ScoresDataset(filepath=sys.argv[1]).write_bytes(b'half')"
     )

@@ -6,7 +6,7 @@ from helpers.inventories import planted_inventory
 
 from mlsroad_pipeline.inventory_files.exports import EXPORTS
 from mlsroad_pipeline.inventory_files.geopackage import write_geopackage
-from mlsroad_pipeline.inventory_files.whole_files import write_whole
+from mlsroad_pipeline.inventory_files.road_inventory import write_whole
 
 WRITERS = {
     "geopackage": lambda inventory, folder: write_geopackage(inventory, folder / "inventory.gpkg"),

@@ -14,7 +14,7 @@ from mlsroad_pipeline.algorithms.models.members import member, with_members
 from mlsroad_pipeline.algorithms.scenes.binning import BinnedCloud
 from mlsroad_pipeline.algorithms.scenes.corridor import MainAxis
 from mlsroad_pipeline.algorithms.scenes.spans import SceneSpan
-from mlsroad_pipeline.label import scene_with_images
+from mlsroad_pipeline.label import images
 from mlsroad_pipeline.label.images import images_of_survey, images_to_label, views_of_scene
 from mlsroad_pipeline.surveys.files import SurveyFile
 from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan
@@ -165,11 +165,11 @@ def test_points_around_are_those_before_and_behind_the_buffers(monkeypatch):
     cloud = PointCloud(xyz, {}, np.array([7.0, 0, 0]))
     piece = BinnedCloud(cloud, np.arange(40, dtype=np.int32), np.arange(41, dtype=np.int64)).to_arrays()
     span = SceneSpan("s", 15, 20, 13, 22, 5, 9)
-    found = scene_with_images.points_around([piece], span, 6, np.array([5.0, 0, 0]))
+    found = images.points_around([piece], span, 6, np.array([5.0, 0, 0]))
     assert found.dtype == np.float32 and (found[:, 0] - 2).tolist() == [9, 10, 11, 12, 22, 23, 24, 25]
-    monkeypatch.setattr(scene_with_images, "MAX_OCCLUDERS", 4)
-    assert (scene_with_images.points_around([piece], span, 6, cloud.origin)[:, 0]).tolist() == [9, 11, 22, 24]
-    assert scene_with_images.points_around([piece], span, 0, cloud.origin).shape == (0, 3)
+    monkeypatch.setattr(images, "MAX_OCCLUDERS", 4)
+    assert (images.points_around([piece], span, 6, cloud.origin)[:, 0]).tolist() == [9, 11, 22, 24]
+    assert images.points_around([piece], span, 0, cloud.origin).shape == (0, 3)
 
 
 def test_objects_without_photos_are_reported_with_the_folder_of_their_points(survey, caplog):

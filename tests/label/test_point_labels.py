@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mlsroad_pipeline.label import point_labels
-from mlsroad_pipeline.label.point_labels import SceneLabels
+from mlsroad_pipeline.label import written_file
+from mlsroad_pipeline.label.written_file import SceneLabels
 
 CODES = np.array([11, 64, 66], np.uint8)  # three classes, then unclassified and noise
 
@@ -34,7 +34,7 @@ def labels_of(*scenes):
 
 
 def test_points_have_the_number_and_the_class_of_their_object(monkeypatch):
-    monkeypatch.setattr(point_labels, "SCENES_IN_MEMORY", 1)
+    monkeypatch.setattr(written_file, "SCENES_IN_MEMORY", 1)
     first = scene("a", [0, 2, 3, 5, 6, 7], [0, 1, 0, 1, 2, 1], [0, 1, 1, 2, -1, -2])
     second = scene("b", [1, 4, 8, 9], [3, 2, 4, 3], [0, -2, -1, 0])
     labels = labels_of(first, second)

@@ -4,7 +4,7 @@ import pytest
 from helpers.wiring import REPOSITORY
 
 from mlsroad_pipeline.algorithms.models.methods import trained_methods
-from mlsroad_pipeline.model_store.model_notes import manual_page
+from mlsroad_pipeline.model_store.registration import manual_page
 
 
 @pytest.mark.parametrize("slug", trained_methods())

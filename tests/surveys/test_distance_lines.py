@@ -2,14 +2,14 @@
 
 import logging
 
-from mlsroad_pipeline.surveys import distance_lines
+from mlsroad_pipeline.surveys import simulated
 
 
 def test_simulated_distance_is_reported_in_the_log_and_from_a_worker(monkeypatch, caplog, capsys):
     times = iter([0.0, 1.0, 20.0, 21.0, 40.0, 60.0])
-    monkeypatch.setattr(distance_lines.time, "monotonic", lambda: next(times))
+    monkeypatch.setattr(simulated.time, "monotonic", lambda: next(times))
     caplog.set_level(logging.INFO, "mlsroad_pipeline")
-    report = distance_lines.distance_lines("avenue", 100.0)
+    report = simulated.distance_lines("avenue", 100.0)
     for distance in (5.0, 25.0, 26.0, 50.0, 100.0):
         report(distance)
     assert [r.getMessage() for r in caplog.records] == [
@@ -18,5 +18,5 @@ def test_simulated_distance_is_reported_in_the_log_and_from_a_worker(monkeypatch
     ]
     times = iter([0.0, 20.0])
     caplog.set_level(logging.WARNING, "mlsroad_pipeline")
-    distance_lines.distance_lines("avenue", 100.0)(50.0)
+    simulated.distance_lines("avenue", 100.0)(50.0)
     assert capsys.readouterr().err == "avenue: 50 of 100 m, about 20 s left\n"

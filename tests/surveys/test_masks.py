@@ -13,9 +13,8 @@ from conftest import REPOSITORY
 from mlsroad_pipeline.algorithms.cameras.camera import Camera
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError, ParameterError, ReadError
-from mlsroad_pipeline.surveys.class_maps import read_class_map
 from mlsroad_pipeline.surveys.images import PosedImage, SurveyImages
-from mlsroad_pipeline.surveys.masks import MaskLegend, masks_of_drives, read_mask
+from mlsroad_pipeline.surveys.masks import MaskLegend, masks_of_drives, read_class_map, read_mask
 
 CAMERA = Camera([[5.0, 0, 2], [0, 5.0, 1.5], [0, 0, 1]], None, np.eye(3), np.zeros(3), 5, 4)
 NUMBERS = np.array([[0, 13, 5, 255, 10]] * 4, dtype=np.uint8)

@@ -6,10 +6,10 @@ import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
+from mlsroad_pipeline.surveys.discovery import no_points_reason
 from mlsroad_pipeline.surveys.files import Survey
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import plan_labelling
-from mlsroad_pipeline.surveys.probing import no_points_reason
 
 
 def las(path, n=5):

@@ -7,7 +7,7 @@ from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.scenes.parts import NEITHER, TEST, TRAIN, HalfPlane, Pose
-from mlsroad_pipeline.surveys.recording_scenes import read_scene
+from mlsroad_pipeline.surveys.recordings import read_scene
 
 CODING = Coding("toy", {0: "unlabelled", 1: "road", 2: "building", 3: "outlier"})
 XYZ = np.array([[-9.0, 0, 0], [-1.0, 0, 0], [9.0, 0, 0], [10.0, 1, 2]])

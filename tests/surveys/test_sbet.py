@@ -9,8 +9,13 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.formats.crs import parse_crs
 from mlsroad_pipeline.surveys.reading import find_corridor
-from mlsroad_pipeline.surveys.sbet import coverage_note, distance_note, in_weeks_of, is_sbet
-from mlsroad_pipeline.surveys.trajectory_files import read_trajectory
+from mlsroad_pipeline.surveys.trajectory_files import (
+    coverage_note,
+    distance_note,
+    in_weeks_of,
+    is_sbet,
+    read_trajectory,
+)
 
 UTM32 = parse_crs("EPSG:32632")
 

@@ -14,13 +14,12 @@ from mlsroad_pipeline.simulation import simulate_survey
 from mlsroad_pipeline.simulation.furnishing.blocks import PASS_INSTANCES
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 from mlsroad_pipeline.simulation.street.drive import PAUSE
-from mlsroad_pipeline.surveys.range_images import RangeImage
 from mlsroad_pipeline.surveys.simulated import (
     SurveyFiles,
     configured_survey,
     write_simulated_survey,
 )
-from mlsroad_pipeline.surveys.simulated_frames import semantic_kitti_codes
+from mlsroad_pipeline.surveys.simulated_scans import RangeImage, semantic_kitti_codes
 
 CONFIG = {
     "preset": "hdl64", "seed": 3, "length": 10.0, "speed": 8.0, "pulse_rate": 15_000.0, "max_range": 40.0,

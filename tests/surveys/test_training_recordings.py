@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
-from mlsroad_pipeline.surveys.training_recordings import TrainingRecording, described_recordings, digest
+from mlsroad_pipeline.surveys.recordings import TrainingRecording, described_recordings, digest
 
 FIELDS = {"title": "A drive", "files": "drive/*.npz", "coding": "own", "licence": "MIT", "ignored": [7]}
 

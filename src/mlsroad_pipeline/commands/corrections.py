@@ -29,8 +29,7 @@ def _user() -> str:
 def list_corrections(out: Out, verbose: Verbose = False) -> None:
     """List the decisions about a labelled survey, and those that match no object any more."""
     from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-    from mlsroad_pipeline.commands.console import count_table, output_console
-    from mlsroad_pipeline.commands.errors import one_line_errors
+    from mlsroad_pipeline.commands.console import count_table, one_line_errors, output_console
     from mlsroad_pipeline.review.corrections import has_corrections, open_corrections
     from mlsroad_pipeline.review.corrections.answers import files_of, unmatched_strokes
 
@@ -88,11 +87,9 @@ def import_corrections(
 ) -> None:
     """Import corrections from an inventory or a labelled file that was edited in another program."""
     from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-    from mlsroad_pipeline.commands.console import output_console
-    from mlsroad_pipeline.commands.errors import one_line_errors
+    from mlsroad_pipeline.commands.console import one_line_errors, output_console
     from mlsroad_pipeline.review.corrections import open_corrections
-    from mlsroad_pipeline.review.corrections.edited_inventory import corrections_of_inventory
-    from mlsroad_pipeline.review.corrections.expected_values import known_names, system_of
+    from mlsroad_pipeline.review.corrections.edited_inventory import corrections_of_inventory, known_names, system_of
 
     with one_line_errors(verbose=verbose):
         path, folder = Path(expanded([edited])[0]), Path(results_folder(expanded([out])[0]))
@@ -168,8 +165,7 @@ def export_corrections(
 ) -> None:
     """Write the inventory with all corrections: moved bases, checked classes, without rejected objects."""
     from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
-    from mlsroad_pipeline.commands.console import output_console
-    from mlsroad_pipeline.commands.errors import one_line_errors
+    from mlsroad_pipeline.commands.console import one_line_errors, output_console
     from mlsroad_pipeline.review.corrections import open_corrections
     from mlsroad_pipeline.review.corrections.inventory_columns import write_corrected
 

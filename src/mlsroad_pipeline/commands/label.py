@@ -83,8 +83,13 @@ def label(  # typer reads the options from the signature
     Writes every point with a classification and a confidence as LAZ, the objects as GeoPackage and GeoParquet, and a
     report. A killed run continues with the same command.
     """
-    from mlsroad_pipeline.commands.console import Stages, collected_warnings, error_console, output_console
-    from mlsroad_pipeline.commands.errors import one_line_errors
+    from mlsroad_pipeline.commands.console import (
+        Stages,
+        collected_warnings,
+        error_console,
+        one_line_errors,
+        output_console,
+    )
     from mlsroad_pipeline.commands.session import configure, find_place, kernels_compiled, run_pipeline
 
     begin = time.perf_counter()

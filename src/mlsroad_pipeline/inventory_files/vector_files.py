@@ -29,8 +29,8 @@ from mlsroad_pipeline.inventory_files.road_inventory import (
     line_attributes,
     line_shapes,
     vehicle_boxes,
+    write_whole,
 )
-from mlsroad_pipeline.inventory_files.whole_files import write_whole
 
 logger = logging.getLogger(__name__)
 

@@ -1,9 +1,9 @@
-"""Inventory of a survey to label."""
+"""Inventory of a survey to label, and its copies in the formats of `label.export`."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +20,10 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.scenes.corridor import corridor_from_arrays
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.task import Deferred, SceneTask
 from mlsroad_pipeline.formats.files import WRONG
+from mlsroad_pipeline.inventory_files.exports import EXPORTS
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, line_vertices
 from mlsroad_pipeline.label.joined_objects import join_objects
 from mlsroad_pipeline.model_store.bundle_files import ModelFile
@@ -153,3 +155,13 @@ def read_sections(path: Path) -> pd.DataFrame:
     except (OSError, DataError, *WRONG) as error:  # the errors of pandas are values
         raise ReadError(f"{path}: no table of road sections: {' '.join(str(error).split())}") from error
     return table
+
+
+def export_inventory(inventory: RoadInventory, formats: Sequence[str], run: RunFolder) -> list[str]:
+    """Write an inventory in several formats, move the files to their places and return their paths."""
+    folder = run.staged(run.output / "inventory").parent
+    folder.mkdir(parents=True, exist_ok=True)
+    written: list[str] = []
+    for name in formats:
+        written += [str(run.publish(path)) for path in EXPORTS[name].write(inventory, folder)]
+    return list(dict.fromkeys(written))

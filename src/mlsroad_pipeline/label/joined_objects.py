@@ -24,7 +24,7 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.scenes.corridor import CorridorArrays, corridor_from_arrays
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.execution.task import StoredResult
-from mlsroad_pipeline.label.point_labels import ObjectClasses
+from mlsroad_pipeline.label.written_file import ObjectClasses
 from mlsroad_pipeline.model_store.object_judges import judge_of
 
 _MOST_FILES = 1 << 24  # of a drive

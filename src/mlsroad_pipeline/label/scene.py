@@ -14,6 +14,7 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
+from mlsroad_pipeline.algorithms.geometry.thinning import first_in_cells
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import ground_classes, kerb_steps, no_steps
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.steps import StepLimits
 from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import (
@@ -36,8 +37,35 @@ from mlsroad_pipeline.algorithms.scenes.parameters import OutlierParameters
 from mlsroad_pipeline.algorithms.scenes.spans import SceneSpan
 from mlsroad_pipeline.algorithms.stages import find_ground, inliers
 from mlsroad_pipeline.label.confidence import count_confidences
-from mlsroad_pipeline.label.picture_sample import PictureSample, scene_sample
 from mlsroad_pipeline.model_store.object_judges import judge_of
+
+VOXEL = 0.1
+"""Edge length of the voxels that keep one point each, metres."""
+MOST_POINTS = 150_000
+"""Largest number of points of a scene; of more voxels, evenly spaced ones are kept."""
+
+
+class PictureSample(TypedDict):
+    """Points of a scene and its buffers, relative to `origin`: label (-1 without a class), whether in the core."""
+
+    xyz: NDArray[np.float32]
+    origin: NDArray[np.float64]
+    label: NDArray[np.int16]
+    core: NDArray[np.bool_]
+
+
+def scene_sample(
+    xyz: NDArray[np.floating], origin: NDArray[np.float64], label: NDArray[np.integer], core: NDArray[np.bool_]
+) -> PictureSample:
+    """Return the first point of each voxel, in the order of the scene."""
+    first = first_in_cells(xyz, VOXEL)
+    kept = first[:: max(1, -(-len(first) // MOST_POINTS))]
+    return {
+        "xyz": xyz[kept].astype(np.float32),
+        "origin": np.asarray(origin, dtype=np.float64),
+        "label": label[kept].astype(np.int16),
+        "core": core[kept],
+    }
 
 
 @dataclass(frozen=True)

@@ -36,9 +36,8 @@ from mlsroad_pipeline.surveys.files import Survey
 from mlsroad_pipeline.surveys.reading import SAMPLE_RUNS as TIME_RUNS
 from mlsroad_pipeline.surveys.reading import SAMPLE_SIZE as TIME_SIZE
 from mlsroad_pipeline.surveys.reading import has_whole_numbers, options_in_use, replaced_crs, time_notes
-from mlsroad_pipeline.surveys.sbet import coverage_note, distance_note, in_weeks_of
 from mlsroad_pipeline.surveys.survey_warnings import SurveyFacts, file_warnings, survey_warnings
-from mlsroad_pipeline.surveys.trajectory_files import read_trajectory
+from mlsroad_pipeline.surveys.trajectory_files import coverage_note, distance_note, in_weeks_of, read_trajectory
 
 logger = logging.getLogger(__name__)
 

@@ -31,9 +31,8 @@ from mlsroad_pipeline.formats.crs_units import with_units
 from mlsroad_pipeline.formats.files import spread_starts
 from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
-from mlsroad_pipeline.surveys.sbet import coverage_note, distance_note, in_weeks_of
 from mlsroad_pipeline.surveys.time_windows import read_time_windows
-from mlsroad_pipeline.surveys.trajectory_files import read_trajectory
+from mlsroad_pipeline.surveys.trajectory_files import coverage_note, distance_note, in_weeks_of, read_trajectory
 
 SAMPLE_RUNS, SAMPLE_SIZE = 16, 256
 """Number and length of the evenly spaced runs of points that make a sample of a file."""

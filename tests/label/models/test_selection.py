@@ -7,10 +7,8 @@ import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.label.models import selection
-from mlsroad_pipeline.label.models.available import available_models
-from mlsroad_pipeline.label.models.choice import ModelChoice, load_choice
-from mlsroad_pipeline.label.models.selection import choose_model
+from mlsroad_pipeline.label import model_choice
+from mlsroad_pipeline.label.model_choice import ModelChoice, available_models, choose_model, load_choice
 from mlsroad_pipeline.model_store.bundle_files import save_bundle
 from mlsroad_pipeline.model_store.registered_models import RegisteredVersion
 from mlsroad_pipeline.model_store.shipped_models import shipped_models
@@ -45,7 +43,7 @@ def test_method_without_a_registered_model_takes_its_shipped_one(method, name):
 
 
 def test_package_without_its_default_model_is_an_error(monkeypatch):
-    monkeypatch.setattr(selection, "shipped_models", dict)
+    monkeypatch.setattr(model_choice, "shipped_models", dict)
     with pytest.raises(ParameterError, match="has no model 'pool': install mlsroad_pipeline again"):
         choose_model()
 

@@ -9,7 +9,8 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.palette import CORRECT_COLOUR, WRONG_COLOUR, class_palette
 from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
 from mlsroad_pipeline.reporting.clouds import cloud_figures
-from mlsroad_pipeline.reporting.clouds.cloud_figures import _scale_length, cloud_figure, labelling_pictures
+from mlsroad_pipeline.reporting.clouds.cloud_figures import cloud_figure, labelling_pictures
+from mlsroad_pipeline.reporting.clouds.view import scale_length
 from mlsroad_pipeline.reporting.clouds.view import birds_eye_view, oblique_view
 from mlsroad_pipeline.reporting.figures.scores import class_bars_figure, confusion_figure
 from mlsroad_pipeline.reporting.figures.training import importance_figure, oob_figure
@@ -67,7 +68,7 @@ def test_oob_curve_is_in_per_cent_and_marks_the_choice():
 
 @pytest.mark.parametrize(("metres", "length"), [(1.0, 1), (4.9, 2), (5.0, 5), (73, 50), (0.3, 0.2), (1000, 1000)])
 def test_scale_bars_have_round_lengths(metres, length):
-    assert _scale_length(metres) == pytest.approx(length)
+    assert scale_length(metres) == pytest.approx(length)
 
 
 @pytest.fixture

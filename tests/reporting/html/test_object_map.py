@@ -8,11 +8,9 @@ import pandas as pd
 import pytest
 from helpers.browser import browser_page
 
-from mlsroad_pipeline.reporting.clouds.overview import map_frame, overview_picture
-from mlsroad_pipeline.reporting.html.gallery import GallerySection, Picture
-from mlsroad_pipeline.reporting.html.object_map import MOST_OBJECTS, ObjectMapSection, shown_objects
-from mlsroad_pipeline.reporting.html.object_table import ObjectTableSection
-from mlsroad_pipeline.reporting.html.report import build_report
+from mlsroad_pipeline.reporting.clouds.pictures import map_frame, overview_picture
+from mlsroad_pipeline.reporting.html.objects import MOST_OBJECTS, ObjectMapSection, ObjectTableSection, shown_objects
+from mlsroad_pipeline.reporting.html.report import GallerySection, Picture, build_report
 
 EVIL = "</script><script>document.title='broken'</script><b>&\"'"
 NAMES = {

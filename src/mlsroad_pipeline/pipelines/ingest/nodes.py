@@ -14,10 +14,16 @@ from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
-from mlsroad_pipeline.surveys.plan import SurveyPlan, estimated_drives, plan_comparison, trajectory_beside
-from mlsroad_pipeline.surveys.plan_warnings import constant_warnings
+from mlsroad_pipeline.surveys.plan import (
+    SurveyPlan,
+    cut_ranges,
+    estimated_drives,
+    plan_comparison,
+    plan_drive,
+    trajectory_beside,
+)
 from mlsroad_pipeline.surveys.reading import describe_file, find_corridor, read_and_cut
-from mlsroad_pipeline.surveys.scene_plan import cut_ranges, plan_drive
+from mlsroad_pipeline.surveys.survey_warnings import constant_warnings
 
 logger = logging.getLogger(__name__)
 

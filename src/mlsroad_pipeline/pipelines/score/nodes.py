@@ -12,16 +12,17 @@ import pandas as pd
 from mlsroad_pipeline.algorithms.core.palette import las_palette
 from mlsroad_pipeline.label.object_scoring import (
     Case,
+    CutOut,
     ScoredInventory,
     ScoreParameters,
+    cut_out,
     score_inventory,
     score_record,
     worst_cases,
 )
-from mlsroad_pipeline.reporting.clouds.object_pictures import object_picture
-from mlsroad_pipeline.reporting.html.gallery import Picture
+from mlsroad_pipeline.reporting.clouds.pictures import object_picture
+from mlsroad_pipeline.reporting.html.report import Picture
 from mlsroad_pipeline.reporting.score_page import score_page
-from mlsroad_pipeline.surveys.cut_outs import CutOut, cut_out
 
 
 def score_objects_of_inventory(parameters: ScoreParameters) -> tuple[dict[str, Any], *tuple[pd.DataFrame, ...], str]:

@@ -31,13 +31,13 @@ from mlsroad_pipeline.review.corrections.learners import Learner, learner_of
 from mlsroad_pipeline.review.corrections.object_answers import (
     DecidedObject,
     RatedCandidates,
+    TileGrid,
     TileObjects,
     decided_objects,
     joined_answers,
 )
 from mlsroad_pipeline.review.corrections.states import States
 from mlsroad_pipeline.review.corrections.store import has_corrections, open_corrections
-from mlsroad_pipeline.review.corrections.tiles import TileGrid
 
 logger = logging.getLogger(__name__)
 

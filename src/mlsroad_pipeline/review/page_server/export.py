@@ -19,11 +19,10 @@ from mlsroad_pipeline.review.corrections import has_corrections, review_order
 from mlsroad_pipeline.review.corrections.listed_objects import INVENTORIES, read_objects
 from mlsroad_pipeline.review.corrections.store import NAME as STORE
 from mlsroad_pipeline.review.page_server.cloud_files import CloudFiles
-from mlsroad_pipeline.review.page_server.contained import resolved
-from mlsroad_pipeline.review.page_server.first_picture import FirstPicture, picture_of
-from mlsroad_pipeline.review.page_server.output_folder import INVENTORY, PHOTOS, OutputFolder
+from mlsroad_pipeline.review.page_server.output_folder import INVENTORY, PHOTOS, OutputFolder, resolved
 from mlsroad_pipeline.review.page_server.served_survey import ServedSurvey
 from mlsroad_pipeline.review.page_server.server import STATIC
+from mlsroad_pipeline.review.page_server.tile_format import FirstPicture, picture_of
 
 MOST_POINTS = 1_000_000
 """Points of an exported page; of larger surveys it has a random sample."""

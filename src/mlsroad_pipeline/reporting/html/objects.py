@@ -1,19 +1,24 @@
-"""Map of the objects of an inventory as an inline SVG, drawn without a network."""
+"""Map and table of the objects of an inventory, linked by a script of the page; drawn without a network."""
 
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.reporting.clouds.overview import MapFrame
-from mlsroad_pipeline.reporting.html.parts import data_uri
+from mlsroad_pipeline.reporting.clouds.pictures import MapFrame
+from mlsroad_pipeline.reporting.clouds.view import scale_length
+from mlsroad_pipeline.reporting.html.report import cell, data_uri, table_html
 
+SCRIPT = Path(__file__).with_name("objects.js").read_text(encoding="utf-8")
+"""Script of the map and the table, which loads nothing; texts of the survey reach the page as text, never as HTML."""
 KIND_COLOURS = {"pole": "#1f3fae", "sign": "#b3400a", "tree": "#0b6b3a", "vehicle": "#b3125a"}
 """Kind to the colour of its symbols, all legible on white."""
 OTHER_COLOURS = ("#5b3fa0", "#00616e", "#6b5300", "#444444", "#8a1c7c", "#2f5d00")
@@ -148,18 +153,6 @@ def _scale_bar(width: float) -> str:
     return f'<div class="scale" data-metres="{metres:g}" style="width:{100 * metres / width:.2f}%">{metres:g} m</div>'
 
 
-def scale_length(metres: float) -> float:
-    """Return the largest of 1, 2 or 5 times a power of ten that is at most `metres`.
-
-    Examples
-    --------
-    >>> scale_length(37.0), scale_length(1.0)
-    (20.0, 1.0)
-    """
-    power = 10.0 ** np.floor(np.log10(metres))
-    return float(max(step * power for step in (1, 2, 5) if step * power <= metres * (1 + 1e-9)))
-
-
 def object_data(objects: pd.DataFrame, names: dict[str, str], places: NDArray[np.float64]) -> str:
     """Return the objects as a JSON script element; `names` has the heading of each column that is shown."""
     columns = [name for name in names if name in objects]
@@ -173,3 +166,71 @@ def object_data(objects: pd.DataFrame, names: dict[str, str], places: NDArray[np
     }
     text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"), default=str)
     return f'<script type="application/json" id="object-data">{text.replace("<", chr(92) + "u003c")}</script>\n'
+
+
+FIRST_ROWS = 40
+"""Rows that a page shows without a script."""
+
+
+@dataclass(frozen=True)
+class ObjectTableSection:
+    """Counts by kind, and all objects with their columns."""
+
+    title: str  # The heading
+    objects: pd.DataFrame  # Objects as `shown_objects` returns them
+    total: pd.DataFrame  # Number of objects by kind and class
+    names: dict[str, str]  # Column to heading, in order
+    places: NDArray[np.float64]  # Positions on the map
+    geopackage: str = ""  # Path or URL of the GeoPackage, relative to the report
+
+    def body(self) -> str:
+        """Return counts, the link, filters and the table."""
+        path = escape(self.geopackage, quote=True)
+        # URLs such as "javascript:..." must not become links
+        safe = not re.match(r"^[A-Za-z][A-Za-z0-9+.\-]*:", self.geopackage) or self.geopackage.startswith("https://")
+        target = f'<a href="{path}">{path}</a>' if safe else path
+        link = f"<p>All objects as map layers: {target}</p>" if self.geopackage else ""
+        script = f"{object_data(self.objects, self.names, self.places)}<script>{SCRIPT}</script>"
+        if self.objects.empty:
+            return f'{link}<p class="none">No objects were found.</p>{script}'
+        every = int(self.total["objects"].sum())
+        more = (
+            f" The map and the table have {len(self.objects)} of {every} objects." if len(self.objects) < every else ""
+        )
+        return (
+            f"{table_html(self.total)}{link}"
+            "<p>Sorted by kind and score; a heading sorts by its column, a number shows the object on the map."
+            f"{more}</p>"
+            f"{self._filters()}{self._table()}{script}"
+        )
+
+    def _filters(self) -> str:
+        kinds = "".join(
+            f'<option value="{escape(k, quote=True)}">{escape(k)}</option>' for k in sorted(set(self.objects["kind"]))
+        )
+        return (
+            '<form class="filters" id="object-filters" onsubmit="return false">'
+            f'<label>Kind <select name="kind"><option value="">all</option>{kinds}</select></label>'
+            '<label>Class or number <input name="text" type="search" size="14"></label>'
+            '<label>Score from <input name="low" type="number" min="0" max="1" step="0.05" value="0"></label>'
+            '<label>to <input name="high" type="number" min="0" max="1" step="0.05" value="1"></label>'
+            '<output id="object-count" aria-live="polite"></output></form>'
+        )
+
+    def _table(self) -> str:
+        columns = [name for name in self.names if name in self.objects]
+        heads = "".join(
+            f'<th scope="col" aria-sort="none"><button type="button" data-column="{n}">'
+            f"{escape(self.names[name])}</button></th>"
+            for n, name in enumerate(columns)
+        )
+        rows = "".join(
+            "<tr>" + "".join(f"<td>{cell(value)}</td>" for value in row) + "</tr>"
+            for row in self.objects[columns].head(FIRST_ROWS).to_numpy(dtype=object).tolist()
+        )
+        return (
+            '<div class="scroll objects" tabindex="0" role="region" aria-label="Table of objects"><table id="objects">'
+            f"<thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table></div>"
+            '<p class="paper">Printed with the first sixteen columns; the files have all.</p>'
+            '<p><button type="button" id="object-more" hidden>Show more</button></p>'
+        )

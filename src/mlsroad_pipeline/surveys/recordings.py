@@ -1,8 +1,10 @@
-"""Scenes of labelled recordings with their training and test parts."""
+"""Labelled recordings: their scenes with training and test parts, and those that a model is trained on."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,7 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.labelled_recording import LabelledRecording
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scenes.parts import (
     NEITHER,
@@ -82,3 +85,45 @@ def read_scene(
 def read_training_scene(path: str, *, coding: Coding, read: Mapping[str, Any]) -> PointCloud:
     """Read a scene of a recording with all its labels."""
     return read_points(Path(path), None, coding, read)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingRecording(LabelledRecording):
+    """One recording; codes that are ignored are not trained on."""
+
+    section = "shipped.recordings"
+
+    sha256: str  # Digest of the files, see `digest`
+
+    def paths(self, root: Path) -> dict[str, Path]:
+        """Return the point files by their names up to the first dot."""
+        found = files_by_name(root, self.files)
+        if not found:
+            raise ReadError(
+                f"{root} has no {self.files}: put {self.title} there, or set MLSROAD_DATA to the folder that has it"
+            )
+        other = digest(list(found.values()))
+        if other != self.sha256:
+            raise ReadError(
+                f"{root / self.files}: the files of {self.title} are not those of the model (SHA256 {other}, expected "
+                f"{self.sha256})"
+            )
+        return found
+
+
+def described_recordings(config: Mapping[str, Mapping[str, Any]], keys: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Return title, licence, digest and number of scenes of each recording, for the registry entry of a model."""
+    of_scene = [key.partition(".")[0] for key in keys]
+    return {
+        name: {"title": r.title, "licence": r.licence, "scenes": of_scene.count(name), "sha256": r.sha256}
+        for name, r in TrainingRecording.configured(config).items()
+    }
+
+
+def digest(paths: Sequence[Path]) -> str:
+    """Return the SHA256 of the names and contents of files."""
+    whole = hashlib.sha256()
+    for path in sorted(paths, key=lambda p: p.name):
+        with path.open("rb") as file:
+            whole.update(f"{path.name} {hashlib.file_digest(file, 'sha256').hexdigest()}\n".encode())
+    return whole.hexdigest()

@@ -1,6 +1,4 @@
-"""Script of the report: the map follows pointer and keys, the table is sorted and filtered. It loads nothing."""
 
-SCRIPT = r"""
 (() => {
   const data = JSON.parse(document.getElementById("object-data").textContent);
   const map = document.getElementById("map"), details = document.getElementById("object-details");
@@ -151,5 +149,3 @@ SCRIPT = r"""
   }));
   fill();
 })();
-"""
-"""Vanilla JavaScript; texts of the survey reach the page as text, never as HTML."""
