@@ -27,7 +27,7 @@ from mlsroad_pipeline.inventory_files.exports import EXPORTS
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, line_vertices
 from mlsroad_pipeline.label.joined_objects import join_objects
 from mlsroad_pipeline.model_store.bundle_files import ModelFile
-from mlsroad_pipeline.model_store.object_judges import judge_digest
+from mlsroad_pipeline.model_store.object_classifiers import classifier_digest
 from mlsroad_pipeline.review.corrections.inventory_columns import corrected_table
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import SurveyPlan
@@ -69,7 +69,7 @@ def objects_task(
         {
             "rules": dict(rules),
             "labels": labels,
-            "judge": judge_digest(),
+            "classifier": classifier_digest(),
             "least_score": parameters.least_score,
             "least_kerb": parameters.least_kerb,
             "least_marking": parameters.least_marking,

@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import j
 from mlsroad_pipeline.algorithms.inventory.lines.wires import join_wires
 from mlsroad_pipeline.algorithms.inventory.objects.extraction import SceneObjects
 from mlsroad_pipeline.algorithms.inventory.objects.merging import MergedObjects, merge_scenes
-from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectJudge
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectClassifier
 from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.objects.sightings import Sightings, with_sightings
 from mlsroad_pipeline.algorithms.inventory.passes import are_comparable, join_drive_lines, join_drive_objects
@@ -25,7 +25,7 @@ from mlsroad_pipeline.algorithms.scenes.corridor import CorridorArrays, corridor
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.execution.task import StoredResult
 from mlsroad_pipeline.label.written_file import ObjectClasses
-from mlsroad_pipeline.model_store.object_judges import judge_of
+from mlsroad_pipeline.model_store.object_classifiers import classifier_of
 
 _MOST_FILES = 1 << 24  # of a drive
 
@@ -88,7 +88,7 @@ def join_objects(
     *,
     rules: Mapping[str, ObjectRule],
     labels: Mapping[str, int],
-    judge: str,
+    classifier: str,
     least_score: float,
     least_kerb: float,
     least_marking: float,
@@ -105,8 +105,10 @@ def join_objects(
         drives.append((scenes, trajectory))
         stored = kerbs[drive], wires[drive], markings[drive]
         lines.append(_lines_of_drive(*stored, trajectory, least_kerb=least_kerb, least_marking=least_marking))
-    scorer = judge_of(model) if judge else None
-    joined, numbers = join_inventories(drives, rules, judge=scorer, least_score=least_score, join_drives=join_drives)
+    scorer = classifier_of(model) if classifier else None
+    joined, numbers = join_inventories(
+        drives, rules, classifier=scorer, least_score=least_score, join_drives=join_drives
+    )
     table = with_sightings(joined, numbers, _sightings(sightings, list(corridors)))
     classes: ObjectClasses = {
         "label": np.append(0, table["class"].map(labels)).astype(np.uint8),
@@ -143,7 +145,7 @@ def join_inventories(
     drives: Sequence[tuple[Sequence[SceneObjects], Trajectory | None]],
     rules: Mapping[str, ObjectRule],
     *,
-    judge: ObjectJudge | None = None,
+    classifier: ObjectClassifier | None = None,
     least_score: float = 0.0,
     join_drives: bool | None = None,
 ) -> MergedObjects:
@@ -152,7 +154,7 @@ def join_inventories(
     `join_drives`: whether objects of two drives can be one; None decides by their coordinates.
     """
     found = [
-        merge_scenes(scenes, classes=rules, trajectory=trajectory, judge=judge, least_score=least_score)
+        merge_scenes(scenes, classes=rules, trajectory=trajectory, classifier=classifier, least_score=least_score)
         for scenes, trajectory in drives
     ]
     tables = [drive.objects for drive in found]

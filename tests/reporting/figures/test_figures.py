@@ -10,8 +10,7 @@ from mlsroad_pipeline.algorithms.core.palette import CORRECT_COLOUR, WRONG_COLOU
 from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
 from mlsroad_pipeline.reporting.clouds import cloud_figures
 from mlsroad_pipeline.reporting.clouds.cloud_figures import cloud_figure, labelling_pictures
-from mlsroad_pipeline.reporting.clouds.view import scale_length
-from mlsroad_pipeline.reporting.clouds.view import birds_eye_view, oblique_view
+from mlsroad_pipeline.reporting.clouds.view import birds_eye_view, oblique_view, scale_length
 from mlsroad_pipeline.reporting.figures.scores import class_bars_figure, confusion_figure
 from mlsroad_pipeline.reporting.figures.training import importance_figure, oob_figure
 

@@ -32,7 +32,7 @@ from mlsroad_pipeline.label.summary import LabelSummary, summarise_labels
 from mlsroad_pipeline.label.tasks import label_tasks, planned_outputs
 from mlsroad_pipeline.label.written_file import code_names, output_codes, write_file
 from mlsroad_pipeline.model_store.bundle_files import ModelFile
-from mlsroad_pipeline.model_store.object_judges import judge_digest
+from mlsroad_pipeline.model_store.object_classifiers import classifier_digest
 from mlsroad_pipeline.model_store.registered_models import configured_store
 from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.reporting.html.report import build_report
@@ -132,7 +132,7 @@ def label_new_scenes(
     codes = output_codes(bundle, parameters.scheme, classes["schemes"])
     rules = object_rules(bundle, parameters.inventory)
     limits, contrast = parameters.kerb_limits(), parameters.least_contrast
-    settings = LabelSettings(codes, rules, ground, ingest.outliers, judge_digest(), limits, contrast)
+    settings = LabelSettings(codes, rules, ground, ingest.outliers, classifier_digest(), limits, contrast)
     cut = ingest.with_context(context_of(bundle))
     return label_tasks(plan, pieces, corridors, model, images, cut, settings)
 

@@ -19,14 +19,14 @@ from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import (
     find_candidate_table,
 )
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import evidence_of_soft_labels
-from mlsroad_pipeline.algorithms.inventory.objects.classifier_continuation import JudgedCandidates
+from mlsroad_pipeline.algorithms.inventory.objects.classifier_continuation import LabelledCandidates
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS, ObjectRule
 from mlsroad_pipeline.algorithms.inventory.scoring.object_matching import REACH
 from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import describe_scene
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.labelling import label_softly
 from mlsroad_pipeline.algorithms.stages import find_ground
-from mlsroad_pipeline.model_store.object_judges import judge_of
+from mlsroad_pipeline.model_store.object_classifiers import classifier_of
 from mlsroad_pipeline.review.corrections.answers import NamedClasses
 from mlsroad_pipeline.review.corrections.decisions import Decision
 from mlsroad_pipeline.review.corrections.states import ObjectState
@@ -196,7 +196,7 @@ def _tile_candidates(
         evidence,
         object_id,
     )
-    return find_candidate_table(scene, rules, judge_of(bundle))
+    return find_candidate_table(scene, rules, classifier_of(bundle))
 
 
 def answered_candidates(
@@ -228,7 +228,7 @@ def added_candidates(candidates: pd.DataFrame, added: Iterable[Decision]) -> Ite
             yield int(rows[gap.argmin()]), True
 
 
-def joined_answers(parts: Sequence[RatedCandidates]) -> dict[str, JudgedCandidates]:
+def joined_answers(parts: Sequence[RatedCandidates]) -> dict[str, LabelledCandidates]:
     """Return the candidates that answers are about, by kind."""
     tables = [
         part.candidates.loc[[row for row, _ in part.answers], ["kind", *FEATURE_COLUMNS]].assign(
@@ -240,6 +240,6 @@ def joined_answers(parts: Sequence[RatedCandidates]) -> dict[str, JudgedCandidat
         return {}
     table = pd.concat(tables, ignore_index=True)
     return {
-        str(kind): JudgedCandidates(own[list(FEATURE_COLUMNS)].to_numpy(np.float32), own["true"].to_numpy(np.bool_))
+        str(kind): LabelledCandidates(own[list(FEATURE_COLUMNS)].to_numpy(np.float32), own["true"].to_numpy(np.bool_))
         for kind, own in table.groupby("kind")
     }

@@ -1,4 +1,4 @@
-"""A damaged judge of objects ends in one line, or judges with probabilities."""
+"""A damaged object classifier ends in one line, or gives probabilities."""
 
 import io
 import os
@@ -8,36 +8,38 @@ import pytest
 from helpers.mutations import mutated, mutated_arrays
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
-from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectJudge
-from mlsroad_pipeline.model_store import object_judges
-from mlsroad_pipeline.model_store.object_judges import FOLDER, JUDGE, shipped_judge
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectClassifier
+from mlsroad_pipeline.model_store import object_classifiers
+from mlsroad_pipeline.model_store.object_classifiers import CLASSIFIER, FOLDER, shipped_classifier
 
 N_CASES = int(os.environ.get("MLSROAD_FUZZ", "20"))
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    monkeypatch.setattr(object_judges, "FOLDER", tmp_path)
+    monkeypatch.setattr(object_classifiers, "FOLDER", tmp_path)
     yield tmp_path
-    shipped_judge.cache_clear()
+    shipped_classifier.cache_clear()
 
 
 @pytest.fixture(scope="module")
 def arrays():
-    with np.load(FOLDER / JUDGE) as stored:
+    with np.load(FOLDER / CLASSIFIER) as stored:
         return dict(stored)
 
 
 def test_damaged_files_are_one_line(folder):
-    sound = (FOLDER / JUDGE).read_bytes()
+    sound = (FOLDER / CLASSIFIER).read_bytes()
     for case in range(N_CASES):
-        (folder / JUDGE).write_bytes(mutated(sound, np.random.default_rng(case)))
-        shipped_judge.cache_clear()
+        (folder / CLASSIFIER).write_bytes(mutated(sound, np.random.default_rng(case)))
+        shipped_classifier.cache_clear()
         try:
-            shipped_judge()
+            shipped_classifier()
         except ReadError as error:
             text = str(error)
-            assert str(folder / JUDGE) in text and text.isprintable() and text.endswith("install the package again")
+            assert (
+                str(folder / CLASSIFIER) in text and text.isprintable() and text.endswith("install the package again")
+            )
 
 
 def test_damaged_arrays_are_refused_before_they_are_used(folder, arrays):
@@ -48,14 +50,14 @@ def test_damaged_arrays_are_refused_before_they_are_used(folder, arrays):
         )
         content = io.BytesIO()
         np.savez(content, questions=arrays["questions"], **changed)
-        (folder / JUDGE).write_bytes(content.getvalue())
-        shipped_judge.cache_clear()
+        (folder / CLASSIFIER).write_bytes(content.getvalue())
+        shipped_classifier.cache_clear()
         try:
-            judge = shipped_judge()
+            classifier = shipped_classifier()
         except ReadError:
             refused += 1
             continue
-        shares = judge.probabilities("pole", np.zeros((2, len(judge.features["pole"])), dtype=np.float32))
+        shares = classifier.probabilities("pole", np.zeros((2, len(classifier.features["pole"])), dtype=np.float32))
         assert np.isfinite(shares).all() and shares.min() >= 0 and shares.max() <= 1
     assert refused > N_CASES
 
@@ -73,4 +75,4 @@ def test_damaged_arrays_are_refused_before_they_are_used(folder, arrays):
 )
 def test_damage_names_the_array(arrays, name, values, message):
     with pytest.raises(DataError, match=message):
-        ObjectJudge.from_arrays({**arrays, name: values})
+        ObjectClassifier.from_arrays({**arrays, name: values})

@@ -1,4 +1,4 @@
-"""Candidates, their evidence and the judge: planted cells, surveys cut anywhere, decisions."""
+"""Candidates, their evidence and the object classifier: planted cells, surveys cut anywhere, decisions."""
 
 from itertools import pairwise
 
@@ -20,7 +20,7 @@ from mlsroad_pipeline.algorithms.inventory.objects.classifying import NEITHER, P
 from mlsroad_pipeline.algorithms.inventory.objects.evidence import CELL, SUMS, ZONES, SceneCells
 from mlsroad_pipeline.algorithms.inventory.objects.extraction import extract_objects
 from mlsroad_pipeline.algorithms.inventory.objects.merging import merge_scenes
-from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import REASONS, ObjectJudge
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import REASONS, ObjectClassifier
 from mlsroad_pipeline.algorithms.inventory.objects.object_features import FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.object_voxels import Voxels
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS, rules_for_scheme
@@ -40,7 +40,7 @@ UTM = np.array([583_000.0, 4_477_000.0, 120.0])
 
 
 class Planted:
-    """Judge that looks at the evidence alone: the share of the class that an object should have."""
+    """Classifier of the evidence alone: the share of the class that an object should have."""
 
     def probabilities(self, classifier, features):
         if classifier == STEM:
@@ -87,10 +87,10 @@ def cut_and_merged(*, cuts=(), least_score=0.0, buffer=3.0):
             extract_objects(
                 xyz[near] - (10.0 * k, 0.0, 0.0), label[near], np.ones(len(near)), classes=RULES, core=core,
                 origin=origin, height_above_ground=xyz[near, 2], scene=f"scene_{k:05d}", evidence=evidence,
-                judge=Planted(),
+                classifier=Planted(),
             )
         )  # fmt: skip
-    merged = merge_scenes(pieces, classes=RULES, judge=Planted(), least_score=least_score)
+    merged = merge_scenes(pieces, classes=RULES, classifier=Planted(), least_score=least_score)
     for piece in pieces:
         counts.append(np.bincount(merged.numbers[piece.scene][piece.part], minlength=len(merged.objects) + 1))
     return merged.objects, np.sum(counts, axis=0)
@@ -151,7 +151,7 @@ def test_trunks_separate_trees():
 
 
 @pytest.mark.parametrize("cuts", [(20.0,), (12.0, 21.0)])
-def test_judged_objects_do_not_depend_on_the_cut(cuts):
+def test_classified_objects_do_not_depend_on_the_cut(cuts):
     whole, counts = cut_and_merged()
     assert sorted(whole["kind"]) == ["pole", "pole", "sign", "tree", "tree", "vehicle"]
     assert (whole["score"] > 0.5).all()
@@ -184,22 +184,22 @@ def stump(feature, n_features, low, high):
     )  # fmt: skip
 
 
-def test_judge_answers_names_reasons_and_is_stored():
+def test_classifier_answers_names_reasons_and_is_stored():
     names = ("own sign", "beside tree", "panel_width")
-    judge = ObjectJudge(
+    classifier = ObjectClassifier(
         {"sign": names}, {"sign": stump(0, 3, -2.0, 2.0)}, {"sign": (0.5, 0.1)}, {"sign": np.zeros(3, np.float32)}
     )
     features = np.array([[1.0, 0.0, 0.6], [0.0, 1.0, np.nan]], np.float32)
-    again = ObjectJudge.from_arrays(judge.to_arrays())
-    for one in (judge, again):
+    again = ObjectClassifier.from_arrays(classifier.to_arrays())
+    for one in (classifier, again):
         np.testing.assert_allclose(one.probabilities("sign", features)[:, 0], 1 / (1 + np.exp([-1.1, 0.9])))
         assert one.reasons("sign", features) == ["points classified as sign", ""]
     with pytest.raises(DataError, match="other features of 'sign'"):
-        judge.check_features("sign", names[:2])
+        classifier.check_features("sign", names[:2])
     with pytest.raises(DataError, match="other features of 'pole'"):
-        judge.check_features("pole", names)
+        classifier.check_features("pole", names)
     with pytest.raises(DataError, match="lacks the array 'questions'"):
-        ObjectJudge.from_arrays({})
+        ObjectClassifier.from_arrays({})
 
 
 def test_every_feature_belongs_to_one_reason():
