@@ -24,7 +24,9 @@ def open_results(
     export: Annotated[
         str | None,
         typer.Option(
-            "--export", metavar="FILE.html", help="Write a page to send, to look at only: at most a million points."
+            "--export",
+            metavar="FILE.html",
+            help="Write one self-contained HTML file, to look at only: at most a million points.",
         ),
     ] = None,
     user: Annotated[

@@ -27,7 +27,7 @@ from mlsroad_pipeline.algorithms.scenes.joining import join_pieces
 from mlsroad_pipeline.algorithms.scenes.spans import SceneSpan
 from mlsroad_pipeline.label.scene import LabelledScene, LabelSettings, label_new_scene
 from mlsroad_pipeline.surveys.images import PosedImage, SurveyImages, read_picture
-from mlsroad_pipeline.surveys.masks import MaskLegend, masks_of_drives, read_mask
+from mlsroad_pipeline.surveys.masks import MaskLegend, masks_of_passes, read_mask
 from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan, trajectory_beside
 
 logger = logging.getLogger(__name__)
@@ -37,15 +37,15 @@ IMAGE_LABELS, FUSION = "image_labels", "fusion"
 
 @dataclass(frozen=True)
 class LabelImages:
-    """Images of a survey by drive; empty for methods without images."""
+    """Images of a survey by pass; empty for methods without images."""
 
-    drives: Mapping[str, SurveyImages]  # Key of a drive to its images; drives without images are left out
+    passes: Mapping[str, SurveyImages]  # Key of a pass to its images; passes without images are left out
     reach: float = 0.0  # Largest distance along the road between a scene and the cameras of its images, metres
 
     @property
     def cameras(self) -> tuple[str, ...]:
         """Names of the cameras, sorted."""
-        return tuple(sorted({group for images in self.drives.values() for group in images.groups}))
+        return tuple(sorted({group for images in self.passes.values() for group in images.groups}))
 
 
 def images_to_label(plan: SurveyPlan, bundle: ModelBundle, name: str | None, masks: str | None = None) -> LabelImages:
@@ -53,10 +53,10 @@ def images_to_label(plan: SurveyPlan, bundle: ModelBundle, name: str | None, mas
     if not needs_images(bundle.slug):
         return LabelImages({})
     with_images, without = {}, []
-    for drive, files in plan.drives().items():
+    for pass_key, files in plan.passes().items():
         images = images_beside(files, name)
         if len(images):
-            with_images[drive] = images
+            with_images[pass_key] = images
         else:
             without.append(_place_of(files))
     network = member(bundle, IMAGE_LABELS)
@@ -77,7 +77,7 @@ def images_to_label(plan: SurveyPlan, bundle: ModelBundle, name: str | None, mas
     if network.metadata.get("segmentation", {}).get("source") == "masks":
         if masks is None:
             raise ParameterError(f"model {bundle.slug!r} labels through masks: set image_labels.masks to their folder")
-        return LabelImages(masks_of_drives(with_images, masks), reach)
+        return LabelImages(masks_of_passes(with_images, masks), reach)
     for images in with_images.values():
         for image in images:
             image.check()
@@ -85,27 +85,27 @@ def images_to_label(plan: SurveyPlan, bundle: ModelBundle, name: str | None, mas
 
 
 def effect_without_images(bundle: ModelBundle) -> str:
-    """Return what the points of a drive without images get, as a clause."""
+    """Return what the points of a pass without images get, as a clause."""
     return f"its points have {'no class' if bundle.slug == IMAGE_LABELS else 'the labels of the features alone'}"
 
 
 def images_of_survey(plan: SurveyPlan, name: str | None) -> dict[str, SurveyImages]:
-    """Return the images of each drive that has some; log a warning for the others."""
-    found = {drive: images_beside(files, name) for drive, files in plan.drives().items()}
-    without = [_place_of(files) for drive, files in plan.drives().items() if not len(found[drive])]
+    """Return the images of each pass that has some; log a warning for the others."""
+    found = {pass_key: images_beside(files, name) for pass_key, files in plan.passes().items()}
+    without = [_place_of(files) for pass_key, files in plan.passes().items() if not len(found[pass_key])]
     if without:
         logger.warning("No images (%s) beside the points of %s: no photos of objects", name, ", ".join(without))
-    return {drive: images for drive, images in found.items() if len(images)}
+    return {pass_key: images for pass_key, images in found.items() if len(images)}
 
 
 def _place_of(files: Sequence[PlannedFile]) -> str:
-    """Return the folder of the points of a drive for messages: its name below the root, or the path of the root."""
+    """Return the folder of the points of a pass for messages: its name below the root, or the path of the root."""
     source = files[0].source
     return str(Path(source.path).parent) if source.folder == "." else source.folder
 
 
 def images_beside(files: Sequence[PlannedFile], name: str | None) -> SurveyImages:
-    """Return the images of a drive from the file `name` beside its points, or from a path."""
+    """Return the images of a pass from the file `name` beside its points, or from a path."""
     path = None if name is None else Path(files[0].source.path).parent / name
     if path is None or not path.is_file():
         return SurveyImages(())
@@ -156,7 +156,7 @@ class SceneViews(NamedTuple):
 
     views: tuple[CameraView, ...]
     cameras: tuple[str, ...]
-    """Names of all cameras of the drive."""
+    """Names of all cameras of the pass."""
     origin: NDArray[np.float64]
     """World coordinates that the camera poses are relative to, metres."""
     reach: int

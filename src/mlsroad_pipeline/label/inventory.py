@@ -38,9 +38,9 @@ OBJECTS = "inventory"
 """Key of the joined objects in their store."""
 
 
-def scenes_of(drive: str, results: SceneCollection) -> list[str]:
-    """Return the keys of a drive's scenes."""
-    return [key for key in results if SceneKey.parse(key).parent == drive]
+def scenes_of(pass_key: str, results: SceneCollection) -> list[str]:
+    """Return the keys of a pass's scenes."""
+    return [key for key in results if SceneKey.parse(key).parent == pass_key]
 
 
 def objects_task(
@@ -53,9 +53,9 @@ def objects_task(
 ) -> SceneTask:
     """Return the task that joins the objects of all scenes of a survey."""
     bundle = model.load()
-    drives = {drive: scenes_of(drive, results) for drive in plan.drives()}
+    passes = {pass_key: scenes_of(pass_key, results) for pass_key in plan.passes()}
     parts: dict[str, Any] = {
-        name: {drive: Deferred(tuple(stored[key] for key in keys)) for drive, keys in drives.items()}
+        name: {pass_key: Deferred(tuple(stored[key] for key in keys)) for pass_key, keys in passes.items()}
         for name in ("objects", "fragments", "evidence", "kerbs", "wires", "markings")
         for stored in [results.part(name)]
     }
@@ -65,7 +65,7 @@ def objects_task(
     version = f"{source['name']} {source['version']}".strip() if "source" in source else ""
     return SceneTask(
         join_objects,
-        {"corridors": {drive: corridors[drive] for drive in drives}, **parts, "model": model},
+        {"corridors": {pass_key: corridors[pass_key] for pass_key in passes}, **parts, "model": model},
         {
             "rules": dict(rules),
             "labels": labels,
@@ -126,8 +126,8 @@ def inventory_of(
 
     Decisions of an earlier inventory in the output folder are transferred.
     """
-    drives = list(plan.drives())
-    corridor = corridor_from_arrays(corridors[drives[0]].load()) if len(drives) == 1 else None
+    passes = list(plan.passes())
+    corridor = corridor_from_arrays(corridors[passes[0]].load()) if len(passes) == 1 else None
     trajectory = corridor if isinstance(corridor, Trajectory) else None
     objects = corrected_table(joined.part("objects")[OBJECTS].load(), output)
     given = None if parameters.sections is None else read_sections(Path(parameters.sections))

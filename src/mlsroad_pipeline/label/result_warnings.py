@@ -21,7 +21,7 @@ from mlsroad_pipeline.label.images import effect_without_images
 from mlsroad_pipeline.label.scene import LabelCounts
 from mlsroad_pipeline.label.summary import summed_counts
 from mlsroad_pipeline.label.written_file import WrittenFile
-from mlsroad_pipeline.surveys.plan import SurveyPlan, plan_drive
+from mlsroad_pipeline.surveys.plan import SurveyPlan, plan_pass
 
 
 def label_warnings(
@@ -37,7 +37,7 @@ def label_warnings(
 
 
 def image_warnings(bundle: ModelBundle, counts: Mapping[str, LabelCounts]) -> list[str]:
-    """Return a warning for drives without images, for methods that use images."""
+    """Return a warning for passes without images, for methods that use images."""
     without = list(dict.fromkeys(SceneKey.parse(key).parent for key, scene in counts.items() if "seen" not in scene))
     if not needs_images(bundle.slug) or not without:
         return []
@@ -51,7 +51,7 @@ N_SCENES = 3
 def facts_of_pieces(plan: SurveyPlan, pieces: SceneCollection, ingest: IngestParameters) -> dict[str, float]:
     """Return the medians of the facts of scenes at equal steps, of a survey that has been read and cut."""
     points, bins = pieces.part("points", mapped=True), pieces.load_all("bins")
-    scenes = [scene for drive in plan.drives() for scene in plan_drive(drive, plan, bins, ingest)]
+    scenes = [scene for pass_key in plan.passes() for scene in plan_pass(pass_key, plan, bins, ingest)]
     n = min(N_SCENES, len(scenes))
     chosen = [scenes[(2 * k + 1) * len(scenes) // (2 * n)] for k in range(n)]
     unfiltered = OutlierParameters(enabled=False)

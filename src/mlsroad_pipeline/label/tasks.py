@@ -25,7 +25,7 @@ from mlsroad_pipeline.label.scene import LabelSettings, label_pieces
 from mlsroad_pipeline.model_store.bundle_files import ModelFile
 from mlsroad_pipeline.surveys.images import PosedImage, SurveyImages
 from mlsroad_pipeline.surveys.parameters import LabelParameters
-from mlsroad_pipeline.surveys.plan import PlannedFile, PlannedScene, SurveyPlan, pieces_between, plan_drive
+from mlsroad_pipeline.surveys.plan import PlannedFile, PlannedScene, SurveyPlan, pieces_between, plan_pass
 from mlsroad_pipeline.surveys.reading import FileClasses
 
 
@@ -42,12 +42,12 @@ def label_tasks(
     bins, points = pieces.load_all("bins"), pieces.part("points", mapped=True)
     with_images = needs_images(model.load().slug)
     tasks = {}
-    for drive, files in plan.drives().items():
+    for pass_key, files in plan.passes().items():
         keys = {file.key for file in files}
         near = {key: part for key, part in bins.items() if SceneKey.parse(key).parent in keys}
-        corridor = corridor_from_arrays(corridors[drive].load()) if with_images else None
-        surroundings = _Surroundings(images.drives.get(drive, SurveyImages(())), images.reach, corridor, ingest)
-        for scene in plan_drive(drive, plan, bins, ingest):
+        corridor = corridor_from_arrays(corridors[pass_key].load()) if with_images else None
+        surroundings = _Surroundings(images.passes.get(pass_key, SurveyImages(())), images.reach, corridor, ingest)
+        for scene in plan_pass(pass_key, plan, bins, ingest):
             inputs = {"pieces": [points[key] for key in scene.pieces], "model": model}
             parameters = {"span": scene.span, "name": scene.key, "source": scene.source, "settings": settings}
             if not with_images:
@@ -68,7 +68,7 @@ def label_tasks(
 
 @dataclass(frozen=True)
 class _Surroundings:
-    """Images of a drive and the pieces around its scenes, whose points may occlude a scene in an image."""
+    """Images of a pass and the pieces around its scenes, whose points may occlude a scene in an image."""
 
     images: SurveyImages
     reach: float
@@ -170,7 +170,7 @@ def planned_outputs(
     outputs: list[PlannedOutput] = []
     for file in plan.files:
         scenes, rows = [], []
-        for key in scenes_of(file.drive, results):
+        for key in scenes_of(file.pass_key, results):
             lines = spans[key]["spans"]
             for first, last in lines[lines[:, 0] == file.number, 1:]:
                 scenes.append(labels[key])

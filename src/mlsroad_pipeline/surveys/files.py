@@ -45,7 +45,7 @@ class SurveyFile:
 
     path: str  # Path of the file
     name: str  # Path below the root of the survey, with forward slashes
-    folder: str  # Folder below the root; the files of a folder are one drive and are cut together
+    folder: str  # Folder below the root; the files of a folder are one pass and are cut together
     trajectory: str | None  # Path of the trajectory beside the file
 
 

@@ -132,23 +132,23 @@ class MaskLegend:
     scheme: ClassScheme  # The classes of points
 
 
-def masks_of_drives(drives: Mapping[str, SurveyImages], folder: str) -> dict[str, SurveyImages]:
-    """Return the images of drives with masks in place of their pictures, and check the headers of all masks.
+def masks_of_passes(passes: Mapping[str, SurveyImages], folder: str) -> dict[str, SurveyImages]:
+    """Return the images of passes with masks in place of their pictures, and check the headers of all masks.
 
-    A folder that exists holds the masks of all drives; otherwise it is the name of a folder beside the pictures.
+    A folder that exists holds the masks of all passes; otherwise it is the name of a folder beside the pictures.
     """
     shared = Path(folder).expanduser().is_dir()
     names: dict[str, str] = {}
     found = {}
-    for drive, images in drives.items():
+    for pass_key, images in passes.items():
         for image in images:
-            if shared and names.setdefault(image.name, drive) != drive:
+            if shared and names.setdefault(image.name, pass_key) != pass_key:
                 raise ReadError(
-                    f"{folder}: image {image.name!r} occurs in drives {names[image.name]} and {drive}; put the masks "
-                    "of each drive into a folder beside its pictures, and name that (image_labels.masks=NAME)"
+                    f"{folder}: image {image.name!r} occurs in passes {names[image.name]} and {pass_key}; put the "
+                    "masks of each pass into a folder beside its pictures, and name that (image_labels.masks=NAME)"
                 )
-        found[drive] = with_masks(images, folder)
-        for image in found[drive]:
+        found[pass_key] = with_masks(images, folder)
+        for image in found[pass_key]:
             check_mask(image.path, image.camera)
     return found
 

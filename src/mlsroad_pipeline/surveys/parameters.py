@@ -91,7 +91,7 @@ class LabelParameters:
     # Least score of a listed object, 0 to 1. Larger lists fewer objects, of which more are right; 0 lists all
     # candidates.
     least_score: float = 0.4
-    # Whether an object or a line that several drives (folders of files) recorded is listed once. None does so where all
+    # Whether an object or a line that several passes (folders of files) recorded is listed once. None does so where all
     # coordinates are farther than 10 km from the origin; those of single scans are of the scanner.
     join_drives: bool | None = None
     # Changes of the limits of kerbs: `StepLimits`, and `least_length` in metres. None finds no kerbs.

@@ -32,12 +32,12 @@ _LONGEST_KEY = 120
 
 @dataclass(frozen=True)
 class PlannedFile:
-    """A file with its split, its drive and its key."""
+    """A file with its split, its pass and its key."""
 
     key: str  # Key of the file in the stores (`SceneKey`)
     split: str  # Name of its split
-    number: int  # Index among the files of its drive
-    drive: str  # Key of the drive, whose files are cut together
+    number: int  # Index among the files of its pass
+    pass_key: str  # Key of the pass, whose files are cut together
     source: SurveyFile  # The file
     part: SplitPart  # Part of the file that belongs to the split
 
@@ -51,24 +51,24 @@ class SurveyPlan:
     labels: bool  # Whether labels are read
     skipped: Mapping[str, str] = field(default_factory=dict)  # Name of each file that is left out to the reason
 
-    def drives(self) -> dict[str, list[PlannedFile]]:
-        """Return the files of each drive by its key."""
-        drives: dict[str, list[PlannedFile]] = {}
+    def passes(self) -> dict[str, list[PlannedFile]]:
+        """Return the files of each pass by its key."""
+        passes: dict[str, list[PlannedFile]] = {}
         for file in self.files:
-            drives.setdefault(file.drive, []).append(file)
-        return drives
+            passes.setdefault(file.pass_key, []).append(file)
+        return passes
 
 
 def trajectory_beside(files: Sequence[PlannedFile]) -> str | None:
-    """Return the path of the trajectory of a drive, or None."""
+    """Return the path of the trajectory of a pass, or None."""
     return next((file.source.trajectory for file in files if file.source.trajectory), None)
 
 
-def estimated_drives(plan: SurveyPlan, ingest: IngestParameters) -> set[str]:
-    """Return the keys of the drives whose trajectory is estimated from the points."""
+def estimated_passes(plan: SurveyPlan, ingest: IngestParameters) -> set[str]:
+    """Return the keys of the passes whose trajectory is estimated from the points."""
     if ingest.cut != "along" or not ingest.estimate_trajectory:
         return set()
-    return {drive for drive, files in plan.drives().items() if trajectory_beside(files) is None}
+    return {pass_key for pass_key, files in plan.passes().items() if trajectory_beside(files) is None}
 
 
 def _store_key(split: str, source: str) -> str:
@@ -95,10 +95,10 @@ def plan_survey(
         for source in files:
             check_name(source.path)
             key = _store_key(split, source.name)
-            drive = key if ingest.cut == "file" else _store_key(split, source.folder)
-            number = count.get(drive, 0)
-            count[drive] = number + 1
-            planned.append(PlannedFile(key, split, number, drive, source, parts.get(split, SplitPart())))
+            pass_key = key if ingest.cut == "file" else _store_key(split, source.folder)
+            number = count.get(pass_key, 0)
+            count[pass_key] = number + 1
+            planned.append(PlannedFile(key, split, number, pass_key, source, parts.get(split, SplitPart())))
     for key, n_files in Counter(file.key for file in planned).items():
         if n_files > 1:
             same = ", ".join(file.source.name for file in planned if file.key == key)
@@ -151,9 +151,9 @@ def held_out_keys(keys: Iterable[str]) -> list[str]:
 
 
 def middle_scenes(keys: Sequence[str], *, n_scenes: int = 3) -> list[str]:
-    """Return neighbouring scenes from the middle of the last drive."""
-    drive = SceneKey.parse(keys[-1]).parent
-    scenes = [key for key in keys if SceneKey.parse(key).parent == drive]
+    """Return neighbouring scenes from the middle of the last pass."""
+    pass_key = SceneKey.parse(keys[-1]).parent
+    scenes = [key for key in keys if SceneKey.parse(key).parent == pass_key]
     first = max(0, (len(scenes) - n_scenes) // 2)
     return scenes[first : first + n_scenes]
 
@@ -215,11 +215,11 @@ class PlannedScene:
     source: str  # Name in messages: the files that its points come from, and the name of the span
 
 
-def plan_drive(
-    drive: str, plan: SurveyPlan, bins: Mapping[str, BinCounts], ingest: IngestParameters
+def plan_pass(
+    pass_key: str, plan: SurveyPlan, bins: Mapping[str, BinCounts], ingest: IngestParameters
 ) -> list[PlannedScene]:
-    """Plan the scenes of a drive from the bins of its ranges."""
-    files = {file.key: file.source.name for file in plan.files if file.drive == drive}
+    """Plan the scenes of a pass from the bins of its ranges."""
+    files = {file.key: file.source.name for file in plan.files if file.pass_key == pass_key}
     own = {key: part for key, part in bins.items() if SceneKey.parse(key).parent in files}
     histogram: dict[int, int] = {}
     for part in own.values():
@@ -236,7 +236,7 @@ def plan_drive(
     )
     scenes = []
     for span in spans:
-        key = str(SceneKey.parse(drive)._replace(part=span.id))
+        key = str(SceneKey.parse(pass_key)._replace(part=span.id))
         scenes.append(_planned(key, span, pieces_between(*span.reach, own), files))
     return scenes
 

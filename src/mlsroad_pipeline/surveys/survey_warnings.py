@@ -262,7 +262,7 @@ def plan_warnings(
     """Return the warnings on a survey to label, one per cause."""
     rows: list[dict[str, Any]] = [{str(key): value for key, value in row.items()} for row in quality.to_dict("records")]
     reports = {str(row["source"]): QualityReport.from_row(row) for row in rows}
-    beside = {drive: trajectory_beside(files) is not None for drive, files in plan.drives().items()}
+    beside = {pass_key: trajectory_beside(files) is not None for pass_key, files in plan.passes().items()}
     facts, lacking = [], {}
     for file in plan.files:
         name, described = file.source.name, info[file.key]
@@ -273,8 +273,8 @@ def plan_warnings(
             ]
         reported = {*absent, *described["constant"].tolist()}
         report = replace(reports[name], missing=tuple(c for c in reports[name].missing if c not in reported))
-        state = "beside" if beside[file.drive] else "none" if trajectory else "off"
-        note = notes.get(file.drive, "") if file.number == 0 and beside[file.drive] else ""
+        state = "beside" if beside[file.pass_key] else "none" if trajectory else "off"
+        note = notes.get(file.pass_key, "") if file.number == 0 and beside[file.pass_key] else ""
         facts.append(_survey_facts(report, described, state, note, in_metres=bool((plan.options.factors == 1.0).all())))
     return [f"{name}: {text}" for name, text in survey_warnings(facts, plan.skipped, lacking)]
 

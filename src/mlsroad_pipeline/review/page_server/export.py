@@ -1,4 +1,4 @@
-"""Page of a small survey as one file to send: to look at only, without a server."""
+"""Page of a small survey as one self-contained HTML file: to look at only, without a server."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def export_page(output: OutputFolder, target: Path, *, most: int = MOST_POINTS) 
 
 
 def _check_inside(output: OutputFolder) -> None:
-    """Raise ExportError if a file of the output is elsewhere: the page to send would hold its content."""
+    """Raise ExportError if a file of the output is elsewhere: the exported file would hold its content."""
     for name in (
         *output.cloud_names,
         *(name for name in (INVENTORY, STORE, *INVENTORIES) if (output.path / name).exists()),
