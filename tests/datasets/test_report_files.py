@@ -56,7 +56,7 @@ def test_broken_scores_are_refused_on_both_ways_and_named(table, tmp_path):
     with pytest.raises(DatasetError, match=r"m.csv: unknown metric 'accuracy'"):
         dataset.save(table.assign(metric="accuracy"))
     assert not dataset.exists()
-    for text, message in (("", "no table of scores"), ("a,b\n1,2\n", "columns must be"), ("a\n1,2,3\n", "m.csv")):
+    for text, message in (("", "not a table of scores"), ("a,b\n1,2\n", "columns must be"), ("a\n1,2,3\n", "m.csv")):
         (tmp_path / "m.csv").write_text(text)
         with pytest.raises(DatasetError, match=message):
             dataset.load()
@@ -73,7 +73,7 @@ def test_series_come_back_and_others_are_refused(tmp_path):
         with pytest.raises(DatasetError, match=r"objective.csv: needs a column of integer steps"):
             dataset.save(wrong)
     (tmp_path / "objective.csv").write_text("")
-    with pytest.raises(DatasetError, match=r"objective.csv: no table of metrics by step"):
+    with pytest.raises(DatasetError, match=r"objective.csv: not a table of metrics by step"):
         dataset.load()
 
 
@@ -126,7 +126,7 @@ def test_what_is_no_figure_is_refused(data, tmp_path):
 
 def test_a_file_that_is_no_picture_is_named(tmp_path):
     (tmp_path / "a.png").write_text("no")
-    with pytest.raises(DatasetError, match=r"a.png is no picture"):
+    with pytest.raises(DatasetError, match=r"a.png is not a picture"):
         FigureDataset(filepath=str(tmp_path / "a.png")).load()
 
 

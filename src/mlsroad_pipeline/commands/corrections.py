@@ -133,7 +133,9 @@ def _edited_points(path: Path, folder: Path, file: str | None, store: Correction
 
     output = LabelledOutput.at(folder)
     clouds = output.clouds()
-    named = [name for name in clouds if file in (name, Path(name).name) or (file is None and _alike(path, name))]
+    named = [
+        name for name in clouds if file in (name, Path(name).name) or (file is None and Path(name).stem == path.stem)
+    ]
     if len(named) != 1:
         raise ParameterError(
             f"{path}: name the labelled file that it is a copy of with --file, one of {', '.join(clouds)}"
@@ -144,10 +146,6 @@ def _edited_points(path: Path, folder: Path, file: str | None, store: Correction
     painted = painted_before(name, store.states().painted, names, clouds[name])
     found, matched = corrections_of_points(path, clouds[name], name, names, painted)
     return found, f", points matched {matched}"
-
-
-def _alike(path: Path, name: str) -> bool:
-    return Path(name).stem == path.stem
 
 
 @corrections.command("export")

@@ -42,17 +42,15 @@ REPEATED = "repeat_label_summary"
 """Node that runs in place of all others where the results of the same run are there and unchanged."""
 
 
-def _methods() -> list[str]:
-    return list(METHODS)
-
-
 @no_collection()
 def label(  # typer reads the options from the signature
     files: Surveys,
     output: Output = None,
     method: Annotated[
         str | None,
-        typer.Option(help="Method of a registered model, such as patch_graph_mrf.", autocompletion=_methods),
+        typer.Option(
+            help="Method of a registered model, such as patch_graph_mrf.", autocompletion=lambda: list(METHODS)
+        ),
     ] = None,
     model: Annotated[
         str | None, typer.Option(help="Shipped model by name, or version or alias of a registered one.")

@@ -105,7 +105,7 @@ class ScoresDataset(ReportFileDataset[pd.DataFrame, pd.DataFrame]):
             # classes may be named "nan" or "None": only an empty cell of `value` is undefined
             frame = pd.read_csv(io.BytesIO(self.read_bytes()), keep_default_na=False, na_values={"value": [""]})
         except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
-            raise ReadError(f"{self._filepath}: no table of scores: {error}") from error
+            raise ReadError(f"{self._filepath}: not a table of scores: {error}") from error
         return check_scores(frame, source=self._filepath)
 
     def save(self, data: pd.DataFrame) -> None:
@@ -138,7 +138,7 @@ class MetricSeriesDataset(ReportFileDataset[pd.DataFrame, pd.DataFrame]):
         try:
             frame = pd.read_csv(io.BytesIO(self.read_bytes()))
         except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
-            raise ReadError(f"{self._filepath}: no table of metrics by step: {error}") from error
+            raise ReadError(f"{self._filepath}: not a table of metrics by step: {error}") from error
         if frame.empty:  # a file without rows does not determine the types of its columns
             frame = frame.astype({name: np.float64 if k else np.int64 for k, name in enumerate(frame)})
         return self._check(frame)
@@ -200,7 +200,7 @@ class FigureDataset(ReportFileDataset["Figure | NDArray[np.uint8]", NDArray[np.u
         try:
             return np.asarray(Image.open(io.BytesIO(self.read_bytes())).convert("RGB"))
         except (UnidentifiedImageError, OSError) as error:
-            raise ReadError(f"{self._filepath} is no picture: {error}") from error
+            raise ReadError(f"{self._filepath} is not a picture: {error}") from error
 
     def save(self, data: Figure | NDArray[np.uint8]) -> None:
         """Write the figure or picture; equal pictures give equal bytes."""

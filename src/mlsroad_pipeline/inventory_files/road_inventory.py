@@ -137,13 +137,11 @@ def write_whole(folder: Path, write: Callable[[Path], None]) -> list[Path]:
             twin.mkdir()
             write(twin)
         names = sorted(path.name for path in first.iterdir())
-        if names != sorted(path.name for path in second.iterdir()) or not _equal(first, second, names):
+        if names != sorted(path.name for path in second.iterdir()) or any(
+            not filecmp.cmp(first / name, second / name, shallow=False) for name in names
+        ):
             raise OSError(errno.EIO, f"GDAL did not write all of {', '.join(names)} below {place}", str(folder))
         for name in names:
             with (first / name).open("rb") as source, atomic_file(folder / name) as stream:
                 shutil.copyfileobj(source, stream)
     return [folder / name for name in names]
-
-
-def _equal(first: Path, second: Path, names: list[str]) -> bool:
-    return all(filecmp.cmp(first / name, second / name, shallow=False) for name in names)

@@ -204,11 +204,8 @@ def _reader(model: ModelBundle) -> Callable[[str, Camera, str], NDArray]:
     stored = network.metadata.get("segmentation", {})
     if stored.get("source") != "masks":
         return read_picture
-    return partial(_read_mask, MaskLegend(Legend.from_json(stored["classes"]), bundle_scheme(network)))
-
-
-def _read_mask(known: MaskLegend, path: str, camera: Camera, _: str) -> NDArray[np.float32]:
-    return read_mask(path, camera, known)
+    known = MaskLegend(Legend.from_json(stored["classes"]), bundle_scheme(network))
+    return lambda path, camera, _: read_mask(path, camera, known)
 
 
 def points_around(

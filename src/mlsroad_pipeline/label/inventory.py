@@ -153,7 +153,7 @@ def read_sections(path: Path) -> pd.DataFrame:
                 table[name] = pd.to_numeric(table[name]).astype(np.float64)
         section_table(pd.DataFrame({"kind": [], "station": []}), 0.0, sections=table)
     except (OSError, DataError, *WRONG) as error:  # the errors of pandas are values
-        raise ReadError(f"{path}: no table of road sections: {' '.join(str(error).split())}") from error
+        raise ReadError(f"{path}: not a table of road sections: {' '.join(str(error).split())}") from error
     return table
 
 

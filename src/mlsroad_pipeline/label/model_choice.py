@@ -99,12 +99,14 @@ def choose_model(
     """Return the model of a run of `label`."""
     shipped = shipped_models()
     registered = () if store is None else tuple(store.versions())
-    _check_method(method, registered)
+    known = list(dict.fromkeys((*METHODS, *(item.method for item in registered))))
+    if method is not None and method not in known:
+        raise ParameterError(f"unknown label.method {method!r} (known: {', '.join(known)})")
     if model is not None and str(model) in shipped:
-        return _named_shipped(shipped[str(model)], method)
+        return _named(shipped[str(model)], method, f"label.model is {model}")
     own = [item for item in registered if method in (None, item.method)]
     if model is not None and Path(str(model), "model.json").is_file():
-        return _named_folder(str(model), method)
+        return _named(StoredModel.at(str(model)), method, "label.model is this folder")
     if model is not None:
         return ModelChoice(_named_registered(str(model), own, method, shipped, store), f"label.model is {model}")
     champions = [item for item in own if CHAMPION in item.aliases and (method is not None or _labels_points(item))]
@@ -143,23 +145,10 @@ def _labels_points(item: RegisteredVersion) -> bool:
     return item.method not in METHODS or METHODS[item.method].task == "labelling"  # loading reports unknown methods
 
 
-def _check_method(method: str | None, registered: Sequence[RegisteredVersion]) -> None:
-    known = list(dict.fromkeys((*METHODS, *(item.method for item in registered))))
-    if method is not None and method not in known:
-        raise ParameterError(f"label.method {method!r} is no method (methods: {', '.join(known)})")
-
-
-def _named_shipped(model: ShippedModel, method: str | None) -> ModelChoice:
+def _named(model: ShippedModel | StoredModel, method: str | None, reason: str) -> ModelChoice:
     if method not in (None, model.method):
         raise ParameterError(f"label.model {model.name!r} is a model of {model.method}, label.method is {method!r}")
-    return ModelChoice(model, f"label.model is {model.name}")
-
-
-def _named_folder(folder: str, method: str | None) -> ModelChoice:
-    model = StoredModel.at(folder)
-    if method not in (None, model.method):
-        raise ParameterError(f"label.model {folder!r} is a model of {model.method}, label.method is {method!r}")
-    return ModelChoice(model, "label.model is this folder")
+    return ModelChoice(model, reason)
 
 
 def _named_registered(

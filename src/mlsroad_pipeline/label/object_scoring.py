@@ -109,7 +109,7 @@ class ScoreParameters:
         for name in ("recall_only", "least_points", "reach"):
             for kind in getattr(self, name):
                 if kind not in KINDS:
-                    raise ParameterError(f"score.{name}: {kind!r} is no kind of object (kinds: {', '.join(KINDS)})")
+                    raise ParameterError(f"score.{name}: unknown kind {kind!r} (known: {', '.join(KINDS)})")
         if not 0 <= self.least_score <= 1:
             raise ParameterError(f"score.least_score must be in 0 to 1, got {self.least_score}")
 

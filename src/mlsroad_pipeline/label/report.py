@@ -109,14 +109,13 @@ def _extremes(samples: SceneCollection, objects: pd.DataFrame, palette: NDArray[
             else {"only one": ordered.iloc[0]}
         )
         shown[str(kind)] = [
-            Picture(_picture(row, samples[row["scene"]].load(), palette), _caption(text, row))
+            Picture(
+                _picture(row, samples[row["scene"]].load(), palette),
+                f"{text}: {row['object_id']} {row['class']}, score {row['score']:.2f}, {row['height']:.1f} m high",
+            )
             for text, row in ends.items()
         ]
     return shown
-
-
-def _caption(text: str, row: pd.Series) -> str:
-    return f"{text}: {row['object_id']} {row['class']}, score {row['score']:.2f}, {row['height']:.1f} m high"
 
 
 def _picture(row: pd.Series, sample: PictureSample, palette: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -172,7 +171,11 @@ def label_report_sections(
     facts |= _seen_by_cameras(bundle, counts)
     return [
         *_map_and_pictures(inventory, pictures, scheme),
-        *_sections_of_the_road(inventory),
+        *(
+            []
+            if inventory.sections is None
+            else [TableSection("Sections of the road", inventory.sections, SECTION_NOTE)]
+        ),
         FactsSection("Run", facts),
         WarningsSection("Warnings", list(warnings)),
         DistributionSection("Classes", class_counts(bundle, total), scheme=scheme),
@@ -202,13 +205,6 @@ def _lines_by_kind(inventory: RoadInventory) -> dict[str, list[NDArray[np.float6
     if inventory.lines is None:
         return {}
     return {str(kind): [xyz[:, :2] for xyz in line_vertices(lines)] for kind, lines in inventory.lines.groupby("kind")}
-
-
-def _sections_of_the_road(inventory: RoadInventory) -> list[Section]:
-    """Return the table of objects per section of the road; none without a single trajectory."""
-    if inventory.sections is None:
-        return []
-    return [TableSection("Sections of the road", inventory.sections, SECTION_NOTE)]
 
 
 def _object_table(objects: pd.DataFrame, pictures: ReportPictures) -> ObjectTableSection:

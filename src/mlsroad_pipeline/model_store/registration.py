@@ -59,7 +59,10 @@ def model_description(metadata: Mapping[str, Any]) -> str:
     """Return the text of a version: training data, classes and seed."""
     trained_on = metadata.get("trained_on", "unknown data")
     if isinstance(trained_on, Mapping):
-        trained_on = ", ".join(f"{key} {_short(value)}" for key, value in trained_on.items())
+        trained_on = ", ".join(
+            f"{key} {f'{len(value)} of them' if isinstance(value, list | tuple) else value}"
+            for key, value in trained_on.items()
+        )
     lines = [f"Trained on {trained_on}.", f"Classes: {', '.join(map(str, metadata.get('classes', ())))}."]
     seeds = sorted({str(seed) for seed in _seeds(metadata.get("parameters"))})
     if seeds:
@@ -76,10 +79,6 @@ def describe_version(name: str, number: str, scores: pd.DataFrame) -> None:
         defined = {str(metric).replace("_", " "): value for metric, value in values.items() if pd.notna(value)}
         rows.append(f"{split}: " + ", ".join(f"{metric} {value:.3f}" for metric, value in defined.items()))
     client.update_model_version(name, number, f"{before}{_SCORES}{'; '.join(rows)}.")
-
-
-def _short(value: Any) -> str:
-    return f"{len(value)} of them" if isinstance(value, list | tuple) else str(value)
 
 
 def _seeds(parameters: Any) -> Iterator[Any]:

@@ -85,7 +85,10 @@ def survey_page(
         TableSection("Files", pd.DataFrame([_file_row(fact) for fact in facts])),
         FiguresSection(f"From above{some}", pictures),
         TableSection("Columns", pd.DataFrame([row for fact in facts for row in _column_rows(fact)])),
-        TableSection("Times and scan lines", pd.DataFrame([_time_row(fact) for fact in facts])),
+        TableSection(
+            "Times and scan lines",
+            pd.DataFrame([{"file": fact["file"], **fact["time"], **fact["scan_lines"]} for fact in facts]),
+        ),
         TableSection("Codes", pd.DataFrame([row for fact in facts for row in _code_rows(fact)])),
     ]
     return build_report(sections, title="Survey inspection", subtitle=survey)
@@ -111,10 +114,6 @@ def _column_rows(fact: Mapping[str, Any]) -> list[dict[str, Any]]:
         {"file": fact["file"], "column": name, **{key: value for key, value in column.items() if key != "counts"}}
         for name, column in fact["columns"].items()
     ]
-
-
-def _time_row(fact: Mapping[str, Any]) -> dict[str, Any]:
-    return {"file": fact["file"], **fact["time"], **fact["scan_lines"]}
 
 
 def _code_rows(fact: Mapping[str, Any]) -> list[dict[str, Any]]:

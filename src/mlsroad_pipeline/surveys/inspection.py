@@ -162,18 +162,15 @@ def inspect_file(
         trajectory="beside" if trajectory is not None else "none" if wanted else "off",
         constant=constant_columns(columns),
         columns=tuple(columns),
-        whole_numbers=_whole_numbers(form, info, options),
+        whole_numbers=has_whole_numbers(
+            form.read(info.path, replace(options, only=(), coding=None), stop=SAMPLE_RUNS * SAMPLE_SIZE)
+        ),
         in_metres=bool((options.factors == 1.0).all()),
         stated_crs=replaced_crs(form, path, options),
         notes=(*info.notes, *time_notes(_sample(form, info, options, columns))),
         bounds=info.bounds,
     )
     return FileInspection(name, info, picture, _facts(name, info, quality, columns, lines), overview, more)
-
-
-def _whole_numbers(form: PointFormat, info: FileInfo, options: ReadOptions) -> bool:
-    only = replace(options, only=(), coding=None)
-    return has_whole_numbers(form.read(info.path, only, stop=SAMPLE_RUNS * SAMPLE_SIZE))
 
 
 def _sample(

@@ -65,7 +65,7 @@ def _formats(given: object) -> tuple[str, ...]:
     named = {name.strip().lower() for name in names} - {""}
     unknown = sorted(named - set(EXPORT_FORMATS))
     if unknown:
-        raise ParameterError(f"label.export {unknown[0]!r} is no format (formats: {', '.join(EXPORT_FORMATS)})")
+        raise ParameterError(f"unknown format {unknown[0]!r} in label.export (known: {', '.join(EXPORT_FORMATS)})")
     return tuple(name for name in EXPORT_FORMATS if name in named)
 
 

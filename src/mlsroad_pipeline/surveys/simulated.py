@@ -80,7 +80,7 @@ def selected_surveys(simulation: Mapping[str, Any]) -> dict[str, Mapping[str, An
         return {}
     surveys = expanded_surveys({only: described[only]} if only in described else described)
     if only not in (None, *described, *surveys):
-        raise ParameterError(f"simulation.only {only!r} is none of {', '.join(surveys)}")
+        raise ParameterError(f"unknown simulation.only {only!r} (known: {', '.join(surveys)})")
     wanted = surveys if only is None or only in described else {only: surveys[only]}
     return {name: config for name, config in wanted.items() if config is not None}
 

@@ -40,6 +40,8 @@ AS_POINTS = (
 )
 """Warning on a file that is named as a trajectory beside other files."""
 
+NO_TRAJECTORY = "no trajectory: scenes follow the times of the points where possible, else the main axis"
+
 
 @dataclass(frozen=True)
 class SurveyFacts:
@@ -70,7 +72,7 @@ def file_warnings(facts: SurveyFacts) -> list[str]:
     of_quality = [text.removeprefix(prefix) for text in facts.quality.warnings() if skipped not in text]
     return [
         *_crs_warnings(facts),
-        *_trajectory_warnings(facts),
+        *([NO_TRAJECTORY] if facts.trajectory == "none" else []),
         *of_quality,
         *_value_warnings(facts),
         *facts.notes,
@@ -131,12 +133,6 @@ def _place_warnings(facts: SurveyFacts) -> list[str]:
         f"its points lie outside the area of {crs_label(facts.crs)}, at {place}: a wrong system, or x and y exchanged"
         " (read.columns)"
     ]
-
-
-def _trajectory_warnings(facts: SurveyFacts) -> list[str]:
-    if facts.trajectory != "none":
-        return []
-    return ["no trajectory: scenes follow the times of the points where possible, else the main axis"]
 
 
 def _value_warnings(facts: SurveyFacts) -> list[str]:

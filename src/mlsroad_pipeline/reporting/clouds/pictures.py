@@ -148,14 +148,10 @@ def object_picture(
         picture = (
             render_points(xyz, colours, view, splat_metres=max(0.05, reach / 80), oversampling=1)
             if len(xyz)
-            else _blank()
+            else np.full((SIDE, SIDE, 3), 255, np.uint8)
         )
         views.append(_marked(picture, view, bottom, listed, true))
     return np.concatenate([views[0], np.full((SIDE, _GAP, 3), 255, np.uint8), views[1]], axis=1)
-
-
-def _blank() -> NDArray[np.uint8]:
-    return np.full((SIDE, SIDE, 3), 255, np.uint8)
 
 
 def _marked(

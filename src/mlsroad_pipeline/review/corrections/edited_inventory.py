@@ -95,10 +95,12 @@ def _layers(path: Path, system: CRS | None) -> dict[str, gpd.GeoDataFrame]:
     except (sqlite3.Error, pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, ValueError) as error:
         raise ReadError(f"{path}: not a GeoPackage: {' '.join(str(error).split())}") from error
     if not layers:
-        raise ReadError(f"{path} has none of the layers objects, {', '.join(LAYERS)}: it is no inventory of mlsroad")
+        raise ReadError(
+            f"{path} has none of the layers objects, {', '.join(LAYERS)}: it is not an inventory of mlsroad"
+        )
     for name, frame in layers.items():
         if not isinstance(frame, gpd.GeoDataFrame):
-            raise ReadError(f"{path}: layer {name!r} has no geometry: it is no inventory of mlsroad")
+            raise ReadError(f"{path}: layer {name!r} has no geometry: it is not an inventory of mlsroad")
         if is_other_system(frame.crs, system):
             raise DataError(
                 f"{path}: layer {name!r} is in {frame.crs.name}, the inventory in {system.name if system else ''}: "
@@ -120,7 +122,7 @@ def _check_copy(path: Path, frame: gpd.GeoDataFrame, listed: pd.DataFrame) -> No
     if (apart > MOVED).mean() > 0.1:
         number = int(known["object_id"].to_numpy()[int(np.argmax(apart))])
         raise DataError(
-            f"{path} is no copy of this inventory (object {number} is another one): the survey was labelled again; "
+            f"{path} is not a copy of this inventory (object {number} is another one): the survey was labelled again; "
             "edit the present inventory"
         )
 
@@ -172,12 +174,14 @@ def _changes(path: Path, row: dict[str, Any], number: int, listed: pd.Series, st
     before, known = state.get("status", ""), state.get("checked_class", "")
     if status and status not in (*_ACTIONS, "added"):
         raise DataError(f"{path}: unknown status {row['status']!r} of object {number}: use {', '.join(_TYPED)}")
-    written = {name: _text(listed.get(name)) for name in ("status", "checked_class")}
+    stored = {name: listed.get(name) for name in ("status", "checked_class")}
+    written = {name: "" if pd.isna(value) else str(value) for name, value in stored.items()}
     named = next((n for n in (row["class"], row["kind"]) if n and n not in (listed["class"], listed["kind"])), "")
     if given and given not in (written["checked_class"], str(listed["class"]), str(listed["kind"])):
         named = given
     if named:
-        changes += [] if named == known else [_of_class(number, named)]
+        given_class = {"kind": named} if named in KINDS else {"payload": {"class": named}}
+        changes += [] if named == known else [Correction("other_kind", number, **given_class)]
     elif status in (written["status"], before):
         pass
     elif status in ("accepted", "rejected"):
@@ -199,20 +203,8 @@ def _changes(path: Path, row: dict[str, Any], number: int, listed: pd.Series, st
     return changes
 
 
-def _text(value: Any) -> str:
-    return "" if pd.isna(value) else str(value)
-
-
 def _apart(place: Sequence[Any], other: Sequence[Any]) -> float:
     return float(np.abs(np.asarray(place, np.float64) - np.asarray(other, np.float64)).max())
-
-
-def _of_class(number: int, name: str) -> Correction:
-    return (
-        Correction("other_kind", number, kind=name)
-        if name in KINDS
-        else Correction("other_kind", number, payload={"class": name})
-    )
 
 
 def _added(path: Path, row: dict[str, Any], layer: str) -> Correction:

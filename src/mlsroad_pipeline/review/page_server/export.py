@@ -44,7 +44,7 @@ def export_page(output: OutputFolder, target: Path, *, most: int = MOST_POINTS) 
     if target.exists():
         raise ExportError(f"{target} exists: remove it, or choose another name (--export)")
     if not target.parent.is_dir():
-        raise ExportError(f"{target.parent} is no folder: create it first")
+        raise ExportError(f"{target.parent} is not a folder: create it first")
     survey = ServedSurvey(output, user="")
     _check_inside(output)
     corrections, queue = _decisions(survey)

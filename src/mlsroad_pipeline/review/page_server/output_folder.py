@@ -143,7 +143,9 @@ def _reading(path: Path) -> Iterator[sqlite3.Connection]:
         with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as base:
             yield base
     except (sqlite3.Error, struct.error, IndexError, ValueError, TypeError) as error:
-        raise ReadError(f"{path} is damaged, or no inventory of mlsroad ({error}): label the survey again") from error
+        raise ReadError(
+            f"{path} is damaged, or not an inventory of mlsroad ({error}): label the survey again"
+        ) from error
 
 
 def _rows(base: sqlite3.Connection, query: str) -> list[tuple[Any, ...]]:

@@ -196,7 +196,7 @@ class ServedSurvey:
         """Write the class of the points that a stroke or a click selects, and return their rows."""
         name = wanted.get("class")
         if name not in self._codes():
-            raise ParameterError(f"{name!r} is no class of the survey")
+            raise ParameterError(f"unknown class {name!r} of the survey")
         rows = self._selected(wanted)
         if not len(rows):
             return {"ids": [], "rows": []}

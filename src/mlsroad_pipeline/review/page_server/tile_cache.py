@@ -70,7 +70,7 @@ def page_lock(folder: Path) -> Iterator[Callable[[str], None]]:
 def _opened(cache: Path) -> TextIO:
     """Open the lock file; raise ReadError where it or its folder is a link, since the file is emptied."""
     if cache.is_symlink() or (cache.exists() and not cache.is_dir()):
-        raise ReadError(f"{cache} is no folder of its own: remove this link or file and try again")
+        raise ReadError(f"{cache} is a link or a file, not a folder: remove it and try again")
     cache.mkdir(exist_ok=True)
     path = cache / "lock"
     foreign = ReadError(f"{path} is a link, or no file: remove it and try again")

@@ -90,7 +90,7 @@ def test_two_champions_are_an_error_unless_a_method_is_named():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"method": "forest"}, r"^label.method 'forest' is no method \(methods: detrended_forest, patch_graph, "),
+        ({"method": "forest"}, r"^unknown label.method 'forest' \(known: detrended_forest, patch_graph, "),
         (
             {"method": "shot"},
             "the package ships none and none is registered; `kedro run --pipelines=all_methods --to-outputs=shot.registered_model`",
