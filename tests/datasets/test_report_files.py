@@ -10,7 +10,7 @@ from kedro.io import DatasetError
 
 from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
 from mlsroad_pipeline.datasets.report_files import FigureDataset, HtmlReportDataset, MetricSeriesDataset, ScoresDataset
-from mlsroad_pipeline.reporting.figures.training import oob_figure
+from mlsroad_pipeline.reporting.figures import oob_figure
 
 
 @pytest.fixture

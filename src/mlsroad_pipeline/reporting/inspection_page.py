@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.las_codes import CODE_NAMES
 from mlsroad_pipeline.algorithms.quality.inspection import SurveyMap
-from mlsroad_pipeline.reporting.figures.style import empty_figure, tidy_axes
+from mlsroad_pipeline.reporting.figures import empty_figure, tidy_axes
 from mlsroad_pipeline.reporting.html.report import (
     FactsSection,
     FiguresSection,

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import pandas as pd
 from matplotlib.figure import Figure
 
-from mlsroad_pipeline.reporting.figures.style import GRID, SERIES, empty_figure, tidy_axes
+from mlsroad_pipeline.reporting.figures import GRID, SERIES, empty_figure, tidy_axes
 from mlsroad_pipeline.reporting.html.report import (
     FactsSection,
     FiguresSection,

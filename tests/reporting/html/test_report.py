@@ -13,7 +13,7 @@ from PIL import Image
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.palette import COLOURS
-from mlsroad_pipeline.reporting.figures.training import oob_figure
+from mlsroad_pipeline.reporting.figures import oob_figure
 from mlsroad_pipeline.reporting.html.objects import ObjectTableSection
 from mlsroad_pipeline.reporting.html.report import (
     DistributionSection,

@@ -11,8 +11,7 @@ from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
 from mlsroad_pipeline.reporting.clouds import cloud_figures
 from mlsroad_pipeline.reporting.clouds.cloud_figures import cloud_figure, labelling_pictures
 from mlsroad_pipeline.reporting.clouds.view import birds_eye_view, oblique_view, scale_length
-from mlsroad_pipeline.reporting.figures.scores import class_bars_figure, confusion_figure
-from mlsroad_pipeline.reporting.figures.training import importance_figure, oob_figure
+from mlsroad_pipeline.reporting.figures import class_bars_figure, confusion_figure, importance_figure, oob_figure
 
 MATRIX = np.array([[8, 2, 0], [0, 9, 1], [0, 0, 0]])
 CLASSES = ("road", "car", "wire")
