@@ -52,7 +52,7 @@ def test_class_bars_of_two_methods_have_a_legend_and_a_bar_each():
 
 
 def test_importances_are_sorted_and_cut():
-    figure = importance_figure([0.1, 0.6, 0.3], names=["a_b", "c", "d"], deviations=[0.1, 0.1, 0.1], largest=2)
+    figure = importance_figure([0.1, 0.6, 0.3], names=["a_b", "c", "d"], largest=2)
     assert [bar.get_width() for bar in figure.axes[0].patches] == [0.6, 0.3]
     assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["c", "d"]
     assert "2 largest of 3" in figure.axes[0].get_title(loc="left")
@@ -151,7 +151,6 @@ def test_real_street_fills_its_picture(real_data):
             r"no scores per class of split 't' \(splits: \['s'\]\)",
         ),
         (lambda: importance_figure([0.1], names=[]), "0 feature names"),
-        (lambda: importance_figure([0.1], names=["a"], deviations=[1, 2]), "deviations of shape"),
         (lambda: oob_figure([], []), "numbers of trees of shape"),
         (lambda: cloud_figure({}, birds_eye_view(np.zeros((1, 3))), classes=CLASSES), "pictures of one size"),
         (

@@ -161,7 +161,6 @@ def importance_figure(
     importances: ArrayLike,
     *,
     names: Sequence[str],
-    deviations: ArrayLike | None = None,
     largest: int = 25,
     title: str = "",
 ) -> Figure:
@@ -169,15 +168,10 @@ def importance_figure(
     values = np.asarray(importances, dtype=np.float64)
     if values.ndim != 1 or len(values) != len(names) or len(values) == 0:
         raise DataError(f"{len(names)} feature names for importances of shape {values.shape}")
-    spread = None if deviations is None else np.asarray(deviations, dtype=np.float64)
-    if spread is not None and spread.shape != values.shape:
-        raise DataError(f"deviations of shape {spread.shape} for importances of shape {values.shape}")
     order = np.argsort(-values, kind="stable")[:largest]
     figure = empty_figure(6.5, 0.9 + 0.21 * len(order))
     axes = figure.add_subplot()
-    whiskers = None if spread is None else spread[order]
-    axes.barh(range(len(order)), values[order], 0.72, color=SERIES[0], xerr=whiskers,
-              error_kw={"ecolor": "#8a93a3", "elinewidth": 0.8})  # fmt: skip
+    axes.barh(range(len(order)), values[order], 0.72, color=SERIES[0])
     axes.set_yticks(range(len(order)), shown_names([names[k] for k in order]))
     axes.set_ylim(len(order) - 0.4, -0.6)
     axes.set_xlim(left=0)

@@ -145,6 +145,7 @@ def compose(index, shade, colours, background, factor, picture):  # type: ignore
 
 
 _CHUNK = 1 << 20
+_STEP = np.float32(0.4)  # depth by which the background of a gap is farther than its surroundings, metres
 
 
 def nearest_points(
@@ -171,7 +172,7 @@ def nearest_points(
 
 
 def close_gaps(
-    index: NDArray[np.int64], depth: NDArray[np.float32], *, reach: int = 4, step: float = 0.4
+    index: NDArray[np.int64], depth: NDArray[np.float32], *, reach: int = 4
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """Close small gaps between the points of one surface.
 
@@ -180,10 +181,9 @@ def close_gaps(
     """
     if reach < 0:
         raise ParameterError(f"reach must be at least 0 pixels, got {reach}")
-    check_positive(step, "step")
     closed_index, closed_depth = index.copy(), depth.copy()
     if reach:
-        close(depth, index, _offsets(reach), reach, np.float32(step), closed_depth, closed_index)
+        close(depth, index, _offsets(reach), reach, _STEP, closed_depth, closed_index)
     return closed_index, closed_depth
 
 
@@ -196,14 +196,12 @@ def _offsets(reach: int) -> NDArray[np.int64]:
     return np.stack([down, right, sector], axis=1)[order]
 
 
-def depth_shading(depth: NDArray[np.float32], view: View, *, strength: float = 1.0) -> NDArray[np.float32]:
+def depth_shading(depth: NDArray[np.float32], view: View) -> NDArray[np.float32]:
     """Return the brightness of each pixel under eye-dome lighting.
 
     Depth edges are darkened on their far side, which separates objects without normals or lights (Boucheny 2009,
     "Visualisation scientifique de grands volumes de données: pour une approche perceptive", chapter 4).
     """
-    if not np.isfinite(strength) or strength < 0:
-        raise ParameterError(f"strength must be a finite number >= 0, got {strength}")
     shade = np.ones(depth.shape, dtype=np.float32)
     seen = np.isfinite(depth)
     if view.perspective:
@@ -214,7 +212,7 @@ def depth_shading(depth: NDArray[np.float32], view: View, *, strength: float = 1
         flat = np.where(seen, np.log2(1 + 0.5 * np.maximum(depth, 0)), np.inf).astype(np.float32)
         gain = 1.6
     for radius, weight in ((1, 0.6), (3, 0.4)):
-        darken(flat, radius, np.float32(gain * weight * strength), shade)
+        darken(flat, radius, np.float32(gain * weight), shade)
     return np.maximum(shade, np.float32(0.25))
 
 
@@ -239,9 +237,7 @@ def render_points(
     view: View,
     *,
     splat_metres: float = 0.05,
-    largest_splat: int = 7,
     gap: int = 3,
-    shading: float = 1.0,
     background: tuple[int, int, int] = (255, 255, 255),
     oversampling: int = 2,
 ) -> NDArray[np.uint8]:
@@ -261,7 +257,7 @@ def render_points(
         raise DataError(f"colours must be uint8, got {paint.dtype}")
     check_at_least(oversampling, 1, "oversampling")
     large = view.enlarged(oversampling)
-    index, depth = nearest_points(points, large, splat_metres=splat_metres, largest_splat=largest_splat)
+    index, depth = nearest_points(points, large, splat_metres=splat_metres)
     index, depth = close_gaps(index, depth, reach=gap * oversampling)
-    shade = depth_shading(depth, large, strength=shading)
+    shade = depth_shading(depth, large)
     return shaded_picture(index, shade, paint, background=background, oversampling=oversampling)
