@@ -24,7 +24,7 @@ from mlsroad_pipeline.papers.shared.patches.training import PatchTraining, join_
 from mlsroad_pipeline.papers.shared.patches.types import PatchStages
 from mlsroad_pipeline.pipelines.per_scene import PerScene, fix_arguments
 from mlsroad_pipeline.pipelines.schemes import training_scheme
-from mlsroad_pipeline.reporting.figures.training import objective_figure
+from mlsroad_pipeline.reporting.figures import objective_figure
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import held_out_keys
 

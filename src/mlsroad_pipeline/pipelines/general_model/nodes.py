@@ -29,9 +29,8 @@ from mlsroad_pipeline.pipelines.boosted_trees.nodes import load_lightgbm
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.pipelines.training_facts import with_training_facts
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
-from mlsroad_pipeline.surveys.recording_scenes import read_training_scene
+from mlsroad_pipeline.surveys.recordings import TrainingRecording, described_recordings, read_training_scene
 from mlsroad_pipeline.surveys.simulated import selected_surveys
-from mlsroad_pipeline.surveys.training_recordings import TrainingRecording, described_recordings
 
 
 def read_training_recordings(shipped: ShippedParameters, classes: Mapping[str, Any]) -> dict[str, SceneTask]:

@@ -23,7 +23,7 @@ from mlsroad_pipeline.papers.tomic2019.image_labels.drive_images import (
 from mlsroad_pipeline.papers.tomic2019.image_labels.own_segmentation import own_model
 from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.pipelines.schemes import training_scheme
-from mlsroad_pipeline.surveys.masks import masks_of_drives
+from mlsroad_pipeline.surveys.masks import masks_of_passes
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import held_out_keys, plan_comparison, training_keys
 
@@ -40,7 +40,7 @@ def find_images(
     plan = plan_comparison(survey, ingest, classes["codings"])
     found = images_of_drives(plan, parameters.calibration, drives, training=not parameters.own_segmentation)
     if parameters.masks is not None:
-        masks_of_drives({drive: images.images for drive, images in found.items()}, parameters.masks)
+        masks_of_passes({drive: images.images for drive, images in found.items()}, parameters.masks)
     return found
 
 

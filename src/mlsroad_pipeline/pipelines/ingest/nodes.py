@@ -14,10 +14,16 @@ from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
-from mlsroad_pipeline.surveys.plan import SurveyPlan, estimated_drives, plan_comparison, trajectory_beside
-from mlsroad_pipeline.surveys.plan_warnings import constant_warnings
+from mlsroad_pipeline.surveys.plan import (
+    SurveyPlan,
+    cut_ranges,
+    estimated_passes,
+    plan_comparison,
+    plan_pass,
+    trajectory_beside,
+)
 from mlsroad_pipeline.surveys.reading import describe_file, find_corridor, read_and_cut
-from mlsroad_pipeline.surveys.scene_plan import cut_ranges, plan_drive
+from mlsroad_pipeline.surveys.survey_warnings import constant_warnings
 
 logger = logging.getLogger(__name__)
 
@@ -34,22 +40,22 @@ def plan_files(
 
 def describe_files(plan: SurveyPlan, ingest: IngestParameters) -> dict[str, SceneTask]:
     """Create one task per file, which counts its points and takes a sample."""
-    estimated = estimated_drives(plan, ingest)
+    estimated = estimated_passes(plan, ingest)
     return {
         f.key: SceneTask(
             describe_file,
             {"path": SourceFile(f.source.path)},
-            {"options": plan.options, "labels": plan.labels, "windows": f.drive in estimated},
+            {"options": plan.options, "labels": plan.labels, "windows": f.pass_key in estimated},
         )
         for f in plan.files
     }
 
 
 def find_corridors(plan: SurveyPlan, files: SceneCollection, ingest: IngestParameters) -> dict[str, SceneTask]:
-    """Create one task per drive, which finds the corridor that it is cut along."""
+    """Create one task per pass, which finds the corridor that it is cut along."""
     samples, windows, facts = files.part("sample"), files.part("windows"), files.load_all("info")
     tasks = {}
-    for drive, members in plan.drives().items():
+    for pass_key, members in plan.passes().items():
         beside = trajectory_beside(members)
         inputs = {
             "samples": [samples[f.key] for f in members],
@@ -57,7 +63,7 @@ def find_corridors(plan: SurveyPlan, files: SceneCollection, ingest: IngestParam
             "trajectory": None if beside is None else SourceFile(beside),
         }
         factors = facts[members[0].key]["factors"]
-        tasks[drive] = SceneTask(find_corridor, inputs, {"along": ingest.cut == "along", "factors": factors})
+        tasks[pass_key] = SceneTask(find_corridor, inputs, {"along": ingest.cut == "along", "factors": factors})
     return tasks
 
 
@@ -65,16 +71,16 @@ def cut_files(
     plan: SurveyPlan, files: SceneCollection, corridors: SceneCollection, ingest: IngestParameters
 ) -> dict[str, SceneTask]:
     """Create one task per range of rows, which reads it and sorts it into bins of the corridor."""
-    for drive, corridor in corridors.load_all().items():
+    for pass_key, corridor in corridors.load_all().items():
         if "note" in corridor:
-            logger.info("%s: %s", drive, corridor["note"])
+            logger.info("%s: %s", pass_key, corridor["note"])
     info = files.load_all("info")
     for name, warning in constant_warnings(plan, info):
         logger.warning("%s: %s", name, warning)
     return {
         cut.key: SceneTask(
             read_and_cut,
-            {"path": SourceFile(cut.file.source.path), "corridor": corridors[cut.file.drive]},
+            {"path": SourceFile(cut.file.source.path), "corridor": corridors[cut.file.pass_key]},
             cut.parameters(plan, ingest),
         )
         for cut in cut_ranges(plan, info, ingest)
@@ -90,8 +96,8 @@ def assemble_scenes(plan: SurveyPlan, pieces: SceneCollection, ingest: IngestPar
             {"pieces": [points[key] for key in scene.pieces]},
             {"span": scene.span, "outliers": ingest.outliers, "source": scene.source},
         )
-        for drive in plan.drives()
-        for scene in plan_drive(drive, plan, bins, ingest)
+        for pass_key in plan.passes()
+        for scene in plan_pass(pass_key, plan, bins, ingest)
     }
 
 

@@ -15,8 +15,7 @@ from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.execution.output_lock import OutputInUseError, lock_output
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.run_identity import FINISHED
-from mlsroad_pipeline.label.models.choice import ModelChoice, StoredModel
-from mlsroad_pipeline.label.models.selection import choose_model
+from mlsroad_pipeline.label.model_choice import ModelChoice, StoredModel, choose_model
 from mlsroad_pipeline.label.runs import finished_record
 from mlsroad_pipeline.label.summary import LabelSummary, moved_summary
 from mlsroad_pipeline.model_store.registered_models import PREFIX, configured_store

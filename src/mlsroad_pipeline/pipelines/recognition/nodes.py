@@ -14,7 +14,7 @@ from mlsroad_pipeline.papers.shared.recognition.cutting import RecognitionParame
 from mlsroad_pipeline.papers.shared.recognition.object_files import find_folds, listed_files, read_fold
 from mlsroad_pipeline.papers.shared.recognition.scores import score_recognitions
 from mlsroad_pipeline.pipelines.schemes import recognition_scheme
-from mlsroad_pipeline.reporting.figures.scores import confusion_figure
+from mlsroad_pipeline.reporting.figures import confusion_figure
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 
 

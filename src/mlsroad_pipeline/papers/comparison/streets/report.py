@@ -20,7 +20,7 @@ from mlsroad_pipeline.papers.comparison.streets.tables import (
     paired_differences,
 )
 from mlsroad_pipeline.papers.shared.studies.figures import draw_panels, name_axes
-from mlsroad_pipeline.reporting.figures.style import SERIES
+from mlsroad_pipeline.reporting.figures import SERIES
 from mlsroad_pipeline.reporting.html.report import FactsSection, FiguresSection, Section, TableSection
 
 _NOTES = {

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.reporting.clouds.cloud_figures import INK
-from mlsroad_pipeline.reporting.figures.style import SERIES, empty_figure, tidy_axes
+from mlsroad_pipeline.reporting.figures import SERIES, empty_figure, tidy_axes
 
 Curve = tuple[NDArray, NDArray, NDArray]
 

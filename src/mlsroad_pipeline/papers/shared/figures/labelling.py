@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.papers.shared.evaluation.labelling import coarse_labels
 from mlsroad_pipeline.reporting.clouds.cloud_figures import cloud_figure, labelling_pictures
 from mlsroad_pipeline.reporting.clouds.view import View, birds_eye_view, oblique_view
-from mlsroad_pipeline.reporting.figures.scores import class_bars_figure, confusion_figure
+from mlsroad_pipeline.reporting.figures import class_bars_figure, confusion_figure
 
 
 def scene_figures(

@@ -50,7 +50,7 @@ def images_of_drives(
 ) -> dict[str, DriveImages]:
     """Return the images of each drive of a survey, or of the named ones; `training` needs some of training drives."""
     with_images, without = {}, []
-    for drive, files in plan.drives().items():
+    for drive, files in plan.passes().items():
         if drives is not None and drive not in drives:
             continue
         path = Path(files[0].source.path).parent / calibration
