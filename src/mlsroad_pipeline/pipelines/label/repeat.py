@@ -79,4 +79,4 @@ def repeat_summary(run: RunFolder, parameters: LabelParameters) -> LabelSummary:
 def repeat_pipeline() -> Pipeline:
     """Return the pipeline that reports the summary of a finished run."""
     inputs = ["label_run", "params:label"]
-    return Pipeline([Node(repeat_summary, inputs=inputs, outputs="label_summary", name="repeat_label_summary")])
+    return Pipeline([Node(repeat_summary, inputs, "label_summary", name="repeat_label_summary")])
