@@ -11,8 +11,14 @@ from kedro.pipeline import Node, Pipeline
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.models.methods import methods_of
-from mlsroad_pipeline.papers.comparison.streets.report import compare_task, comparison_sections, costs_table
-from mlsroad_pipeline.papers.comparison.streets.tables import TASKS, mean_scores, of_methods
+from mlsroad_pipeline.papers.comparison.streets import (
+    TASKS,
+    compare_task,
+    comparison_sections,
+    costs_table,
+    mean_scores,
+    of_methods,
+)
 from mlsroad_pipeline.reporting.html.report import build_report
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 

@@ -20,16 +20,22 @@ from mlsroad_pipeline.papers.shared.detection.scoring import (
     detection_curves,
     detection_table,
 )
-from mlsroad_pipeline.papers.shared.evaluation.labelling import count_scene, given_classes, scores_table, sum_by_split
-from mlsroad_pipeline.papers.shared.evaluation.visibility import (
+from mlsroad_pipeline.papers.shared.evaluation import (
     LabelNames,
+    count_scene,
     count_seen_scene,
+    given_classes,
+    scores_table,
     seen_scores_table,
     seen_share,
+    sum_by_split,
 )
-from mlsroad_pipeline.papers.shared.figures.detection import precision_recall_figure
-from mlsroad_pipeline.papers.shared.figures.detection_pictures import detection_figure
-from mlsroad_pipeline.papers.shared.figures.labelling import scene_figures, score_figures
+from mlsroad_pipeline.papers.shared.figures import (
+    detection_figure,
+    precision_recall_figure,
+    scene_figures,
+    score_figures,
+)
 from mlsroad_pipeline.pipelines.per_scene import PerScene, fix_arguments
 from mlsroad_pipeline.pipelines.schemes import detection_scheme, evaluation_scheme, training_scheme
 from mlsroad_pipeline.surveys.parameters import SurveyParameters

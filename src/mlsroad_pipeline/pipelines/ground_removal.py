@@ -5,7 +5,7 @@ from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.papers.shared.evaluation.stages import count_ground_points, ground_table
+from mlsroad_pipeline.papers.shared.evaluation import count_ground_points, ground_table
 from mlsroad_pipeline.pipelines.per_scene import PerScene
 
 

@@ -5,7 +5,7 @@ from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline.algorithms.stages import build_supervoxels
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.papers.shared.evaluation.stages import measure_supervoxels, supervoxel_table
+from mlsroad_pipeline.papers.shared.evaluation import measure_supervoxels, supervoxel_table
 from mlsroad_pipeline.pipelines.per_scene import PerScene
 
 
