@@ -1,4 +1,4 @@
-"""Contextual feature groups: a region and its nearest regions; description of the objects of a scene by them (Yu et al. 2016, III-D)."""
+"""Contextual feature groups, a region with its nearest regions, and objects described by them (Yu et al. 2016)."""
 
 from __future__ import annotations
 
