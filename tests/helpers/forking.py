@@ -19,7 +19,7 @@ LOADED = (
     "mlsroad_pipeline.commands.console",
     "mlsroad_pipeline.label.warm_up",
     "mlsroad_pipeline.pipelines.label.pipeline",
-    "mlsroad_pipeline.pipelines.inspect.pipeline",
+    "mlsroad_pipeline.pipelines.inspect",
     "kedro.framework.context",
     "kedro.runner",
 )

@@ -12,7 +12,7 @@ from references.simulator import brown_conrady
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.pipelines.simulate.nodes import simulate_surveys
+from mlsroad_pipeline.pipelines.simulate import simulate_surveys
 from mlsroad_pipeline.simulation import simulate_survey
 from mlsroad_pipeline.simulation.furnishing.blocks import PASS_INSTANCES
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters

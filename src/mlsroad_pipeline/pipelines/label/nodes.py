@@ -13,6 +13,7 @@ from mlsroad_pipeline.algorithms.core.palette import class_palette
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, missing_attributes
 from mlsroad_pipeline.algorithms.models.members import context_of
+from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.run_folder import RunFolder
@@ -34,11 +35,12 @@ from mlsroad_pipeline.label.written_file import code_names, output_codes, write_
 from mlsroad_pipeline.model_store.bundle_files import ModelFile
 from mlsroad_pipeline.model_store.object_classifiers import classifier_digest
 from mlsroad_pipeline.model_store.registered_models import configured_store
-from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.reporting.html.report import build_report
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import SurveyPlan, plan_labelling
 from mlsroad_pipeline.surveys.survey_warnings import plan_warnings
+
+ImageLabelsParameters: Any = METHODS["image_labels"].load("parameters")
 
 logger = logging.getLogger(__name__)
 
