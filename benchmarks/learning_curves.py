@@ -36,7 +36,7 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.features.voxel_scales import VoxelFeatures, smooth_by_cells
 from mlsroad_pipeline.algorithms.metrics.confusion import scores
 from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import Answer
-from mlsroad_pipeline.algorithms.models.boosted_trees.continuation import continue_training
+from mlsroad_pipeline.algorithms.models.boosted_trees.corrected import continue_training
 from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import describe_scene, softmax
 from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG, BoostedTreesParameters
 from mlsroad_pipeline.algorithms.models.boosted_trees.segments import (
@@ -49,7 +49,7 @@ from mlsroad_pipeline.algorithms.models.boosted_trees.training import fit
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.labelling import label_softly
 from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees
-from mlsroad_pipeline.algorithms.models.machines.grouped_decision import decide
+from mlsroad_pipeline.algorithms.models.machines.combinations import decide
 from mlsroad_pipeline.algorithms.models.pool.labeller import FLOOR, NETWORK, TREES, members_of
 from mlsroad_pipeline.algorithms.scenes.parts import TEST, TRAIN
 from mlsroad_pipeline.algorithms.stages import ground_of, inliers

@@ -48,11 +48,15 @@ from judge_streets import (
 )
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
-from mlsroad_pipeline.algorithms.inventory.objects.candidate_labels import raised_labels
-from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import FEATURE_COLUMNS
-from mlsroad_pipeline.algorithms.inventory.objects.classifier_continuation import JudgedCandidates
-from mlsroad_pipeline.algorithms.inventory.objects.classifying import NEITHER, POLE, STEM, TRUNK
-from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectJudge
+from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import FEATURE_COLUMNS, raised_labels
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import (
+    NEITHER,
+    POLE,
+    STEM,
+    TRUNK,
+    JudgedCandidates,
+    ObjectJudge,
+)
 from mlsroad_pipeline.algorithms.inventory.objects.object_features import FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.stem_features import STEM_FEATURES, find_scene_stems

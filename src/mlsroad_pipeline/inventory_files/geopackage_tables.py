@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
 
-from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS
-from mlsroad_pipeline.algorithms.inventory.lines.layers import LINE_LAYERS
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS, LINE_LAYERS
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS
 
 _SCHEMA_EXTENSION = """

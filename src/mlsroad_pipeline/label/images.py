@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.members import member
+from mlsroad_pipeline.algorithms.models.labelling import member
 from mlsroad_pipeline.algorithms.models.methods import needs_images
 from mlsroad_pipeline.algorithms.scenes.corridor import Corridor
-from mlsroad_pipeline.algorithms.scenes.spans import SceneSpan
+from mlsroad_pipeline.algorithms.scenes.joining import SceneSpan
 from mlsroad_pipeline.surveys.images import PosedImage, SurveyImages
 from mlsroad_pipeline.surveys.masks import masks_of_drives
 from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan, trajectory_beside

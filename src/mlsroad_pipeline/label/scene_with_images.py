@@ -14,12 +14,10 @@ from mlsroad_pipeline.algorithms.cameras.legend import Legend
 from mlsroad_pipeline.algorithms.core.labels import ImagePredictions, PointLabels
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
-from mlsroad_pipeline.algorithms.models.labelling import label_cloud
-from mlsroad_pipeline.algorithms.models.members import member
+from mlsroad_pipeline.algorithms.models.labelling import label_cloud, member
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.scenes.binning import BinnedCloud
-from mlsroad_pipeline.algorithms.scenes.joining import join_pieces
-from mlsroad_pipeline.algorithms.scenes.spans import SceneSpan
+from mlsroad_pipeline.algorithms.scenes.joining import SceneSpan, join_pieces
 from mlsroad_pipeline.label.images import FUSION, IMAGE_LABELS
 from mlsroad_pipeline.label.scene import LabelledScene, LabelSettings, label_new_scene
 from mlsroad_pipeline.surveys.images import read_picture

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.scenes.binning import BinCounts
+from mlsroad_pipeline.algorithms.scenes.joining import SceneSpan, plan_scenes
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
-from mlsroad_pipeline.algorithms.scenes.spans import SceneSpan, plan_scenes
 from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan
 from mlsroad_pipeline.surveys.reading import FileFacts
 

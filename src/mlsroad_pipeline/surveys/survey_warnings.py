@@ -11,7 +11,7 @@ from pathlib import PurePosixPath
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.quality.places import count_places
+from mlsroad_pipeline.algorithms.quality.density import count_places
 from mlsroad_pipeline.algorithms.quality.report import QualityReport
 from mlsroad_pipeline.formats.crs import is_geographic, place_outside
 from mlsroad_pipeline.formats.crs_units import SAME_UNIT, crs_units

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.quality.scene_facts import scene_facts
-from mlsroad_pipeline.algorithms.quality.training_facts import median_facts, unusual_facts
+from mlsroad_pipeline.algorithms.quality.scene_facts import median_facts, scene_facts, unusual_facts
 from mlsroad_pipeline.algorithms.scenes.joining import join_pieces
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters, OutlierParameters
 from mlsroad_pipeline.execution.collection import SceneCollection

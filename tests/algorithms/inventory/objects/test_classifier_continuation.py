@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.inventory.objects.classifier_continuation import (
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import (
     JudgeContinuation,
     JudgedCandidates,
+    ObjectJudge,
     continue_judge,
 )
-from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectJudge
 from mlsroad_pipeline.algorithms.models.machines.boosted_trees import MAX_THRESHOLDS
 from mlsroad_pipeline.model_store.object_judges import read_judge_replay, shipped_judge
 

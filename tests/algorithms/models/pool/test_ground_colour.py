@@ -6,18 +6,22 @@ import pytest
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.labelling import SoftLabels, label_softly
-from mlsroad_pipeline.algorithms.models.pool.ground_colour import (
+from mlsroad_pipeline.algorithms.models.pool.labeller import (
     DARK,
     INTERCEPT,
     METADATA,
     NATURAL,
+    NETWORK,
     PAVED,
     TERMS,
+    TREES,
     colour_sums,
     ground_terms,
     natural_share,
+    pool_bundle,
+    with_ground_colour,
+    with_trees,
 )
-from mlsroad_pipeline.algorithms.models.pool.labeller import NETWORK, TREES, pool_bundle, with_ground_colour, with_trees
 from mlsroad_pipeline.model_store.shipped_models import load_shipped
 from mlsroad_pipeline.papers.tomic2019.fusion import pool
 

@@ -11,7 +11,7 @@ from onnx import TensorProto, helper, numpy_helper
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.members import member, with_members
+from mlsroad_pipeline.algorithms.models.labelling import member, with_members
 from mlsroad_pipeline.label.models.request import ModelRequest, image_request
 from mlsroad_pipeline.label.models.selection import choose_model
 from mlsroad_pipeline.label.summary import segmentation_source
