@@ -1,4 +1,4 @@
-"""Column features of supervoxels: occupied height slices of the columns around the centroid."""
+"""Features of the columns around the centroid of a supervoxel: occupied height slices and footprints."""
 
 from __future__ import annotations
 

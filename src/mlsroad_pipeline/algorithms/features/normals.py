@@ -1,4 +1,4 @@
-"""Normals of points, with defined orientation."""
+"""Normals of points with a defined orientation, and features of the orientation of supervoxels."""
 
 from __future__ import annotations
 

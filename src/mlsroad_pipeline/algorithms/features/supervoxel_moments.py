@@ -1,4 +1,4 @@
-"""Moments of coordinates and statistics of columns per supervoxel."""
+"""Moments of coordinates per supervoxel, and features of height, intensity and colour from statistics of columns."""
 
 from __future__ import annotations
 

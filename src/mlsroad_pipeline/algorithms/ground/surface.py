@@ -1,4 +1,4 @@
-"""Ground surface as a raster of cells, and heights above it."""
+"""Ground surface as a raster of cells, heights above it, and the kernels of both."""
 
 from __future__ import annotations
 

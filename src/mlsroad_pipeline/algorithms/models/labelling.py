@@ -1,4 +1,4 @@
-"""Labelling of points by a trained model, with the function of the model's method."""
+"""Labelling of points by a trained model with its method, and models that are stored inside another model."""
 
 from __future__ import annotations
 

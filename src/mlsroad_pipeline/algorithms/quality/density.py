@@ -1,4 +1,4 @@
-"""Figures of the point density of a file, from the numbers of points in the cells of a grid."""
+"""Point density of a file from the numbers of points in the cells of a grid, and its number of places."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Facts of a scene that a labeller depends on: density, spacing, heights, intensities, shapes."""
+"""Facts of a scene that a labeller depends on (density, spacing, heights, shapes), against those of training data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joining of a scene from slices of ranges of rows."""
+"""Scenes as ranges of bins along the survey, and their joining from slices of ranges of rows."""
 
 from __future__ import annotations
 

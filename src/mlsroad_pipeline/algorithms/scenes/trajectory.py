@@ -1,4 +1,4 @@
-"""Trajectory of the survey vehicle, and stations along it."""
+"""Trajectory of the survey vehicle, its jumps, and stations along it."""
 
 from __future__ import annotations
 

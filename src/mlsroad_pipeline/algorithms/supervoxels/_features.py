@@ -1,4 +1,4 @@
-"""Voxel features: position, normal and colour, one row per voxel."""
+"""Voxel features (position, normal and colour, one row per voxel) and the kernels of the normals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Axes of poles and posts."""
+"""Axes of poles and posts, and circles through their cross-sections."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Table of all candidates of a scene with their features, to train a judge."""
+"""Labels of candidates, and the table of all candidates of a scene with their features, to train the classifier."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Boosted trees that judge candidates of the inventory: calibrated probabilities and reasons."""
+"""Boosted trees that classify candidates of the inventory, with calibrated probabilities, and their continuation."""
 
 from __future__ import annotations
 

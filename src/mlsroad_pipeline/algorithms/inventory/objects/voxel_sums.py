@@ -1,4 +1,4 @@
-"""Sums of points over voxels that are aligned to world coordinates, so that voxels of neighbouring scenes coincide."""
+"""Voxels of objects, aligned to world coordinates, so that voxels of neighbouring scenes coincide."""
 
 from __future__ import annotations
 

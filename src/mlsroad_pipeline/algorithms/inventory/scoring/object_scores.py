@@ -1,4 +1,4 @@
-"""Scores of matched objects: precision, recall, F, curves by score, calibration and errors of measures."""
+"""Matching of objects with a reference: precision, recall, F, curves by score, calibration, errors of measures."""
 
 from __future__ import annotations
 

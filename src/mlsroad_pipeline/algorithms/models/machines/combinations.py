@@ -1,4 +1,4 @@
-"""Combinations of the voxels or superpoints of several models."""
+"""Combinations of the voxels or superpoints of several models, and decisions by groups of classes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trained one-against-one support vector machine with a Gaussian kernel, as flat arrays."""
+"""Training and prediction of a one-against-one support vector machine with a Gaussian kernel, as flat arrays."""
 
 from __future__ import annotations
 

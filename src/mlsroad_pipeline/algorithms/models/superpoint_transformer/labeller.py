@@ -1,4 +1,4 @@
-"""Labels of points by a trained superpoint transformer, without PyTorch."""
+"""Labels of points and probabilities of superpoints by a trained superpoint transformer, without PyTorch."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernels that fit a plane with a jump around each cell of the ground, see `steps`."""
+"""Cells of the ground, and kernels that fit a plane with a jump around each, see `steps`."""
 
 from __future__ import annotations
 

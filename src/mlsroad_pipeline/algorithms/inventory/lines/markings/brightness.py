@@ -1,4 +1,4 @@
-"""Cells of the road, and how bright they are against the road around them."""
+"""Cells of the road, their brightness against the road around them, and the scanner passes of its points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kinds of markings: crossings, stop lines, lane lines, others; dashes."""
+"""Kinds of markings: crossings, stop lines, lane lines, others; dashes; lines inside the carriageway."""
 
 from __future__ import annotations
 
