@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.geometry.cell_grid import build_cell_grids
+from mlsroad_pipeline.algorithms.geometry.cells import build_cell_grids
 from mlsroad_pipeline.papers.luo2016.patch_graph.costs import CostWeights, weigh_descriptors
 from mlsroad_pipeline.papers.shared.patches.table import Patches
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from sklearn.model_selection import StratifiedGroupKFold
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.models.machines.kernel_machine import Choice
-from mlsroad_pipeline.algorithms.models.machines.kernel_machine_training import choose_machine, fit_machine, standardise
+from mlsroad_pipeline.algorithms.models.machines.kernel_machine import Choice, choose_machine, fit_machine, standardise
 from mlsroad_pipeline.papers.luo2016.patch_svm.classifier import SLUG, PatchSvm, PatchSvmParameters
 from mlsroad_pipeline.papers.shared.patches.features import draw_training_patches, patch_features, variants_of
 from mlsroad_pipeline.papers.shared.patches.table import Patches

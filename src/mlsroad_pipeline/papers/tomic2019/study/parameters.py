@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.stage_parameters import StageParameters
 from mlsroad_pipeline.algorithms.features.eigen import SHAPE_FEATURES
-from mlsroad_pipeline.algorithms.features.height import GROUND_HEIGHT_FEATURES, OWN_HEIGHT_FEATURES
-from mlsroad_pipeline.algorithms.features.orientation import ORIENTATION_FEATURES
-from mlsroad_pipeline.algorithms.features.radiometry import INTENSITY_FEATURES
+from mlsroad_pipeline.algorithms.features.normals import ORIENTATION_FEATURES
+from mlsroad_pipeline.algorithms.features.supervoxel_moments import (
+    GROUND_HEIGHT_FEATURES,
+    INTENSITY_FEATURES,
+    OWN_HEIGHT_FEATURES,
+)
 from mlsroad_pipeline.papers.shared.studies.parameters import ScaledStudy
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import ForestParameters
 
