@@ -17,8 +17,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
 from mlsroad_pipeline.datasets import scene_store_dataset
 from mlsroad_pipeline.datasets.scene_store_dataset import SceneStoreDataset
 from mlsroad_pipeline.execution import dask_cluster
-from mlsroad_pipeline.execution.dask_cluster import _connected, _warn_of_open_ports
-from mlsroad_pipeline.execution.settings import Execution
+from mlsroad_pipeline.execution.dask_cluster import _warn_of_open_ports
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.execution.worker import SceneJob, run_scene
 
@@ -105,16 +104,6 @@ def test_a_worker_without_the_folder_is_named(tmp_path):
     shutil.rmtree(tmp_path / "s")
     cause = run_scene(job).failure.cause
     assert f"{store.url} is not there on " in cause and "this worker does not share that folder" in cause
-
-
-def test_a_local_cluster_is_closed_to_others(tmp_path):
-    with _connected(Execution("dask", n_workers=1)) as client:
-        client.wait_for_workers(1, timeout=60)
-        info = client.scheduler_info()
-        addresses = [info["address"], *info["workers"]]
-        assert all(address.startswith("tls://127.0.0.1:") for address in addresses)
-        with pytest.raises((OSError, TypeError)):
-            Client(addresses[0], timeout=2, set_as_default=False)
 
 
 def test_an_open_scheduler_is_warned_of_once(caplog):

@@ -6,10 +6,8 @@ kedro-mlflow only where a run is tracked, and no other plugin.
 
 from __future__ import annotations
 
-import gc
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -71,16 +69,6 @@ class Run(NamedTuple):
     nodes: frozenset[str]
 
 
-@contextmanager
-def no_collection() -> Iterator[None]:
-    """Switch garbage collection off until a pipeline begins: imports create many objects and no garbage."""
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.enable()
-
-
 def configure(place: Place) -> None:
     """Configure the logging and Kedro for the package; Kedro configures the logging when it is imported."""
     os.environ.setdefault("KEDRO_LOGGING_CONFIG", str(Path(place.configuration) / "logging.yml"))
@@ -105,7 +93,6 @@ def run_pipeline(name: str, parameters: Mapping[str, Any], *, place: Place) -> R
     catalog, pipeline, run_id = context.catalog, pipelines[name], generate_timestamp()
     run_params = _run_params(name, parameters, place, run_id)
     hooks.hook.before_pipeline_run(run_params=run_params, pipeline=pipeline, catalog=catalog)
-    gc.enable()
     try:
         result = SequentialRunner().run(pipeline, catalog, hooks, run_id=run_id)
     except BaseException as error:

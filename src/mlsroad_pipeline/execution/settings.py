@@ -26,8 +26,7 @@ class Execution:
         Number of scenes processed at the same time; memory grows with it. Default: the number of cores available to
         this process, or with `scheduler` all threads of the cluster.
     scheduler : str, optional
-        Address of a Dask scheduler, such as ``tcp://host:8786``. Without it the `dask` backend uses the current
-        client of this process, or else starts a local cluster for the stage.
+        Address of a Dask scheduler, such as ``tcp://host:8786``; the backend `dask` needs it.
     progress : bool, default True
         Show a progress bar on a terminal, and write progress lines to the log elsewhere.
     verify : {"checksum", "size"}, default "checksum"
@@ -36,7 +35,7 @@ class Execution:
     Raises
     ------
     ParameterError
-        If a value is outside its domain, or if `scheduler` is combined with another backend.
+        If a value is outside its domain, if `scheduler` is combined with another backend, or if `dask` has none.
     """
 
     backend: str = "loky"
@@ -55,6 +54,11 @@ class Execution:
             raise ParameterError(f"execution: verify must be one of {CHECKS}, got {self.verify!r}")
         if self.scheduler is not None and self.backend != "dask":
             raise ParameterError(f"execution: scheduler {self.scheduler!r} needs the backend dask, not {self.backend}")
+        if self.backend == "dask" and not self.scheduler:
+            raise ParameterError(
+                "execution: backend dask needs execution.scheduler, the address of a scheduler such as "
+                "tcp://host:8786; loky uses all cores of this machine"
+            )
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any] | None) -> Execution:

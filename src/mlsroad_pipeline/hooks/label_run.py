@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 from typing import Any
 
@@ -11,6 +12,7 @@ from kedro.framework.project import pipelines
 from kedro.io import CatalogProtocol
 from kedro.pipeline import Pipeline
 
+from mlsroad_pipeline.execution.backends import end_processes
 from mlsroad_pipeline.execution.output_lock import release_output
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.run_identity import run_folder, run_settings
@@ -58,8 +60,11 @@ class LabelRunHooks:
 
     @hook_impl
     def before_pipeline_run(self) -> None:
-        """Clear the list of files of an earlier run."""
+        """Clear the list of files of an earlier run, and switch on garbage collection after an early start."""
         self._sources = set()
+        if not gc.isenabled():
+            gc.freeze()
+            gc.enable()
 
     @hook_impl
     def after_dataset_saved(self, data: Any) -> None:
@@ -80,12 +85,14 @@ class LabelRunHooks:
             _remove_stale(run)
             run.close(catalog.load(SUMMARY), sources, keep_state=parameters.keep_state)
         release_output(run.output)
+        end_processes()
 
     @hook_impl(trylast=True)
     def on_pipeline_error(self, pipeline: Pipeline, catalog: CatalogProtocol) -> None:
         """Release the output."""
         if RUN in pipeline.inputs():
             release_output(catalog.load(RUN).output)
+            end_processes()
 
 
 def _remove_stale(run: RunFolder) -> None:
