@@ -1,19 +1,17 @@
-"""Speed and memory of reading and writing surveys, beside laspy and NumPy.
+"""Speed and memory of reading and writing surveys, compared with laspy, lazrs, NumPy, pypcd4 and pye57.
 
-``python benchmarks/bench_formats.py [LAZ] [--only GROUP ...]``; without a file the 5 million point street of
-``$MLSROAD_RIVALS``, without groups all of them. Wall time and processor time of this process, medians of three turns.
+    python benchmarks/bench_formats.py [LAZ] [--only GROUP ...]
+
+Without a file the street of 5 million points of `$MLSROAD_RIVALS` is used, without groups all of them. Elapsed and
+processor time of this process, medians of three runs.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import resource
-import statistics
-import sys
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -22,6 +20,7 @@ import lazrs
 import numpy as np
 import pye57
 import pypcd4
+from _common import RIVALS, parser, race, show
 
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.e57.format import CARTESIAN
@@ -39,7 +38,7 @@ from mlsroad_pipeline.surveys.inspection import inspect_file
 
 CHUNK = 1_000_000
 REPEATS = 3
-RIVALS = ("lazrs alone", "laspy", "numpy.loadtxt", "pypcd4 as one array", "pypcd4", "pye57")
+OTHERS = ("lazrs alone", "laspy", "numpy.loadtxt", "pypcd4 as one array", "pypcd4", "pye57")
 """Suffix of the names of competing programs."""
 TABLE_POINTS, TEXT_POINTS = 1_000_000, 5_000_000
 RECORDS = 2_000_000
@@ -128,22 +127,10 @@ def labels_of(start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def measure(cases: dict[str, Callable[[], int]], *, repeats: int = REPEATS) -> None:
-    """Run the cases in turns, and print the medians of each."""
-    times: dict[str, list[tuple[float, float]]] = {name: [] for name in cases}
-    counts: dict[str, int] = {}
-    for _ in range(repeats):
-        for name, run in cases.items():
-            begin, worked = time.perf_counter(), time.process_time()
-            counts[name] = run()
-            times[name].append((time.perf_counter() - begin, time.process_time() - worked))
-    for name, taken in times.items():
-        wall, work = (statistics.median(column) for column in zip(*taken, strict=True))
-        speed = counts[name] / wall
-        print(f"{name:52s} {wall:8.3f} s {work:8.3f} s of processors {speed / 1e6:8.2f} M points/s")
-        figures = {"seconds": wall, "processor_seconds": work, "points": counts[name], "points_per_second": speed}
-        rival = next((program for program in RIVALS if name.endswith(", " + program)), None)
-        what = {"kernel": name.removesuffix(f", {rival}"), "program": rival or "mlsroad"}
-        print(json.dumps({**what, **figures}))
+    """Run the cases alternately, and print the medians of each."""
+    for name, timed in race(cases, repeats=repeats).items():
+        other = next((program for program in OTHERS if name.endswith(", " + program)), None)
+        show(name.removesuffix(f", {other}"), timed.result, {other or "mlsroad": timed})
 
 
 def bench_records(laz: Path, out: Path) -> None:
@@ -279,18 +266,18 @@ GROUPS = {
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("laz", nargs="?", help="a LAZ file; else street_5M.laz of $MLSROAD_RIVALS")
-    parser.add_argument("--only", nargs="+", choices=GROUPS, default=list(GROUPS), help="groups to measure")
-    parser.add_argument("--folder", help="where files are written, and kept; else a temporary folder")
-    given = parser.parse_args()
-    rivals = os.environ.get("MLSROAD_RIVALS")
-    if given.laz is None and not rivals:
-        sys.exit("give a LAZ file, or set MLSROAD_RIVALS")
-    laz = Path(given.laz) if given.laz else Path(str(rivals)) / "street_5M.laz"
+    """Measure the groups."""
+    arguments = parser(__doc__)
+    arguments.add_argument("laz", nargs="?", type=Path, help="a LAZ file; else street_5M.laz of $MLSROAD_RIVALS")
+    arguments.add_argument("--only", nargs="+", choices=GROUPS, default=list(GROUPS), help="groups to measure")
+    arguments.add_argument("--folder", type=Path, help="where files are written, and kept; else a temporary folder")
+    given = arguments.parse_args()
+    if given.laz is None and "MLSROAD_RIVALS" not in os.environ:
+        arguments.error("give a LAZ file, or set MLSROAD_RIVALS")
+    laz = given.laz or RIVALS / "street_5M.laz"
     with tempfile.TemporaryDirectory() as folder:
         for name in given.only:
-            GROUPS[name](laz, Path(given.folder or folder))
+            GROUPS[name](laz, given.folder or Path(folder))
     print(json.dumps({"kernel": "peak memory", "mebibytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}))
 
 

@@ -1,29 +1,26 @@
-"""Speed of alpha-expansion beside gco, PyMaxflow in a loop, and CGAL, where they are found.
-
-The graph and the rivals are those that ``$MLSROAD_RIVALS`` holds: ``graph.bin`` (287,000 voxels of a street, 1.24
-million edges, 5 labels), gco and PyMaxflow in ``venv/``, CGAL's program in ``build/``. A set of ten made graphs spans
-sizes, labels and smoothness; there gco alone is raced, and all times are processor time. Every entrant minimises the
-same Potts energy until no expansion lowers it, starting from each node's cheapest label, gco from label 0, as its
-interface has it. Runs alternate, medians are printed, compilation is outside. One JSON line per figure follows.
+"""Speed of alpha-expansion, compared with gco, PyMaxflow in a loop, and CGAL.
 
     MLSROAD_RIVALS=rivals_data python benchmarks/bench_graph_cuts.py
+
+`$MLSROAD_RIVALS` holds `graph.bin` (287,000 voxels of a street, 1.24 million edges, 5 labels), gco and PyMaxflow in
+`venv/`, CGAL's program in `build/`. Ten made graphs span sizes, labels and smoothness; on them gco alone is compared.
+Times are processor times. Every program minimises the same Potts energy until no expansion lowers it, starting from the
+cheapest label of each node (gco: label 0, as its interface has it). Runs alternate, medians are printed, compilation is
+not timed.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import subprocess
-import sys
-import time
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
-from statistics import median
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from _common import RIVALS, Timed, found_program, parser, race, show
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -85,21 +82,6 @@ print(seconds, unary[np.arange(n), labels].sum() + weights[cut].sum())
 """
 
 
-def read_graph(file: Path) -> tuple[NDArray, NDArray, NDArray]:
-    """Return unary terms, edges and weights of a graph file."""
-    with file.open("rb") as stream:
-        n, m, n_labels = (int(number) for number in np.fromfile(stream, "<i4", 3))
-        edges = np.fromfile(stream, "<i4", 2 * m).reshape(m, 2)
-        weights = np.fromfile(stream, "<f4", m)
-        return np.fromfile(stream, "<f4", n * n_labels).reshape(n, n_labels), edges, weights
-
-
-def own_run(unary: NDArray, edges: NDArray, weights: NDArray) -> tuple[float, float]:
-    start = time.process_time()
-    _, energy = minimize(unary, edges, weights)
-    return time.process_time() - start, energy
-
-
 def image_graph(height: int, width: int, n_labels: int, weight: float) -> tuple[NDArray, NDArray, NDArray]:
     """Return the graph of an image whose pixels are joined to their right and lower neighbours."""
     rng, index = np.random.default_rng(0), np.arange(height * width).reshape(height, width)
@@ -141,6 +123,15 @@ GRAPHS: dict[str, Callable[[], tuple[NDArray, NDArray, NDArray]]] = {
 """Ten graphs that span sizes, labels and smoothness."""
 
 
+def read_graph(file: Path) -> tuple[NDArray, NDArray, NDArray]:
+    """Return unary terms, edges and weights of a graph file."""
+    with file.open("rb") as stream:
+        n, m, n_labels = (int(number) for number in np.fromfile(stream, "<i4", 3))
+        edges = np.fromfile(stream, "<i4", 2 * m).reshape(m, 2)
+        weights = np.fromfile(stream, "<f4", m)
+        return np.fromfile(stream, "<f4", n * n_labels).reshape(n, n_labels), edges, weights
+
+
 def write_graph(file: Path, unary: NDArray, edges: NDArray, weights: NDArray) -> None:
     """Write a graph file."""
     with file.open("wb") as stream:
@@ -150,85 +141,71 @@ def write_graph(file: Path, unary: NDArray, edges: NDArray, weights: NDArray) ->
         unary.astype("<f4").tofile(stream)
 
 
-def race_graphs(python: Path | None, names: Iterable[str] = GRAPHS) -> list[dict[str, Any]]:
-    """Race gco, where a Python has it, on made graphs; return a row per graph and program."""
-    rows = []
+def own_run(unary: NDArray, edges: NDArray, weights: NDArray) -> float:
+    """Minimise in this process; return the energy."""
+    return minimize(unary, edges, weights)[1]
+
+
+def python_run(python: Path, program: str, graph: Path) -> Timed:
+    """Minimise with a Python library in its own process."""
+    done = subprocess.run([python, "-c", program + READ, graph], check=True, capture_output=True, text=True)
+    seconds, energy = map(float, done.stdout.split()[-2:])
+    return Timed(seconds, seconds, energy)
+
+
+def cgal_run(program: Path, graph: Path) -> Timed:
+    """Minimise with CGAL in its own process."""
+    command = [program, "--kernel", "alpha", "--graph", graph, "--repeats", "1"]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    answer = json.loads(done.stdout.strip().splitlines()[-1])
+    return Timed(float(answer["min_s"]), float(answer["min_s"]), float(answer["energy"]))
+
+
+def race_graph(kernel: str, n_nodes: int, works: dict[str, Callable[[], Any]]) -> dict[str, Timed]:
+    """Race programs on a graph."""
+    found = race(works, repeats=REPEATS)
+    for program, timed in found.items():
+        show(kernel, n_nodes, {program: timed}, processor=True, energy=timed.result)
+    return found
+
+
+def race_graphs(python: Path | None, names: Iterable[str] = GRAPHS) -> dict[str, dict[str, Timed]]:
+    """Race gco, where a Python has it, on made graphs; return the results by graph and program."""
+    found = {}
     with TemporaryDirectory() as folder:
         for name in names:
             graph = GRAPHS[name]()
             write_graph(file := Path(folder) / "graph.bin", *graph)
-            runs = {"mlsroad": partial(own_run, *graph)}
+            works: dict[str, Callable[[], Any]] = {"mlsroad": partial(own_run, *graph)}
             if python is not None:
-                runs["gco"] = partial(python_run, python, GCO, file)
-            results: dict[str, list[tuple[float, float]]] = {program: [] for program in runs}
-            for _ in range(REPEATS):
-                for program, run in runs.items():
-                    results[program].append(run())
-            for program, measured in results.items():
-                seconds, energy = median(row[0] for row in measured), measured[0][1]
-                rows.append({"kernel": f"alpha-expansion, {name}", "program": program, "seconds": round(seconds, 4),
-                             "energy": energy})  # fmt: skip
-    return rows
+                works["gco"] = partial(python_run, python, GCO, file)
+            found[name] = race_graph(f"alpha-expansion, {name}", len(graph[0]), works)
+    return found
 
 
-def python_run(python: Path, program: str, graph: Path) -> tuple[float, float]:
-    done = subprocess.run([python, "-c", program + READ, graph], check=True, capture_output=True, text=True)
-    seconds, energy = done.stdout.split()[-2:]
-    return float(seconds), float(energy)
-
-
-def cgal_run(program: Path, graph: Path) -> tuple[float, float]:
-    command = [program, "--kernel", "alpha", "--graph", graph, "--repeats", "1"]
-    done = subprocess.run(command, check=True, capture_output=True, text=True)
-    answer = json.loads(done.stdout.strip().splitlines()[-1])
-    return float(answer["min_s"]), float(answer["energy"])
-
-
-def entrants(rivals: Path) -> dict[str, Callable[[], tuple[float, float]]]:
-    graph = rivals / "graph.bin"
-    runs: dict[str, Callable[[], tuple[float, float]]] = {"mlsroad": partial(own_run, *read_graph(graph))}
-    python, cgal = rivals / "venv" / "bin" / "python", rivals / "build" / "bench_cgal"
-    for name, module, program in (("gco", "gco", GCO), ("PyMaxflow in a loop", "maxflow", PYMAXFLOW)):
-        if python.exists() and not subprocess.run([python, "-c", f"import {module}"], check=False).returncode:
-            runs[name] = partial(python_run, python, program, graph)
-        else:
-            print(f"not found: {module}")
-    if cgal.exists():
-        runs["CGAL"] = partial(cgal_run, cgal, graph)
-    else:
-        print("not found: bench_cgal")
-    return runs
-
-
-def main() -> int:
-    """Run the race and print the table."""
+def main() -> None:
+    """Run all races."""
+    parser(__doc__).parse_args()
     rng = np.random.default_rng(0)
     xyz = rng.uniform(0, 3, (500, 3))
     pairs = cKDTree(xyz).query_pairs(0.5, output_type="ndarray").astype(np.int32)
     minimize(rng.random((500, 5), np.float32), pairs, rng.random(len(pairs), np.float32))  # compiles
-    rivals = Path(os.environ.get("MLSROAD_RIVALS", ""))
-    python = rivals / "venv" / "bin" / "python"
-    has_gco = python.exists() and not subprocess.run([python, "-c", "import gco"], check=False).returncode
-    for row in race_graphs(python if has_gco else None):
-        print(json.dumps(row), flush=True)
-    if not (rivals / "graph.bin").is_file():
+    with_gco, with_maxflow = (found_program("venv", "bin", "python", module=name) for name in ("gco", "maxflow"))
+    race_graphs(with_gco)
+    file = RIVALS / "graph.bin"
+    if not file.is_file():
         print("not found: graph.bin (set MLSROAD_RIVALS)")
-        return 0
-    runs = entrants(rivals)
-    results: dict[str, list[tuple[float, float]]] = {name: [] for name in runs}
-    for _ in range(REPEATS):
-        for name, run in runs.items():
-            results[name].append(run())
-    for name, measured in results.items():
-        seconds, energy = median(row[0] for row in measured), measured[0][1]
-        print(f"alpha-expansion {name:<22} {seconds:8.3f} s   energy {energy:14.3f}")
-    for name, measured in results.items():
-        seconds, energy = median(row[0] for row in measured), measured[0][1]
-        print(
-            json.dumps({"kernel": "alpha-expansion", "program": name, "seconds": round(seconds, 4), "energy": energy})
-        )
-    return 0
+        return
+    graph, cgal = read_graph(file), found_program("build", "bench_cgal")
+    works: dict[str, Callable[[], Any]] = {"mlsroad": partial(own_run, *graph)}
+    if with_gco is not None:
+        works["gco"] = partial(python_run, with_gco, GCO, file)
+    if with_maxflow is not None:
+        works["PyMaxflow in a loop"] = partial(python_run, with_maxflow, PYMAXFLOW, file)
+    if cgal is not None:
+        works["CGAL"] = partial(cgal_run, cgal, file)
+    race_graph("alpha-expansion", len(graph[0]), works)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -1,39 +1,36 @@
-"""Time and memory of the patch match graph, label transfer, refinement and votes on points, and how good the graph is.
-
-Scenes are planted: two grounds, a facade, trees, poles and cars as patches of 0.2 m with noisy descriptors of their
-class.
-The gap is the cost of the found matches over that of brute force, on a sample of patches. One JSON line per figure.
+"""Time, memory and quality of the patch match graph; time of label transfer, refinement and votes on points.
 
     python benchmarks/bench_patch_graph.py [--scenes 20] [--length 50] [--threads 2]
     python benchmarks/bench_patch_graph.py --speed-up 5 --scenes 9 --length 10    # the claim of 1/k of luo2016
 
-`--speed-up` trains with the search of luo2016 on 1, 2, 4 and so on up to `--threads` threads in turn, and prints the
-median of the given number of rounds for each.
+Scenes are planted: two grounds, a facade, trees, poles and cars as patches of 0.2 m with noisy descriptors of their
+class. The gap is the cost of the found matches divided by that of brute force, on a sample of patches. `--speed-up`
+trains with the search of luo2016 on 1, 2, 4 and so on up to `--threads` threads, alternately, and prints medians.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import resource
-import sys
 import time
+from functools import partial
 
 import numpy as np
+from _common import parser, race
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.geometry.neighbors import radius_neighbors
-from mlsroad_pipeline.algorithms.patch_graph.costs import CostWeights, weigh_descriptors
-from mlsroad_pipeline.algorithms.patch_graph.iterations import SearchParameters
-from mlsroad_pipeline.algorithms.patch_graph.refinement import refine
-from mlsroad_pipeline.algorithms.patch_graph.transfer import (
+from mlsroad_pipeline.papers.luo2016.patch_graph.costs import CostWeights, weigh_descriptors
+from mlsroad_pipeline.papers.luo2016.patch_graph.iterations import SearchParameters
+from mlsroad_pipeline.papers.luo2016.patch_graph.refinement import refine
+from mlsroad_pipeline.papers.luo2016.patch_graph.transfer import (
     TrainedGraph,
     class_probabilities,
     match_patches,
     train_graph,
 )
-from mlsroad_pipeline.algorithms.patches.table import Patches, join_patches
-from mlsroad_pipeline.algorithms.patches.voting import vote_on_points
+from mlsroad_pipeline.papers.shared.patches.table import Patches, join_patches
+from mlsroad_pipeline.papers.shared.patches.voting import vote_on_points
 
 PRINTED = SearchParameters(promise=float("inf"), tolerance=0.0, exhaustive_budget=0, n_probes=0)
 STEP, WIDTH, FACADE = 0.2, 20.0, 8.0
@@ -93,37 +90,30 @@ def report(stage: str, start: float, patches: int, threads: int, **more: float) 
 
 
 def speed_up(patches: Patches, rounds: int, threads: int) -> None:
-    """Print the median time of training with the search of the paper, on one thread and on several in turn."""
+    """Print the median time of training with the search of the paper on one thread and on several."""
     numbers = sorted({1, threads, *(2**k for k in range(threads.bit_length()) if 2**k <= threads)})
-    seconds: dict[int, list[float]] = {number: [] for number in numbers}
-    for _ in range(rounds):
-        for number, taken in seconds.items():
-            start = time.perf_counter()
-            train_graph(patches, search=PRINTED, n_threads=number)
-            taken.append(time.perf_counter() - start)
-    one = float(np.median(seconds[1]))
-    for number, taken in seconds.items():
-        own = float(np.median(taken))
-        facts = {"patches": len(patches), "threads": number, "seconds": round(own, 3), "ratio": round(one / own, 2)}
-        print(json.dumps({"kernel": "patch_graph speed-up", **facts}), flush=True)
+    works = {str(n): partial(train_graph, patches, search=PRINTED, n_threads=n) for n in numbers}
+    found = race(works, repeats=rounds)
+    for number, timed in found.items():
+        facts = {"patches": len(patches), "threads": int(number), "seconds": round(timed.seconds, 3)}
+        ratio = round(found["1"].seconds / timed.seconds, 2)
+        print(json.dumps({"kernel": "patch_graph speed-up", **facts, "ratio": ratio}), flush=True)
 
 
-def main() -> int:
+def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scenes", type=int, default=20)
-    parser.add_argument("--length", type=float, default=50.0, help="of a scene, metres")
-    parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument(
-        "--speed-up", type=int, default=0, metavar="ROUNDS", help="measure only the speed-up by threads"
-    )
-    options = parser.parse_args()
+    arguments = parser(__doc__)
+    arguments.add_argument("--scenes", type=int, default=20)
+    arguments.add_argument("--length", type=float, default=50.0, help="of a scene, metres")
+    arguments.add_argument("--threads", type=int, default=2)
+    arguments.add_argument("--speed-up", type=int, default=0, metavar="ROUNDS", help="measure only the speed-up")
+    options = arguments.parse_args()
     small = join_patches([street_scene(s, 2.0) for s in range(9)])
     warm = train_graph(small, n_threads=options.threads)  # compiles
     if options.speed_up:
         scenes = [street_scene(s, options.length) for s in range(options.scenes)]
         speed_up(join_patches(scenes), options.speed_up, options.threads)
-        return 0
+        return
     new = street_scene(options.scenes, options.length)
     pairs, indptr = radius_neighbors(new.centroid, radius=1.5 * STEP)
     rows = np.repeat(np.arange(len(new)), np.diff(indptr)).astype(np.int32)
@@ -137,7 +127,6 @@ def main() -> int:
     vote_on_points(points[:1000], new.centroid, np.eye(N_CLASSES)[new.label], radius=0.3)
     patches = join_patches([street_scene(s, options.length) for s in range(options.scenes)])
     measure(patches, new, edges, points, options.threads)
-    return 0
 
 
 def measure(
@@ -161,4 +150,4 @@ def measure(
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

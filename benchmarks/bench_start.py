@@ -1,68 +1,56 @@
-"""Start of the command: `mlsroad label` of a tile, and the commands that label nothing, from begin to end.
+"""Start of the command: `mlsroad label` of a tile, and commands that label nothing, from start to end.
 
     python benchmarks/bench_start.py [--repeats 5] [--tile FILE.laz] [--source FOLDER]
 
-The tile is a simulated street of a million points, made once, unless one is given. With `--source`, the folder
-`src` of another version is measured in alternation. Kernels of both must be compiled. Processor time is that of all
-processes, sampled every 20 ms; on a busy machine it compares, the elapsed time does not. Prints a JSON line per row.
+The tile is a simulated street of a million points, made once, unless one is given. With `--source`, the folder `src` of
+another version is measured alternately. The kernels of both must be compiled. Processor time is that of all processes,
+sampled every 20 ms; on a busy machine compare it, not the elapsed time.
 """
 
-from __future__ import annotations
-
-import argparse
 import json
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
-import time
+from functools import partial
 from pathlib import Path
-from statistics import median
 
-import psutil
-from bench_label import REPOSITORY, make_survey, tree_cpu
+from _common import REPOSITORY, Timed, parser, race, watched
+from bench_label import FOLDER, make_survey
 
 COMMANDS = (("--help",), ("inspect", "--help"), ("models",))
 
 
-def run(arguments: list[str], source: Path) -> tuple[float, float]:
-    """Return elapsed and processor seconds of a command with the sources of a version."""
-    command = [str(Path(sys.executable).with_name("mlsroad")), *arguments]
+def run(words: list[str], source: Path, folder: Path) -> Timed:
+    """Run a command with the sources of a version."""
+    shutil.rmtree(folder / "labelled", ignore_errors=True)
+    command = [str(Path(sys.executable).with_name("mlsroad")), *words]
     environment = {**os.environ, "PYTHONPATH": str(source)}
-    start, used = time.perf_counter(), dict[int, float]()
-    process = psutil.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-    while process.poll() is None:
-        used |= tree_cpu(process)
-        time.sleep(0.02)
-    if process.returncode:
-        raise SystemExit(f"{' '.join(command)}: {process.stderr.read()}")
-    return time.perf_counter() - start, sum(used.values())
+    seconds, tree = watched(command, folder / "log.txt", interval=0.02, memory=False, env=environment)
+    return Timed(seconds, tree.cpu)
 
 
 def main() -> None:
-    """Run the commands in alternation and print medians."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--tile", type=Path)
-    parser.add_argument("--source", type=Path)
-    arguments = parser.parse_args()
-    tile = arguments.tile or make_survey(REPOSITORY / "data/08_reporting/benchmarks/label", 1, n_threads=2)
-    versions = {"mlsroad": REPOSITORY / "src"} | ({"other version": arguments.source} if arguments.source else {})
-    commands = {"label": ["label", str(tile.resolve())]} | {" ".join(words): list(words) for words in COMMANDS}
-    found: dict[tuple[str, str], list[tuple[float, float]]] = {}
-    with tempfile.TemporaryDirectory() as folder:
-        output = Path(folder) / "labelled"
-        for _ in range(arguments.repeats):
-            for name, words in commands.items():
-                for version, source in versions.items():
-                    shutil.rmtree(output, ignore_errors=True)
-                    given = [*words, "-o", str(output)] if name == "label" else words
-                    found.setdefault((name, version), []).append(run(given, source))
-    for (name, version), measured in found.items():
-        elapsed, used = (round(median(column), 3) for column in zip(*measured, strict=True))
-        row = {"kernel": f"mlsroad {name}, processor time", "program": version, "seconds": used, "elapsed": elapsed}
-        print(json.dumps(row), flush=True)
+    """Run the commands alternately and print medians."""
+    arguments = parser(__doc__)
+    arguments.add_argument("--repeats", type=int, default=5)
+    arguments.add_argument("--tile", type=Path)
+    arguments.add_argument("--source", type=Path)
+    options = arguments.parse_args()
+    tile = options.tile or make_survey(FOLDER, 1)
+    versions = {"mlsroad": REPOSITORY / "src"} | ({"other version": options.source} if options.source else {})
+    commands = {" ".join(words): list(words) for words in COMMANDS}
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        commands = {"label": ["label", str(tile.resolve()), "-o", str(folder / "labelled")], **commands}
+        works = {
+            (name, version): partial(run, words, source, folder)
+            for name, words in commands.items()
+            for version, source in versions.items()
+        }
+        for (name, version), timed in race(works, repeats=options.repeats).items():
+            row = {"kernel": f"mlsroad {name}, processor time", "program": version, "seconds": round(timed.cpu, 3)}
+            print(json.dumps(row | {"elapsed": round(timed.seconds, 3)}), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,28 +1,22 @@
-"""Costs of the scene store per scene, per point, per resumed run and in memory, compared with Kedro and plain files.
+"""Costs of the scene store per scene, per point and per resumed run, compared with Kedro and plain files.
 
-Prints a table and, for each row, a line of JSON. Medians of alternating repetitions; imports and the start of the
-worker processes are outside of the figures.
+    python benchmarks/bench_store.py [--points 2000000] [--scenes 200] [--repeats 5]
 
-Usage: ``python benchmarks/bench_store.py [--points 2000000] [--scenes 200] [--repeats 5]``
+Medians of alternating repetitions; imports and the start of the worker processes are not timed.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import logging
 import shutil
-import statistics
 import tempfile
-import threading
-import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import psutil
+from _common import parser, race
 from kedro_datasets.pandas import ParquetDataset
 from kedro_datasets.partitions import PartitionedDataset
 
@@ -52,18 +46,6 @@ def make_cloud(*, n: int, seed: int) -> PointCloud:
 def make_table(*, seed: int) -> pd.DataFrame:
     """Return a result at no cost, so that only the store is measured."""
     return pd.DataFrame({"seed": [seed]})
-
-
-def medians(ways: dict[str, Callable[[], None]], repeats: int) -> dict[str, float]:
-    """Run all functions alternately, `repeats` times after a warm-up, and return the median seconds of each."""
-    seconds: dict[str, list[float]] = {name: [] for name in ways}
-    for turn in range(repeats + 1):
-        for name, way in ways.items():
-            start = time.perf_counter()
-            way()
-            if turn:
-                seconds[name].append(time.perf_counter() - start)
-    return {name: statistics.median(values) for name, values in seconds.items()}
 
 
 def report(what: str, way: str, value: float, unit: str) -> None:
@@ -101,13 +83,13 @@ def bench_scenes(n_scenes: int, repeats: int) -> None:
         "store, loky, 2 workers": computed("loky", 2),
         "Kedro PartitionedDataset (no resume)": partitioned,
     }
-    for name, seconds in medians(ways, repeats).items():
-        report("new scene", name, 1e3 * seconds / n_scenes, "ms/scene")
+    for name, timed in race(ways, repeats=repeats, warm_up=1).items():
+        report("new scene", name, 1e3 * timed.seconds / n_scenes, "ms/scene")
     store = store_at(FOLDER / "stage", "loky")
     store.save(tasks)
     resumed = {"store, checksums": lambda: store.save(tasks)}
-    for name, seconds in medians(resumed, repeats).items():
-        report("scene already valid", name, 1e3 * seconds / n_scenes, "ms/scene")
+    for name, timed in race(resumed, repeats=repeats, warm_up=1).items():
+        report("scene already valid", name, 1e3 * timed.seconds / n_scenes, "ms/scene")
 
 
 def bench_formats(n_points: int, repeats: int) -> None:
@@ -138,59 +120,23 @@ def bench_formats(n_points: int, repeats: int) -> None:
         "numpy.npz": lambda: [np.load(paths["numpy.npz"])[name] for name in arrays],
     }
     for what, ways in [("write", writers), ("read", readers)]:
-        for name, seconds in medians(ways, repeats).items():
-            report(f"{what} a cloud", name, n_points / seconds / 1e6, "million points/s")
+        for name, timed in race(ways, repeats=repeats, warm_up=1).items():
+            report(f"{what} a cloud", name, n_points / timed.seconds / 1e6, "million points/s")
     for name, path in paths.items():
         report("size of a cloud", name, Path(path).stat().st_size / n_points, "bytes/point")
 
 
-def peak_memory(run: Callable[[], None]) -> float:
-    """Return the peak sum of PSS over this process and its children during a call, MiB above the start."""
-    root, stop, peak = psutil.Process(), threading.Event(), [0.0]
-
-    def total() -> float:
-        size = 0
-        for process in [root, *root.children(recursive=True)]:
-            try:
-                size += process.memory_full_info().pss
-            except (psutil.NoSuchProcess, psutil.AccessDenied):
-                continue
-        return size / 2**20
-
-    def watch() -> None:
-        while not stop.wait(0.02):
-            peak[0] = max(peak[0], total())
-
-    start, watcher = total(), threading.Thread(target=watch)
-    watcher.start()
-    run()
-    stop.set()
-    watcher.join()
-    return peak[0] - start
-
-
-def bench_memory(n_points: int) -> None:
-    """Measure the peak memory with growing numbers of scenes: it follows the running scenes, not the survey."""
-    for n_scenes in (4, 16, 48):
-        tasks = {f"s{i}": SceneTask(make_cloud, parameters={"n": n_points, "seed": i}) for i in range(n_scenes)}
-        store = store_at(FOLDER / f"memory{n_scenes}", "loky")
-        peak = peak_memory(partial(store.save, tasks))
-        report("peak memory", f"{n_scenes} scenes of {n_points / 1e6:g} million", peak, "MiB")
-        shutil.rmtree(FOLDER / f"memory{n_scenes}")
-
-
 def main() -> None:
     """Run all benchmarks."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--points", type=int, default=2_000_000)
-    parser.add_argument("--scenes", type=int, default=200)
-    parser.add_argument("--repeats", type=int, default=5)
-    arguments = parser.parse_args()
+    options = parser(__doc__)
+    options.add_argument("--points", type=int, default=2_000_000)
+    options.add_argument("--scenes", type=int, default=200)
+    options.add_argument("--repeats", type=int, default=5)
+    arguments = options.parse_args()
     logging.disable(logging.WARNING)
     try:
         bench_scenes(arguments.scenes, arguments.repeats)
         bench_formats(arguments.points, arguments.repeats)
-        bench_memory(arguments.points // 4)
     finally:
         shutil.rmtree(FOLDER)
 

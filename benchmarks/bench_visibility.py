@@ -1,34 +1,29 @@
-"""Visibility of points in images: right against cast rays on simulated streets, and fast against Open3D.
+"""Visibility of points in images: accuracy against ray casting on simulated streets, speed compared with Open3D.
 
-Run as ``python benchmarks/bench_visibility.py accuracy|speed [--seeds N ...] [--streets KIND ...] [--every N]
-[--pulse-rate HZ --profile-rate HZ]``.
+    python benchmarks/bench_visibility.py accuracy|speed [--seeds N ...] [--streets KIND ...] [--every N]
+        [--pulse-rate HZ --profile-rate HZ]
 
-``accuracy`` scans streets, casts a ray from each camera to every point in its image, and scores each method. A point is
-visible where the ray reaches it but for 6 cm and 1 % of its distance, or 6 cm across the surface that the ray met:
-points lie a little off the surfaces, and on a road met at a slant that is metres along the ray. Rays go from where the
-camera was to where the pulse was sent back, while the methods are given the survey as it was recorded, with the errors
-of its trajectory, boresight and lever arms: one to three centimetres. Points of moving objects, which are elsewhere
-when the image is taken, and points that one of them hides are left out, then put in. Two more figures tell how far the
-errors of the survey reach: rays cast in the true scene to the points as they were recorded, and the scores of the
-points at which rays that are moved by `SETTLED` to either side, up and down all give one answer.
-The scanner sends its own 550,000 pulses in 200 profiles a second; ``--pulse-rate`` and ``--profile-rate`` thin that
-out. Defaults were chosen on towns of seeds 101 and 111, suburbs of 102 and 112 and ring roads of 103 and 113. ``speed``
-takes a million points of a street, in the order of the scan, in one image, and prints medians.
+`accuracy` scans streets, casts a ray from each camera to every point in its image, and scores each method. A point is
+visible where the ray reaches it within 6 cm plus 1 % of its distance, or within 6 cm across the surface that the ray
+met. Rays go from the true place of the camera to the true place of the point; the methods get the survey as recorded,
+with the errors of trajectory, boresight and lever arms (1 to 3 cm). Points of moving objects and points hidden by one
+are left out. The scanner sends 550,000 pulses in 200 profiles a second. Defaults were chosen on towns of seeds 101 and
+111, suburbs of 102 and 112 and ring roads of 103 and 113. `speed` takes a million points of a street in one image.
 """
 
-import argparse
 import json
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 import open3d as o3d
+from _common import parser, race, show
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.image_labels.camera import Camera
-from mlsroad_pipeline.algorithms.image_labels.projection import project_points
-from mlsroad_pipeline.algorithms.image_labels.visibility import (
+from mlsroad_pipeline.algorithms.cameras.camera import Camera
+from mlsroad_pipeline.algorithms.cameras.projection import project_points
+from mlsroad_pipeline.papers.tomic2019.image_labels.visibility import (
     DepthBuffer,
     HiddenPointRemoval,
     hidden_point_removal,
@@ -46,10 +41,6 @@ RUNS = 5
 METHODS = {"depth buffer": DepthBuffer(), "hidden point removal": HiddenPointRemoval()}
 
 
-SETTLED = 0.02
-"""Shift of the rays that finds the points whose visibility does not depend on it, metres."""
-
-
 @dataclass(frozen=True)
 class View:
     """One image's camera, all points as recorded, and the truth about those inside the image."""
@@ -58,8 +49,6 @@ class View:
     xyz: NDArray[np.float64]
     rows: NDArray[np.int64]
     visible: NDArray[np.bool_]
-    as_recorded: NDArray[np.bool_]
-    settled: NDArray[np.bool_]
     moving: NDArray[np.bool_]
     behind_moving: NDArray[np.bool_]
 
@@ -68,8 +57,8 @@ Rates = tuple[float | None, float | None]
 """Pulses and profiles per second; None are the scanner's own."""
 
 
-def views(kind: str, seed: int, every: int, rates: Rates, *, settle: bool = True) -> Iterator[View]:
-    """Scan a street and cast rays to the points of every so many images; all are settled unless `settle` is off."""
+def views(kind: str, seed: int, every: int, rates: Rates) -> Iterator[View]:
+    """Scan a street and cast rays to the points of every so many images."""
     parameters = replace(
         PRESETS["small"], seed=seed, street=street_parameters(kind), pulse_rate=rates[0], profile_rate=rates[1],
         image_interval=16.0,
@@ -90,14 +79,8 @@ def views(kind: str, seed: int, every: int, rates: Rates, *, settle: bool = True
         rotation, translation = camera_pose(image.camera, pose_at(stream.drive.true, time_))
         eye = -rotation.T @ translation
         visible, hit = reached(scene, eye, places[rows], time_)
-        as_recorded = reached(scene, camera.centre, xyz[rows], time_)[0]
-        settled = np.ones(len(rows), dtype=np.bool_)
-        aside = np.cross(places[rows] - eye, [0.0, 0.0, 1.0])
-        aside *= SETTLED / np.linalg.norm(aside, axis=1, keepdims=True)
-        for way in (aside, -aside, np.array([0.0, 0.0, SETTLED]), np.array([0.0, 0.0, -SETTLED])) if settle else ():
-            settled &= reached(scene, eye, places[rows] + way, time_)[0] == visible
         behind = ~visible & np.isin(hit, movers)
-        yield View(camera, xyz, rows, visible, as_recorded, settled, np.isin(instance, movers), behind)
+        yield View(camera, xyz, rows, visible, np.isin(instance, movers), behind)
 
 
 def reached(
@@ -114,56 +97,27 @@ def reached(
     return visible, np.where(hits.face >= 0, scene.instances[hits.face], np.int32(0))
 
 
-def scores(counts: NDArray[np.int64]) -> tuple[float, float]:
-    """Return F1 of visible and of hidden from a table of truth by answer."""
-    hidden, wrongly_seen, wrongly_hidden, seen = counts
-    wrong = wrongly_seen + wrongly_hidden
-    return 2 * seen / (2 * seen + wrong), 2 * hidden / (2 * hidden + wrong)
-
-
-def table(truth: NDArray[np.bool_], seen: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Count truth by answer."""
-    return np.bincount(truth * 2 + seen, minlength=4)
-
-
 def accuracy(streets: list[str], seeds: list[int], every: int, rates: Rates) -> None:
-    """Score every method on every street."""
-    print(f"{'street':<14}{'method':<24}{'points':>9}  hidden  F1 visible, hidden   settled        with moving things")
-    for kind in streets:
-        for seed in seeds:
-            counts = {name: np.zeros((3, 4), dtype=np.int64) for name in [*METHODS, "rays to recorded points"]}
-            for view in views(kind, seed, every, rates):
-                still = np.flatnonzero(~view.moving)
-                keep = ~view.moving[view.rows] & ~view.behind_moving
-                for name, counted in counts.items():
-                    seen = everything = view.as_recorded
-                    if name in METHODS:
-                        everything = visible_points(view.xyz, view.camera, method=METHODS[name])[view.rows]
-                        alone = np.zeros(len(view.xyz), dtype=bool)
-                        alone[still] = visible_points(view.xyz[still], view.camera, method=METHODS[name])
-                        seen = alone[view.rows]
-                    settled = keep & view.settled
-                    counted[0] += table(view.visible[keep], seen[keep])
-                    counted[1] += table(view.visible[settled], seen[settled])
-                    counted[2] += table(view.visible, everything)
-            for name, counted in counts.items():
-                fixed = counted[0]
-                row = {"stage": "visibility", "street": kind, "seed": seed, "method": name, "points": int(fixed.sum())}
-                row["hidden"], row["settled"] = fixed[:2].sum() / fixed.sum(), counted[1].sum() / fixed.sum()
-                for of, part in zip(("", "_settled", "_moving"), counted, strict=True):
-                    row |= dict(zip((f"f1_visible{of}", f"f1_hidden{of}"), map(float, scores(part)), strict=True))
-                print(
-                    f"{f'{kind} {seed}':<14}{name:<24}{row['points']:>9} {row['hidden']:>7.3f}"
-                    f"{row['f1_visible']:>11.3f} {row['f1_hidden']:.3f}"
-                    f"    {row['settled']:.3f}: {row['f1_visible_settled']:.3f} {row['f1_hidden_settled']:.3f}"
-                    f"   {row['f1_visible_moving']:.3f} {row['f1_hidden_moving']:.3f}"
-                )
-                print(json.dumps(row), flush=True)
+    """Print the F1 of visible and of hidden points of every method on every street."""
+    for kind, seed in product(streets, seeds):
+        counts = {name: np.zeros(4, dtype=np.int64) for name in METHODS}
+        for view in views(kind, seed, every, rates):
+            still = np.flatnonzero(~view.moving)
+            keep = ~view.moving[view.rows] & ~view.behind_moving
+            for name, method in METHODS.items():
+                seen = np.zeros(len(view.xyz), dtype=bool)
+                seen[still] = visible_points(view.xyz[still], view.camera, method=method)
+                counts[name] += np.bincount(view.visible[keep] * 2 + seen[view.rows][keep], minlength=4)
+        for name, (hidden, wrongly_seen, wrongly_hidden, visible) in counts.items():
+            wrong, total = wrongly_seen + wrongly_hidden, int(counts[name].sum())
+            row = {"stage": "visibility", "street": kind, "seed": seed, "method": name, "points": total}
+            row |= {"hidden": (hidden + wrongly_seen) / total, "f1_visible": 2 * visible / (2 * visible + wrong)}
+            print(json.dumps(row | {"f1_hidden": 2 * hidden / (2 * hidden + wrong)}), flush=True)
 
 
 def speed(seed: int) -> None:
     """Time each method, and Open3D, on one image and a million points in it, and compare what Open3D sees."""
-    view = max(views("town", seed, 3, (120_000.0, 150.0), settle=False), key=lambda view: len(view.rows))
+    view = max(views("town", seed, 3, (120_000.0, 150.0)), key=lambda view: len(view.rows))
     inside = view.xyz[view.rows]
     rng = np.random.default_rng(0)
     xyz = inside[np.sort(np.resize(np.arange(len(inside)), 1_000_000))] + rng.normal(0, 0.002, (1_000_000, 3))
@@ -175,34 +129,26 @@ def speed(seed: int) -> None:
         "hidden point removal on points": lambda: hidden_point_removal(xyz, view.camera.centre, radius=radius),
         "hidden point removal on points, Open3D": lambda: cloud.hidden_point_removal(view.camera.centre, radius),
     }
-    times: dict[str, list[tuple[float, float]]] = {name: [] for name in runs}
-    for _ in range(RUNS + 1):  # one after the other, so that a busier minute is shared; the first compiles
-        for name, run in runs.items():
-            started, busy = time.perf_counter(), time.process_time()
-            run()
-            times[name].append((time.perf_counter() - started, time.process_time() - busy))
-    for name, taken in times.items():
-        kernel, _, rival = name.partition(", ")
-        row = {"kernel": kernel, "program": rival or "mlsroad", "points": len(xyz)}
-        row["seconds"], row["cpu_seconds"] = np.median(taken[1:], axis=0).tolist()
-        print(f"{name:<34}{row['seconds']:>8.2f} s {row['cpu_seconds']:>8.2f} s of CPU")
-        print(json.dumps(row), flush=True)
-    ours = np.flatnonzero(hidden_point_removal(xyz, view.camera.centre, radius=radius))
-    theirs = np.sort(cloud.hidden_point_removal(view.camera.centre, radius)[1])
+    found = race(runs, repeats=RUNS, warm_up=1)
+    for name, timed in found.items():
+        kernel, _, other = name.partition(", ")
+        show(kernel, len(xyz), {other or "mlsroad": timed})
+    ours = np.flatnonzero(found["hidden point removal on points"].result)
+    theirs = np.sort(found["hidden point removal on points, Open3D"].result[1])
     differing = len(np.setxor1d(ours, theirs))
-    print(f"hidden point removal sees {len(ours)} points, Open3D {len(theirs)}, differing {differing}")
+    print(f"visible by hidden point removal: {len(ours)} points, by Open3D {len(theirs)}, differing {differing}")
 
 
 def main() -> None:
     """Run the benchmark."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=["accuracy", "speed"])
-    parser.add_argument("--streets", nargs="+", default=["town", "suburb", "ring_road"])
-    parser.add_argument("--seeds", nargs="+", type=int, default=[204])
-    parser.add_argument("--every", type=int, default=6, help="score every so many images")
-    parser.add_argument("--pulse-rate", type=float, help="pulses per second of each scanner, by default its own")
-    parser.add_argument("--profile-rate", type=float, help="profiles per second of each scanner, by default its own")
-    options = parser.parse_args()
+    arguments = parser(__doc__)
+    arguments.add_argument("what", choices=["accuracy", "speed"])
+    arguments.add_argument("--streets", nargs="+", default=["town", "suburb", "ring_road"])
+    arguments.add_argument("--seeds", nargs="+", type=int, default=[204])
+    arguments.add_argument("--every", type=int, default=6, help="score every so many images")
+    arguments.add_argument("--pulse-rate", type=float, help="pulses per second of each scanner, by default its own")
+    arguments.add_argument("--profile-rate", type=float, help="profiles per second of each scanner, by default its own")
+    options = arguments.parse_args()
     if options.what == "accuracy":
         accuracy(options.streets, options.seeds, options.every, (options.pulse_rate, options.profile_rate))
     else:

@@ -11,25 +11,21 @@ output. A killed run continues after the last block in the table. `--keep` keeps
 
 from __future__ import annotations
 
-import argparse
 import json
 import shutil
-import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-import psutil
-from bench_label import tree_cpu, tree_pss, write_points
+from _common import RESULTS, parser, watched
+from bench_label import long_street, write_points
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.simulation import long_survey, stream_points
-from mlsroad_pipeline.simulation.parameters.presets import PRESETS
+from mlsroad_pipeline.simulation import stream_points
 
 SPARE = 0.5
 """Seconds of the trajectory before the first and after the last point of a block."""
@@ -62,16 +58,8 @@ def write_block(folder: Path, block: list[PointCloud], trajectory: pd.DataFrame)
 def label(path: Path, output: Path, workers: int) -> dict[str, float]:
     """Label a file in a process of its own, and return its costs."""
     command = [str(Path(sys.executable).with_name("mlsroad")), "label", str(path), "-o", str(output)]
-    start, peak, used = time.perf_counter(), 0, {}
-    with output.with_suffix(".log").open("w", encoding="utf-8") as log:
-        process = psutil.Popen([*command, "--workers", str(workers)], stdout=log, stderr=subprocess.STDOUT)
-        while process.poll() is None:
-            peak = max(peak, sum(tree_pss(process).values()))
-            used |= tree_cpu(process)
-            time.sleep(0.5)
-    if process.returncode:
-        raise SystemExit(f"label failed: see {output.with_suffix('.log')}")
-    return {"label_s": time.perf_counter() - start, "label_cpu_s": sum(used.values()), "peak_gib": peak / 2**30}
+    seconds, tree = watched([*command, "--workers", str(workers)], output.with_suffix(".log"))
+    return {"label_s": seconds, "label_cpu_s": tree.cpu, "peak_gib": tree.peak_bytes / 2**30}
 
 
 def bytes_below(folder: Path) -> int:
@@ -81,20 +69,20 @@ def bytes_below(folder: Path) -> int:
 
 def main() -> None:
     """Simulate and label the blocks, and print a row for each and the sum."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--million-points", type=float, default=20)
-    parser.add_argument("--block", type=float, default=10, help="million points of a block")
-    parser.add_argument("--folder", type=Path, default=Path("data/08_reporting/benchmarks/billion"))
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--keep", action="store_true", help="keep the results of the blocks")
-    arguments = parser.parse_args()
-    n_points, folder = round(arguments.million_points * 1e6), arguments.folder
+    arguments = parser(__doc__)
+    arguments.add_argument("--million-points", type=float, default=20)
+    arguments.add_argument("--block", type=float, default=10, help="million points of a block")
+    arguments.add_argument("--folder", type=Path, default=RESULTS / "benchmarks/billion")
+    arguments.add_argument("--workers", type=int, default=2)
+    arguments.add_argument("--keep", action="store_true", help="keep the results of the blocks")
+    options = arguments.parse_args()
+    n_points, folder = round(options.million_points * 1e6), options.folder
     folder.mkdir(parents=True, exist_ok=True)
     table = folder / "blocks.csv"
     rows: list[dict[str, Any]] = pd.read_csv(table).to_dict("records") if table.is_file() else []
-    stream = long_survey(replace(PRESETS["demo"], seed=23, pulse_rate=550_000.0), n_points=n_points, n_threads=2)
+    stream = long_street(n_points)
     begin = time.perf_counter()
-    for number, block in enumerate(blocks_of(stream_points(stream, n_points=n_points), round(arguments.block * 1e6))):
+    for number, block in enumerate(blocks_of(stream_points(stream, n_points=n_points), round(options.block * 1e6))):
         place, output = folder / "block", folder / f"labelled_{number:04d}"
         if number >= len(rows):
             for stale in (place, output):
@@ -102,11 +90,11 @@ def main() -> None:
             place.mkdir()
             path, metres = write_block(place, block, stream.trajectory)
             row = {"block": number, "points": sum(map(len, block)), "road_m": metres}
-            row |= {"simulation_s": time.perf_counter() - begin, **label(path, output, arguments.workers)}
+            row |= {"simulation_s": time.perf_counter() - begin, **label(path, output, options.workers)}
             rows.append(row | {"input_bytes": path.stat().st_size, "output_bytes": bytes_below(output)})
             pd.DataFrame(rows).to_csv(table, index=False, float_format="%.3f")
             print(json.dumps(rows[-1]), flush=True)
-            if not arguments.keep:
+            if not options.keep:
                 shutil.rmtree(output)
         begin = time.perf_counter()
     print(json.dumps({"benchmark": "billion", **summary(pd.DataFrame(rows))}))

@@ -21,17 +21,23 @@ from ground_colours import recoloured
 from numpy.typing import NDArray
 from sklearn.linear_model import LogisticRegression
 
-from mlsroad_pipeline.algorithms.fusion.ground_colour import (
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
+from mlsroad_pipeline.algorithms.models.machines.grouped_decision import decide
+from mlsroad_pipeline.algorithms.models.pool.ground_colour import (
     INTERCEPT,
     TERMS,
     ground_classes,
     ground_terms,
     natural_share,
 )
-from mlsroad_pipeline.algorithms.fusion.pool import SLUG, PooledVoxels, members_of, pooled_voxels, with_ground_colour
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
-from mlsroad_pipeline.algorithms.models.grouped_decision import decide
-from mlsroad_pipeline.datasets.models.shipped_models import load_shipped, save_shipped, shipped_models
+from mlsroad_pipeline.algorithms.models.pool.labeller import (
+    SLUG,
+    PooledVoxels,
+    members_of,
+    pooled_voxels,
+    with_ground_colour,
+)
+from mlsroad_pipeline.model_store.shipped_models import load_shipped, save_shipped, shipped_models
 from mlsroad_pipeline.simulation import simulate_survey
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 

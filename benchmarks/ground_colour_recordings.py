@@ -1,20 +1,18 @@
 """Paved and natural ground of recordings with camera colours, labelled with and without colour.
 
-    python benchmarks/ground_colour_recordings.py [--model pool] [--pictures FOLDER]
+    python benchmarks/ground_colour_recordings.py [--model pool]
 
 Paints the scans of `$MLSROAD_DATA` with the images taken with them, labels each with colour and without, and prints
 IoU and F1 of natural and of paved ground over the points of each recording that have a colour and a true class of
 ground: three scans of SemanticKITTI (terrain; road, parking, sidewalk, other ground), four frames of PandaSet (ground;
 road, markings, sidewalk, driveway), and the four frames of `kitti_painted`, whose classes are those of a network on the
 image (terrain; road, sidewalk). The two Amsterdam tiles have no such classes; for them it prints the share of natural
-ground. `--pictures` draws colours and both labels from above.
+ground.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
-import os
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,16 +20,16 @@ from typing import Any, NamedTuple
 
 import laspy
 import numpy as np
+from _common import DATA, parser
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.fusion.ground_colour import ground_classes
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
-from mlsroad_pipeline.datasets.models.shipped_models import load_shipped
+from mlsroad_pipeline.algorithms.models.pool.ground_colour import ground_classes
+from mlsroad_pipeline.model_store.shipped_models import load_shipped
 
-DATA = Path(os.environ.get("MLSROAD_DATA", "../shared/data"))
 PAVED, NATURAL, UNKNOWN = 0, 1, -1
 CELL = 4  # pixels of the depth image that hides the points behind
 
@@ -122,22 +120,6 @@ def amsterdam() -> Iterator[Painted]:
         yield Painted(f"Amsterdam {path.stem}", cloud, np.full(len(xyz), UNKNOWN, np.int8))
 
 
-def draw(path: Path, cloud: PointCloud, before: NDArray, after: NDArray) -> None:
-    """Draw ground points with colour from above: colours, labels without colour, labels with colour."""
-    side = 700
-    chosen = cloud["rgb"].any(axis=1) & np.isin(before, (PAVED, NATURAL))
-    xy = cloud.xyz[chosen, :2]
-    low, high = np.quantile(xy, 0.01, axis=0), np.quantile(xy, 0.99, axis=0)
-    place = ((xy - low) / (high - low).max() * (side - 1)).astype(int)
-    shown = ((place >= 0) & (place < side)).all(axis=1)
-    palette = np.array([[120, 120, 120], [40, 170, 40]], np.uint8)
-    panels = np.full((side, 3 * side, 3), 255, np.uint8)
-    colours = cloud["rgb"][chosen], palette[before[chosen]], palette[after[chosen]]
-    for panel, values in enumerate(colours):
-        panels[side - 1 - place[shown, 1], panel * side + place[shown, 0]] = values[shown]
-    Image.fromarray(panels).save(path)
-
-
 def figures(counts: NDArray[np.int64]) -> str:
     """Return IoU and F1 of natural and paved ground from a confusion matrix: true class, labelled class or another."""
     parts = []
@@ -149,16 +131,15 @@ def figures(counts: NDArray[np.int64]) -> str:
 
 def main() -> None:
     """Label the recordings and print the figures."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--model", default="pool")
-    parser.add_argument("--pictures", type=Path, help="folder to draw into")
-    options = parser.parse_args()
+    arguments = parser(__doc__)
+    arguments.add_argument("--model", default="pool")
+    options = arguments.parse_args()
     bundle = load_shipped(options.model)
     if ground_classes(bundle.classes) != (PAVED, NATURAL):
-        raise SystemExit(f"model {options.model} has other classes")
+        raise SystemExit(f"model {options.model!r} has no classes of paved and natural ground")
     totals: dict[str, dict[str, NDArray[np.int64]]] = defaultdict(dict)
     for read in (semantickitti, kitti_painted, pandaset, amsterdam):
-        for number, (recording, cloud, truth) in enumerate(read()):
+        for recording, cloud, truth in read():
             labels = {"without colour": label_cloud(bundle, cloud.without_columns(["rgb"]))[0]}
             labels["with colour"] = label_cloud(bundle, cloud)[0]
             scored = cloud["rgb"].any(axis=1) & (truth != UNKNOWN)
@@ -171,9 +152,6 @@ def main() -> None:
                 )
                 counts = np.bincount(pairs, minlength=6).reshape(2, 3)
                 totals[recording][name] = totals[recording].get(name, np.zeros((2, 3), np.int64)) + counts
-            if options.pictures:
-                options.pictures.mkdir(parents=True, exist_ok=True)
-                draw(options.pictures / f"{recording}_{number}.png", cloud, *labels.values())
     for recording, by_name in totals.items():
         for name, counts in by_name.items():
             if counts.any():

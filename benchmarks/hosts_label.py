@@ -1,39 +1,73 @@
-"""`label` on Dask workers on several hosts beside processes of loky, on the cores of this machine.
+"""`label` on Dask workers on several hosts, compared with loky processes, on the cores of this machine.
 
-Run as root, ``python benchmarks/hosts_label.py --folder FOLDER --millions 5``. Each worker has a host of its own, a
-network namespace joined to the others by a bridge; all share FOLDER. The backends alternate, ``--rounds`` times: loky;
-workers of ``mlsroad_pipeline.label.dask_workers``; the same with one killed after 10 s, which nothing replaces; workers
-of ``dask worker`` in their first and in their second run. Prints seconds, processor seconds of driver, scheduler and
-workers during the run, and the digest of the results.
+Run as root: python benchmarks/hosts_label.py --folder FOLDER --millions 5 [--cases loky warm cut ...]
+
+The scheduler and each worker have a host of their own, a network namespace joined to the others by a bridge; all share
+FOLDER. Cases, `--rounds` times each: loky; `mlsroad_pipeline.label.dask_workers` (warm); the same with one worker
+killed after 10 s, with the network of one worker cut for 10 s (cut) or for good (lost), and with that of the scheduler
+cut for good (alone); workers of `dask worker` in their first and in their second run (plain, again). A run that fails
+is completed by loky. Prints seconds, processor seconds of driver, scheduler and workers, the error of a failed run, and
+the digest of the results. Ends with status 1 if a digest differs.
 """
 
-import argparse
 import json
 import os
 import subprocess
 import sys
 import threading
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from itertools import chain
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
+from typing import Any
 
 import psutil
-import three_hosts
-from bench_label import digest, make_survey, run_label, tree_cpu
+from _common import Tree, members, parser
+from bench_label import digest, make_survey, run_label
 from distributed import Client
 
 PLAIN = ("distributed.cli.dask_worker", "--nthreads", "1", "--no-dashboard")
 OWN = ("mlsroad_pipeline.label.dask_workers", "--workers", "1")
+BRIDGE, ADDRESS = "mlsroad-br", "tcp://10.77.0.2:8786"
+CASES = ("loky", "warm", "killed", "cut", "lost", "alone", "plain", "again")
+AFTER, FOR = 10.0, 10.0
+"""Seconds after which a fault happens, and for which a network is cut."""
 
 
-def used(processes: list[psutil.Popen]) -> float:
-    """Return the processor seconds of processes and of all below them so far."""
-    return sum(sum(tree_cpu(process).values()) for process in processes)
+def ip(*words: str) -> None:
+    """Run `ip`."""
+    subprocess.run(["ip", *words], check=True)
 
 
-def started(host: str, module: str, *words: str) -> psutil.Popen:
+def link(number: int, state: str) -> None:
+    """Cut a host off ("down"), or join it again ("up")."""
+    ip("link", "set", f"mr{number}", state)
+
+
+@contextmanager
+def network(n_hosts: int) -> Iterator[None]:
+    """Make the hosts, numbered from 2, and their network, and remove them."""
+    hosts = range(2, 2 + n_hosts)
+    try:
+        ip("link", "add", BRIDGE, "type", "bridge")
+        ip("addr", "add", "10.77.0.1/24", "dev", BRIDGE)
+        ip("link", "set", BRIDGE, "up")
+        for host in hosts:
+            ip("netns", "add", f"mr-{host}")
+            ip("link", "add", f"mr{host}", "type", "veth", "peer", "name", "eth0", "netns", f"mr-{host}")
+            ip("link", "set", f"mr{host}", "master", BRIDGE, "up")
+            ip("-n", f"mr-{host}", "addr", "add", f"10.77.0.{host}/24", "dev", "eth0")
+            ip("-n", f"mr-{host}", "link", "set", "eth0", "up")
+            ip("-n", f"mr-{host}", "link", "set", "lo", "up")
+        yield
+    finally:
+        for host in hosts:
+            subprocess.run(["ip", "netns", "del", f"mr-{host}"], check=False)
+        subprocess.run(["ip", "link", "del", BRIDGE], check=False)
+
+
+def started(host: int, module: str, *words: str) -> psutil.Popen:
     """Start a Python module on a host."""
     places = os.pathsep.join(place for place in sys.path if place)
     command = ["ip", "netns", "exec", f"mr-{host}", sys.executable, "-m", module, *words]
@@ -43,72 +77,91 @@ def started(host: str, module: str, *words: str) -> psutil.Popen:
 
 def end(process: psutil.Popen) -> None:
     """Kill a process and all below it."""
-    with suppress(psutil.NoSuchProcess):
-        for member in [*process.children(recursive=True), process]:
+    for member in reversed(members(process)):
+        with suppress(psutil.NoSuchProcess):
             member.kill()
     process.wait()
 
 
-class Hosts:
-    """A scheduler and workers, each on its host, all ready."""
-
-    def __init__(self, n_workers: int, module: str, *options: str) -> None:
-        address = ["--host", "10.77.0.2", "--no-dashboard", "--no-show"]
-        self.scheduler = started(three_hosts.HOSTS[0], "distributed.cli.dask_scheduler", *address)
+@contextmanager
+def cluster(n_workers: int, case: str) -> Iterator[dict[str, list[psutil.Popen]]]:
+    """Start a scheduler and workers, each on its host, and plan the fault of the case; end them."""
+    module, *options = PLAIN if case in ("plain", "again") else OWN
+    processes = {"scheduler": [started(2, "distributed.cli.dask_scheduler", "--host", "10.77.0.2", "--no-dashboard")]}
+    try:
         time.sleep(4)
-        hosts = three_hosts.HOSTS[1 : 1 + n_workers]
-        self.workers = [started(host, module, three_hosts.ADDRESS, *options) for host in hosts]
-        with Client(three_hosts.ADDRESS, set_as_default=False, timeout=60) as client:
+        processes["workers"] = [started(3 + k, module, ADDRESS, *options) for k in range(n_workers)]
+        with Client(ADDRESS, set_as_default=False, timeout=60) as client:
             client.wait_for_workers(n_workers, timeout=300)
-
-    def close(self) -> None:
-        """End them."""
-        for process in [*self.workers, self.scheduler]:
+        yield processes
+    finally:
+        for process in chain(*processes.values()):
             end(process)
 
 
-def main() -> None:
+def faults(case: str, processes: dict[str, list[psutil.Popen]]) -> list[threading.Timer]:
+    """Return the planned faults of a case."""
+    host = 2 if case == "alone" else 3
+    planned = [threading.Timer(AFTER, link, [host, "down"])] if case in ("cut", "lost", "alone") else []
+    planned += [threading.Timer(AFTER + FOR, link, [host, "up"])] if case == "cut" else []
+    planned += [threading.Timer(AFTER, end, [processes["workers"][0]])] if case == "killed" else []
+    return planned
+
+
+def on_hosts(case: str, n_workers: int, label: Any) -> dict[str, Any]:
+    """Label on hosts; return the figures, or the error of a failed run."""
+    with network(1 + n_workers), cluster(n_workers, case) as processes:
+        if case == "again":
+            label("dask", ADDRESS)
+        timers, error = faults(case, processes), None
+        with ExitStack() as stack:
+            trees = {
+                part: [stack.enter_context(Tree(one, memory=False)) for one in ones] for part, ones in processes.items()
+            }
+            before = {part: sum(tree.cpu for tree in ones) for part, ones in trees.items()}
+            for timer in timers:
+                timer.start()
+            try:
+                found = label("dask", ADDRESS)
+            except SystemExit as failure:
+                error = str(failure)
+            finally:
+                for timer in timers:
+                    timer.cancel()
+        if error is not None:
+            return {"error": error}
+        used = {part: sum(tree.cpu for tree in ones) - before[part] for part, ones in trees.items()}
+        return {"seconds": found["seconds"], "cpu_seconds": found["cpu_seconds"] + sum(used.values()), **used}
+
+
+def main() -> int:
     """Run all cases."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--folder", type=Path, required=True)
-    parser.add_argument("--millions", type=int, default=5)
-    parser.add_argument("--workers", type=int, default=4)
-    parser.add_argument("--rounds", type=int, default=1)
-    parser.add_argument("--cases", nargs="+", default=["loky", "warm", "killed", "plain", "again"])
-    arguments = parser.parse_args()
-    three_hosts.HOSTS = ("scheduler", *(f"w{number}" for number in range(arguments.workers)))
-    survey = make_survey(arguments.folder, arguments.millions, n_threads=2)
-    output = arguments.folder / "labelled_hosts"
+    arguments = parser(__doc__)
+    arguments.add_argument("--folder", type=Path, required=True)
+    arguments.add_argument("--millions", type=int, default=5)
+    arguments.add_argument("--workers", type=int, default=4)
+    arguments.add_argument("--rounds", type=int, default=1)
+    arguments.add_argument("--cases", nargs="+", choices=CASES, default=CASES)
+    options = arguments.parse_args()
+    survey, output = make_survey(options.folder, options.millions), options.folder / "labelled_hosts"
 
-    def trial(name: str, hosts: Hosts | None) -> None:
-        workers, schedulers = (hosts.workers, [hosts.scheduler]) if hosts else ([], [])
-        before, scheduler = (used(workers), used(schedulers)), three_hosts.ADDRESS if hosts else None
-        backend = "dask" if hosts else "loky"
-        found = run_label(survey, output, "local", "detrended_forest", backend, arguments.workers, scheduler)
-        parts = {"workers": used(workers) - before[0], "scheduler": used(schedulers) - before[1]}
-        row = {"seconds": found["seconds"], "cpu_seconds": found["cpu_seconds"] + sum(parts.values()), **parts}
-        rounded = {key: round(value, 1) for key, value in row.items()}
-        print(
-            json.dumps({"case": name, "n_workers": arguments.workers, **rounded, "digest": digest(output)}), flush=True
-        )
+    def label(backend: str, scheduler: str | None = None) -> dict[str, Any]:
+        return run_label(survey, output, "local", "detrended_forest", backend, options.workers, scheduler)
 
-    for _ in range(arguments.rounds):
-        for case in arguments.cases:
-            if case == "loky":
-                trial(case, None)
-                continue
-            start = PLAIN if case in ("plain", "again") else OWN
-            with three_hosts.network():
-                hosts = Hosts(arguments.workers, *start)
-                try:
-                    if case == "again":
-                        run_label(survey, output, "local", "detrended_forest", "dask", 4, three_hosts.ADDRESS)
-                    if case == "killed":
-                        threading.Timer(10, end, [hosts.workers.pop()]).start()
-                    trial(case, hosts)
-                finally:
-                    hosts.close()
+    digests = set()
+    for case in list(options.cases) * options.rounds:
+        if case == "loky":
+            found = label("loky")
+            row = {name: found[name] for name in ("seconds", "cpu_seconds")}
+        else:
+            row = on_hosts(case, options.workers, label)
+            if "error" in row:
+                label("loky")
+        digests.add(found_digest := digest(output))
+        rounded = {key: round(value, 1) if isinstance(value, float) else value for key, value in row.items()}
+        print(json.dumps({"case": case, "n_workers": options.workers, **rounded, "digest": found_digest}), flush=True)
+    return int(len(digests) > 1)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -1,43 +1,37 @@
-"""Errors of the measures of the inventory on simulated streets.
+"""Errors of the measurements of the inventory on simulated streets.
 
-    python benchmarks/inventory_accuracy.py [--preset demo] [--kinds town ring_road suburb] [--seeds 3 4] [--csv FILE]
-        [--model FOLDER]
+    python benchmarks/inventory_accuracy.py [--preset demo] [--kinds town ring_road suburb] [--seeds 3 4]
 
-Two figures for every measure: of objects whose points are known (the error of measuring alone), and of the inventory of
-the whole street, whose points have their true classes and are made into objects by `extract_objects`. Heights are above
-the ground that the ground filter finds. Moving objects and those with too few points for an inventory are left out.
-With `--model`, the folder of a trained labeller, also of the inventory that its labels give.
-Prints tables and a JSON line; `--csv` writes all figures.
+Two figures for every measurement: of objects whose points are known (the error of measuring alone), and of the
+inventory of the whole street, made by `extract_objects` from points with their true classes. Heights are above the
+ground that the ground filter finds. Moving objects and those with too few points for an inventory are left out.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import time
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pandas as pd
+from _common import markdown, parser
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects, measure_points
-from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
-from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, ObjectRule
-from mlsroad_pipeline.algorithms.metrics.measure_errors import (
+from mlsroad_pipeline.algorithms.inventory.objects.extraction import extract_objects, measure_points
+from mlsroad_pipeline.algorithms.inventory.objects.merging import merge_across_scenes
+from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, ObjectRule
+from mlsroad_pipeline.algorithms.inventory.scoring.measure_errors import (
     kinds_of_truth,
     match_to_truth,
     measurement_errors,
     summarise_errors,
 )
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.stages import find_ground
-from mlsroad_pipeline.datasets.models.bundle_files import load_bundle
-from mlsroad_pipeline.label.output_codes import output_codes
-from mlsroad_pipeline.label.scene import LabelSettings, label_new_scene, object_rules
 from mlsroad_pipeline.simulation import PRESETS, simulate_survey
 from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS
 
@@ -89,61 +83,30 @@ def errors_of_found(
     return measurement_errors(objects.iloc[found], truth.iloc[true]), len(objects), len(truth)
 
 
-def errors_of_labelled(cloud: PointCloud, bundle: ModelBundle, truth: pd.DataFrame) -> tuple[pd.DataFrame, int]:
-    """Make the inventory as `label` does; return the errors of what it has, and its size."""
-    n = len(cloud)
-    scene = cloud.with_columns(core=np.ones(n, bool), file=np.zeros(n, np.int32), row=np.arange(n))
-    rules = object_rules(bundle, {})
-    codes = output_codes(bundle, "asprs", {})
-    part = label_new_scene(scene, bundle, LabelSettings(codes, rules), name="street")
-    piece = SceneObjects("street", part["objects"], part["fragments"])
-    objects = merge_across_scenes([piece], classes=rules)
-    found, true = match_to_truth(objects, truth)
-    return measurement_errors(objects.iloc[found], truth.iloc[true]), len(objects)
-
-
 def main() -> None:
     """Simulate, measure, compare, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--preset", default="demo", choices=list(PRESETS))
-    parser.add_argument("--kinds", nargs="+", default=["town", "ring_road", "suburb"], choices=list(STREETS))
-    parser.add_argument("--seeds", type=int, nargs="+", default=[3, 4])
-    parser.add_argument("--csv")
-    parser.add_argument("--model")
-    options = parser.parse_args()
+    arguments = parser(__doc__)
+    arguments.add_argument("--preset", default="demo", choices=list(PRESETS))
+    arguments.add_argument("--kinds", nargs="+", default=["town", "ring_road", "suburb"], choices=list(STREETS))
+    arguments.add_argument("--seeds", type=int, nargs="+", default=[3, 4])
+    options = arguments.parse_args()
     parts: dict[str, list[pd.DataFrame]] = {"own points": [], "inventory": []}
-    bundle = None if options.model is None else load_bundle(options.model)
-    labelled = 0
     measured, spent, n_found, n_true = 0, 0.0, 0, 0
-    for kind in options.kinds:
-        for seed in options.seeds:
-            parameters = replace(PRESETS[options.preset], seed=seed, street=STREETS[kind], with_images=False)
-            survey = simulate_survey(parameters, n_threads=os.cpu_count() or 1)
-            height = find_ground(survey.cloud, GroundParameters())["height"]
-            truth = kinds_of_truth(survey.objects, KIND_OF_CLASS)
-            own, seconds = errors_of_known(survey.cloud, survey.origin, height, truth)
-            found, there, expected = errors_of_found(survey.cloud, survey.origin, height, truth)
-            parts["own points"].append(own)
-            parts["inventory"].append(found)
-            if bundle is not None:
-                predicted, size = errors_of_labelled(survey.cloud, bundle, truth)
-                parts.setdefault("labelled", []).append(predicted)
-                labelled += size
-            measured, spent, n_found, n_true = measured + len(own), spent + seconds, n_found + there, n_true + expected
+    for kind, seed in product(options.kinds, options.seeds):
+        parameters = replace(PRESETS[options.preset], seed=seed, street=STREETS[kind], with_images=False)
+        survey = simulate_survey(parameters, n_threads=os.cpu_count() or 1)
+        height = find_ground(survey.cloud, GroundParameters())["height"]
+        truth = kinds_of_truth(survey.objects, KIND_OF_CLASS)
+        own, seconds = errors_of_known(survey.cloud, survey.origin, height, truth)
+        found, there, expected = errors_of_found(survey.cloud, survey.origin, height, truth)
+        parts["own points"].append(own)
+        parts["inventory"].append(found)
+        measured, spent, n_found, n_true = measured + len(own), spent + seconds, n_found + there, n_true + expected
     tables = [summarise_errors(pd.concat(errors)).assign(of=name) for name, errors in parts.items()]
     table = pd.concat(tables)[["of", "class", "measure", "unit", "n", "bias", "median", "quantile_90"]]
-    print(table.round(3).to_string(index=False))
-    if options.csv:
-        table.to_csv(options.csv, index=False)
-    every = pd.concat(parts["own points"])
-    row = {
-        "stage": "inventory_accuracy", "preset": options.preset, "streets": options.kinds, "seeds": options.seeds,
-        "measured": measured, "milliseconds_per_object": 1e3 * spent / measured,
-        "in_inventory": n_found, "true_objects": n_true, "matched": sum(map(len, parts["inventory"])),
-        "in_labelled": labelled, "matched_labelled": sum(map(len, parts.get("labelled", []))),
-        **{f"median_{name}": float(every[name].abs().median()) for name in ("base", "height", "tilt", "heading")},
-    }  # fmt: skip
-    print(json.dumps(row))
+    print(markdown(table.round(3)))
+    row = {"measured": measured, "milliseconds_per_object": 1e3 * spent / measured, "in_inventory": n_found}
+    print(json.dumps(row | {"true_objects": n_true, "matched": sum(map(len, parts["inventory"]))}))
 
 
 if __name__ == "__main__":

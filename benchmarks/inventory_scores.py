@@ -19,11 +19,7 @@ Markdown, and writes `inventory_scores.json`; every survey keeps its results and
 
 from __future__ import annotations
 
-import argparse
 import json
-import os
-import subprocess
-import sys
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -31,14 +27,13 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import pandas as pd
+from _common import DATA, RESULTS, STREETS, markdown, mlsroad, pandaset_frames, parser, simulated_street
 
-from mlsroad_pipeline.algorithms.metrics.object_matching import MatchedObjects
-from mlsroad_pipeline.algorithms.metrics.object_scores import score_objects, summarise_measures
+from mlsroad_pipeline.algorithms.inventory.scoring.object_matching import MatchedObjects
+from mlsroad_pipeline.algorithms.inventory.scoring.object_scores import score_objects, summarise_measures
 from mlsroad_pipeline.label.object_scoring import ScoredInventory, ScoreParameters, score_inventory
 
-DATA = Path(os.environ.get("MLSROAD_DATA", "../shared/data")).absolute()
-KINDS, SCANNERS = ("town", "suburb", "ring_road", "campus"), ("demo", "hdl32")
-FIRST_SEED, LENGTH = 911, 100
+FIRST_SEED = 911
 TEXT = ("label.read.columns={x: 0, y: 1, z: 2}", "label.read.delimiter=whitespace", "label.read.header=false")
 
 
@@ -53,23 +48,10 @@ class Case(NamedTuple):
     reach: Mapping[str, float] = MappingProxyType({})
 
 
-def mlsroad(*arguments: object) -> None:
-    """Run the command; its errors end the benchmark."""
-    code = "import sys; sys.argv[0] = 'mlsroad'; from mlsroad_pipeline.commands.app import main; main()"
-    done = subprocess.run(
-        [sys.executable, "-c", code, *map(str, arguments)], capture_output=True, text=True, check=False
-    )
-    if done.returncode:
-        raise SystemExit(f"mlsroad {' '.join(map(str, arguments))}: {done.stderr.strip()}")
-
-
 def simulated(folder: Path) -> Iterator[Case]:
     """Yield the streets, simulated where they are not there."""
-    for number, (kind, scanner) in enumerate((k, s) for k in KINDS for s in SCANNERS):
-        street = folder / "streets" / f"{kind}_{scanner}"
-        if not (street / "objects.csv").is_file():
-            options = ("--preset", scanner, "--seed", FIRST_SEED + number, "--length", LENGTH, "--overwrite")
-            mlsroad("simulate", "-o", street, *options, "--params", f"street={kind}", "--params", "with_images=false")
+    for number, (kind, scanner) in enumerate(STREETS):
+        street = simulated_street(folder, kind, scanner, FIRST_SEED + number)
         yield Case(street.name, [street], street)
 
 
@@ -81,7 +63,7 @@ def oakland(_: Path) -> Iterator[Case]:
 
 def pandaset(_: Path) -> Iterator[Case]:
     """Yield the frames."""
-    for frame in sorted((DATA / "real/pandaset/001/frames").glob("*.npz")):
+    for frame in pandaset_frames():
         yield Case(f"pandaset_{frame.stem}", [frame], frame.with_name(f"{frame.stem}_cuboids.csv"))
 
 
@@ -124,11 +106,11 @@ def joined(parts: list[ScoredInventory]) -> MatchedObjects:
 
 def main() -> None:
     """Simulate, label, score, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", nargs="+", choices=list(SETS), default=list(SETS))
-    parser.add_argument("--folder", type=Path, default=Path("data/08_reporting/inventory_scores"))
-    parser.add_argument("--least-score", type=float, default=0.0)
-    options = parser.parse_args()
+    arguments = parser(__doc__)
+    arguments.add_argument("--only", nargs="+", choices=list(SETS), default=list(SETS))
+    arguments.add_argument("--folder", type=Path, default=RESULTS / "inventory_scores")
+    arguments.add_argument("--least-score", type=float, default=0.0)
+    options = arguments.parse_args()
     folder = options.folder.absolute()
     record: dict[str, Any] = {}
     for name in options.only:
@@ -149,12 +131,6 @@ def main() -> None:
         record[name] = {"scores": table.to_dict("records"), "measures": measures.to_dict("records")}
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "inventory_scores.json").write_text(json.dumps(record, indent=1), encoding="utf-8")
-
-
-def markdown(table: pd.DataFrame) -> str:
-    """Return a table in Markdown; undefined values are empty."""
-    rows = [list(table.columns), ["---"] * table.shape[1], *table.astype(object).where(table.notna(), "").to_numpy()]
-    return "\n".join("| " + " | ".join(str(value) for value in row) + " |" for row in rows)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ On recordings a model is wrong more often than on simulated streets, and poles l
 the logarithms of the class probabilities get normal noise per class, for the street as a whole and for cubes of 3 m,
 and are flattened; some poles are labelled tree and some trunks pole; the street is sheared, and single poles lean and
 are smeared. The strength of the noise of a street is drawn around the one at which the mean IoU on eight common classes
-falls to that of recordings that the model did not learn from (docs/benchmarks.md). For `general` strength 1 lowered it
+falls to that of recordings that the model did not learn from (docs/results.md). For `general` strength 1 lowered it
 from 0.64 to 0.51, for `pool` strength 1.25 from 0.81 to 0.61 (24 streets without leaning and confused poles;
 recordings: 0.56 to 0.70). That poles lean and are labelled tree was seen on Oakland.
 """
@@ -23,25 +23,25 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from forest_trials import configured_scheme
+from _common import configured_scheme
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.evaluation.labelling import coarse_labels
-from mlsroad_pipeline.algorithms.inventory.class_groups import (
+from mlsroad_pipeline.algorithms.inventory.objects.class_groups import (
     ClassEvidence,
     evidence_of_labels,
     evidence_of_soft_labels,
     group_shares,
 )
-from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS
+from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scores
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.labelling import label_softly
 from mlsroad_pipeline.algorithms.stages import find_ground
-from mlsroad_pipeline.datasets.models.bundle_files import load_bundle
-from mlsroad_pipeline.datasets.models.shipped_models import FOLDER as MODELS
+from mlsroad_pipeline.model_store.bundle_files import load_bundle
+from mlsroad_pipeline.model_store.shipped_models import FOLDER as MODELS
+from mlsroad_pipeline.papers.shared.evaluation.labelling import coarse_labels
 from mlsroad_pipeline.simulation import simulate_survey
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 from mlsroad_pipeline.simulation.parameters.variety import expanded_surveys

@@ -1,15 +1,15 @@
-"""Kill runs of pipelines at random moments, run them again, and compare their results with those of undisturbed runs.
+"""Kill runs of pipelines at random moments, run them again, and compare their results with undisturbed runs.
 
-Run as ``python benchmarks/kill_runs.py FOLDER [--pipelines NAME ...] [--kills N] [--seed N]``. Streets are those of
-``conf/tiny.yml``, studies have their fast scale. Each pipeline is run once whole in one project (its models are what
-later pipelines ask for) and, in a second one, killed N times with all its processes and then run to its end. Every
-table, model and figure below ``data/07_model_output`` and ``data/08_reporting``, and what `label` writes, must be the
-same. Times that a run took are no result: columns and arrays of seconds, pictures of them, and the reports of studies
-are left out, and so are the names of MLflow runs. All other pipelines are parts of these. Ends with status 1 if
-anything differs.
+    python benchmarks/kill_runs.py FOLDER [--pipelines NAME ...] [--kills N] [--seed N]
+
+Streets are those of `conf/tiny.yml`, studies have their fast scale. Each pipeline is run once whole in one project (its
+models are inputs of later pipelines) and, in a second one, killed N times with all its processes and then run to its
+end. Every table, model and figure below `data/07_model_output` and `data/08_reporting`, and the output of `label`, must
+be the same. Times of a run are not compared: columns and arrays of seconds, figures of them, the reports of studies,
+and the names of MLflow runs. Ends with status 1 if anything differs. Single failed, torn and delayed operations on
+files are tested by `tests/execution/test_faults.py`.
 """
 
-import argparse
 import hashlib
 import json
 import os
@@ -24,8 +24,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from _common import REPOSITORY, parser
 
-REPOSITORY = Path(__file__).resolve().parents[1]
 PIPELINES = {
     "all_methods": "",
     "label": "label.survey=data/01_raw/simulated/test,label.output=labelled",
@@ -112,12 +112,12 @@ def digests(project: Path) -> dict[str, str]:
 
 def main() -> int:
     """Compare undisturbed and killed runs."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--pipelines", nargs="+", choices=PIPELINES, default=list(PIPELINES))
-    parser.add_argument("--kills", type=int, default=3)
-    parser.add_argument("--seed", type=int, default=2019)
-    options = parser.parse_args()
+    arguments = parser(__doc__)
+    arguments.add_argument("folder", type=Path)
+    arguments.add_argument("--pipelines", nargs="+", choices=PIPELINES, default=list(PIPELINES))
+    arguments.add_argument("--kills", type=int, default=3)
+    arguments.add_argument("--seed", type=int, default=2019)
+    options = arguments.parse_args()
     options.folder.mkdir(parents=True, exist_ok=False)
     whole, killed = (make_project(options.folder / name) for name in ("whole", "killed"))
     chance = random.Random(options.seed)

@@ -2,7 +2,7 @@
 
     kedro run --env=recordings
     python benchmarks/learning_curves.py [--sources NAME...] [--seeds 0 1 2 3 4] [--answers 10 50 200] [--json FILE]
-        [--unseen FOLDER] [--model pool|dense|sparse]
+        [--unseen FOLDER] [--model pool]
 
 A simulated user answers from the reference of the recordings of conf/recordings. An answer is one segment of the
 training part (`boosted_trees.segments`): its class, if at least 80 % of its labelled points are of one common class,
@@ -11,8 +11,7 @@ It is scored on the test part, of which nothing is ever shown: mean IoU over the
 A random order draws from the same segments. The order of review is made anew at 10 and at 50 answers.
 
 The model is the shipped `general`; for PandaSet and ika, which it was trained on, a model of simulated streets alone.
-With `--model dense` or `sparse`, the shipped forests, boosted trees that correct the forest learn. With `--model pool`
-the trees of the shipped pool learn; their voxels get the mean probabilities of the network's
+With `--model pool` the trees of the shipped pool learn; their voxels get the mean probabilities of the network's
 superpoints, and both are pooled as in the pool. `--unseen` names the folder of the model of streets alone, which is
 filled by training on `data/05_model_input/general` (`kedro run --env=general`) if it is missing; 20 minutes of one
 core.
@@ -20,7 +19,6 @@ core.
 
 from __future__ import annotations
 
-import argparse
 import json
 import logging
 import time
@@ -30,49 +28,46 @@ from typing import Any
 
 import numpy as np
 import yaml
-from forest_trials import configured
-from general_model import train
+from _common import CONF, REPOSITORY, configured, configured_scheme, parser
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.answer_boosting import Answer, Scored
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.continuation import continue_training
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.corrected import added_trees, learn_corrections, voxel_scores
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import describe_scene, softmax
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG as BOOSTED_TREES
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.segments import (
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
+from mlsroad_pipeline.algorithms.features.voxel_scales import VoxelFeatures, smooth_by_cells
+from mlsroad_pipeline.algorithms.metrics.confusion import scores
+from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import Answer
+from mlsroad_pipeline.algorithms.models.boosted_trees.continuation import continue_training
+from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import describe_scene, softmax
+from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG, BoostedTreesParameters
+from mlsroad_pipeline.algorithms.models.boosted_trees.segments import (
     LEAST,
     Segments,
     find_segments,
     order_of_questions,
 )
-from mlsroad_pipeline.algorithms.core.classes import ClassScheme
-from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.features.voxel_scales import VoxelFeatures, smooth_by_cells
-from mlsroad_pipeline.algorithms.fusion.pool import FLOOR, NETWORK, TREES, members_of
-from mlsroad_pipeline.algorithms.metrics.confusion import scores
-from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
+from mlsroad_pipeline.algorithms.models.boosted_trees.training import fit
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.grouped_decision import decide
 from mlsroad_pipeline.algorithms.models.labelling import label_softly
+from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees
+from mlsroad_pipeline.algorithms.models.machines.grouped_decision import decide
+from mlsroad_pipeline.algorithms.models.pool.labeller import FLOOR, NETWORK, TREES, members_of
 from mlsroad_pipeline.algorithms.scenes.parts import TEST, TRAIN
 from mlsroad_pipeline.algorithms.stages import ground_of, inliers
-from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
-from mlsroad_pipeline.datasets.models.replay import read_replay
-from mlsroad_pipeline.datasets.models.shipped_models import load_shipped
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.store import SceneStore
-from mlsroad_pipeline.studies.recordings.scoring import unmixed
-from mlsroad_pipeline.studies.recordings.sources import Source, sources_of
+from mlsroad_pipeline.model_store.bundle_files import load_bundle, save_bundle
+from mlsroad_pipeline.model_store.replay import read_replay
+from mlsroad_pipeline.model_store.shipped_models import load_shipped
+from mlsroad_pipeline.papers.comparison.recordings.scoring import unmixed
+from mlsroad_pipeline.papers.comparison.recordings.sources import Source, sources_of
+from mlsroad_pipeline.pipelines.boosted_trees.nodes import load_lightgbm
 
-ROOT = Path(__file__).resolve().parents[1]
 SCENES = "data/03_primary/recordings/recordings_study/scenes"
 VOXELS = "data/05_model_input/general/boosted_trees/training_set"
 TRAINED_ON = ("pandaset", "ika")
 NETWORK_WEIGHT = 0.5
 PURE, LEAST_POINTS, SAMPLED = 0.8, 100, 60_000
-COMMON = ClassScheme.from_config("common", configured("classes")["schemes"]["common"])
-FINE = ClassScheme.from_config("road_inventory", configured("classes")["schemes"]["road_inventory"])
+COMMON, FINE = configured_scheme("common"), configured_scheme("road_inventory")
 GROUPS = np.asarray(FINE.coarsen(COMMON))
 MEMBERS = GROUPS[None, :] == np.arange(len(COMMON))[:, None]
 
@@ -94,16 +89,9 @@ class Recording:
     network: NDArray[np.float64] | None
     """Weighted logarithms of the probabilities of the network in a pool; None for other models."""
 
-    @property
-    def is_corrected(self) -> bool:
-        """Whether trees learn that correct the model, in place of its own ones."""
-        return self.bundle.slug != BOOSTED_TREES
-
     def probabilities(self, added: NDArray[np.float64] | float = 0.0) -> NDArray[np.float64]:
         """Return smoothed probabilities, as the labeller does."""
         found = softmax(self.raw + added)
-        if self.is_corrected:
-            return found
         parameters = self.bundle.metadata["parameters"]["boosted_trees"]
         first = 0
         for scene in self.scenes:
@@ -142,7 +130,6 @@ def read(source: Source, bundle: ModelBundle, folder: Path, network: ModelBundle
     ground = GroundParameters(**bundle.metadata["parameters"]["ground"])
     scenes, parts, lost = [], [], np.zeros(len(COMMON), np.int64)
     added: list[NDArray[np.float64]] = []
-    base: list[NDArray[np.float64]] = []
     for key, handle in SceneCollection(store, records).items():
         cloud = handle.load()
         plain = cloud.without_columns(["label", "part"])
@@ -159,14 +146,10 @@ def read(source: Source, bundle: ModelBundle, folder: Path, network: ModelBundle
         lost += np.bincount(truth[(part == TEST) & ~keep & (truth >= 0)], minlength=len(COMMON))
         if network is not None:
             added.append(NETWORK_WEIGHT * _network_scores(plain, ground, network, keep, found))
-        if bundle.slug != BOOSTED_TREES:
-            owner = np.full(len(cloud), -1, np.int64)
-            owner[keep] = found.owner
-            base.append(voxel_scores(bundle, plain.with_columns(**described), owner, n))
         parts.append((found.values, np.stack(places, axis=1), shown, *counts))
         scenes.append(replace(found, values=found.values[:0]))
     values, xyz, shown, answers, truth = (np.concatenate(each) for each in zip(*parts, strict=True))
-    raw = np.concatenate(base) if base else BoostedTrees.from_arrays(bundle.arrays).scores(values)
+    raw = BoostedTrees.from_arrays(bundle.arrays).scores(values)
     joined = np.concatenate(added) if added else None
     return Recording(source, bundle, scenes, values, xyz, shown, answers, truth, lost, raw, joined)
 
@@ -198,8 +181,7 @@ class User:
     def __init__(self, recording: Recording) -> None:
         self.recording = recording
         self.rows = np.flatnonzero(recording.shown)
-        self.general = load_shipped("general")
-        self.replay = read_replay(self.general)
+        self.replay = read_replay(load_shipped("general"))
         self.segments = self._segments(recording.probabilities())
         self.truth = np.stack(
             [np.bincount(self.segments.owner, weights=recording.answers[self.rows, c]) for c in range(len(COMMON))], 1
@@ -228,23 +210,8 @@ class User:
                 answers.append(Answer(values[voxels], MEMBERS[int(counts.argmax())], own.raw[voxels]))
         rng = np.random.default_rng(seed)
         rest = rng.permutation(self.rows[~np.isin(self.segments.owner, asked)])[:SAMPLED]
-        if own.is_corrected:
-            return self._correct(answers, rest).scores(values)
         model = continue_training(own.bundle, answers, values[rest], self.replay)
         return trees_after(model, own.bundle).scores(values)
-
-    def _correct(self, answers: list[Answer], rest: NDArray[np.int64]) -> BoostedTrees:
-        """Return trees that correct the model, as `mlsroad learn` adds them."""
-        own, trees = self.recording, BoostedTrees.from_arrays(self.general.arrays)
-        survey = Scored(own.values[rest], own.raw[rest])
-        arrays = self.general.arrays
-        scores = trees.scores(self.replay.values) / arrays["temperature"] + arrays["offsets"]
-        replayed = Scored(self.replay.values, scores)
-        model = learn_corrections(own.bundle, answers, survey, (self.replay, replayed), trees=trees, voxel_size=0.2)
-        found = added_trees(model)
-        if found is None:
-            raise SystemExit("nothing was learned")
-        return found
 
 
 def trees_after(model: ModelBundle, before: ModelBundle) -> BoostedTrees:
@@ -282,10 +249,23 @@ def curves(user: User, steps: list[int], seed: int) -> dict[str, Any]:
 
 
 def unseen_model(folder: Path) -> ModelBundle:
-    """Return the model of simulated streets alone."""
+    """Return the model of simulated streets alone; it is trained where the folder is missing."""
     if not folder.is_dir():
-        store = SceneStore(str(ROOT / VOXELS))
-        save_bundle(train(SceneCollection(store, store.stored_records()).load_all(), {}, 1.0, []), folder)
+        load_lightgbm()
+        store = SceneStore(str(REPOSITORY / VOXELS))
+        voxels = list(SceneCollection(store, store.stored_records()).load_all().values())
+        bundle = fit(
+            voxels,
+            parameters=BoostedTreesParameters(**configured(SLUG, "general")),
+            ground=GroundParameters(**configured("ground_removal")),
+            scheme=FINE,
+            trained_on={},
+            sources=["simulated"] * len(voxels),
+            weights=[1.0] * len(voxels),
+            groups=GROUPS.tolist(),
+            n_threads=2,
+        )
+        save_bundle(bundle, folder)
     return load_bundle(folder)
 
 
@@ -304,17 +284,17 @@ def report(results: dict[str, Any], steps: list[int]) -> None:
 
 def main() -> None:
     """Run the study that the command line asks for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sources", nargs="*")
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4])
-    parser.add_argument("--answers", type=int, nargs="+", default=[10, 50, 200])
-    parser.add_argument("--scenes", type=Path, default=ROOT / SCENES)
-    parser.add_argument("--unseen", type=Path, default=ROOT / "data/06_models/learning_curves/simulated")
-    parser.add_argument("--model", default="general", choices=("general", "pool"))
-    parser.add_argument("--json", type=Path, help="results; recordings and seeds that it holds are not run again")
-    options = parser.parse_args()
+    arguments = parser(__doc__)
+    arguments.add_argument("--sources", nargs="*")
+    arguments.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4])
+    arguments.add_argument("--answers", type=int, nargs="+", default=[10, 50, 200])
+    arguments.add_argument("--scenes", type=Path, default=REPOSITORY / SCENES)
+    arguments.add_argument("--unseen", type=Path, default=REPOSITORY / "data/06_models/learning_curves/simulated")
+    arguments.add_argument("--model", default="general", choices=("general", "pool"))
+    arguments.add_argument("--json", type=Path, help="results; recordings and seeds that it holds are not run again")
+    options = arguments.parse_args()
     logging.disable(logging.WARNING)
-    study = yaml.safe_load((ROOT / "conf/recordings/parameters.yml").read_text(encoding="utf-8"))["recordings_study"]
+    study = yaml.safe_load((CONF / "recordings/parameters.yml").read_text(encoding="utf-8"))["recordings_study"]
     results = json.loads(options.json.read_text()) if options.json and options.json.exists() else {}
     for name, source in sources_of(study["sources"]).items():
         if options.sources is not None and name not in options.sources:
@@ -324,7 +304,7 @@ def main() -> None:
             continue
         shipped = load_shipped(options.model)
         members = members_of(shipped) if options.model == "pool" else {TREES: shipped}
-        seen = name in TRAINED_ON and members[TREES].slug == BOOSTED_TREES
+        seen = name in TRAINED_ON
         bundle = unseen_model(options.unseen) if seen else members[TREES]
         user = User(read(source, bundle, options.scenes, members.get(NETWORK)))
         start = user.recording.probabilities()

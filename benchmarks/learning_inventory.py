@@ -10,8 +10,6 @@ $MLSROAD_DATA/oakland. Prints F by kind at the default score; vehicles within 2 
 
 from __future__ import annotations
 
-import argparse
-import os
 import shutil
 from contextlib import chdir
 from pathlib import Path
@@ -20,12 +18,13 @@ from tempfile import TemporaryDirectory
 import geopandas
 import numpy as np
 import pandas as pd
-from inventory_scores import TEXT, mlsroad
-from oakland_cross_validation import CONF, SUFFIX
+from _common import DATA, RESULTS, mlsroad, parser
+from inventory_scores import TEXT
+from oakland_cross_validation import files_of
 from oakland_objects import REACH
 
 from mlsroad_pipeline.algorithms.geometry.assignment import assign_one_to_one
-from mlsroad_pipeline.corrections import Correction, open_corrections
+from mlsroad_pipeline.review.corrections import Correction, open_corrections
 
 FIRST = ("part2_ac", "part2_ad", "part2_ae", "part2_ag", "part2_ah", "part2_ai")
 """Blocks whose objects are corrected; the others are scored."""
@@ -89,11 +88,10 @@ def scores(folder: Path, truth: pd.DataFrame) -> str:
 
 def main() -> None:
     """Label, decide, learn, label again, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--folder", type=Path, default=Path("data/08_reporting/learning_inventory"))
-    folder = parser.parse_args().folder.absolute()
-    data = Path(os.environ.get("MLSROAD_DATA", CONF.parents[1] / "shared/data")) / "oakland"
-    blocks, truth = sorted(data.glob(f"*{SUFFIX}")), pd.read_csv(data / "objects.csv")
+    arguments = parser(__doc__)
+    arguments.add_argument("--folder", type=Path, default=RESULTS / "learning_inventory")
+    folder = arguments.parse_args().folder.absolute()
+    blocks, truth = files_of(DATA / "oakland"), pd.read_csv(DATA / "oakland/objects.csv")
     first = [path for path in blocks if path.name.removeprefix("oakland_").startswith(FIRST)]
     second = [path for path in blocks if path not in first]
     of_first = truth["blocks"].str.contains("|".join(FIRST))

@@ -19,11 +19,7 @@ Recordings lie below $MLSROAD_DATA. Prints a table in Markdown and writes `line_
 
 from __future__ import annotations
 
-import argparse
 import json
-import os
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -32,20 +28,19 @@ import geopandas
 import laspy
 import numpy as np
 import shapely
+from _common import DATA, RESULTS, STREETS, mlsroad, pandaset_frames, parser, simulated_street
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
-from mlsroad_pipeline.algorithms.metrics.line_scores import LineScores, places_along, score_lines
+from mlsroad_pipeline.algorithms.inventory.scoring.line_scores import LineScores, places_along, score_lines
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 from mlsroad_pipeline.simulation.runtime.stream import SurveyStream
 from mlsroad_pipeline.simulation.street.kerb_truth import true_kerbs
 from mlsroad_pipeline.simulation.street.marking_truth import true_markings
 
-DATA = Path(os.environ.get("MLSROAD_DATA", "../shared/data")).absolute()
-SIMULATED, SCANNERS = ("town", "suburb", "ring_road", "campus"), ("demo", "hdl32")
 FIRST_SEED, LENGTH = 931, 100
 LEAST, NEAR, CELLS = 0.05, 0.35, 4  # metres, metres, cells on either side
 PAINTED = 3  # cells within `NEAR`
@@ -65,16 +60,6 @@ class Case(NamedTuple):
     markings: Places | None = None
 
 
-def mlsroad(*arguments: object) -> None:
-    """Run the command; its errors end the benchmark."""
-    code = "import sys; sys.argv[0] = 'mlsroad'; from mlsroad_pipeline.commands.app import main; main()"
-    done = subprocess.run(
-        [sys.executable, "-c", code, *map(str, arguments)], capture_output=True, text=True, check=False
-    )
-    if done.returncode:
-        raise SystemExit(f"mlsroad {' '.join(map(str, arguments))}: {done.stderr.strip()}")
-
-
 def seen(kerbs: NDArray[np.float64], xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which places of kerbs have points on both sides, in enough cells of 0.1 m."""
     near = cKDTree(kerbs[:, :2]).query(xyz[:, :2], distance_upper_bound=NEAR)[0] < NEAR
@@ -91,12 +76,15 @@ def seen(kerbs: NDArray[np.float64], xyz: NDArray[np.float64]) -> NDArray[np.boo
 
 def simulated(folder: Path) -> Iterator[Case]:
     """Yield the streets, simulated where they are not there."""
-    for number, (kind, scanner) in enumerate((k, s) for k in SIMULATED for s in SCANNERS):
-        street, seed = folder / "streets" / f"{kind}_{scanner}", FIRST_SEED + number
-        if not (street / "objects.csv").is_file():
-            options = ("--preset", scanner, "--seed", seed, "--length", LENGTH, "--overwrite")
-            mlsroad("simulate", "-o", street, *options, "--params", f"street={kind}", "--params", "with_images=false")
-        described = {"preset": scanner, "seed": seed, "length": LENGTH, "street": kind, "with_images": False}
+    for number, (kind, scanner) in enumerate(STREETS):
+        street = simulated_street(folder, kind, scanner, FIRST_SEED + number, LENGTH)
+        described = {
+            "preset": scanner,
+            "seed": FIRST_SEED + number,
+            "length": LENGTH,
+            "street": kind,
+            "with_images": False,
+        }
         stream = SurveyStream(simulation_parameters(described))
         kerbs = true_kerbs(stream.street, start=-40.0, end=LENGTH + 40.0)
         kerbs[:, :3] += stream.origin
@@ -158,7 +146,7 @@ def semantickitti(_: Path) -> Iterator[Case]:
 
 def pandaset(_: Path) -> Iterator[Case]:
     """Yield the frames."""
-    for frame in sorted((DATA / "real/pandaset/001/frames").glob("*.npz")):
+    for frame in pandaset_frames():
         with np.load(frame, allow_pickle=False) as arrays:
             xyz, code = arrays["xyz"].astype(np.float64), arrays["label"]
         road = np.isin(code, [7, 8, 9, 10])
@@ -169,7 +157,7 @@ def pandaset(_: Path) -> Iterator[Case]:
 def pandaset_merged(folder: Path) -> Iterator[Case]:
     """Yield the frames as one cloud, written as LAS with the device as scanner."""
     parts: dict[str, list[NDArray]] = {name: [] for name in ("xyz", "intensity", "time", "device", "label")}
-    for frame in sorted((DATA / "real/pandaset/001/frames").glob("*.npz")):
+    for frame in pandaset_frames():
         with np.load(frame, allow_pickle=False) as arrays:
             for name, found in parts.items():
                 found.append(arrays[name])
@@ -261,10 +249,10 @@ def print_row(name: str, kind: str, values: list[LineScores]) -> None:
 
 def main() -> None:
     """Simulate, label, score, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", nargs="+", choices=list(SETS), default=list(SETS))
-    parser.add_argument("--folder", type=Path, default=Path("data/08_reporting/line_scores"))
-    options = parser.parse_args()
+    arguments = parser(__doc__)
+    arguments.add_argument("--only", nargs="+", choices=list(SETS), default=list(SETS))
+    arguments.add_argument("--folder", type=Path, default=RESULTS / "line_scores")
+    options = arguments.parse_args()
     folder = options.folder.absolute()
     record: dict[str, dict[str, list[LineScores]]] = {}
     print("| data | lines | true, m | listed, m |" + "".join(f" found, right at {d} m |" for d in WITHIN))

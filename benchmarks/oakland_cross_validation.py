@@ -1,7 +1,6 @@
 """Leave one block out over all blocks of Oakland 3-D: how well a labeller labels blocks that it has not seen.
 
     python benchmarks/oakland_cross_validation.py [FOLDER] [--method detrended_forest] [--seeds 2019 1 2]
-        [--blocks part2] [--without-detrending]
 
 FOLDER holds the blocks (*.xyz_label_conf.gz); by default it is $MLSROAD_DATA/oakland. Parameters are those of conf/base
 and conf/oakland. The method is detrended_forest or boosted_trees. Each block is labelled by a model of all others, and
@@ -10,7 +9,6 @@ the confusion matrices of all blocks are added. Prints a table, and a JSON line 
 
 from __future__ import annotations
 
-import argparse
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -18,34 +16,45 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from forest_trials import CONF, configured, configured_scheme, configured_stages, prepare, report
+from _common import DATA, configured, configured_scheme, configured_stages, parser, prepare, report
 
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import label_scene as label_voxels
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG as TREES
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import BoostedTreesParameters
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import training_voxels
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.training import fit as fit_trees
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.detrended_forest.labeller import label_scene
-from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters, fit, training_rows
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
+from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import label_scene as label_voxels
+from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG as TREES
+from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import BoostedTreesParameters
+from mlsroad_pipeline.algorithms.models.boosted_trees.sampling import training_voxels
+from mlsroad_pipeline.algorithms.models.boosted_trees.training import fit as fit_trees
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
+from mlsroad_pipeline.papers.tomic2019.detrended_forest.labeller import label_scene
+from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import ForestParameters, fit, training_rows
 from mlsroad_pipeline.pipelines.boosted_trees.nodes import load_lightgbm
 
 ENVIRONMENT = "oakland"
 SUFFIX = ".xyz_label_conf.gz"
 
 
-def read(path: Path, coding: Coding) -> PointCloud:
-    """Read a block as the environment oakland does."""
+def files_of(folder: Path) -> list[Path]:
+    """Return the files of the blocks; at least two are needed."""
+    files = sorted(folder.glob(f"*{SUFFIX}"))
+    if len(files) < 2:
+        raise SystemExit(f"{folder} has {len(files)} files *{SUFFIX}; at least two are needed")
+    return files
+
+
+def read_blocks(files: list[Path]) -> dict[str, PointCloud]:
+    """Read blocks as the environment oakland does."""
+    coding = Coding("oakland", configured("classes", ENVIRONMENT)["codings"]["oakland"])
     options = ReadOptions.from_config({**configured("survey", ENVIRONMENT)["read"], "coding": coding})
-    return get_format(path).read(path, options)
+    return {
+        path.name.removesuffix(SUFFIX).removeprefix("oakland_"): get_format(path).read(path, options) for path in files
+    }
 
 
 @dataclass(frozen=True)
@@ -57,9 +66,9 @@ class Trial:
     label: Callable[[str, ModelBundle], np.ndarray]
 
 
-def forest_trial(clouds: Mapping[str, PointCloud], scheme: ClassScheme, *, detrend: bool) -> Trial:
+def forest_trial(clouds: Mapping[str, PointCloud], scheme: ClassScheme) -> Trial:
     """Return the trial of the detrended forest."""
-    stages = configured_stages(ENVIRONMENT, detrend=detrend)
+    stages = configured_stages(ENVIRONMENT)
     blocks = {name: prepare(cloud, stages) for name, cloud in clouds.items()}
     parameters = configured("detrended_forest", ENVIRONMENT)
 
@@ -105,25 +114,15 @@ def cross_validate(trial: Trial, clouds: Mapping[str, PointCloud], scheme: Class
 
 def main() -> None:
     """Run the cross-validation that the command line asks for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    default = Path(os.environ.get("MLSROAD_DATA", CONF.parents[1] / "shared/data")) / "oakland"
-    parser.add_argument("folder", nargs="?", type=Path, default=default)
-    parser.add_argument("--method", choices=["detrended_forest", TREES], default="detrended_forest")
-    parser.add_argument("--seeds", type=int, nargs="+")
-    parser.add_argument("--blocks", default="", help="only blocks whose name holds this")
-    parser.add_argument("--without-detrending", action="store_true", help="of the detrended forest")
-    arguments = parser.parse_args()
-    files = [path for path in sorted(arguments.folder.glob(f"*{SUFFIX}")) if arguments.blocks in path.name]
-    if len(files) < 2:
-        parser.error(f"{arguments.folder} has {len(files)} files *{arguments.blocks}*{SUFFIX}: two are needed")
+    arguments = parser(__doc__)
+    arguments.add_argument("folder", nargs="?", type=Path, default=DATA / "oakland")
+    arguments.add_argument("--method", choices=["detrended_forest", TREES], default="detrended_forest")
+    arguments.add_argument("--seeds", type=int, nargs="+")
+    options = arguments.parse_args()
+    clouds = read_blocks(files_of(options.folder))
     scheme = configured_scheme(configured("survey", ENVIRONMENT)["scheme"], ENVIRONMENT)
-    coding = Coding("oakland", configured("classes", ENVIRONMENT)["codings"]["oakland"])
-    clouds = {path.name.removesuffix(SUFFIX).removeprefix("oakland_"): read(path, coding) for path in files}
-    if arguments.method == TREES:
-        trial = trees_trial(clouds, scheme)
-    else:
-        trial = forest_trial(clouds, scheme, detrend=not arguments.without_detrending)
-    for seed in arguments.seeds or [configured(arguments.method, ENVIRONMENT)["seed"]]:
+    trial = trees_trial(clouds, scheme) if options.method == TREES else forest_trial(clouds, scheme)
+    for seed in options.seeds or [configured(options.method, ENVIRONMENT)["seed"]]:
         cross_validate(trial, clouds, scheme, seed)
 
 

@@ -11,32 +11,30 @@ count; distances are 0.5 m, and 2 m for vehicles, whose reference is the mean of
 
 from __future__ import annotations
 
-import argparse
-import os
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from _common import DATA, parser
 from judge_candidates import find_candidate_rows
 from judge_streets import SCHEME, Street
-from oakland_cross_validation import CONF, ENVIRONMENT, SUFFIX, configured, read, trees_trial
+from oakland_cross_validation import files_of, read_blocks, trees_trial
 from object_judges import fit, stem_version
 
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import (
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
+from mlsroad_pipeline.algorithms.geometry.assignment import assign_one_to_one
+from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import FEATURE_COLUMNS
+from mlsroad_pipeline.algorithms.inventory.objects.class_groups import ClassEvidence, group_shares
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectJudge
+from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import (
     describe_scene,
     parameters_of,
     voxel_probabilities,
 )
-from mlsroad_pipeline.algorithms.core.codings import Coding
-from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.geometry.assignment import assign_one_to_one
-from mlsroad_pipeline.algorithms.inventory.candidate_table import FEATURE_COLUMNS
-from mlsroad_pipeline.algorithms.inventory.class_groups import ClassEvidence, group_shares
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.object_judge import ObjectJudge
 from mlsroad_pipeline.algorithms.stages import find_ground
-from mlsroad_pipeline.datasets.models.object_judges import shipped_judge
+from mlsroad_pipeline.model_store.object_judges import shipped_judge
 
 REACH = {"pole": 0.5, "sign": 0.5, "vehicle": 2.0}
 LEAST_SCORE = 0.4
@@ -111,17 +109,12 @@ def report(name: str, candidates: pd.DataFrame, scores: np.ndarray, truth: pd.Da
 
 def main() -> None:
     """Label, find candidates, score, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    default = Path(os.environ.get("MLSROAD_DATA", CONF.parents[1] / "shared/data")) / "oakland"
-    parser.add_argument("folder", nargs="?", type=Path, default=default)
-    parser.add_argument("--judges", type=Path)
-    parser.add_argument("--weight", type=float, default=10.0)
-    options = parser.parse_args()
-    coding = Coding("oakland", configured("classes", ENVIRONMENT)["codings"]["oakland"])
-    files = sorted(options.folder.glob(f"*{SUFFIX}"))
-    if len(files) < 2:
-        parser.error(f"{options.folder} has {len(files)} files *{SUFFIX}: two are needed")
-    clouds = {path.name.removesuffix(SUFFIX): read(path, coding) for path in files}
+    arguments = parser(__doc__)
+    arguments.add_argument("folder", nargs="?", type=Path, default=DATA / "oakland")
+    arguments.add_argument("--judges", type=Path)
+    arguments.add_argument("--weight", type=float, default=10.0)
+    options = arguments.parse_args()
+    clouds = read_blocks(files_of(options.folder))
     truth, judge, trial = pd.read_csv(options.folder / "objects.csv"), shipped_judge(), trees_trial(clouds, SCHEME)
     found = []
     for name, cloud in clouds.items():

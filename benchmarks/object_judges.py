@@ -48,18 +48,18 @@ from judge_streets import (
 )
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
-from mlsroad_pipeline.algorithms.inventory.candidate_labels import raised_labels
-from mlsroad_pipeline.algorithms.inventory.candidate_table import FEATURE_COLUMNS
-from mlsroad_pipeline.algorithms.inventory.judging import NEITHER, POLE, STEM, TRUNK
-from mlsroad_pipeline.algorithms.inventory.object_features import FEATURES
-from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, KINDS
-from mlsroad_pipeline.algorithms.inventory.stem_features import STEM_FEATURES, find_scene_stems
-from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
-from mlsroad_pipeline.algorithms.models.judge_continuation import JudgedCandidates
-from mlsroad_pipeline.algorithms.models.object_judge import ObjectJudge
-from mlsroad_pipeline.datasets.models.bundle_files import load_bundle
-from mlsroad_pipeline.datasets.models.object_judges import CARD, FOLDER, JUDGE, write_judge_replay
-from mlsroad_pipeline.datasets.models.shipped_models import FOLDER as MODELS
+from mlsroad_pipeline.algorithms.inventory.objects.candidate_labels import raised_labels
+from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import FEATURE_COLUMNS
+from mlsroad_pipeline.algorithms.inventory.objects.classifier_continuation import JudgedCandidates
+from mlsroad_pipeline.algorithms.inventory.objects.classifying import NEITHER, POLE, STEM, TRUNK
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectJudge
+from mlsroad_pipeline.algorithms.inventory.objects.object_features import FEATURES
+from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, KINDS
+from mlsroad_pipeline.algorithms.inventory.objects.stem_features import STEM_FEATURES, find_scene_stems
+from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees
+from mlsroad_pipeline.model_store.bundle_files import load_bundle
+from mlsroad_pipeline.model_store.object_judges import CARD, FOLDER, JUDGE, write_judge_replay
+from mlsroad_pipeline.model_store.shipped_models import FOLDER as MODELS
 
 FOLDS = 5
 TREES = {

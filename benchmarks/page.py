@@ -1,38 +1,36 @@
-"""Measure the page of a labelled survey: first picture, frames, decisions, memory of the server.
+"""Measure the page of a labelled survey: first picture, frames, decisions, memory of the server (PSS).
 
     python benchmarks/page.py street_mlsroad [--copies 5] [--work /tmp/page]
 
 `street_mlsroad` is an output of `mlsroad label`. With `--copies` its labelled file is repeated, each copy beside the
 one before, into an output below `--work`, which is removed at the end. Needs Chromium. Prints one line of JSON.
-The time of the first picture is that from the command to its address, and from the request of a browser that runs
-already to the picture.
+The time of the first picture is that from the command to its address plus that from the request of a running browser
+to the picture.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import shutil
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from pathlib import Path
 
 import numpy as np
 import psutil
+from _common import REPOSITORY, Tree, parser
 
-REPOSITORY = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(REPOSITORY / "tests"))
 
-from helpers.browser import browser_page  # noqa: E402
-from helpers.page_output import served  # noqa: E402
+from helpers.browser import browser_page
+from helpers.page_output import served
 
-from mlsroad_pipeline.formats.las.header import read_header  # noqa: E402
-from mlsroad_pipeline.formats.las.records import RecordReader  # noqa: E402
-from mlsroad_pipeline.formats.las.writer import RecordWriter  # noqa: E402
-from mlsroad_pipeline.page.output_folder import OutputFolder  # noqa: E402
+from mlsroad_pipeline.formats.las.header import read_header
+from mlsroad_pipeline.formats.las.records import RecordReader
+from mlsroad_pipeline.formats.las.writer import RecordWriter
+from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
 
 READY = "window.page?.model.tiles.state === 'ready' && !page.cloud.loading"
 
@@ -56,35 +54,13 @@ def repeated(output: OutputFolder, target: Path, copies: int) -> Path:
     return target
 
 
-class Memory:
-    """Largest resident memory of a process and of those that it started, in MiB."""
-
-    def __init__(self, pid: int) -> None:
-        self.server = self.builder = 0.0
-        self._process = psutil.Process(pid)
-        self._thread = threading.Thread(target=self._watch, daemon=True)
-        self._thread.start()
-
-    def _watch(self) -> None:
-        while True:
-            try:
-                self.server = max(self.server, self._process.memory_info().rss / 2**20)
-                for child in self._process.children(recursive=True):
-                    self.builder = max(self.builder, child.memory_info().rss / 2**20)
-            except psutil.NoSuchProcess:
-                if not self._process.is_running():
-                    return
-            time.sleep(0.05)
-
-
 def measured(folder: Path) -> dict[str, object]:
     """Return the figures of a first opening and of a second one, which finds the tiles."""
     found: dict[str, object] = {}
     with tempfile.TemporaryDirectory() as place, browser_page(Path(place)) as tab:
         for name in ("first", "again"):
             begin = time.perf_counter()
-            with served(folder) as server:
-                memory = Memory(server.process.pid)
+            with served(folder) as server, Tree(psutil.Process(server.process.pid), interval=0.05) as tree:
                 found[f"{name}_server_s"] = time.perf_counter() - begin
                 tab.open(server.address, width=1440, height=900)
                 tab.until("performance.getEntriesByName('first-picture').length > 0", seconds=120)
@@ -99,7 +75,8 @@ def measured(folder: Path) -> dict[str, object]:
                 found[f"{name}_drawn"] = tab.js("page.cloud.shown")
                 found[f"{name}_frame_ms"] = tab.js("page.cloud.frame")
                 found |= {f"{name}_{key}": value for key, value in latencies(tab).items()}
-                found[f"{name}_server_mib"], found[f"{name}_builder_mib"] = memory.server, memory.builder
+                found[f"{name}_server_mib"] = tree.largest["driver"] / 2**20
+                found[f"{name}_builder_mib"] = tree.largest["workers"] / 2**20
     found["cache_bytes"] = sum(path.stat().st_size for path in folder.glob(".page/*/*"))
     return {key: round(value, 3) if isinstance(value, float) else value for key, value in found.items()}
 
@@ -127,14 +104,14 @@ def latencies(tab) -> dict[str, float]:
 
 def main() -> None:
     """Measure one output."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("output", type=Path)
-    parser.add_argument("--copies", type=int, default=0)
-    parser.add_argument("--work", type=Path, default=Path(tempfile.gettempdir()) / "mlsroad_page")
-    arguments = parser.parse_args()
+    arguments = parser(__doc__)
+    arguments.add_argument("output", type=Path)
+    arguments.add_argument("--copies", type=int, default=0)
+    arguments.add_argument("--work", type=Path, default=Path(tempfile.gettempdir()) / "mlsroad_page")
+    arguments = arguments.parse_args()
     output = OutputFolder.find(arguments.output.resolve())
     if output is None:
-        sys.exit(f"{arguments.output} is no finished output of mlsroad label")
+        sys.exit(f"{arguments.output} is not a finished output of mlsroad label")
     target = arguments.work / "copies_mlsroad"
     shutil.rmtree(target, ignore_errors=True)
     try:

@@ -13,14 +13,14 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from forest_trials import configured
+from _common import configured
 
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import join_voxels
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
-from mlsroad_pipeline.datasets.models.replay import FILE, write_replay
+from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG
+from mlsroad_pipeline.algorithms.models.boosted_trees.sampling import join_voxels
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.store import SceneStore
+from mlsroad_pipeline.model_store.replay import FILE, write_replay
 
 
 def main() -> None:

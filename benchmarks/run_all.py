@@ -1,16 +1,15 @@
-"""Run every benchmark of speed, print what each prints, and end with the ratios to every rival that was present.
+"""Run every benchmark of speed, print its output, and the ratios to every competing program that was present.
 
     make bench                      # or: python benchmarks/run_all.py [ground vccs ...]
 
-JSON lines and `ratios.md` are kept under data/08_reporting/benchmarks/. Rivals and clouds are found through
-$MLSROAD_RIVALS; what is missing is said and left out. Run it on a quiet machine: the figures that count are the ratios
-within one run. A line of JSON with `kernel`, `program` and `seconds` takes part in a race; `mlsroad` begins the names
-of this project's own programs.
+JSON lines and `ratios.md` are written to data/08_reporting/benchmarks/. Competing programs and clouds are found through
+$MLSROAD_RIVALS; what is missing is named and left out. Use a quiet machine: the figures that count are the ratios
+within one run. A line of JSON with `kernel`, `program` and `seconds` takes part in a race; the names of this project's
+own programs start with `mlsroad`.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import platform
@@ -21,9 +20,11 @@ from pathlib import Path
 from typing import Any
 
 import psutil
+from _common import REPOSITORY, parser
+from _common import RESULTS as REPORTS
 
 HERE = Path(__file__).resolve().parent
-RESULTS = HERE.parent / "data/08_reporting/benchmarks"
+RESULTS = REPORTS / "benchmarks"
 
 BENCHMARKS: dict[str, list[str]] = {
     "ground": [],
@@ -46,15 +47,11 @@ NEEDS_CLOUDS = {"ground", "vccs", "fpfh", "clusters", "graph_cuts", "formats", "
 
 def json_lines(text: str) -> list[dict[str, Any]]:
     """Return the lines of an output that are JSON objects."""
-    found = []
-    for line in text.splitlines():
-        if line.startswith("{"):
-            found.append(json.loads(line))
-    return found
+    return [json.loads(line) for line in text.splitlines() if line.startswith("{")]
 
 
 def ratios(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Set each of this project's programs beside each rival that did the same work in the same run."""
+    """Compare each of this project's programs with each other program that did the same work in the same run."""
     races: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
     for row in rows:
         if {"kernel", "program", "seconds"} <= set(row):
@@ -72,7 +69,7 @@ def ratios(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def processor() -> str:
-    """Return the processor's name as the system tells it."""
+    """Return the name of the processor."""
     lines = Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return names[0] if names else platform.processor() or platform.machine()
@@ -85,7 +82,7 @@ def ratio_table(found: list[dict[str, Any]]) -> str:
         f"{datetime.now(UTC):%Y-%m-%d}, {processor()}, {os.cpu_count()} cores, {memory:.0f} GiB; "
         "a ratio above 1 means that this project is faster",
         "",
-        "| kernel | points | threads | ours | seconds | rival | seconds | ratio |",
+        "| kernel | points | threads | ours | seconds | compared with | seconds | ratio |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for row in found:
@@ -105,7 +102,7 @@ def show_ratios(names: list[str]) -> None:
         rows += json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
     found = ratios(rows)
     if not found:
-        print("\nno rival was present: no ratios")
+        print("\nno competing program was present: no ratios")
         return
     table = ratio_table(found)
     (RESULTS / "ratios.md").write_text(table, encoding="utf-8")
@@ -113,10 +110,10 @@ def show_ratios(names: list[str]) -> None:
 
 
 def run(name: str) -> bool:
-    """Run one benchmark; tell whether it ended well."""
+    """Run one benchmark; return whether it succeeded."""
     print(f"\n== {name}", flush=True)
     command = [sys.executable, str(HERE / f"bench_{name}.py"), *BENCHMARKS[name]]
-    done = subprocess.run(command, cwd=HERE.parent, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)
     print(done.stdout, end="")
     if done.returncode:
         print(f"{name} ended with status {done.returncode}: {done.stderr.strip().splitlines()[-1:]}")
@@ -128,15 +125,17 @@ def run(name: str) -> bool:
 
 def main() -> int:
     """Run what the command line names, or everything."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", metavar="NAME", help="of " + ", ".join(BENCHMARKS))
-    names = parser.parse_args().names or list(BENCHMARKS)
+    arguments = parser(__doc__)
+    arguments.add_argument("names", nargs="*", metavar="NAME", help="of " + ", ".join(BENCHMARKS))
+    names = arguments.parse_args().names or list(BENCHMARKS)
     unknown = sorted(set(names) - set(BENCHMARKS))
     if unknown:
-        parser.error(f"unknown: {', '.join(unknown)}")
+        arguments.error(f"unknown: {', '.join(unknown)}")
     if not os.environ.get("MLSROAD_RIVALS"):
         left_out = [name for name in names if name in NEEDS_CLOUDS]
-        print(f"MLSROAD_RIVALS is not set: no rivals and no clouds; left out: {', '.join(left_out) or 'nothing'}")
+        print(
+            f"MLSROAD_RIVALS is not set: no competing programs, no clouds; left out: {', '.join(left_out) or 'nothing'}"
+        )
         names = [name for name in names if name not in NEEDS_CLOUDS]
     failed = [name for name in names if not run(name)]
     show_ratios([name for name in names if name not in failed])

@@ -1,4 +1,4 @@
-"""Scores of the shipped models on recordings for their cards, and stored labels for the tests.
+"""Scores of the shipped models on recordings for their cards, and the labels that tests compare with.
 
     python benchmarks/shipped_models.py --record data/08_reporting/recordings/recordings_study/benchmark.json
     python benchmarks/shipped_models.py --predictions FOLDER
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import bundle_scheme
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
-from mlsroad_pipeline.datasets.models.shipped_models import (
+from mlsroad_pipeline.model_store.shipped_models import (
     ModelScores,
     ShippedModel,
     load_shipped,
@@ -37,16 +37,11 @@ from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 COMMAND = "kedro run --env=recordings"
 
 PREDICTED: dict[str, dict[str, Any]] = {
-    "general": {
-        "survey": {"preset": "tiny", "seed": 12},
-        "part": lambda cloud: np.arange(len(cloud)) < 9000,
-    },
-    "pool": {
-        "survey": {"preset": "tiny", "seed": 13},
-        "part": lambda cloud: np.arange(len(cloud)) < 9000,
-    },
+    "general": {"preset": "tiny", "seed": 12},
+    "pool": {"preset": "tiny", "seed": 13},
 }
-"""Street and part of it whose labels the tests compare."""
+"""Street whose first `COMPARED` points the tests compare."""
+COMPARED = 9000
 
 
 def recorded_scores(path: Path, model: ShippedModel) -> list[ModelScores]:
@@ -66,8 +61,8 @@ def recorded_scores(path: Path, model: ShippedModel) -> list[ModelScores]:
 def write_predictions(folder: Path) -> None:
     """Write points of simulated streets, in millimetres, and the labels that each model gives them."""
     for name, street in PREDICTED.items():
-        cloud = simulate_survey(simulation_parameters(street["survey"])).cloud
-        cloud = cloud.select(np.flatnonzero(street["part"](cloud)))
+        cloud = simulate_survey(simulation_parameters(street)).cloud
+        cloud = cloud.select(np.arange(COMPARED))
         stored = {
             "xyz": np.rint(cloud.xyz * 1000).astype(np.int32),
             "rgb": cloud["rgb"],

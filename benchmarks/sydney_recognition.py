@@ -1,38 +1,25 @@
-"""Recognisers on the Sydney Urban Objects: each fold by what the others teach, over seeds, with time.
+"""Recognisers on the Sydney Urban Objects: three-fold cross-validation over seeds, with times.
 
-    python benchmarks/sydney_recognition.py FOLDER --methods jointnet spin_image --seeds 1 2 3 --jobs 2
-
-`--inner` scores settings without the fold that is tested: of each pair of folds the first teaches and the second is
-recognised.
+python benchmarks/sydney_recognition.py FOLDER --methods jointnet spin_image --seeds 1 2 3 --jobs 2
 """
 
 from __future__ import annotations
 
-import argparse
 import json
-import sys
 import time
 from dataclasses import replace
-from itertools import permutations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
+from _common import configured, parser
 from joblib import Parallel, delayed
 from sklearn.metrics import f1_score
 
-from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
+from mlsroad_pipeline.algorithms.core.classes import find_scheme
 from mlsroad_pipeline.algorithms.models.methods import METHODS
-from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
-from mlsroad_pipeline.algorithms.recognition.recogniser import make_recogniser
-from mlsroad_pipeline.surveys.object_files import find_folds, listed_files, read_fold
-
-CONF = Path(__file__).resolve().parents[1] / "conf/base"
-
-
-def configured(name: str) -> dict[str, Any]:
-    return yaml.safe_load((CONF / f"parameters_{name}.yml").read_text(encoding="utf-8"))[name]
+from mlsroad_pipeline.papers.shared.recognition.object_files import find_folds, listed_files, read_fold
+from mlsroad_pipeline.papers.shared.recognition.object_set import ObjectSet
+from mlsroad_pipeline.papers.shared.recognition.recogniser import make_recogniser
 
 
 def parameters_of(slug: str, seed: int, changes: dict[str, Any]) -> Any:
@@ -67,48 +54,29 @@ def score(
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder")
-    parser.add_argument("--methods", nargs="+", default=["jointnet"])
-    parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3])
-    parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--runs", nargs="+", help="only these of the runs, such as fold2")
-    parser.add_argument("--inner", action="store_true")
-    parser.add_argument("--changes", type=json.loads, default={})
-    options = parser.parse_args()
+    arguments = parser(__doc__)
+    arguments.add_argument("folder")
+    arguments.add_argument("--methods", nargs="+", default=["jointnet"])
+    arguments.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3])
+    arguments.add_argument("--jobs", type=int, default=1)
+    arguments.add_argument("--changes", type=json.loads, default={})
+    options = arguments.parse_args()
     folds = read_folds(options.folder)
-    if options.inner:
-        runs = {f"{a} to {b}": (folds[a], folds[b]) for a, b in permutations(folds, 2)}
-    else:
-        runs = {b: (ObjectSet.join([s for a, s in folds.items() if a != b]), folds[b]) for b in folds}
-    runs = {name: pair for name, pair in runs.items() if options.runs is None or name in options.runs}
+    runs = {b: (ObjectSet.join([s for a, s in folds.items() if a != b]), folds[b]) for b in folds}
     for slug in options.methods:
         start = time.perf_counter()
         plan = [(seed, name) for seed in options.seeds for name in runs]
-        work = Parallel(n_jobs=options.jobs, return_as="generator")(
+        found = Parallel(n_jobs=options.jobs)(
             delayed(score)(slug, seed, options.changes, *runs[name]) for seed, name in plan
         )
-        found = []
-        for (seed, name), result in zip(plan, work, strict=True):
-            found.append(result)
-            print(
-                f"{slug} seed {seed} {name}: {result[0]:.4f}, trained in {result[1]:.1f} s", file=sys.stderr, flush=True
-            )
         figures = np.array([f for f, _, _ in found]).reshape(len(options.seeds), len(runs))
         means = figures.mean(axis=1)
-        line = {
-            "method": slug,
-            "changes": options.changes,
-            "weighted_f1": round(float(means.mean()), 4),
-            "of_seeds": np.round(means, 4).tolist(),
-            "of_runs": dict(zip(runs, np.round(figures.mean(axis=0), 4).tolist(), strict=True)),
-            "wall_s": round(time.perf_counter() - start, 1),
-            "train_cpu_s_per_seed": round(sum(t for _, t, _ in found) / len(options.seeds), 1),
-            "recognise_ms_per_object": round(
-                1000 * sum(t for _, _, t in found) / (len(options.seeds) * sum(len(test) for _, test in runs.values())),
-                3,
-            ),
-        }
+        recognised = len(options.seeds) * sum(len(test) for _, test in runs.values())
+        line = {"method": slug, "changes": options.changes, "weighted_f1": round(float(means.mean()), 4)}
+        line |= {"of_seeds": np.round(means, 4).tolist(), "wall_s": round(time.perf_counter() - start, 1)}
+        line |= {"of_runs": dict(zip(runs, np.round(figures.mean(axis=0), 4).tolist(), strict=True))}
+        line |= {"train_cpu_s_per_seed": round(sum(t for _, t, _ in found) / len(options.seeds), 1)}
+        line |= {"recognise_ms_per_object": round(1000 * sum(t for _, _, t in found) / recognised, 3)}
         print(json.dumps(line), flush=True)
 
 

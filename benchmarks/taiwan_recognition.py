@@ -9,28 +9,28 @@ other objects, whose class the simulated set does not have, are left out.
 
 from __future__ import annotations
 
-import argparse
 import json
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 import yaml
-from sydney_recognition import CONF, configured, parameters_of
+from _common import CONF, configured, parser
+from sydney_recognition import parameters_of
 
-from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
-from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
-from mlsroad_pipeline.algorithms.recognition.recogniser import make_recogniser, probabilities
+from mlsroad_pipeline.algorithms.core.classes import find_scheme
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
-from mlsroad_pipeline.studies.luo2019.parameters import BASELINES
-from mlsroad_pipeline.studies.luo2019.sets import thin
+from mlsroad_pipeline.papers.luo2019.study.parameters import BASELINES
+from mlsroad_pipeline.papers.luo2019.study.sets import thin
+from mlsroad_pipeline.papers.shared.recognition.object_set import ObjectSet
+from mlsroad_pipeline.papers.shared.recognition.recogniser import make_recogniser, probabilities
 
 CLASSES = {"SL": "light pole", "STL": "traffic light", "PS": "traffic light", "SS": "traffic sign"}
 
 
 def read_objects(folder: Path, classes: tuple[str, ...], max_points: int) -> ObjectSet:
-    environment = yaml.safe_load((CONF.parent / "taiwan_poles/parameters.yml").read_text(encoding="utf-8"))
+    environment = yaml.safe_load((CONF / "taiwan_poles/parameters.yml").read_text(encoding="utf-8"))
     options = ReadOptions(**environment["survey"]["read"])
     objects, labels, intensities = [], [], []
     for path in sorted(folder.glob("*_*.csv.gz")):
@@ -44,13 +44,13 @@ def read_objects(folder: Path, classes: tuple[str, ...], max_points: int) -> Obj
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--sets", type=Path, default=Path("data/05_model_input/simulated_objects"))
-    parser.add_argument("--methods", nargs="+", default=["jointnet"])
-    parser.add_argument("--seeds", nargs="+", type=int, default=[1])
-    parser.add_argument("--changes", type=json.loads, default={})
-    options = parser.parse_args()
+    arguments = parser(__doc__)
+    arguments.add_argument("folder", type=Path)
+    arguments.add_argument("--sets", type=Path, default=Path("data/05_model_input/simulated_objects"))
+    arguments.add_argument("--methods", nargs="+", default=["jointnet"])
+    arguments.add_argument("--seeds", nargs="+", type=int, default=[1])
+    arguments.add_argument("--changes", type=json.loads, default={})
+    options = arguments.parse_args()
     scheme = find_scheme(configured("classes")["schemes"], "hdr9")
     with np.load(options.sets / "hdr9.train/result.npz") as found:
         train = ObjectSet.from_arrays(dict(found))
@@ -58,7 +58,7 @@ def main() -> None:
     for slug, seed in product(options.methods, options.seeds):
         method = make_recogniser(slug, parameters_of(slug, seed, options.changes))
         method.fit(train.objects, train.label, intensities=train.intensities)
-        # Rivals see shape alone.
+        # Baselines use shape alone.
         for given in (test, ObjectSet(test.xyz, test.indptr, test.label))[slug in BASELINES :]:
             label = probabilities(method, given, len(scheme))["label"]
             by_class = {

@@ -32,7 +32,7 @@ export default defineConfig({
   base: "/static/",
   plugins: [facts],
   build: {
-    outDir: "../src/mlsroad_pipeline/page/static",
+    outDir: "../src/mlsroad_pipeline/review/page_server/static",
     emptyOutDir: true,
     modulePreload: false,
     assetsInlineLimit: 0,

@@ -36,7 +36,7 @@ LONG = (
     "surveys/test_simulated.py",
     "test_run.py",
     "pipelines/test_superpoint_transformer.py",
-    "page/test_browser.py",
+    "review/page_server/test_browser.py",
     "pipelines/test_recordings_study.py",
     "pipelines/test_yu2016_study.py",
     "pipelines/test_boosted_trees.py",

@@ -63,14 +63,14 @@ def test_what_labels_a_survey_loads_nothing_heavy_that_it_does_not_use(module):
 
 
 def test_algorithms_load_no_orchestration_by_way_of_another_package():
-    loaded = loaded_by("import mlsroad_pipeline.label.scene, mlsroad_pipeline.algorithms.evaluation.labelling")
+    loaded = loaded_by("import mlsroad_pipeline.label.scene, mlsroad_pipeline.papers.shared.evaluation.labelling")
     assert sorted(ORCHESTRATION & loaded) == []
 
 
 LABELLED = """
 import numpy as np
 from mlsroad_pipeline.algorithms.models.labelling import label_softly
-from mlsroad_pipeline.datasets.models.shipped_models import load_shipped
+from mlsroad_pipeline.model_store.shipped_models import load_shipped
 from mlsroad_pipeline.label.warm_up import run_stages, small_street
 run_stages()
 labels = label_softly(load_shipped("pool"), small_street()).labels

@@ -3,7 +3,6 @@
 import base64
 import io
 import os
-import re
 from pathlib import Path
 
 import nbformat
@@ -44,16 +43,6 @@ NEEDS_NO_RUN = {"fusion", "gallery", "jointnet", "label"}
 def test_notebook_is_stored_without_outputs(path):
     cells = [cell for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
     assert cells and not any(cell.outputs or cell.execution_count for cell in cells)
-
-
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_page_in_the_documentation_has_the_code_of_the_notebook_and_its_pictures(path):
-    pages = REPOSITORY / "docs" / "notebooks"
-    page = (pages / f"{path.stem}.md").read_text(encoding="utf-8")
-    for cell in nbformat.read(path, as_version=4).cells:
-        assert cell.source in page, "run benchmarks/notebook_pictures.py and benchmarks/notebook_pages.py"
-    pictures = re.findall(r"\]\((\w+\.webp)\)", page)
-    assert len(pictures) >= 5 and all((pages / name).is_file() for name in pictures)
 
 
 @pytest.fixture(scope="module")

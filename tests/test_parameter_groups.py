@@ -2,6 +2,7 @@
 
 import ast
 import dataclasses
+import inspect
 import re
 
 import pytest
@@ -10,23 +11,25 @@ from helpers.yaml_files import read_yaml
 from numpydoc.docscrape import ClassDoc
 
 from mlsroad_pipeline.algorithms.core.stage_parameters import FeatureParameters, GroundParameters, SupervoxelParameters
-from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters
-from mlsroad_pipeline.algorithms.fusion.log_linear_pool import PoolParameters
-from mlsroad_pipeline.algorithms.image_labels.training_parameters import TrainingParameters
 from mlsroad_pipeline.algorithms.models.methods import trained_methods
-from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
-from mlsroad_pipeline.algorithms.recognition.cutting import RecognitionParameters
+from mlsroad_pipeline.algorithms.models.pool.log_linear import PoolParameters
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters, OutlierParameters
 from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
-from mlsroad_pipeline.datasets.models.shipped_entry import ShippedParameters
+from mlsroad_pipeline.algorithms.segmentation.two_step import TwoStepParameters
+from mlsroad_pipeline.algorithms.segmentation.yang_dong import YangDongParameters
 from mlsroad_pipeline.label.object_scoring import ScoreParameters
-from mlsroad_pipeline.studies.luo2016.parameters import StudyParameters
-from mlsroad_pipeline.studies.luo2019.parameters import StudyParameters as Luo2019StudyParameters
-from mlsroad_pipeline.studies.luo2019.set_parameters import SimulatedObjectsParameters
-from mlsroad_pipeline.studies.recordings.parameters import StudyParameters as RecordingsStudyParameters
-from mlsroad_pipeline.studies.tomic2019.parameters import StudyParameters as Tomic2019StudyParameters
-from mlsroad_pipeline.studies.yu2016.parameters import StudyParameters as Yu2016StudyParameters
+from mlsroad_pipeline.model_store.shipped_entry import ShippedParameters
+from mlsroad_pipeline.papers.comparison.recordings.parameters import StudyParameters as RecordingsStudyParameters
+from mlsroad_pipeline.papers.luo2016.study.parameters import StudyParameters
+from mlsroad_pipeline.papers.luo2019.study.parameters import StudyParameters as Luo2019StudyParameters
+from mlsroad_pipeline.papers.luo2019.study.set_parameters import SimulatedObjectsParameters
+from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters
+from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
+from mlsroad_pipeline.papers.shared.recognition.cutting import RecognitionParameters
+from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import TrainingParameters
+from mlsroad_pipeline.papers.tomic2019.study.parameters import StudyParameters as Tomic2019StudyParameters
+from mlsroad_pipeline.papers.yu2016.study.parameters import StudyParameters as Yu2016StudyParameters
 from mlsroad_pipeline.surveys.inspection import InspectParameters
 from mlsroad_pipeline.surveys.parameters import LabelParameters, SurveyParameters
 
@@ -103,12 +106,27 @@ def test_values_are_the_defaults_of_the_code(group):
 
 
 @pytest.mark.parametrize(
-    "kind", [*TYPED.values(), OutlierParameters, PoolParameters, TrainingParameters], ids=lambda kind: kind.__name__
+    "kind",
+    [
+        *TYPED.values(),
+        NormalizedCutParameters,
+        OutlierParameters,
+        PoolParameters,
+        TrainingParameters,
+        TwoStepParameters,
+        YangDongParameters,
+    ],
+    ids=lambda kind: kind.__name__,
 )
 def test_documented_defaults_are_the_defaults_of_the_code(kind):
     fields = {field.name: default_of(field) for field in dataclasses.fields(kind)}
     documented = {name: entry.type for entry in ClassDoc(kind)["Parameters"] for name in entry.name.split(", ")}
-    assert set(documented) == set(fields)
+    if not documented:  # each field has a comment instead, on its line or above it
+        source = "".join(inspect.getsource(base) for base in kind.__mro__ if dataclasses.is_dataclass(base))
+        commented = re.findall(r"^    (?:# .*\n    (\w+): |(\w+): .*  # \S)", source, re.M)
+        assert {above or beside for above, beside in commented} == set(fields)
+    else:
+        assert set(documented) == set(fields)
     for name, text in documented.items():
         told = re.search(r"default (.+)$", text)
         if told:

@@ -57,12 +57,12 @@ def test_a_command_imports_the_pipelines_that_it_names_alone():
     names, loaded = (line.split() for line in done.stdout.splitlines())
     assert names == ["hough_forest", "label"]
     package = "mlsroad_pipeline"
-    assert {f"{package}.pipelines.detectors", f"{package}.algorithms.baselines.hough_forest.detector"} <= set(loaded)
+    assert {f"{package}.pipelines.detectors", f"{package}.papers.yu2016.hough_forest.detector"} <= set(loaded)
     unwanted = (
         "simulation",
-        "studies",
+        "papers.yu2016.study",
         "pipelines.evaluation",
-        "algorithms.baselines.object_matching",
+        "papers.yu2016.object_matching",
         "pipelines.patches",
     )
     assert not [name for name in loaded if name.startswith(tuple(f"{package}.{part}" for part in unwanted))]

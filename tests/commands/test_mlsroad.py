@@ -259,8 +259,8 @@ def test_a_closed_standard_output_is_no_error(folder):
 
 def test_learn_continues_the_model_and_keeps_the_corrections(forked, labelled, folder, tmp_path):
     """Accept, reject and paint, learn, label again: the decisions stand in the new inventory."""
-    from mlsroad_pipeline.corrections import Correction, open_corrections
-    from mlsroad_pipeline.datasets.models.object_judges import shipped_judge
+    from mlsroad_pipeline.model_store.object_judges import shipped_judge
+    from mlsroad_pipeline.review.corrections import Correction, open_corrections
 
     assert labelled.returncode == 0
     out = tmp_path / "out"
@@ -294,13 +294,13 @@ def test_learn_continues_the_model_and_keeps_the_corrections(forked, labelled, f
 
 
 def test_a_model_of_another_method_learns_with_trees_that_correct_it(labelled, folder, tmp_path):
-    from mlsroad_pipeline.algorithms.fusion.pool import NETWORK, members_of
     from mlsroad_pipeline.algorithms.models.labelling import label_softly
-    from mlsroad_pipeline.corrections import Correction, open_corrections
-    from mlsroad_pipeline.corrections.labelled_output import LabelledOutput
-    from mlsroad_pipeline.corrections.learning import learn_from
-    from mlsroad_pipeline.datasets.models.shipped_models import load_shipped
+    from mlsroad_pipeline.algorithms.models.pool.labeller import NETWORK, members_of
     from mlsroad_pipeline.formats.registry import get_format
+    from mlsroad_pipeline.model_store.shipped_models import load_shipped
+    from mlsroad_pipeline.review.corrections import Correction, open_corrections
+    from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
+    from mlsroad_pipeline.review.corrections.learning import learn_from
 
     assert labelled.returncode == 0
     shutil.copytree(folder / "one, two_mlsroad", tmp_path / "out")
@@ -325,11 +325,11 @@ def test_a_model_of_another_method_learns_with_trees_that_correct_it(labelled, f
 
 
 def test_added_objects_alone_train_the_judge(labelled, folder, tmp_path):
-    from mlsroad_pipeline.corrections import Correction, open_corrections
-    from mlsroad_pipeline.corrections.labelled_output import LabelledOutput
-    from mlsroad_pipeline.corrections.learning import learn_from
-    from mlsroad_pipeline.datasets.models.object_judges import judge_of, shipped_judge
-    from mlsroad_pipeline.datasets.models.shipped_models import load_shipped
+    from mlsroad_pipeline.model_store.object_judges import judge_of, shipped_judge
+    from mlsroad_pipeline.model_store.shipped_models import load_shipped
+    from mlsroad_pipeline.review.corrections import Correction, open_corrections
+    from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
+    from mlsroad_pipeline.review.corrections.learning import learn_from
 
     assert labelled.returncode == 0
     shutil.copytree(folder / "one, two_mlsroad", tmp_path / "out")

@@ -157,7 +157,7 @@ def test_the_whole_library_counts_for_functions_outside_of_the_science():
     library, own = describe_sources([store_helpers.__name__])
     assert library[0] == "library"
     assert ["algorithms/core/validation.py", digest_file(validation.__file__)] in library[1]
-    assert {"simulation", "studies", "formats", "label"} <= {name.partition("/")[0] for name, _ in library[1]}
+    assert {"simulation", "papers", "formats", "label"} <= {name.partition("/")[0] for name, _ in library[1]}
     assert own == ["store.py", digest_file(store_helpers.__file__)]
     assert describe_sources([fingerprints.__name__]) == [library]
     edge = describe_sources([pipeline_nodes.__name__])

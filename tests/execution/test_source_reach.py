@@ -12,7 +12,7 @@ from mlsroad_pipeline.execution.source_reach import PROJECT, all_sources, in_sci
 
 @pytest.fixture
 def project(tmp_path, monkeypatch):
-    """Project of eight files: a imports b inside a function, b imports c, d imports its package by name."""
+    """Project of nine files: a imports b inside a function, b imports c, d imports its package by name."""
     files = {
         "algorithms/__init__.py": "",
         "algorithms/a.py": "def f():\n    from mlsroad_pipeline.algorithms.b import g\n    return g",
@@ -22,6 +22,7 @@ def project(tmp_path, monkeypatch):
         "algorithms/own/d.py": "import importlib\ndef h(n):\n    return importlib.import_module(n)",
         "algorithms/own/e.py": "x = 1",
         "algorithms/own/below/f.py": "from mlsroad_pipeline.algorithms.own.e import x",
+        "papers/g.py": "x = 1",
     }
     for name, text in files.items():
         file = tmp_path / name
@@ -33,7 +34,7 @@ def project(tmp_path, monkeypatch):
 
 def reached(project, *names):
     found = reachable_sources([f"{PROJECT}.algorithms.{name}" for name in names])
-    return [file.relative_to(project / "algorithms").as_posix() for file in found]
+    return [file.relative_to(project).as_posix().removeprefix("algorithms/") for file in found]
 
 
 def test_imports_are_followed_also_those_inside_functions(project):
@@ -45,9 +46,10 @@ def test_the_package_of_a_module_is_imported_with_it(project):
     assert reached(project, "own.e") == ["__init__.py", "c.py", "own/__init__.py", "own/e.py"]
 
 
-def test_a_module_that_imports_by_name_reaches_its_whole_package(project):
+def test_a_module_that_imports_by_name_reaches_its_whole_package_and_the_papers(project):
     assert reached(project, "own.d") == [
         "__init__.py", "a.py", "b.py", "c.py", "own/__init__.py", "own/below/f.py", "own/d.py", "own/e.py",
+        "papers/g.py",
     ]  # fmt: skip
 
 
@@ -60,11 +62,11 @@ def test_an_edited_source_is_read_again(project):
 def test_nothing_outside_counts(project):
     assert reached(project, "no.such.module") == []
     assert source_of("numpy") is None
-    assert len(all_sources()) == 8
+    assert len(all_sources()) == 9
 
 
 def test_what_a_running_program_imported_was_foreseen():
-    name = f"{PROJECT}.studies.yu2016.streets"
+    name = f"{PROJECT}.papers.yu2016.study.streets"
     script = f"import sys, {name}; print([m for m in sys.modules if m.startswith({PROJECT!r})])"
     printed = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
     loaded = [module for module in ast.literal_eval(printed) if in_science(module)]
@@ -74,7 +76,7 @@ def test_what_a_running_program_imported_was_foreseen():
 
 @pytest.mark.parametrize("name", ["scoring", "references", "outcomes", "parts"])
 def test_scores_and_descriptions_of_objects_do_not_depend_on_the_methods(name):
-    """A module that reaches `models.methods` has the whole of `algorithms` among its sources."""
-    sources = reachable_sources([f"{PROJECT}.algorithms.detection.{name}"])
+    """A module that reaches `models.methods` has the whole of `algorithms` and `papers` among its sources."""
+    sources = reachable_sources([f"{PROJECT}.papers.shared.detection.{name}"])
     assert source_of(f"{PROJECT}.algorithms.models.methods") not in sources
     assert len(sources) < len(all_sources()) / 2

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.inventory.table import OBJECT_FIELDS
-from mlsroad_pipeline.datasets.inventory.geopackage import write_geopackage
-from mlsroad_pipeline.datasets.inventory.geoparquet import write_geoparquet
-from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
+from mlsroad_pipeline.algorithms.inventory.objects.table import OBJECT_FIELDS
+from mlsroad_pipeline.inventory_files.geopackage import write_geopackage
+from mlsroad_pipeline.inventory_files.geoparquet import write_geoparquet
+from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
 
 PLACES = [("pole", 0.0, 0.0), ("pole", 10.0, 0.0), ("sign", 10.3, 0.0), ("tree", 20.0, 5.0), ("vehicle", 30.0, -3.0)]
 

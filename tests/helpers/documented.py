@@ -23,9 +23,8 @@ class Command(NamedTuple):
 
 
 def pages() -> list[Path]:
-    """Return the README and the pages of the manual, without the journal."""
-    manual = [path for path in sorted((REPOSITORY / "docs").rglob("*.md")) if "log" not in path.parts]
-    return [REPOSITORY / "README.md", REPOSITORY / "CONTRIBUTING.md", *manual]
+    """Return the README and the pages of the manual."""
+    return [REPOSITORY / "README.md", REPOSITORY / "CONTRIBUTING.md", *sorted((REPOSITORY / "docs").rglob("*.md"))]
 
 
 def _candidates(text: str) -> list[str]:

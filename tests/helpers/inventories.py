@@ -3,11 +3,11 @@
 import numpy as np
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.inventory.lines import LINE_FIELDS, LINE_KINDS
-from mlsroad_pipeline.algorithms.inventory.sections import section_table
-from mlsroad_pipeline.algorithms.inventory.table import OBJECT_FIELDS
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS, LINE_KINDS
+from mlsroad_pipeline.algorithms.inventory.objects.sections import section_table
+from mlsroad_pipeline.algorithms.inventory.objects.table import OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
-from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
+from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
 
 UTM = "EPSG:25833"
 RING = "{x:.2f} {y:.2f}, {x1:.2f} {y:.2f}, {x1:.2f} {y1:.2f}, {x:.2f} {y:.2f}"

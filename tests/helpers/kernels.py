@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
+from mlsroad_pipeline.algorithms.cameras.camera import Camera
+from mlsroad_pipeline.algorithms.cameras.projection import project_points
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.algorithms.features.accumulation_images import compute_images
@@ -20,15 +22,13 @@ from mlsroad_pipeline.algorithms.features.supervoxel_features import compute_sup
 from mlsroad_pipeline.algorithms.geometry.outliers import keep_inliers
 from mlsroad_pipeline.algorithms.ground.surface import height_above_ground
 from mlsroad_pipeline.algorithms.ground.upward_growing import classify_ground
-from mlsroad_pipeline.algorithms.image_labels.camera import Camera
-from mlsroad_pipeline.algorithms.image_labels.projection import project_points
-from mlsroad_pipeline.algorithms.image_labels.visibility import DepthBuffer, HiddenPointRemoval, visible_points
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster, cluster_by_spacing
 from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters, segment
 from mlsroad_pipeline.algorithms.segmentation.two_step import segment_two_step
 from mlsroad_pipeline.algorithms.segmentation.yang_dong import segment_yang_dong
 from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_supervoxels, find_ground
 from mlsroad_pipeline.algorithms.supervoxels.vccs import segment_supervoxels
+from mlsroad_pipeline.papers.tomic2019.image_labels.visibility import DepthBuffer, HiddenPointRemoval, visible_points
 
 DIRECTED = ("nx", "ny", "direction_x", "direction_y")
 """Features that turn with the points."""

@@ -14,11 +14,11 @@ import numpy as np
 from helpers.corrected import object_rows
 from PIL import Image
 
-from mlsroad_pipeline.algorithms.inventory.lines import line_row, line_table
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import line_row, line_table
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
-from mlsroad_pipeline.datasets.inventory.geopackage import write_geopackage
-from mlsroad_pipeline.datasets.inventory.geoparquet import write_geoparquet
-from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
+from mlsroad_pipeline.inventory_files.geopackage import write_geopackage
+from mlsroad_pipeline.inventory_files.geoparquet import write_geoparquet
+from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
 
 EVIL = "<img src=x onerror=window.hacked=1>"
 """Name of a class, which a page must show as text."""

@@ -2,31 +2,31 @@
 
 import numpy as np
 
-from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import detector as bottom_up_top_down
-from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.detector import BottomUpTopDownParameters
-from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.oriented_points import (
-    OrientedPointParameters,
-    describe_surfaces,
-)
-from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.training import train_bottom_up_top_down
-from mlsroad_pipeline.algorithms.baselines.hough_forest import detector as hough_forest
-from mlsroad_pipeline.algorithms.baselines.hough_forest.detector import (
-    HoughForestParameters,
-)
-from mlsroad_pipeline.algorithms.baselines.hough_forest.training import train_hough_forest
-from mlsroad_pipeline.algorithms.baselines.object_matching import detector as object_matching
-from mlsroad_pipeline.algorithms.baselines.object_matching.detector import (
-    ObjectMatchingParameters,
-)
-from mlsroad_pipeline.algorithms.baselines.object_matching.training import train_object_matching
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.detection.detector import DetectionStages
-from mlsroad_pipeline.algorithms.detection.parts import describe_parts
-from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters
 from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
+from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages
+from mlsroad_pipeline.papers.shared.detection.parts import describe_parts
+from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters
+from mlsroad_pipeline.papers.yu2016.bottom_up_top_down import detector as bottom_up_top_down
+from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.detector import BottomUpTopDownParameters
+from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.oriented_points import (
+    OrientedPointParameters,
+    describe_surfaces,
+)
+from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.training import train_bottom_up_top_down
+from mlsroad_pipeline.papers.yu2016.hough_forest import detector as hough_forest
+from mlsroad_pipeline.papers.yu2016.hough_forest.detector import (
+    HoughForestParameters,
+)
+from mlsroad_pipeline.papers.yu2016.hough_forest.training import train_hough_forest
+from mlsroad_pipeline.papers.yu2016.object_matching import detector as object_matching
+from mlsroad_pipeline.papers.yu2016.object_matching.detector import (
+    ObjectMatchingParameters,
+)
+from mlsroad_pipeline.papers.yu2016.object_matching.training import train_object_matching
 
 SCHEME = ClassScheme(
     "test", ("pole", "car", "other"), (("light_pole",), ("car",), ("tree",)), ("unlabelled",), (64, 66, 1)

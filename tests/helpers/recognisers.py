@@ -1,17 +1,17 @@
 """Planted objects, and quickly trained models of all recognisers."""
 
-from mlsroad_pipeline.algorithms.baselines.pointnet.parameters import PointNetParameters
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.detection.detector import DetectionStages
-from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.recognition import cutting as recognition_objects
-from mlsroad_pipeline.algorithms.recognition import recogniser as recognisers
-from mlsroad_pipeline.algorithms.recognition.descriptor_machine import DescriptorParameters
-from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
 from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
+from mlsroad_pipeline.papers.luo2019.jointnet.parameters import JointNetParameters
+from mlsroad_pipeline.papers.luo2019.pointnet.parameters import PointNetParameters
+from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages
+from mlsroad_pipeline.papers.shared.recognition import cutting as recognition_objects
+from mlsroad_pipeline.papers.shared.recognition import recogniser as recognisers
+from mlsroad_pipeline.papers.shared.recognition.descriptor_machine import DescriptorParameters
+from mlsroad_pipeline.papers.shared.recognition.object_set import ObjectSet
 
 SCHEME = ClassScheme(
     "test", ("pole", "car", "bin", "other"), (("light_pole",), ("car",), ("bin",), ("road", "tree")), ("unlabelled",), (64, 66, 67, 1)

@@ -84,16 +84,16 @@ FILES = {
     """,
     "conf/base/catalog.yml": """
         scores:
-          type: mlsroad_pipeline.datasets.reports.scores_dataset.ScoresDataset
+          type: mlsroad_pipeline.datasets.scores_dataset.ScoresDataset
           filepath: data/scores/demo.csv
         picture:
-          type: mlsroad_pipeline.datasets.reports.figure_dataset.FigureDataset
+          type: mlsroad_pipeline.datasets.figure_dataset.FigureDataset
           filepath: data/demo_birds_eye.png
         report:
-          type: mlsroad_pipeline.datasets.reports.html_report_dataset.HtmlReportDataset
+          type: mlsroad_pipeline.datasets.html_report_dataset.HtmlReportDataset
           filepath: data/report.html
         model:
-          type: mlsroad_pipeline.datasets.models.model_registry_dataset.RegisteredModelDataset
+          type: mlsroad_pipeline.datasets.model_registry_dataset.RegisteredModelDataset
           name: mlsroad-demo
     """,
     "run.py": """

@@ -6,8 +6,8 @@ import numpy as np
 from kedro.io import DataCatalog
 
 from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
-from mlsroad_pipeline.datasets.reports.html_report_dataset import HtmlReportDataset
-from mlsroad_pipeline.datasets.reports.scores_dataset import ScoresDataset
+from mlsroad_pipeline.datasets.html_report_dataset import HtmlReportDataset
+from mlsroad_pipeline.datasets.scores_dataset import ScoresDataset
 from mlsroad_pipeline.hooks.closing_lines import MOST_METHODS, ClosingLinesHooks
 
 

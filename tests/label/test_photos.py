@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 from PIL import Image
 
+from mlsroad_pipeline.algorithms.cameras.camera import Camera
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.image_labels.camera import Camera
-from mlsroad_pipeline.algorithms.inventory.table import OBJECT_FIELDS
+from mlsroad_pipeline.algorithms.inventory.objects.table import OBJECT_FIELDS
 from mlsroad_pipeline.execution.run_folder import OutputExistsError, RunFolder
 from mlsroad_pipeline.label.photos import best_view, corners_of, crop, write_photos
 from mlsroad_pipeline.surveys.images import PosedImage, SurveyImages

@@ -11,8 +11,8 @@ from helpers.planted_method import plant_method
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import join_markings
-from mlsroad_pipeline.algorithms.inventory.sightings import visit_columns
+from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import join_markings
+from mlsroad_pipeline.algorithms.inventory.objects.sightings import visit_columns
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.label.output_codes import output_codes, point_codes
 from mlsroad_pipeline.label.scene import LabelSettings, label_new_scene, object_rules

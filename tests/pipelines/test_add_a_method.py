@@ -10,8 +10,8 @@ import pytest
 from helpers.wiring import REPOSITORY, TINY, copied_stages, label, run, session_of
 from kedro.framework.project import pipelines
 
-from mlsroad_pipeline.algorithms import baselines
 from mlsroad_pipeline.algorithms.models.methods import METHODS, Method
+from mlsroad_pipeline.papers import luo2016
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -30,12 +30,12 @@ def line_of_the_page():
 @pytest.fixture
 def project(shared, tmp_path, monkeypatch):
     """A project with the folder, the line and the parameters of the method."""
-    monkeypatch.setattr(baselines, "__path__", [*baselines.__path__, str(FOLDERS)])
+    monkeypatch.setattr(luo2016, "__path__", [*luo2016.__path__, str(FOLDERS)])
     monkeypatch.setitem(METHODS, "toy", line_of_the_page())
     project = copied_stages(shared, tmp_path / "project")
     (project / "conf/base/parameters_toy.yml").write_text("toy:\n  height: 0.3\n", encoding="utf-8")
     yield project
-    for name in [name for name in sys.modules if name.startswith("mlsroad_pipeline.algorithms.baselines.toy")]:
+    for name in [name for name in sys.modules if name.startswith("mlsroad_pipeline.papers.luo2016.toy")]:
         del sys.modules[name]
 
 

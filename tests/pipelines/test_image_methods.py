@@ -10,12 +10,12 @@ import pandas as pd
 import pytest
 from helpers.wiring import TINY, contents, copied_run, label, run, session_of, stage_counts, stored_records
 
+from mlsroad_pipeline.algorithms.core.classes import find_scheme
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
-from mlsroad_pipeline.algorithms.fusion.two_methods import TwoMethodFusion, spread_confidence
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
-from mlsroad_pipeline.datasets.models.model_registry_dataset import load_registered_bundle
-from mlsroad_pipeline.surveys.drive_images import LabelledImages, images_of_drives
+from mlsroad_pipeline.model_store.registration import load_registered_bundle
+from mlsroad_pipeline.papers.tomic2019.fusion.two_methods import TwoMethodFusion, spread_confidence
+from mlsroad_pipeline.papers.tomic2019.image_labels.drive_images import LabelledImages, images_of_drives
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import plan_comparison
 

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from helpers.wiring import make_project, run, stage_counts, tracked_runs
 
-from mlsroad_pipeline.studies.luo2016.parameters import METHODS
+from mlsroad_pipeline.papers.luo2016.study.parameters import METHODS
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from kedro.pipeline import Node
 
-from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
 from mlsroad_pipeline.datasets.scene_store_dataset import SceneStoreDataset
 from mlsroad_pipeline.execution.task import SceneTask
+from mlsroad_pipeline.model_store.bundle_files import ModelFile
 from mlsroad_pipeline.pipelines.per_scene import PerScene, fix_arguments
 
 

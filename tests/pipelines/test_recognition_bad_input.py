@@ -14,11 +14,11 @@ from kedro.io import DataCatalog
 from kedro.runner import SequentialRunner
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
-from mlsroad_pipeline.datasets.models.model_registry_dataset import register_bundle
 from mlsroad_pipeline.execution.output_lock import release_output
 from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.formats.options import WriteOptions
+from mlsroad_pipeline.model_store.bundle_files import load_bundle, save_bundle
+from mlsroad_pipeline.model_store.registration import register_bundle
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 

@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 from helpers.wiring import make_project, run
 
-from mlsroad_pipeline.studies.yu2016.parameters import DETECTORS, SEGMENTATIONS
+from mlsroad_pipeline.papers.yu2016.study.parameters import DETECTORS, SEGMENTATIONS
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 

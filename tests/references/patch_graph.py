@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from mlsroad_pipeline.algorithms.patches.table import Patches
+from mlsroad_pipeline.papers.shared.patches.table import Patches
 
 
 def planted_patches(n, n_scenes, *, seed=0, structured=True, coloured=True, n_bins=16):

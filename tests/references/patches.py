@@ -9,9 +9,9 @@ import numpy as np
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
-from mlsroad_pipeline.algorithms.patches.labelling import build_patches
 from mlsroad_pipeline.algorithms.stages import find_ground
+from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
+from mlsroad_pipeline.papers.shared.patches.labelling import build_patches
 
 GROUPS = {"ground": ["road"], "house": ["building"], "shrub": ["brushwood"], "vehicle": ["car"]}
 SCHEME = ClassScheme.from_config(

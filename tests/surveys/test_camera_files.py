@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 from PIL import Image as Picture
 
+from mlsroad_pipeline.algorithms.cameras.poses import rotation_of
+from mlsroad_pipeline.algorithms.cameras.projection import project_points
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
-from mlsroad_pipeline.algorithms.image_labels.poses import rotation_of
-from mlsroad_pipeline.algorithms.image_labels.projection import project_points
 from mlsroad_pipeline.surveys.camera_files import read_images
 
 ORIGIN = np.array([389_300.0, 5_819_700.0, 34.0])

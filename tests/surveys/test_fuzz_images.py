@@ -15,11 +15,11 @@ from onnx import TensorProto, helper, numpy_helper
 from PIL import Image
 
 from conftest import REPOSITORY
+from mlsroad_pipeline.algorithms.cameras.camera import Camera
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
-from mlsroad_pipeline.algorithms.image_labels.camera import Camera
-from mlsroad_pipeline.algorithms.image_labels.onnx_network import OnnxNetwork
-from mlsroad_pipeline.datasets.models.pspnet_checkpoint import load_published
+from mlsroad_pipeline.papers.tomic2019.image_labels.onnx_network import OnnxNetwork
+from mlsroad_pipeline.papers.tomic2019.image_labels.pspnet_checkpoint import load_published
 from mlsroad_pipeline.surveys.camera_files import read_images
 from mlsroad_pipeline.surveys.class_maps import read_class_map
 from mlsroad_pipeline.surveys.masks import MaskLegend, read_mask

@@ -10,9 +10,9 @@ from helpers.yaml_files import read_yaml
 from PIL import Image as Picture
 
 from conftest import REPOSITORY
+from mlsroad_pipeline.algorithms.cameras.camera import Camera
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError, ParameterError, ReadError
-from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 from mlsroad_pipeline.surveys.class_maps import read_class_map
 from mlsroad_pipeline.surveys.images import PosedImage, SurveyImages
 from mlsroad_pipeline.surveys.masks import MaskLegend, masks_of_drives, read_mask

@@ -49,15 +49,7 @@ class _Lines:
 
 
 class Stages:
-    """One progress bar over the stages of a pipeline.
-
-    Parameters
-    ----------
-    stages : mapping of str to tuple
-        Name of a stage to its description and its usual share of the time; the shares add up to 1.
-    console : Console
-        Terminal; without one, lines are printed.
-    """
+    """One progress bar over the stages of a pipeline."""
 
     def __init__(self, stages: Mapping[str, tuple[str, float]], console: Console) -> None:
         self._stages = stages

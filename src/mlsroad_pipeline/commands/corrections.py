@@ -11,7 +11,7 @@ import typer
 from mlsroad_pipeline.commands.options import Verbose, check_exist, expanded, results_folder
 
 if TYPE_CHECKING:
-    from mlsroad_pipeline.corrections import Correction, CorrectionStore, Decision
+    from mlsroad_pipeline.review.corrections import Correction, CorrectionStore, Decision
 
 corrections = typer.Typer(no_args_is_help=True, help="List, import and export the corrections of a labelled survey.")
 
@@ -31,8 +31,8 @@ def list_corrections(out: Out, verbose: Verbose = False) -> None:
     from mlsroad_pipeline.algorithms.core.exceptions import ReadError
     from mlsroad_pipeline.commands.console import count_table, output_console
     from mlsroad_pipeline.commands.errors import one_line_errors
-    from mlsroad_pipeline.corrections import has_corrections, open_corrections
-    from mlsroad_pipeline.corrections.answers import files_of, unmatched_strokes
+    from mlsroad_pipeline.review.corrections import has_corrections, open_corrections
+    from mlsroad_pipeline.review.corrections.answers import files_of, unmatched_strokes
 
     with one_line_errors(verbose=verbose):
         folder = results_folder(expanded([out])[0])
@@ -90,9 +90,9 @@ def import_corrections(
     from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
     from mlsroad_pipeline.commands.console import output_console
     from mlsroad_pipeline.commands.errors import one_line_errors
-    from mlsroad_pipeline.corrections import open_corrections
-    from mlsroad_pipeline.corrections.edited_inventory import corrections_of_inventory
-    from mlsroad_pipeline.corrections.expected_values import known_names, system_of
+    from mlsroad_pipeline.review.corrections import open_corrections
+    from mlsroad_pipeline.review.corrections.edited_inventory import corrections_of_inventory
+    from mlsroad_pipeline.review.corrections.expected_values import known_names, system_of
 
     with one_line_errors(verbose=verbose):
         path, folder = Path(expanded([edited])[0]), Path(results_folder(expanded([out])[0]))
@@ -131,8 +131,8 @@ def _place_of(added: Correction) -> tuple[str, str | None, float, float]:
 
 def _edited_points(path: Path, folder: Path, file: str | None, store: CorrectionStore) -> tuple[list[Correction], str]:
     from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-    from mlsroad_pipeline.corrections.edited_points import corrections_of_points, names_of_codes, painted_before
-    from mlsroad_pipeline.corrections.labelled_output import LabelledOutput
+    from mlsroad_pipeline.review.corrections.edited_points import corrections_of_points, names_of_codes, painted_before
+    from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 
     output = LabelledOutput.at(folder)
     clouds = output.clouds()
@@ -170,8 +170,8 @@ def export_corrections(
     from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
     from mlsroad_pipeline.commands.console import output_console
     from mlsroad_pipeline.commands.errors import one_line_errors
-    from mlsroad_pipeline.corrections import open_corrections
-    from mlsroad_pipeline.corrections.inventory_columns import write_corrected
+    from mlsroad_pipeline.review.corrections import open_corrections
+    from mlsroad_pipeline.review.corrections.inventory_columns import write_corrected
 
     with one_line_errors(verbose=verbose):
         folder = Path(results_folder(expanded([out])[0]))

@@ -78,9 +78,8 @@ def label(  # typer reads the options from the signature
 ) -> None:
     """Label point clouds, and map their poles, signs, vehicles and trees.
 
-    Writes every point with a classification and a confidence as LAZ,
-    the objects as GeoPackage and GeoParquet, and a report.
-    A killed run continues with the same command.
+    Writes every point with a classification and a confidence as LAZ, the objects as GeoPackage and GeoParquet, and a
+    report. A killed run continues with the same command.
     """
     from mlsroad_pipeline.commands.console import Stages, collected_warnings, error_console, output_console
     from mlsroad_pipeline.commands.errors import one_line_errors

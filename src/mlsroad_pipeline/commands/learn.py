@@ -15,7 +15,7 @@ from mlsroad_pipeline.commands.options import Verbose, Workers, check_exist, exp
 if TYPE_CHECKING:
     from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
     from mlsroad_pipeline.commands.session import Place
-    from mlsroad_pipeline.corrections.labelled_output import LabelledOutput
+    from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 
 
 def learn(
@@ -36,8 +36,8 @@ def learn(
     from mlsroad_pipeline.commands.console import error_console, output_console
     from mlsroad_pipeline.commands.errors import one_line_errors
     from mlsroad_pipeline.commands.session import configure, find_place
-    from mlsroad_pipeline.corrections.labelled_output import LabelledOutput
     from mlsroad_pipeline.execution.output_lock import lock_output, release_output
+    from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 
     with one_line_errors(verbose=verbose):
         places = [results_folder(place) for place in expanded(outputs)]
@@ -66,8 +66,8 @@ def _learn_and_store(outputs: list[LabelledOutput], place: Place, *, verbose: bo
     """Learn from outputs, store the new model, print its name and the warnings; return the options that use it."""
     from mlsroad_pipeline.commands.console import collected_warnings, error_console, output_console
     from mlsroad_pipeline.commands.session import STORE
-    from mlsroad_pipeline.corrections.learned_models import register_learned, write_learned
-    from mlsroad_pipeline.corrections.learning import learn_from
+    from mlsroad_pipeline.review.corrections.learned_models import register_learned, write_learned
+    from mlsroad_pipeline.review.corrections.learning import learn_from
 
     bundle, parent = _one_model(outputs, place)
     console, errors = output_console(), error_console()
@@ -90,9 +90,9 @@ def _one_model(outputs: list[LabelledOutput], place: Place) -> tuple[ModelBundle
     """Return the model that labelled all outputs, and its name and version."""
     from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
     from mlsroad_pipeline.commands.session import model_store
-    from mlsroad_pipeline.corrections.learning import check_learnable
     from mlsroad_pipeline.label.models.choice import load_choice
     from mlsroad_pipeline.label.models.selection import choose_model
+    from mlsroad_pipeline.review.corrections.learning import check_learnable
 
     for output in outputs:
         check_learnable(output)

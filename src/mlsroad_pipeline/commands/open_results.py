@@ -33,9 +33,8 @@ def open_results(
 ) -> None:
     """Look at a labelled survey in the browser, and correct it.
 
-    Starts a server that only this computer reaches, and the browser.
-    Decisions are kept in corrections.sqlite in the folder.
-    A folder without labelled points has a report alone, which is opened.
+    Starts a server that only this computer reaches, and the browser. Decisions are kept in corrections.sqlite in the
+    folder. A folder without labelled points has a report alone, which is opened.
     """
     from mlsroad_pipeline.commands.errors import one_line_errors
 
@@ -50,19 +49,19 @@ def _show_page(folders: tuple[Path, Path], *, port: int, browser: bool, export: 
     """Serve or export the page of the first folder with labelled points; return whether there is one."""
     import getpass
 
-    from mlsroad_pipeline.page.output_folder import OutputFolder
+    from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
 
     found = (OutputFolder.find(folder) for folder in folders)
     output = next((folder for folder in found if folder is not None and folder.cloud_names), None)
     if output is None:
         return False
     if export is not None:
-        from mlsroad_pipeline.page.export import export_page
+        from mlsroad_pipeline.review.page_server.export import export_page
 
         typer.echo(str(export_page(output, Path(expanded([export])[0]))))
         return True
-    from mlsroad_pipeline.page.served_survey import ServedSurvey
-    from mlsroad_pipeline.page.server import serve
+    from mlsroad_pipeline.review.page_server.served_survey import ServedSurvey
+    from mlsroad_pipeline.review.page_server.server import serve
 
     survey = ServedSurvey(output, user=user or getpass.getuser())
     serve(survey, port=port, browser=browser, show=typer.echo)

@@ -44,20 +44,6 @@ def with_layers(catalog: Mapping[str, Any]) -> dict[str, Any]:
 def check_names(given: Mapping[str, Any], base: Mapping[str, Any], source: str) -> None:
     """Check that sections and their keys are those of the base environment; others are misspelt.
 
-    Parameters
-    ----------
-    given : mapping
-        Parameters of an environment, a file or the command line.
-    base : mapping
-        Parameters of the base environment.
-    source : str
-        Where they were given, for messages.
-
-    Raises
-    ------
-    ParameterError
-        If a name is unknown, with the nearest known name, or if a section has a value of its own.
-
     Examples
     --------
     >>> check_names({"labl": {"survey": "a.laz"}}, {"label": {"survey": ""}}, "--params")
@@ -90,18 +76,6 @@ class ParameterConfigLoader(PlainFilesLoader):
     """Kedro's configuration loader with checked names of parameters and resolvers in catalogs.
 
     A section or a key that the base environment lacks is an error.
-
-    ``${params:label.method,default}`` resolves to the value of a parameter, whether set in the base, in the environment
-    or on the command line (Kedro's ``runtime_params`` covers the command line only), or to the default if the parameter
-    is missing, null or empty. ``${label_run:output}`` and ``${label_run:folder}`` resolve to the output folder of
-    `label` and to the folder of the configured run below it, ``${label_run:settings}`` to the settings of the run.
-
-    Parameters
-    ----------
-    conf_source : str
-        The folder of the configuration.
-    **options : object
-        Further arguments of `OmegaConfigLoader`.
     """
 
     def __init__(self, conf_source: str, **options: Any) -> None:

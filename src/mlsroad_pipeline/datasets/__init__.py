@@ -1,1 +1,1 @@
-"""Kedro datasets; `inventory`, `models` and `reports` include the file formats behind theirs."""
+"""Kedro dataset classes."""

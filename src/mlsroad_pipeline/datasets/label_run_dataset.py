@@ -12,28 +12,7 @@ from mlsroad_pipeline.execution.run_folder import RunFolder
 
 
 class LabelRunDataset(AbstractDataset[NoReturn, RunFolder]):
-    """Handle of the folder of the configured run of `label`, which holds its state and its record.
-
-    Parameters
-    ----------
-    filepath : str
-        The folder, ``<output>/.mlsroad/<run>``.
-    settings : str
-        Settings of the run as JSON.
-    metadata : mapping, optional
-        Any metadata; ignored.
-
-    Examples
-    --------
-    In a catalog:
-
-    .. code-block:: yaml
-
-        label_run:
-          type: mlsroad_pipeline.datasets.label_run_dataset.LabelRunDataset
-          filepath: ${label_run:folder}
-          settings: ${label_run:settings}
-    """
+    """Handle of the folder of the configured run of `label`, which holds its state and its record."""
 
     def __init__(self, *, filepath: str, settings: str, metadata: Mapping[str, Any] | None = None) -> None:
         self._run = RunFolder(str(filepath), json.loads(settings))

@@ -34,8 +34,7 @@ def run_jobs(jobs: Sequence[SceneJob], execution: Execution) -> Generator[Outcom
     """Run scenes and yield their outcomes in order of completion.
 
     Every job yields exactly one outcome, also if its worker dies. If the caller stops early or is interrupted, running
-    scenes are abandoned. Raises ParameterError if the store lies in the memory of this process and the backend uses
-    other processes.
+    scenes are abandoned.
     """
     if execution.backend in ("loky", "dask") and any(job.store.is_private for job in jobs):
         raise ParameterError(f"{jobs[0].store.url}: only the backends sequential and threading reach this memory")

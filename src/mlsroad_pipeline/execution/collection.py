@@ -12,19 +12,7 @@ from mlsroad_pipeline.execution.task import StoredResult
 
 
 class SceneCollection(Mapping[str, StoredResult]):
-    """Scene keys, sorted, to handles of their results; results are read only on request.
-
-    Parameters
-    ----------
-    store : SceneStore
-        The store.
-    records : mapping of str to Record
-        Scene to record, from the manifest.
-    part : str, optional
-        Part of each result that the handles refer to; None is the whole result.
-    mapped : bool, default False
-        Whether handles map arrays into memory instead of reading them.
-    """
+    """Scene keys, sorted, to handles of their results; results are read only on request."""
 
     def __init__(
         self, store: SceneStore, records: Mapping[str, Record], part: str | None = None, *, mapped: bool = False

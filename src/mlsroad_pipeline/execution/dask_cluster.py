@@ -52,8 +52,7 @@ def run_on_cluster(jobs: Sequence[SceneJob], execution: Execution) -> Iterator[E
     """Run scenes and yield them as they end.
 
     Futures of the client are used in place of joblib's Dask backend, which waits forever for a task whose worker was
-    killed, and does not cancel running tasks when the caller stops. Raises ClusterError if the scheduler cannot be
-    reached or is lost, or if there is no worker for `WORKER_SECONDS`.
+    killed, and does not cancel running tasks when the caller stops.
     """
     address = str(execution.scheduler)
     _warn_of_open_ports(address)
@@ -124,6 +123,4 @@ def _connected(address: str) -> Iterator[Client]:
 @functools.lru_cache(maxsize=8)
 def _warn_of_open_ports(address: str) -> None:
     if not address.startswith("tls://") and urlsplit(address).hostname not in LOOPBACK:
-        logger.warning(
-            "%s has no TLS: whoever reaches its ports runs code as you; see docs/how_to/run_on_a_cluster.md", address
-        )
+        logger.warning("%s has no TLS: whoever reaches its ports runs code as you; see docs/execution.md", address)

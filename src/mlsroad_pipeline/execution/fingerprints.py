@@ -73,7 +73,6 @@ def describe_sources(module_names: Iterable[str]) -> list[Any]:
 
     A function of `algorithms`, `simulation` or `studies` reaches the imports of its module. A function of another
     package reaches the whole library, since a model names its labelling function, and the folder of its module.
-    For a function from outside the project, its own file is included.
     """
     names, project = sorted(set(module_names)), project_folder()
     outside = [name for name in names if not in_science(name)]
@@ -161,8 +160,7 @@ class Fingerprinter:
         """Return plain data that represents a value.
 
         NumPy numbers equal Python numbers, tuples equal lists, paths equal strings. The order of a mapping counts,
-        since labels follow the order of a class scheme. Raises ParameterError if a value of another type cannot be
-        pickled.
+        since labels follow the order of a class scheme.
         """
         if isinstance(value, list | tuple):
             described: Any = [self.describe(item) for item in value]

@@ -22,9 +22,7 @@ _BLOCK = 1 << 24
 def map_arrays(path: str | Path) -> dict[str, NDArray]:
     """Map the arrays of an NPZ file into memory.
 
-    The first mapping of a file in a process reads it once and compares its checksums. Raises ValueError for an entry
-    that is compressed, differs from its checksum, holds Python objects or is no array, OSError for an unreadable file,
-    and zipfile.BadZipFile for a file that is not NPZ.
+    The first mapping of a file in a process reads it once and compares its checksums.
     """
     with open(path, "rb") as stream, zipfile.ZipFile(stream) as archive:
         state = os.fstat(stream.fileno())

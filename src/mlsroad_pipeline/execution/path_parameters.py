@@ -35,25 +35,7 @@ _NO_FILES = ("source", "crs", "read")
 
 
 def local_path(value: str | os.PathLike[str], name: str) -> Path:
-    """Return a file or folder of this machine, in place of which an address would become a folder named ``s3:``.
-
-    Parameters
-    ----------
-    value : str or path
-        The path.
-    name : str
-        The parameter or dataset, for the message.
-
-    Returns
-    -------
-    Path
-        The same path.
-
-    Raises
-    ------
-    ParameterError
-        If it is an address, or its name is not UTF-8, as results write it.
-    """
+    """Return a file or folder of this machine, in place of which an address would become a folder named ``s3:``."""
     _check_utf8(os.fspath(value), name)
     if _ADDRESS.match(os.fspath(value)):
         raise ParameterError(
@@ -65,18 +47,6 @@ def local_path(value: str | os.PathLike[str], name: str) -> Path:
 
 def with_text_of_paths(parameters: dict[str, Any], pairs: Iterable[str]) -> dict[str, Any]:
     """Return nested parameters in which paths that YAML took for numbers or dates have the text that was given.
-
-    Parameters
-    ----------
-    parameters : dict
-        Nested parameters; changed in place.
-    pairs : iterable of str
-        The same as ``section.key=value``.
-
-    Returns
-    -------
-    dict
-        The parameters.
 
     Examples
     --------
@@ -93,21 +63,7 @@ def with_text_of_paths(parameters: dict[str, Any], pairs: Iterable[str]) -> dict
 
 
 def check_paths(parameters: Mapping[str, Any], given: Mapping[str, Any]) -> None:
-    """Check that paths are text and local.
-
-    Parameters
-    ----------
-    parameters : mapping
-        All parameters.
-    given : mapping
-        Those of the command line.
-
-    Raises
-    ------
-    ParameterError
-        If a path is a number, a place is null or empty on the command line, a parameter of a section with files is
-        the address of a file elsewhere, or any parameter is not UTF-8.
-    """
+    """Check that paths are text and local."""
     for section, values in parameters.items():
         _check_texts(values, section, local_path if section in _WITH_FILES else _check_utf8)
     for name in PATHS:

@@ -64,17 +64,10 @@ def entries_of(paths: Iterable[str]) -> list[dict[str, Any]]:
 
 @dataclass(frozen=True)
 class RunFolder:
-    """Folder of a run; small and picklable.
+    """Folder of a run; small and picklable."""
 
-    Parameters
-    ----------
-    path : str
-        The folder, ``<output>/.mlsroad/<run>``.
-    settings : mapping
-        Settings of the run, for its record and for messages.
-    """
-
-    path: str
+    path: str  # The folder, ``<output>/.mlsroad/<run>``
+    # Settings of the run, for its record and for messages
     settings: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @property

@@ -24,8 +24,7 @@ def scratch_folder() -> Path:
     """Return the folder of this process, which is removed when the process ends.
 
     Folders that killed processes of this user left behind are removed first. A lock marks the folder of a running
-    process; where the file system has no locks, none is removed. If the folder was removed while the process runs, as
-    cleaners of temporary files do, a new one is made.
+    process; where the file system has no locks, none is removed.
     """
     if not _folder_of(os.getpid()).is_dir():
         _folder_of.cache_clear()

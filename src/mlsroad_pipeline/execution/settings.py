@@ -16,32 +16,17 @@ CHECKS = ("checksum", "size")
 
 @dataclass(frozen=True)
 class Execution:
-    """Settings for running the scenes of a stage.
+    """Settings for running the scenes of a stage."""
 
-    Parameters
-    ----------
-    backend : {"loky", "threading", "sequential", "dask"}, default "loky"
-        Processes of this machine, threads, one after the other in this process, or a `dask.distributed` cluster.
-    n_workers : int, optional
-        Number of scenes processed at the same time; memory grows with it. Default: the number of cores available to
-        this process, or with `scheduler` all threads of the cluster.
-    scheduler : str, optional
-        Address of a Dask scheduler, such as ``tcp://host:8786``; the backend `dask` needs it.
-    progress : bool, default True
-        Show a progress bar on a terminal, and write progress lines to the log elsewhere.
-    verify : {"checksum", "size"}, default "checksum"
-        Check of stored results before they are reused. `size` reads no data, which suits remote storage.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain, if `scheduler` is combined with another backend, or if `dask` has none.
-    """
-
+    # Processes of this machine, threads, one after the other in this process, or a `dask.distributed` cluster
     backend: str = "loky"
+    # Number of scenes processed at the same time; memory grows with it. Default: the number of cores available to this
+    # process, or with `scheduler` all threads of the cluster.
     n_workers: int | None = None
+    # Address of a Dask scheduler, such as ``tcp://host:8786``; the backend `dask` needs it
     scheduler: str | None = None
-    progress: bool = True
+    progress: bool = True  # Show a progress bar on a terminal, and write progress lines to the log elsewhere
+    # Check of stored results before they are reused. `size` reads no data, which suits remote storage.
     verify: str = "checksum"
 
     def __post_init__(self) -> None:

@@ -8,10 +8,20 @@ from collections.abc import Iterable
 from pathlib import Path
 
 PROJECT = "mlsroad_pipeline"
-SCIENCE = ("algorithms", "simulation", "studies")
+SCIENCE = ("algorithms", "simulation", "papers")
 """Packages whose modules reach only what they import."""
 
-LIBRARY = (*SCIENCE, "formats", "execution", "surveys", "datasets", "reporting", "label")
+LIBRARY = (
+    *SCIENCE,
+    "formats",
+    "execution",
+    "surveys",
+    "datasets",
+    "inventory_files",
+    "model_store",
+    "reporting",
+    "label",
+)
 """Packages reachable from functions outside of `SCIENCE`, since models name their labelling function."""
 
 
@@ -24,7 +34,7 @@ def project_folder() -> Path:
 def reachable_sources(module_names: Iterable[str]) -> list[Path]:
     """Return the source files of `SCIENCE` that modules reach by imports, including imports inside functions.
 
-    A module that calls `import_module` reaches its whole package, such as all of `algorithms`.
+    A module that calls `import_module` reaches its whole package, such as all of `algorithms`, and `papers`.
     """
     waiting, reached = list(module_names), set[Path]()
     seen: set[str] = set()
@@ -80,8 +90,8 @@ def _parsed_imports(file: Path, _modified: int, _size: int) -> list[str]:
             names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
         by_name |= "import_module" in (getattr(node, "id", None), getattr(node, "attr", None))
     if by_name:
-        package = file.relative_to(project_folder()).parts[0]
-        names += [_module_name(other) for other in (project_folder() / package).rglob("*.py")]
+        packages = {file.relative_to(project_folder()).parts[0], "papers"}  # the table of methods names those of papers
+        names += [_module_name(other) for name in sorted(packages) for other in (project_folder() / name).rglob("*.py")]
     return [*names, *_packages(_module_name(file))]
 
 

@@ -70,17 +70,10 @@ def sync_folder(folder: str | os.PathLike[str]) -> None:
 
 @dataclass(frozen=True)
 class StoreFiles:
-    """Folder of files; small and picklable, so that it can be sent to workers.
+    """Folder of files; small and picklable, so that it can be sent to workers."""
 
-    Parameters
-    ----------
-    url : str
-        The folder.
-    options : mapping, optional
-        Options of the file system (credentials, endpoints).
-    """
-
-    url: str
+    url: str  # The folder
+    # Options of the file system (credentials, endpoints)
     options: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     @classmethod

@@ -35,30 +35,28 @@ PARENT_INTERVAL = 0.5
 
 @dataclass(frozen=True)
 class SceneJob:
-    """Job of a worker: a scene, its task and fingerprint, the store of the result and the token of the run.
+    """Job of a worker."""
 
-    `validator` is the dotted name of a function that checks the result; `installation` is that of the driver, which a
-    worker of a cluster must share, and empty for workers of this machine.
-    """
-
-    key: str
-    task: SceneTask
-    fingerprint: str
-    store: SceneStore
-    token: str
-    backend: str
-    validator: str | None = None
+    key: str  # The scene
+    task: SceneTask  # The task
+    fingerprint: str  # Fingerprint of the task, stored with the result
+    store: SceneStore  # Destination of the result
+    token: str  # Token of the run, from `SceneStore.begin`
+    backend: str  # Backend of the worker; see `Execution`
+    validator: str | None = None  # Dotted name of a function that checks the result
+    # `fingerprints.installation` of the driver, which a worker on another machine must share; empty for workers of this
+    # machine
     installation: str = ""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of a job: its scene, the elapsed seconds, and the record of the stored result or the failure."""
+    """Outcome of a job: a record of the stored result or a failure."""
 
-    key: str
-    seconds: float
-    record: Record | None = None
-    failure: SceneFailure | None = None
+    key: str  # The scene
+    seconds: float  # Elapsed time, including reading and storing
+    record: Record | None = None  # Record of the stored result
+    failure: SceneFailure | None = None  # The failure, if nothing was stored
 
 
 def import_function(name: str, role: str) -> Callable[..., Any]:

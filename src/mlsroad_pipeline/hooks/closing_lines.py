@@ -11,8 +11,8 @@ import pandas as pd
 from kedro.framework.hooks import hook_impl
 from kedro.io import CatalogProtocol
 
-from mlsroad_pipeline.datasets.reports.html_report_dataset import HtmlReportDataset
-from mlsroad_pipeline.datasets.reports.scores_dataset import ScoresDataset
+from mlsroad_pipeline.datasets.html_report_dataset import HtmlReportDataset
+from mlsroad_pipeline.datasets.scores_dataset import ScoresDataset
 
 logger = logging.getLogger(__name__)
 

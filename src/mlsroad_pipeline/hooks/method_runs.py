@@ -13,8 +13,7 @@ from mlflow.utils.mlflow_tags import MLFLOW_PARENT_RUN_ID
 
 from mlsroad_pipeline.algorithms.core.scene_key import TRAIN
 from mlsroad_pipeline.algorithms.metrics.scores import scores_to_metrics, summary
-from mlsroad_pipeline.datasets.models.model_notes import describe_version
-from mlsroad_pipeline.datasets.models.model_registry_dataset import RegisteredModelDataset
+from mlsroad_pipeline.datasets.model_registry_dataset import RegisteredModelDataset
 from mlsroad_pipeline.hooks.data_sets import DataSet, DataSets
 from mlsroad_pipeline.hooks.interrupted_runs import PROCESS
 from mlsroad_pipeline.hooks.mlflow_batches import log_metrics, log_params, now, series_metrics
@@ -41,19 +40,7 @@ def _copied(metric: Metric, model_id: str | None) -> Metric:
 
 
 class MethodRuns:
-    """Child runs by method; a child is created with the first record of its method.
-
-    Parameters
-    ----------
-    parent : Run
-        The run of the command.
-    survey : str
-        Name of the survey, for the names of the children.
-    data_sets : DataSets
-        Data sets of the run.
-    parameters : callable
-        Returns the parameters of a method, flat.
-    """
+    """Child runs by method; a child is created with the first record of its method."""
 
     def __init__(
         self, parent: Run, survey: str, data_sets: DataSets, parameters: Callable[[str], Mapping[str, str]]
@@ -139,4 +126,4 @@ class MethodRuns:
             client.set_terminated(child.run_id, status)
             if child.model is not None and child.scores:
                 name, number, _ = child.model
-                describe_version(name, number, summary(pd.concat(child.scores)))
+                RegisteredModelDataset.describe(name, number, summary(pd.concat(child.scores)))

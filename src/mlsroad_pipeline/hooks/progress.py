@@ -46,9 +46,8 @@ def time_left(done: float, ahead: float, spent: float) -> float:
 class ProgressHooks:
     """Log the number of completed nodes, the elapsed time and an estimate of the time left.
 
-    Each successful run stores the durations of its nodes as the expectation for later runs. The first run uses those
-    of `make run` on two cores; a pipeline of other nodes is reported without an ETA. Nodes with valid stored results
-    are faster than expected, which the pace corrects. Nodes must run sequentially, which is the default.
+    Each successful run stores the durations of its nodes as the expectation for later runs. The first run uses those of
+    `make run` on two cores; a pipeline of other nodes is reported without an ETA.
     """
 
     writes_to_project = True

@@ -16,13 +16,13 @@ from kedro.pipeline import Pipeline
 from mlflow.entities import LoggedModelInput, Run, RunTag
 
 from mlsroad_pipeline.algorithms.models.methods import METHODS
-from mlsroad_pipeline.datasets.inventory.inventory_dataset import RoadInventoryDataset
-from mlsroad_pipeline.datasets.models.model_registry_dataset import RegisteredModelDataset
-from mlsroad_pipeline.datasets.reports.figure_dataset import FigureDataset
-from mlsroad_pipeline.datasets.reports.html_report_dataset import HtmlReportDataset
-from mlsroad_pipeline.datasets.reports.metric_series_dataset import MetricSeriesDataset
-from mlsroad_pipeline.datasets.reports.report_file import ReportFileDataset
-from mlsroad_pipeline.datasets.reports.scores_dataset import ScoresDataset
+from mlsroad_pipeline.datasets.figure_dataset import FigureDataset
+from mlsroad_pipeline.datasets.html_report_dataset import HtmlReportDataset
+from mlsroad_pipeline.datasets.inventory_dataset import RoadInventoryDataset
+from mlsroad_pipeline.datasets.metric_series_dataset import MetricSeriesDataset
+from mlsroad_pipeline.datasets.model_registry_dataset import RegisteredModelDataset
+from mlsroad_pipeline.datasets.report_file import ReportFileDataset
+from mlsroad_pipeline.datasets.scores_dataset import ScoresDataset
 from mlsroad_pipeline.execution.scratch import scratch_folder
 from mlsroad_pipeline.hooks.data_fingerprint import fingerprint_files, source_files
 from mlsroad_pipeline.hooks.data_sets import DataSets

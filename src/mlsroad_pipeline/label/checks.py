@@ -16,13 +16,13 @@ from pyproj.exceptions import CRSError
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.quality.report import QualityReport
-from mlsroad_pipeline.datasets.inventory.vector_files import prj_text, to_wgs84
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.formats.crs_units import crs_units
 from mlsroad_pipeline.formats.las.copc import POINT_FORMATS
 from mlsroad_pipeline.formats.las.header import LasHeader
 from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
+from mlsroad_pipeline.inventory_files.vector_files import prj_text, to_wgs84
 from mlsroad_pipeline.label.inventory import read_sections, survey_crs
 from mlsroad_pipeline.label.writer import keeps_units, result_header
 from mlsroad_pipeline.surveys.parameters import LabelParameters
@@ -44,12 +44,7 @@ HIGH = 2000.0
 
 
 def check_headers(plan: SurveyPlan, parameters: LabelParameters) -> None:
-    """Check from the headers, before any point is read, that the results of all files can be written.
-
-    Raises DataError for columns that LAS cannot hold, waveforms in a cloud-optimised copy, and coordinate reference
-    systems that are not understood or have no lengths (degrees, geocentric coordinates), and ParameterError for
-    sections of several drives.
-    """
+    """Check from the headers, before any point is read, that the results of all files can be written."""
     drives = plan.drives()
     if parameters.sections is not None and len(drives) > 1:
         raise ParameterError(
@@ -97,12 +92,7 @@ def output_problems(path: str, options: ReadOptions, quality: QualityReport) -> 
 
 
 def check_outputs(plan: SurveyPlan, files: SceneCollection, quality: pd.DataFrame, parameters: LabelParameters) -> None:
-    """Check that LAZ, copies and inventory can be written, from headers, extents and reference systems.
-
-    Raises DataError for what `check_headers` refuses, coordinates outside of 32 bits at the scale of the result or in
-    degrees, points that are all withheld, and reference systems that differ or that a format of `label.export` cannot
-    hold.
-    """
+    """Check that LAZ, copies and inventory can be written, from headers, extents and reference systems."""
     crs = survey_crs(plan, files)
     _check_exports(crs, plan.files[0].source.path, parameters.export)
     if parameters.sections is not None:

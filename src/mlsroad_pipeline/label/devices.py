@@ -8,6 +8,7 @@ from typing import Any
 
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.members import member
+from mlsroad_pipeline.algorithms.models.methods import METHODS
 
 _IMAGES = "image_labels"
 
@@ -16,11 +17,11 @@ def check_device(bundle: ModelBundle) -> None:
     """Raise ParameterError for a device that is missing, and warn of a GPU that fails; workers print no warnings."""
     for source, device in _devices(bundle):
         if source == "onnx":
-            from mlsroad_pipeline.algorithms.image_labels.segmenters import segmenter_of  # noqa: PLC0415  it imports torch
-
-            segmenter_of(bundle if bundle.slug == _IMAGES else member(bundle, _IMAGES))
+            METHODS[_IMAGES].function(".segmenters:segmenter_of")(
+                bundle if bundle.slug == _IMAGES else member(bundle, _IMAGES)
+            )
         elif source != "masks" and (device == "cuda" or not version("torch").endswith("+cpu")):
-            from mlsroad_pipeline.algorithms.models.torch_training import find_device  # noqa: PLC0415  it imports torch
+            from mlsroad_pipeline.algorithms.models.machines.torch_training import find_device  # noqa: PLC0415  it imports torch
 
             find_device(device)
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mlsroad_pipeline.datasets.inventory.exports import EXPORTS
-from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
 from mlsroad_pipeline.execution.run_folder import RunFolder
+from mlsroad_pipeline.inventory_files.exports import EXPORTS
+from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
 
 
 def export_inventory(inventory: RoadInventory, formats: Sequence[str], run: RunFolder) -> list[str]:

@@ -27,18 +27,10 @@ IMAGE_LABELS, FUSION = "image_labels", "fusion"
 
 @dataclass(frozen=True)
 class LabelImages:
-    """Images of a survey by drive; empty for methods without images.
+    """Images of a survey by drive; empty for methods without images."""
 
-    Parameters
-    ----------
-    drives : mapping of str to SurveyImages
-        Key of a drive to its images; drives without images are left out.
-    reach : float
-        Largest distance along the road between a scene and the cameras of its images, metres.
-    """
-
-    drives: Mapping[str, SurveyImages]
-    reach: float = 0.0
+    drives: Mapping[str, SurveyImages]  # Key of a drive to its images; drives without images are left out
+    reach: float = 0.0  # Largest distance along the road between a scene and the cameras of its images, metres
 
     @property
     def cameras(self) -> tuple[str, ...]:

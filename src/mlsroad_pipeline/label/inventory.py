@@ -12,21 +12,21 @@ import pandas as pd
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
-from mlsroad_pipeline.algorithms.inventory.lines import LINE_KINDS
-from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import paved_classes
-from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
-from mlsroad_pipeline.algorithms.inventory.sections import line_lengths, section_table
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_KINDS
+from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import paved_classes
+from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
+from mlsroad_pipeline.algorithms.inventory.objects.sections import line_lengths, section_table
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
 from mlsroad_pipeline.algorithms.scenes.corridor import corridor_from_arrays
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
-from mlsroad_pipeline.corrections.inventory_columns import corrected_table
-from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory, line_vertices
-from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
-from mlsroad_pipeline.datasets.models.object_judges import judge_digest
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import Deferred, SceneTask
 from mlsroad_pipeline.formats.files import WRONG
+from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, line_vertices
 from mlsroad_pipeline.label.joined_objects import join_objects
+from mlsroad_pipeline.model_store.bundle_files import ModelFile
+from mlsroad_pipeline.model_store.object_judges import judge_digest
+from mlsroad_pipeline.review.corrections.inventory_columns import corrected_table
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import SurveyPlan
 

@@ -10,22 +10,22 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
-from mlsroad_pipeline.algorithms.inventory.drives import are_comparable, join_drive_lines, join_drive_objects
-from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects
-from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import join_kerbs
-from mlsroad_pipeline.algorithms.inventory.lines import numbered
-from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import join_markings
-from mlsroad_pipeline.algorithms.inventory.merging import MergedObjects, merge_scenes
-from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
-from mlsroad_pipeline.algorithms.inventory.sightings import Sightings, with_sightings
-from mlsroad_pipeline.algorithms.inventory.wires import join_wires
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import numbered
+from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import join_kerbs
+from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import join_markings
+from mlsroad_pipeline.algorithms.inventory.lines.wires import join_wires
+from mlsroad_pipeline.algorithms.inventory.objects.extraction import SceneObjects
+from mlsroad_pipeline.algorithms.inventory.objects.merging import MergedObjects, merge_scenes
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectJudge
+from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
+from mlsroad_pipeline.algorithms.inventory.objects.sightings import Sightings, with_sightings
+from mlsroad_pipeline.algorithms.inventory.passes import are_comparable, join_drive_lines, join_drive_objects
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.object_judge import ObjectJudge
 from mlsroad_pipeline.algorithms.scenes.corridor import CorridorArrays, corridor_from_arrays
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
-from mlsroad_pipeline.datasets.models.object_judges import judge_of
 from mlsroad_pipeline.execution.task import StoredResult
 from mlsroad_pipeline.label.point_labels import ObjectClasses
+from mlsroad_pipeline.model_store.object_judges import judge_of
 
 _MOST_FILES = 1 << 24  # of a drive
 

@@ -13,15 +13,21 @@ import pandas as pd
 import shapely
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
-from mlsroad_pipeline.algorithms.inventory.rules import KINDS
-from mlsroad_pipeline.algorithms.metrics.object_matching import FALSE, MISSED, RIGHT, MatchedObjects, match_objects
-from mlsroad_pipeline.algorithms.metrics.object_scores import (
+from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
+from mlsroad_pipeline.algorithms.inventory.scoring.object_matching import (
+    FALSE,
+    MISSED,
+    RIGHT,
+    MatchedObjects,
+    match_objects,
+)
+from mlsroad_pipeline.algorithms.inventory.scoring.object_scores import (
     errors_of_measures,
     precision_recall_curve,
     score_objects,
     summarise_measures,
 )
-from mlsroad_pipeline.datasets.inventory.inventory_dataset import RoadInventoryDataset
+from mlsroad_pipeline.inventory_files.inventory_file import read_inventory
 from mlsroad_pipeline.surveys.truth_tables import (
     Truth,
     counted_objects,
@@ -41,37 +47,20 @@ INVENTORIES = ("inventory.parquet", "inventory.gpkg")
 
 @dataclass(frozen=True)
 class ScoreParameters:
-    """An inventory and the truth that it is scored against.
+    """An inventory and the truth that it is scored against."""
 
-    Parameters
-    ----------
-    inventory : str, default ""
-        GeoPackage or GeoParquet file of an inventory, or a folder of results.
-    truth : str, default ""
-        Table of true objects or folder of a simulated street: `surveys.truth_tables.read_truth`.
-    output : str, default ""
-        Folder of the scores; empty takes the folder of the reports of the project.
-    clouds : sequence of str, default ()
-        Labelled point clouds; none takes the LAZ files in the folder of the inventory. They count the points of true
-        objects and give pictures.
-    least_score : float, default 0
-        Objects with a lower score are not scored.
-    recall_only : sequence of str, default ()
-        Kinds whose truth is incomplete: only their recall is computed.
-    least_points : mapping of str to int
-        Kind to the fewest points of a true object that counts; default: of an object of the inventory.
-    reach : mapping of str to float
-        Kind to the largest distance in plan of an object from its true object, metres; default: 0.5 for poles and
-        signs, 1 for trees and vehicles.
-    """
-
-    inventory: str = ""
-    truth: str = ""
-    output: str = ""
+    inventory: str = ""  # GeoPackage or GeoParquet file of an inventory, or a folder of results
+    truth: str = ""  # Table of true objects or folder of a simulated street: `surveys.truth_tables.read_truth`
+    output: str = ""  # Folder of the scores; empty takes the folder of the reports of the project
+    # Labelled point clouds; none takes the LAZ files in the folder of the inventory. They count the points of true
+    # objects and give pictures.
     clouds: Sequence[str] = ()
-    least_score: float = 0.0
-    recall_only: Sequence[str] = ()
+    least_score: float = 0.0  # Objects with a lower score are not scored
+    recall_only: Sequence[str] = ()  # Kinds whose truth is incomplete: only their recall is computed
+    # Kind to the fewest points of a true object that counts; default: of an object of the inventory
     least_points: Mapping[str, int] = field(default_factory=dict)
+    # Kind to the largest distance in plan of an object from its true object, metres; default: 0.5 for poles and signs,
+    # 1 for trees and vehicles
     reach: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -122,7 +111,7 @@ def score_inventory(parameters: ScoreParameters) -> ScoredInventory:
     truth = read_truth(parameters.truth)
     clouds = cloud_files(parameters)
     true = counted_objects(truth, point_counts(truth, clouds), parameters.least_points)
-    objects = RoadInventoryDataset(filepath=str(inventory_file(parameters.inventory))).load().objects
+    objects = read_inventory(inventory_file(parameters.inventory)).objects
     kinds = {"vehicle"} if truth.source not in ("table", "simulated") else set(true["kind"])
     kinds = set(KINDS) if truth.source == "simulated" else kinds
     listed = objects[objects["kind"].isin(kinds) & (objects["score"] >= parameters.least_score)]

@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from scipy.spatial import cKDTree
 
+from mlsroad_pipeline.algorithms.cameras.projection import project_points
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
-from mlsroad_pipeline.algorithms.image_labels.projection import project_points
-from mlsroad_pipeline.algorithms.inventory.boxes import convex_hull
-from mlsroad_pipeline.datasets.inventory.qgis_styles import COLOURS
-from mlsroad_pipeline.datasets.inventory.vector_files import without_formulas
+from mlsroad_pipeline.algorithms.inventory.objects.boxes import convex_hull
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.formats.files import atomic_file
+from mlsroad_pipeline.inventory_files.qgis_styles import COLOURS
+from mlsroad_pipeline.inventory_files.vector_files import without_formulas
 from mlsroad_pipeline.surveys.images import PosedImage, SurveyImages
 
 logger = logging.getLogger(__name__)
@@ -44,26 +44,13 @@ COLUMNS = ("object_id", "photo", "image", "camera", "distance", "share_in_image"
 
 
 class View(NamedTuple):
-    """Image of an object.
+    """Image of an object."""
 
-    Parameters
-    ----------
-    image : int
-        Number of the image.
-    outline : ndarray of float64, shape (m, 2)
-        Convex outline of the object, pixels.
-    share : float
-        Share of its corners in the image.
-    distance : float
-        Distance of the camera from its middle, metres.
-    late : float
-        Seconds between the image and the times of the object's points, 0 within them or where times are unknown.
-    """
-
-    image: int
-    outline: NDArray[np.float64]
-    share: float
-    distance: float
+    image: int  # Number of the image
+    outline: NDArray[np.float64]  # Convex outline of the object, pixels
+    share: float  # Share of its corners in the image
+    distance: float  # Distance of the camera from its middle, metres
+    # Seconds between the image and the times of the object's points, 0 within them or where times are unknown
     late: float
 
     @property

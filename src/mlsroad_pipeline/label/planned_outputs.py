@@ -25,30 +25,14 @@ WRITING_THREADS = 2
 
 @dataclass(frozen=True)
 class PlannedOutput:
-    """A labelled file to write.
+    """A labelled file to write."""
 
-    Parameters
-    ----------
-    file : PlannedFile
-        File of the survey.
-    paths : tuple of str
-        Paths of the results, of `targets.paths_of`: the LAZ first.
-    scenes : Deferred
-        Labels of the scenes that hold its points.
-    objects : mapping of str to StoredResult
-        Numbers and classes of the objects: inputs of `work.write_file`.
-    rows : ndarray of int64, shape (m, 2)
-        First and last row of the file in each scene.
-    had_classes : bool or None
-        Whether a LAS file has classes other than 0; None if unknown.
-    """
-
-    file: PlannedFile
-    paths: tuple[str, ...]
-    scenes: Deferred
-    objects: Mapping[str, StoredResult]
-    rows: NDArray[np.int64]
-    had_classes: bool | None
+    file: PlannedFile  # File of the survey
+    paths: tuple[str, ...]  # Paths of the results, of `targets.paths_of`: the LAZ first
+    scenes: Deferred  # Labels of the scenes that hold its points
+    objects: Mapping[str, StoredResult]  # Numbers and classes of the objects: inputs of `work.write_file`
+    rows: NDArray[np.int64]  # First and last row of the file in each scene
+    had_classes: bool | None  # Whether a LAS file has classes other than 0; None if unknown
 
     @property
     def inputs(self) -> dict[str, Any]:

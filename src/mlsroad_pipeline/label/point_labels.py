@@ -29,26 +29,8 @@ class ObjectClasses(TypedDict):
 class SceneLabels:
     """Labels of a file by row, loaded from the scenes that hold its points, and their counts.
 
-    Withheld points are in no scene: their confidence is NaN.
-
-    A point has the class of its object. Where that differs from its label, its confidence is the score of the object.
-
-    Parameters
-    ----------
-    scenes : sequence of StoredResult
-        Stored `CoreLabels` of the scenes.
-    rows : ndarray of int64, shape (m, 2)
-        First and last row of the file in each scene.
-    file : int
-        Number of the file in its drive.
-    source : str
-        Name of the file in messages.
-    codes : ndarray of uint8, shape (classes,)
-        LAS code of each class.
-    numbers : mapping of str to ndarray of uint32
-        Scene to the numbers of its objects: see `merging.MergedObjects`.
-    classes : ObjectClasses
-        Classes and scores of the objects.
+    Withheld points are in no scene: their confidence is NaN. A point has the class of its object. Where that differs
+    from its label, its confidence is the score of the object.
     """
 
     def __init__(

@@ -8,8 +8,6 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
-from mlsroad_pipeline.corrections.store import check_corrections
-from mlsroad_pipeline.datasets.inventory.exports import EXPORTS
 from mlsroad_pipeline.execution.fingerprints import code_digest
 from mlsroad_pipeline.execution.output_lock import lock_output
 from mlsroad_pipeline.execution.run_folder import (
@@ -23,8 +21,10 @@ from mlsroad_pipeline.execution.run_folder import (
 )
 from mlsroad_pipeline.execution.run_identity import FINISHED
 from mlsroad_pipeline.formats.crs import SIDECAR
+from mlsroad_pipeline.inventory_files.exports import EXPORTS
 from mlsroad_pipeline.label.photos import FOLDER, TABLE
 from mlsroad_pipeline.label.targets import FOR_ALL, existing, planned_paths
+from mlsroad_pipeline.review.corrections.store import check_corrections
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import SurveyPlan
 

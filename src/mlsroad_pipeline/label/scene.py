@@ -14,57 +14,47 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
-from mlsroad_pipeline.algorithms.inventory.candidate_labels import candidate_rules
-from mlsroad_pipeline.algorithms.inventory.class_groups import ClassEvidence, evidence_of_soft_labels
-from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects
-from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import ground_classes, kerb_steps, no_steps
-from mlsroad_pipeline.algorithms.inventory.kerbs.steps import StepLimits
-from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import marking_stripes, no_stripes, paved_classes
-from mlsroad_pipeline.algorithms.inventory.markings.scanner_passes import scanner_pass_of
-from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
-from mlsroad_pipeline.algorithms.inventory.sightings import sightings_of_scene
-from mlsroad_pipeline.algorithms.inventory.wires import wire_points, wire_probability
+from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import ground_classes, kerb_steps, no_steps
+from mlsroad_pipeline.algorithms.inventory.lines.kerbs.steps import StepLimits
+from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import (
+    marking_stripes,
+    no_stripes,
+    paved_classes,
+)
+from mlsroad_pipeline.algorithms.inventory.lines.markings.scanner_passes import scanner_pass_of
+from mlsroad_pipeline.algorithms.inventory.lines.wires import wire_points, wire_probability
+from mlsroad_pipeline.algorithms.inventory.objects.candidate_labels import candidate_rules
+from mlsroad_pipeline.algorithms.inventory.objects.class_groups import ClassEvidence, evidence_of_soft_labels
+from mlsroad_pipeline.algorithms.inventory.objects.extraction import SceneObjects, extract_objects
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectJudge
+from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
+from mlsroad_pipeline.algorithms.inventory.objects.sightings import sightings_of_scene
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.labelling import Labeller, SoftLabels, label_softly
-from mlsroad_pipeline.algorithms.models.object_judge import ObjectJudge
 from mlsroad_pipeline.algorithms.scenes.joining import join_pieces
 from mlsroad_pipeline.algorithms.scenes.parameters import OutlierParameters
 from mlsroad_pipeline.algorithms.scenes.spans import SceneSpan
 from mlsroad_pipeline.algorithms.stages import find_ground, inliers
-from mlsroad_pipeline.datasets.models.object_judges import judge_of
 from mlsroad_pipeline.label.confidence import count_confidences
 from mlsroad_pipeline.label.picture_sample import PictureSample, scene_sample
+from mlsroad_pipeline.model_store.object_judges import judge_of
 
 
 @dataclass(frozen=True)
 class LabelSettings:
-    """Settings that all scenes of a survey share.
+    """Settings that all scenes of a survey share."""
 
-    Parameters
-    ----------
-    codes : ndarray of uint8, shape (classes,)
-        LAS code of each class of the model.
-    rules : mapping of str to ObjectRule
-        Object rules of the inventory.
-    ground : GroundParameters
-        Parameters of the ground filter, for models that store none.
-    outliers : OutlierParameters
-        Parameters of the statistical outlier filter.
-    judge : str, default ""
-        SHA256 of the judge of the package, which gives the scores unless the model has one of its own; empty: the score
-        is the mean confidence.
-    kerbs : StepLimits, optional
-        Limits of a kerb's step; None finds no kerbs.
-    least_contrast : float, optional
-        Least contrast of a marking, standard deviations of the road; None finds no markings.
-    """
-
-    codes: NDArray[np.uint8]
-    rules: Mapping[str, ObjectRule]
+    codes: NDArray[np.uint8]  # LAS code of each class of the model
+    rules: Mapping[str, ObjectRule]  # Object rules of the inventory
+    # Parameters of the ground filter, for models that store none
     ground: GroundParameters = field(default_factory=GroundParameters)
+    # Parameters of the statistical outlier filter
     outliers: OutlierParameters = field(default_factory=OutlierParameters)
+    # SHA256 of the judge of the package, which gives the scores unless the model has one of its own; empty: the score
+    # is the mean confidence
     judge: str = ""
-    kerbs: StepLimits | None = None
+    kerbs: StepLimits | None = None  # Limits of a kerb's step; None finds no kerbs
+    # Least contrast of a marking, standard deviations of the road; None finds no markings
     least_contrast: float | None = None
 
 
@@ -100,8 +90,7 @@ class LabelledScene(TypedDict):
     """Stored parts of a labelled scene.
 
     `objects`, `fragments` and `evidence` are those of `SceneObjects`, `kerbs` the steps of `kerb_steps`, `wires` the
-    points of `wire_points`, `markings` the stripes of `marking_stripes`. The counts are those of the labels of the
-    model; points of an object are written with the class of the object.
+    points of `wire_points`, `markings` the stripes of `marking_stripes`.
     """
 
     labels: CoreLabels

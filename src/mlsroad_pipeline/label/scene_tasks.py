@@ -12,12 +12,12 @@ from mlsroad_pipeline.algorithms.models.methods import needs_images
 from mlsroad_pipeline.algorithms.scenes.binning import BinCounts
 from mlsroad_pipeline.algorithms.scenes.corridor import Corridor, corridor_from_arrays
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
-from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
 from mlsroad_pipeline.label.images import LabelImages, views_of_scene
 from mlsroad_pipeline.label.scene import LabelSettings, label_pieces
 from mlsroad_pipeline.label.scene_with_images import CameraView, SceneViews, label_pieces_with_images
+from mlsroad_pipeline.model_store.bundle_files import ModelFile
 from mlsroad_pipeline.surveys.images import PosedImage, SurveyImages
 from mlsroad_pipeline.surveys.plan import SurveyPlan
 from mlsroad_pipeline.surveys.scene_plan import PlannedScene, pieces_between, plan_drive

@@ -9,13 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.cameras.camera import Camera
+from mlsroad_pipeline.algorithms.cameras.legend import Legend
 from mlsroad_pipeline.algorithms.core.labels import ImagePredictions, PointLabels
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.image_labels.camera import Camera
-from mlsroad_pipeline.algorithms.image_labels.legend import Legend
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.algorithms.models.members import member
+from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.scenes.binning import BinnedCloud
 from mlsroad_pipeline.algorithms.scenes.joining import join_pieces
 from mlsroad_pipeline.algorithms.scenes.spans import SceneSpan
@@ -52,22 +53,7 @@ class SceneViews(NamedTuple):
 
 
 class ImageLabeller:
-    """Labeller of a model that uses images, for `label_cloud`.
-
-    Parameters
-    ----------
-    views : sequence of (str, Camera, callable)
-        Camera name, calibration with pose relative to the origin of the scene, and reader of the picture.
-    around : ndarray of shape (m, 3)
-        Points that may occlude the scene, relative to its origin, metres.
-    cameras : sequence of str
-        Names of the cameras of the drive.
-
-    Attributes
-    ----------
-    seen : ndarray of shape (n,), bool, or None
-        Points of the last scene that are in an image; None without images.
-    """
+    """Labeller of a model that uses images, for `label_cloud`."""
 
     def __init__(
         self,
@@ -85,21 +71,18 @@ class ImageLabeller:
             return by_images["label"], by_images["confidence"]
         label, confidence = label_cloud(member(bundle, FEATURES), cloud)
         if self._cameras:
-            from mlsroad_pipeline.algorithms.fusion.labeller import fuse_scene  # noqa: PLC0415  few runs need it
-
             by_images = self._label(cloud, member(bundle, IMAGE_LABELS), bundle.metadata["cameras"])
             by_features: PointLabels = {
                 "label": label.astype(np.int16),
                 "confidence": confidence.astype(np.float32),
             }
-            fused = fuse_scene(by_features, by_images, bundle)
+            fused = METHODS[FUSION].load("use")(by_features, by_images, bundle)
             label, confidence = fused["label"], fused["confidence"]
         return label, confidence
 
     def _label(self, cloud: PointCloud, bundle: ModelBundle, cameras: Sequence[str]) -> ImagePredictions:
-        from mlsroad_pipeline.algorithms.image_labels.labeller import label_points  # noqa: PLC0415  it imports torch
-
-        by_images = label_points(cloud, [self._around], self._views, bundle, cameras=cameras)
+        label_points = METHODS[IMAGE_LABELS].function(".labeller:label_points")
+        by_images: ImagePredictions = label_points(cloud, [self._around], self._views, bundle, cameras=cameras)
         self.seen = by_images["seen"]
         return by_images
 

@@ -12,8 +12,8 @@ import pandas as pd
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
 from mlsroad_pipeline.algorithms.models.members import member
 from mlsroad_pipeline.algorithms.models.methods import needs_images
-from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
 from mlsroad_pipeline.execution.run_identity import absolute
+from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
 from mlsroad_pipeline.label.confidence import LOW, confidence_table
 from mlsroad_pipeline.label.scene import LabelCounts
 from mlsroad_pipeline.label.written_file import WrittenFile

@@ -7,11 +7,11 @@ from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
-from mlsroad_pipeline.datasets.inventory.exports import EXPORTS
 from mlsroad_pipeline.formats.las.copc import copc_path
 from mlsroad_pipeline.formats.native_labels import native_path
 from mlsroad_pipeline.formats.ply.coloured_ply import coloured_path
 from mlsroad_pipeline.formats.registry import get_format
+from mlsroad_pipeline.inventory_files.exports import EXPORTS
 from mlsroad_pipeline.label.photos import FOLDER, TABLE
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan

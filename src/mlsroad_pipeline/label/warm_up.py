@@ -5,32 +5,32 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.building import build_graph
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.inference import TrainedNetwork
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.inputs import (
-    even_points,
-    find_scale,
-    n_inputs,
-    prepare_inputs,
-)
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import (
-    HierarchyParameters,
-    NetworkParameters,
-    TrainingParameters,
-)
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.weights import weight_shapes
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
 from mlsroad_pipeline.algorithms.features.voxel_scales import compute_voxel_features, smooth_by_cells
 from mlsroad_pipeline.algorithms.features.voxel_table import voxel_feature_names
-from mlsroad_pipeline.algorithms.inventory.extraction import extract_objects
-from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import kerb_steps
-from mlsroad_pipeline.algorithms.inventory.markings.marking_lines import marking_stripes
-from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
-from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
-from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
-from mlsroad_pipeline.algorithms.models.grouped_decision import decide
+from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import kerb_steps
+from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import marking_stripes
+from mlsroad_pipeline.algorithms.inventory.objects.extraction import extract_objects
+from mlsroad_pipeline.algorithms.inventory.objects.merging import merge_across_scenes
+from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
+from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees
+from mlsroad_pipeline.algorithms.models.machines.grouped_decision import decide
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.building import build_graph
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.inference import TrainedNetwork
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.inputs import (
+    even_points,
+    find_scale,
+    n_inputs,
+    prepare_inputs,
+)
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import (
+    HierarchyParameters,
+    NetworkParameters,
+    TrainingParameters,
+)
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.weights import weight_shapes
 from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk
 from mlsroad_pipeline.algorithms.scenes.binning import cut_range
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory

@@ -75,23 +75,7 @@ def write_labelled(
 ) -> list[Path]:
     """Copy a survey to LAZ with `classification` and the extra dimensions `confidence` and `object_id`.
 
-    LAS and LAZ keep every dimension, extra dimension, variable length record, CRS, scale, offset and date. Point
-    formats 0 to 5, limited to classes up to 31, are upgraded to 6 to 10 of LAS 1.4: all fields are kept, with a finer
-    step of the scan angle. Classes of the input other than 0 are kept in the extra dimension `original_classification`,
-    a `confidence` of the input in `original_confidence` and an `object_id` in `original_object_id`; existing dimensions
-    of these names are kept.
-
-    Other formats are written at 0.001 m, their columns as dimensions of the same name or as extra dimensions. They are
-    also written in their own format in the same folder: PLY, text, Parquet, NPZ and binary PCD with three more columns,
-    KITTI as a ``.label`` with the codes. `native_path` lists the exceptions.
-
-    Points that are flagged withheld have no label (a confidence of NaN in `labels_of`): they keep the class of the
-    input, with a confidence of 0.
-
-    `class_names` are written as the Classification Lookup record. The option `crs`, or a ``.prj`` beside a file without
-    a coordinate reference system, is written into the header.
-
-    The output does not depend on the number of threads. Points are streamed; files are created atomically.
+    LAS and LAZ keep every dimension, extra dimension, variable length record, CRS, scale, offset and date.
     """
     source, target = Path(source_path), Path(target_path)
     options = options or ReadOptions()

@@ -7,15 +7,15 @@ from typing import Any
 from joblib import cpu_count
 from kedro.pipeline import Node, Pipeline
 
+from mlsroad_pipeline.algorithms.core.classes import find_scheme
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.detection.detector import DetectionStages, detect_objects
-from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters
-from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS, Method
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, scene_tasks
+from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages, detect_objects
+from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters
 from mlsroad_pipeline.pipelines.per_scene import PerScene
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import held_out_keys

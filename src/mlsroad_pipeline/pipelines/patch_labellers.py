@@ -14,14 +14,14 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS, Method
-from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
-from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
-from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
-from mlsroad_pipeline.algorithms.patches.labelling import label_patch_scene
-from mlsroad_pipeline.algorithms.patches.training import PatchTraining, join_training_scenes, number_surveys
-from mlsroad_pipeline.algorithms.patches.types import PatchStages
-from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
 from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.model_store.bundle_files import ModelFile
+from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import PatchGraphParameters
+from mlsroad_pipeline.papers.luo2016.patch_graph.refined_classifier import GridParameters
+from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
+from mlsroad_pipeline.papers.shared.patches.labelling import label_patch_scene
+from mlsroad_pipeline.papers.shared.patches.training import PatchTraining, join_training_scenes, number_surveys
+from mlsroad_pipeline.papers.shared.patches.types import PatchStages
 from mlsroad_pipeline.pipelines.per_scene import PerScene, fix_arguments
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.reporting.figures.training import objective_figure
@@ -31,25 +31,13 @@ from mlsroad_pipeline.surveys.plan import held_out_keys
 
 @dataclass(frozen=True, eq=False)
 class TrainingScenes:
-    """Training scenes in their stores, and facts for the metadata of a model.
+    """Training scenes in their stores, and facts for the metadata of a model."""
 
-    Attributes
-    ----------
-    patches, labels : SceneCollection
-        Patches of all scenes, and the classes of the patches of the training scenes.
-    stages : PatchStages
-        Parameters of the preparation.
-    scheme : ClassScheme
-        The classes.
-    trained_on : mapping
-        Metadata of the training data.
-    """
-
-    patches: SceneCollection
-    labels: SceneCollection
-    stages: PatchStages
-    scheme: ClassScheme
-    trained_on: Mapping[str, Any]
+    patches: SceneCollection  # Patches of all scenes, and the classes of the patches of the training scenes
+    labels: SceneCollection  # Patches of all scenes, and the classes of the patches of the training scenes
+    stages: PatchStages  # Parameters of the preparation
+    scheme: ClassScheme  # The classes
+    trained_on: Mapping[str, Any]  # Metadata of the training data
 
     def load(self) -> PatchTraining:
         """Read the patches of all training scenes."""

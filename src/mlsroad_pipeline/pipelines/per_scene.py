@@ -16,20 +16,6 @@ class PerScene:
 
     Its arguments are the required arguments of that function, by the same names. Stores and models become inputs of the
     tasks, other values parameters. Kedro reads the classes of parameter groups from the annotations.
-
-    Parameters
-    ----------
-    function : callable
-        Function of the tasks, at the top level of a module.
-    over : str, optional
-        Argument whose scenes get tasks; the first store by default.
-    keys : callable, default list
-        Selects scenes.
-    fixed : mapping, optional
-        Arguments of the function that are the same in every run.
-    **derived : callable
-        Arguments of the function that are computed from parameters. The node takes the arguments of the callables
-        instead.
     """
 
     def __init__(

@@ -6,17 +6,17 @@ from typing import Any
 
 from kedro.pipeline import Node, Pipeline
 
+from mlsroad_pipeline.algorithms.core.classes import find_scheme
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.detection.detector import DetectionStages
-from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
-from mlsroad_pipeline.algorithms.recognition.cutting import RecognitionParameters
-from mlsroad_pipeline.algorithms.recognition.recogniser import recognise_objects, train_and_recognise
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
-from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, scene_tasks
+from mlsroad_pipeline.model_store.bundle_files import ModelFile
+from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages
+from mlsroad_pipeline.papers.shared.recognition.cutting import RecognitionParameters
+from mlsroad_pipeline.papers.shared.recognition.recogniser import recognise_objects, train_and_recognise
 from mlsroad_pipeline.pipelines.per_scene import fix_arguments
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from mlsroad_pipeline.algorithms.core.classes import ClassScheme
-from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters
-from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
-from mlsroad_pipeline.algorithms.recognition.cutting import RecognitionParameters
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme, find_scheme
+from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters
+from mlsroad_pipeline.papers.shared.recognition.cutting import RecognitionParameters
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 
 

@@ -10,8 +10,8 @@ from kedro.pipeline import Node, Pipeline
 from matplotlib.figure import Figure
 
 from mlsroad_pipeline.execution.task import SceneTask
+from mlsroad_pipeline.papers.shared.studies.tables import Tables
 from mlsroad_pipeline.reporting.html.report import Section, build_report
-from mlsroad_pipeline.studies.tables import Tables
 
 
 class Stage(NamedTuple):

@@ -19,59 +19,20 @@ _FEWEST = 20  # steps on the ground that a fit needs
 
 @dataclass(frozen=True)
 class ScanLines:
-    """Scan lines of a side-looking line scanner above even ground, one row per fitted line.
+    """Scan lines of a side-looking line scanner above even ground, one row per fitted line."""
 
-    Parameters
-    ----------
-    first : ndarray of shape (m,), int64
-        Row of each line's first point.
-    height : ndarray of shape (m,), float64
-        Height of the scanner above the ground, metres.
-    step : ndarray of shape (m,), float64
-        Angle between neighbouring pulses, degrees.
-    nadir : ndarray of shape (m, 3), float64
-        Ground below the scanner, metres.
-    reach : ndarray of shape (m,), float64
-        Distance from the nadir to the last point on the ground, metres.
-    direction : ndarray of shape (m, 2), float64
-        Unit vector in plan from the nadir along the line.
-    """
-
-    first: NDArray[np.int64]
-    height: NDArray[np.float64]
-    step: NDArray[np.float64]
-    nadir: NDArray[np.float64]
-    reach: NDArray[np.float64]
-    direction: NDArray[np.float64]
+    first: NDArray[np.int64]  # Row of each line's first point
+    height: NDArray[np.float64]  # Height of the scanner above the ground, metres
+    step: NDArray[np.float64]  # Angle between neighbouring pulses, degrees
+    nadir: NDArray[np.float64]  # Ground below the scanner, metres
+    reach: NDArray[np.float64]  # Distance from the nadir to the last point on the ground, metres
+    direction: NDArray[np.float64]  # Unit vector in plan from the nadir along the line
 
 
 def fit_scan_lines(xyz: ArrayLike, *, min_jump: float = 1.0, max_step: float = 0.08) -> ScanLines:
     """Fit the scan lines of a side-looking line scanner to points in the order measured.
 
-    On even ground a pulse at the angle a from the nadir hits the ground at r = h tan a. The distance between
-    neighbouring points is therefore d (h^2 + (r - r0)^2) / h for a step of d: a parabola in r, whose vertex is the
-    nadir and whose coefficients yield d and h. Neither labels nor a trajectory are needed.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points in the order measured, metres.
-    min_jump : float, default 1.0
-        Distance between successive points above which a line begins, metres.
-    max_step : float, default 0.08
-        Upper bound of the distances at its beginning, near the nadir, metres.
-
-    Returns
-    -------
-    ScanLines
-        The lines with enough ground.
-
-    Raises
-    ------
-    DataError
-        If `xyz` is not (n, 3) and finite.
-    ParameterError
-        If a length is not above zero.
+    On even ground a pulse at the angle a from the nadir hits the ground at r = h tan a.
     """
     check_positive(min_jump, "min_jump")
     check_positive(max_step, "max_step")
@@ -128,28 +89,7 @@ def _as_lines(fitted: list[_Line]) -> ScanLines:
 
 
 def surface_density(xyz: ArrayLike, *, k: int = 16) -> NDArray[np.float64]:
-    """Estimate the points per square metre of surface around each point.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points on surfaces, metres.
-    k : int, default 16
-        Number of neighbours, without the point itself. More smooth the estimate and blur it at borders.
-
-    Returns
-    -------
-    ndarray of shape (n,), float64
-        ``k / (pi d^2)``, where d is the distance to the k-th neighbour; NaN with too few points,
-        infinite where they coincide.
-
-    Raises
-    ------
-    DataError
-        If `xyz` is not (n, 3) and finite.
-    ParameterError
-        If `k` is below 1.
-    """
+    """Estimate the points per square metre of surface around each point."""
     check_at_least(k, 1, "k")
     points = check_xyz(xyz)
     if len(points) <= k:
@@ -162,31 +102,7 @@ def surface_density(xyz: ArrayLike, *, k: int = 16) -> NDArray[np.float64]:
 def plane_residuals(
     xyz: ArrayLike, *, cell_size: float = 0.5, min_points: int = 20
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Fit a plane to the points of each cell of a grid and return their scatter about it.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points of smooth surfaces, metres.
-    cell_size : float, default 0.5
-        Edge of a cell, metres. Larger cells contain more curvature.
-    min_points : int, default 20
-        Cells with fewer points are skipped; at least 4.
-
-    Returns
-    -------
-    scatter : ndarray of shape (m,), float64
-        Standard deviation across the plane, metres, unbiased for the three unknowns of the fit.
-    centre : ndarray of shape (m, 3), float64
-        Mean of each cell's points.
-
-    Raises
-    ------
-    DataError
-        If `xyz` is not (n, 3) and finite.
-    ParameterError
-        If `cell_size` is not above zero or `min_points` is below 4.
-    """
+    """Fit a plane to the points of each cell of a grid and return their scatter about it."""
     check_positive(cell_size, "cell_size")
     if min_points < 4:
         raise ParameterError(f"min_points must be at least 4, got {min_points!r}")
@@ -207,27 +123,7 @@ def plane_residuals(
 
 
 def incidence_angles(xyz: ArrayLike, normals: ArrayLike, origins: ArrayLike) -> NDArray[np.float64]:
-    """Return the angles of incidence of beams on surfaces.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points, metres.
-    normals : array-like of shape (n, 3)
-        Unit normals of either sign; NaN where there is none.
-    origins : array-like of shape (n, 3) or (3,)
-        Positions of the scanner, metres.
-
-    Returns
-    -------
-    ndarray of shape (n,), float64
-        Degrees, 0 to 90; NaN without a normal or at the scanner itself.
-
-    Raises
-    ------
-    DataError
-        If `xyz` is not (n, 3) and finite, or the shapes do not agree.
-    """
+    """Return the angles of incidence of beams on surfaces."""
     points = check_xyz(xyz).astype(np.float64)
     directions = points - np.asarray(origins, np.float64)
     vectors = np.asarray(normals, np.float64)
@@ -241,31 +137,7 @@ def incidence_angles(xyz: ArrayLike, normals: ArrayLike, origins: ArrayLike) -> 
 def binned_quantiles(
     values: ArrayLike, at: ArrayLike, edges: ArrayLike, *, shares: tuple[float, ...] = (0.25, 0.5, 0.75)
 ) -> NDArray[np.float64]:
-    """Return quantiles of values in bins of another quantity.
-
-    Parameters
-    ----------
-    values : array-like of shape (n,)
-        Values; those that are not finite are skipped.
-    at : array-like of shape (n,)
-        Quantity that is binned.
-    edges : array-like of shape (b + 1,)
-        Rising edges of the bins; each bin includes its lower edge.
-    shares : tuple of float, default (0.25, 0.5, 0.75)
-        Quantiles, 0 to 1.
-
-    Returns
-    -------
-    ndarray of shape (b, len(shares)), float64
-        NaN in empty bins.
-
-    Raises
-    ------
-    DataError
-        If the columns differ in length.
-    ParameterError
-        If the edges do not rise.
-    """
+    """Return quantiles of values in bins of another quantity."""
     where = np.asarray(at, np.float64)
     numbers = check_column(values, len(where), "values").astype(np.float64)
     borders = np.asarray(edges, np.float64)
@@ -282,18 +154,7 @@ def binned_quantiles(
 
 
 def distribution_gap(first: ArrayLike, second: ArrayLike) -> float:
-    """Return the Kolmogorov-Smirnov statistic: the largest difference of two distribution functions.
-
-    Parameters
-    ----------
-    first, second : array-like of shape (n,), (m,)
-        Samples; values that are not finite are skipped.
-
-    Returns
-    -------
-    float
-        0 for equal distributions to 1 for disjoint ones; NaN if one is empty.
-    """
+    """Return the Kolmogorov-Smirnov statistic: the largest difference of two distribution functions."""
     a, b = (np.sort(v[np.isfinite(v)]) for v in (np.asarray(first, np.float64), np.asarray(second, np.float64)))
     if len(a) == 0 or len(b) == 0:
         return float("nan")

@@ -12,9 +12,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.cameras.camera import LARGEST, Camera
+from mlsroad_pipeline.algorithms.cameras.poses import PoseTrack, rotation_of
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
-from mlsroad_pipeline.algorithms.image_labels.camera import LARGEST, Camera
-from mlsroad_pipeline.algorithms.image_labels.poses import PoseTrack, rotation_of
 from mlsroad_pipeline.formats.files import WRONG, named_errors
 from mlsroad_pipeline.surveys.images import PICTURES, PosedImage, SurveyImages, picture_size
 
@@ -29,16 +29,6 @@ def read_images(
     """Read the images of a survey with calibrations and poses.
 
     Integer pixel coordinates are pixel centres in all three formats.
-
-    - ``*.json``: ``images``, a list of ``{name, camera, gps_time}`` with ``K``, ``distortion``, ``R``, ``t``, ``width``
-      and ``height`` each (p_cam = R (p - ``origin``) + t), as in simulated surveys; or the same six by camera name
-      under ``cameras``, with R and t from the axes of the vehicle (x forward, y left, z up) to those of the camera, and
-      the poses of the vehicle in `trajectory`.
-    - ``*.csv``: one row per image with the columns ``name, camera, gps_time, fx, fy, cx, cy, width, height``,
-      optionally ``k1, k2, p1, p2, k3`` (lens distortion), and ``x, y, z`` (camera position in the world, metres) and
-      ``qw, qx, qy, qz`` (rotation from camera to world axes). Instead of the last seven, ``mount_x`` to ``mount_qz``
-      give the pose relative to the vehicle, and `trajectory` the poses of the vehicle.
-    - a KITTI folder or its ``calib.txt``, see `read_kitti`.
     """
     source = Path(path)
     if not source.exists():

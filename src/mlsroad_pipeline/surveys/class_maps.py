@@ -9,9 +9,9 @@ from typing import Any
 
 import yaml
 
+from mlsroad_pipeline.algorithms.cameras.legend import Legend
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.algorithms.image_labels.legend import Legend
 
 OF_SCHEME = "scheme"
 """Name of the map of a network of this package: the classes of the scheme, then the sky."""

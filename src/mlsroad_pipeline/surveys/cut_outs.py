@@ -27,22 +27,7 @@ class CutOut(NamedTuple):
 
 
 def cut_out(clouds: Sequence[Path], places: NDArray[np.float64], reach: NDArray[np.float64]) -> list[CutOut]:
-    """Return the points within `reach` in x and y of each place; clouds are read once, in parts.
-
-    Parameters
-    ----------
-    clouds : sequence of Path
-        Labelled clouds.
-    places : ndarray of float64, shape (k, 2)
-        Places in plan, metres.
-    reach : ndarray of float64, shape (k,)
-        Half the side of each square, metres.
-
-    Returns
-    -------
-    list of CutOut
-        One per place.
-    """
+    """Return the points within `reach` in x and y of each place; clouds are read once, in parts."""
     parts: list[list[CutOut]] = [[] for _ in places]
     for path in clouds:
         form = get_format(path)

@@ -36,24 +36,12 @@ TRUTH = b"instance,label,"
 
 @dataclass(frozen=True)
 class SurveyFile:
-    """One file of a survey.
+    """One file of a survey."""
 
-    Parameters
-    ----------
-    path : str
-        Path of the file.
-    name : str
-        Path below the root of the survey, with forward slashes.
-    folder : str
-        Folder below the root; the files of a folder are one drive and are cut together.
-    trajectory : str or None
-        Path of the trajectory beside the file.
-    """
-
-    path: str
-    name: str
-    folder: str
-    trajectory: str | None
+    path: str  # Path of the file
+    name: str  # Path below the root of the survey, with forward slashes
+    folder: str  # Folder below the root; the files of a folder are one drive and are cut together
+    trajectory: str | None  # Path of the trajectory beside the file
 
 
 def check_name(path: str | Path) -> None:
@@ -68,31 +56,17 @@ def check_name(path: str | Path) -> None:
 
 @dataclass(frozen=True)
 class SurveyListing:
-    """Files of a survey, and those left out.
+    """Files of a survey, and those left out."""
 
-    Parameters
-    ----------
-    files : list of SurveyFile
-        Files of points.
-    skipped : mapping of str to str
-        Name of each file left out to the reason.
-    """
-
-    files: list[SurveyFile]
-    skipped: Mapping[str, str]
+    files: list[SurveyFile]  # Files of points
+    skipped: Mapping[str, str]  # Name of each file left out to the reason
 
 
 @dataclass(frozen=True)
 class Survey:
-    """Places of a survey's files.
+    """Places of a survey's files."""
 
-    Parameters
-    ----------
-    roots : tuple of str
-        Files, folders and globs. Named files may lie in different folders.
-    """
-
-    roots: tuple[str, ...]
+    roots: tuple[str, ...]  # Files, folders and globs. Named files may lie in different folders.
 
     @classmethod
     def at(cls, places: str | Path | Sequence[str | Path]) -> Survey:
@@ -121,10 +95,7 @@ class Survey:
         """Return all files of points, and those left out of folders and globs.
 
         Tables (`TABLES`) beside point clouds of another format are left out, since surveys are delivered with
-        trajectories, lists of objects and calibrations; a glob of such files includes them. The table of true
-        objects of a simulated street is no part of the survey, as its trajectory. Results of `label` below a
-        folder are left out, and files without points (`no_points_reason`; `text` is passed on). A file that is
-        named itself is never left out.
+        trajectories, lists of objects and calibrations; a glob of such files includes them.
         """
         paths: list[Path] = []
         reasons: dict[Path, str] = {}

@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image as Picture
 from PIL import UnidentifiedImageError
 
+from mlsroad_pipeline.algorithms.cameras.camera import Camera
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
 from mlsroad_pipeline.algorithms.core.plain_text import printable
-from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 """Suffixes of pictures, which the name of an image may lack."""
@@ -25,27 +25,13 @@ PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 
 @dataclass(frozen=True)
 class PosedImage:
-    """Image file with camera calibration and pose.
+    """Image file with camera calibration and pose."""
 
-    Parameters
-    ----------
-    name : str
-        Unique in the survey; it may have folders, such as ``front/0001``.
-    group : str
-        Name of the camera, such as ``front_left``.
-    time : float
-        GPS seconds; NaN if unknown.
-    camera : Camera
-        Calibration and pose, for points in world coordinates less `SurveyImages.origin`.
-    path : Path
-        Picture file.
-    """
-
-    name: str
-    group: str
-    time: float
-    camera: Camera
-    path: Path
+    name: str  # Unique in the survey; it may have folders, such as ``front/0001``
+    group: str  # Name of the camera, such as ``front_left``
+    time: float  # GPS seconds; NaN if unknown
+    camera: Camera  # Calibration and pose, for points in world coordinates less `SurveyImages.origin`
+    path: Path  # Picture file
 
     @property
     def root(self) -> Path:
@@ -117,21 +103,12 @@ def _readable(path: Path) -> Iterator[Picture.Image]:
 
 @dataclass(frozen=True)
 class SurveyImages(Sequence[PosedImage]):
-    """Images of a survey in the order of time.
+    """Images of a survey in the order of time."""
 
-    Parameters
-    ----------
-    images : tuple of PosedImage
-        Images; empty for a survey without images.
-    origin : ndarray of shape (3,), float64
-        World coordinates that the cameras' poses are relative to, metres.
-    source : str
-        File with the calibration.
-    """
-
-    images: tuple[PosedImage, ...]
+    images: tuple[PosedImage, ...]  # Images; empty for a survey without images
+    # World coordinates that the cameras' poses are relative to, metres
     origin: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
-    source: str = "survey without images"
+    source: str = "survey without images"  # File with the calibration
 
     def __len__(self) -> int:
         """Return the number of images."""

@@ -56,32 +56,14 @@ MARGIN = 0.05
 
 @dataclass(frozen=True)
 class InspectParameters:
-    """A survey to inspect.
+    """A survey to inspect."""
 
-    Parameters
-    ----------
-    survey : str or sequence of str, default ""
-        File, folder or glob, or several of them; empty takes the survey of the comparison.
-    output : str, default ""
-        Folder of the report; empty takes the folder of the reports of the project.
-    trajectory : str, optional
-        Name of the trajectory file beside the points.
-    max_gap : float, default 1.0
-        Largest step in time that is not a gap, seconds.
-    read : mapping
-        Arguments of `ReadOptions`.
-
-    Raises
-    ------
-    ParameterError
-        If `max_gap` is not positive.
-    """
-
+    # File, folder or glob, or several of them; empty takes the survey of the comparison
     survey: str | Sequence[str] = ""
-    output: str = ""
-    trajectory: str | None = "trajectory.csv"
-    max_gap: float = 1.0
-    read: Mapping[str, Any] = field(default_factory=dict)
+    output: str = ""  # Folder of the report; empty takes the folder of the reports of the project
+    trajectory: str | None = "trajectory.csv"  # Name of the trajectory file beside the points
+    max_gap: float = 1.0  # Largest step in time that is not a gap, seconds
+    read: Mapping[str, Any] = field(default_factory=dict)  # Arguments of `ReadOptions`
 
     def __post_init__(self) -> None:
         check_positive(self.max_gap, "inspect.max_gap")
@@ -89,30 +71,14 @@ class InspectParameters:
 
 @dataclass
 class FileInspection:
-    """Result of the inspection of one file.
+    """Result of the inspection of one file."""
 
-    Attributes
-    ----------
-    name : str
-        Path below the root of the survey.
-    info : FileInfo
-        Content of the header.
-    picture : SurveyMap
-        Map of the point density.
-    facts : dict
-        Figures as plain data for JSON.
-    overview : SurveyFacts
-        Facts of the warnings that `label` has too.
-    more : list of str
-        Further warnings.
-    """
-
-    name: str
-    info: FileInfo
-    picture: SurveyMap
-    facts: dict[str, Any]
-    overview: SurveyFacts
-    more: list[str]
+    name: str  # Path below the root of the survey
+    info: FileInfo  # Content of the header
+    picture: SurveyMap  # Map of the point density
+    facts: dict[str, Any]  # Figures as plain data for JSON
+    overview: SurveyFacts  # Facts of the warnings that `label` has too
+    more: list[str]  # Further warnings
 
     @property
     def warnings(self) -> list[str]:

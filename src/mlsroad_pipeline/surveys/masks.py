@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.cameras.camera import Camera
+from mlsroad_pipeline.algorithms.cameras.legend import Legend
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.plain_text import printable
-from mlsroad_pipeline.algorithms.image_labels.camera import Camera
-from mlsroad_pipeline.algorithms.image_labels.legend import Legend
 from mlsroad_pipeline.surveys.images import PICTURES, PosedImage, SurveyImages, opened_picture
 
 SUFFIXES = (".npz", ".png")
@@ -38,18 +38,10 @@ _DAMAGED = (
 
 @dataclass(frozen=True)
 class MaskLegend:
-    """Class map of masks: number, name and class of points.
+    """Class map of masks: number, name and class of points."""
 
-    Parameters
-    ----------
-    legend : Legend
-        The class map.
-    scheme : ClassScheme
-        The classes of points.
-    """
-
-    legend: Legend
-    scheme: ClassScheme
+    legend: Legend  # The class map
+    scheme: ClassScheme  # The classes of points
 
 
 def masks_of_drives(drives: Mapping[str, SurveyImages], folder: str) -> dict[str, SurveyImages]:

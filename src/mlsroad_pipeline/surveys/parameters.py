@@ -11,51 +11,27 @@ from typing import Any
 from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.algorithms.core.validation import check_positive
-from mlsroad_pipeline.algorithms.inventory.kerbs.kerb_lines import LEAST_LENGTH
-from mlsroad_pipeline.algorithms.inventory.kerbs.steps import StepLimits
-from mlsroad_pipeline.algorithms.inventory.markings import marking_lines
+from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import LEAST_LENGTH
+from mlsroad_pipeline.algorithms.inventory.lines.kerbs.steps import StepLimits
+from mlsroad_pipeline.algorithms.inventory.lines.markings import marking_lines
 from mlsroad_pipeline.formats.crs import parse_crs
 from mlsroad_pipeline.formats.options import NEW_SURVEY, TAXONOMY_CODING, ReadOptions
 
 
 @dataclass(frozen=True)
 class SurveyParameters:
-    """The survey of a comparison.
+    """The survey of a comparison."""
 
-    Parameters
-    ----------
-    root : str
-        Folder of the survey.
-    splits : mapping
-        Split name to a glob, a list of globs, or ``{files, along, sectors, gap}``; None removes a split of the base
-        configuration.
-    scheme : str
-        Class scheme of the training.
-    evaluation_scheme : str, optional
-        Coarser class scheme of the scores; None takes `scheme`.
-    coding : str, default "taxonomy"
-        Meaning of the label codes: a coding of ``parameters_classes.yml``.
-    trajectory : str, optional
-        Name of the trajectory file beside the points.
-    read : mapping
-        Arguments of `ReadOptions`.
-    source : str, optional
-        Where the survey can be obtained, for the message when `root` is not a folder.
-
-    Raises
-    ------
-    ParameterError
-        If the name of a split has characters other than letters, digits, `_` and `-`.
-    """
-
-    root: str
+    root: str  # Folder of the survey
+    # Split name to a glob, a list of globs, or ``{files, along, sectors, gap}``; None removes a split of the base
+    # configuration
     splits: Mapping[str, Any]
-    scheme: str
-    evaluation_scheme: str | None = None
-    coding: str = "taxonomy"
-    trajectory: str | None = None
-    read: Mapping[str, Any] = field(default_factory=dict)
-    source: str | None = None
+    scheme: str  # Class scheme of the training
+    evaluation_scheme: str | None = None  # Coarser class scheme of the scores; None takes `scheme`
+    coding: str = "taxonomy"  # Meaning of the label codes: a coding of ``parameters_classes.yml``
+    trajectory: str | None = None  # Name of the trajectory file beside the points
+    read: Mapping[str, Any] = field(default_factory=dict)  # Arguments of `ReadOptions`
+    source: str | None = None  # Where the survey can be obtained, for the message when `root` is not a folder
 
     def __post_init__(self) -> None:
         for name in self.splits:
@@ -100,87 +76,46 @@ def _check_share(value: object, name: str) -> None:
 
 @dataclass(frozen=True)
 class LabelParameters:
-    """A survey to label, the model and the outputs.
+    """A survey to label, the model and the outputs."""
 
-    Parameters
-    ----------
-    survey : str or sequence of str
-        File, folder or glob, or several of them.
-    output : str
-        Folder for the results; not a folder of the survey.
-    method : str, optional
-        Slug of the method; None takes the champion of the registered models or a shipped model.
-    model : int or str, optional
-        Name of a shipped model, version or alias of a registered one, or path of a model's folder.
-    scheme : str, default "asprs"
-        Codes to write: ``"asprs"``, or a class scheme that the model's classes nest in, as codes from 64.
-    trajectory : str, optional
-        Name of the trajectory file beside the points.
-    read : mapping
-        Arguments of `ReadOptions`.
-    inventory : mapping
-        Changes of the object rules, by kind or class.
-    least_score : float, default 0.4
-        Least score of a listed object, 0 to 1. Larger lists fewer objects, of which more are right; 0 lists all
-        candidates.
-    join_drives : bool or None, default None
-        Whether an object or a line that several drives (folders of files) recorded is listed once. None does so where
-        all coordinates are farther than 10 km from the origin; those of single scans are of the scanner.
-    kerbs : mapping or None
-        Changes of the limits of kerbs: `StepLimits`, and `least_length` in metres. None finds no kerbs.
-    markings : mapping or None
-        Changes of `least_contrast` (standard deviations of the road) and `least_length` (metres). None finds no
-        markings.
-    copc : bool, default False
-        Whether to write a cloud-optimised copy (``.copc.laz``) beside each LAZ, for web viewers and QGIS.
-    coloured_ply : bool, default False
-        Whether to write a PLY with class colours beside each LAZ, for viewers without classification colours.
-    export : sequence of str, default ()
-        Formats of further copies of the inventory, of `EXPORT_FORMATS`; a single text separates them by commas.
-    sections : str or None, default None
-        CSV file of road sections: `section`, `from_station`, `to_station` in metres along the trajectory. None counts
-        objects per 100 m.
-    photos : bool, default False
-        Whether to write a photo of each object that an image beside the points shows.
-    images : str or None, default "calibration.json"
-        Name of the camera file beside the points, or its path, for methods that use images; see
-        `camera_files.read_images`. None means a survey without images.
-    crs : str or None, default None
-        Coordinate reference system of the survey as WKT or a code ("EPSG:28992"), in place of that of the files;
-        coordinates are not transformed. None keeps that of the files.
-    overwrite : bool, default False
-        Whether results of other runs and edited results in `output` may be replaced.
-    keep_state : bool, default False
-        Whether the scene stores of a finished run stay in `output`.
-
-    Raises
-    ------
-    ParameterError
-        If a value has the wrong type, `model` is neither a version nor a name, `export` names an unknown format,
-        `photos` is set without `images`, or `crs` is not a coordinate reference system.
-    """
-
-    survey: str | Sequence[str]
-    output: str
-    method: str | None = None
+    survey: str | Sequence[str]  # File, folder or glob, or several of them
+    output: str  # Folder for the results; not a folder of the survey
+    method: str | None = None  # Slug of the method; None takes the champion of the registered models or a shipped model
+    # Name of a shipped model, version or alias of a registered one, or path of a model's folder
     model: int | str | None = None
+    # Codes to write: ``"asprs"``, or a class scheme that the model's classes nest in, as codes from 64
     scheme: str = "asprs"
-    trajectory: str | None = "trajectory.csv"
-    read: Mapping[str, Any] = field(default_factory=dict)
-    inventory: Mapping[str, Any] = field(default_factory=dict)
+    trajectory: str | None = "trajectory.csv"  # Name of the trajectory file beside the points
+    read: Mapping[str, Any] = field(default_factory=dict)  # Arguments of `ReadOptions`
+    inventory: Mapping[str, Any] = field(default_factory=dict)  # Changes of the object rules, by kind or class
+    # Least score of a listed object, 0 to 1. Larger lists fewer objects, of which more are right; 0 lists all
+    # candidates.
     least_score: float = 0.4
+    # Whether an object or a line that several drives (folders of files) recorded is listed once. None does so where all
+    # coordinates are farther than 10 km from the origin; those of single scans are of the scanner.
     join_drives: bool | None = None
+    # Changes of the limits of kerbs: `StepLimits`, and `least_length` in metres. None finds no kerbs.
     kerbs: Mapping[str, Any] | None = field(default_factory=dict)
+    # Changes of `least_contrast` (standard deviations of the road) and `least_length` (metres). None finds no markings.
     markings: Mapping[str, Any] | None = field(default_factory=dict)
+    # Whether to write a cloud-optimised copy (``.copc.laz``) beside each LAZ, for web viewers and QGIS
     copc: bool = False
+    # Whether to write a PLY with class colours beside each LAZ, for viewers without classification colours
     coloured_ply: bool = False
+    # Formats of further copies of the inventory, of `EXPORT_FORMATS`; a single text separates them by commas
     export: Sequence[str] = ()
+    # CSV file of road sections: `section`, `from_station`, `to_station` in metres along the trajectory. None counts
+    # objects per 100 m.
     sections: str | None = None
-    photos: bool = False
+    photos: bool = False  # Whether to write a photo of each object that an image beside the points shows
+    # Name of the camera file beside the points, or its path, for methods that use images; see
+    # `camera_files.read_images`. None means a survey without images.
     images: str | None = "calibration.json"
+    # Coordinate reference system of the survey as WKT or a code ("EPSG:28992"), in place of that of the files;
+    # coordinates are not transformed. None keeps that of the files.
     crs: str | None = None
-    overwrite: bool = False
-    keep_state: bool = False
+    overwrite: bool = False  # Whether results of other runs and edited results in `output` may be replaced
+    keep_state: bool = False  # Whether the scene stores of a finished run stay in `output`
 
     def __post_init__(self) -> None:
         for name in ("copc", "coloured_ply", "photos", "overwrite", "keep_state", "join_drives"):

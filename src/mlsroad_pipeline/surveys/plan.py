@@ -24,52 +24,24 @@ _LONGEST_KEY = 120
 
 @dataclass(frozen=True)
 class PlannedFile:
-    """A file with its split, its drive and its key.
+    """A file with its split, its drive and its key."""
 
-    Parameters
-    ----------
-    key : str
-        Key of the file in the stores (`SceneKey`).
-    split : str
-        Name of its split.
-    number : int
-        Index among the files of its drive.
-    drive : str
-        Key of the drive, whose files are cut together.
-    source : SurveyFile
-        The file.
-    part : SplitPart
-        Part of the file that belongs to the split.
-    """
-
-    key: str
-    split: str
-    number: int
-    drive: str
-    source: SurveyFile
-    part: SplitPart
+    key: str  # Key of the file in the stores (`SceneKey`)
+    split: str  # Name of its split
+    number: int  # Index among the files of its drive
+    drive: str  # Key of the drive, whose files are cut together
+    source: SurveyFile  # The file
+    part: SplitPart  # Part of the file that belongs to the split
 
 
 @dataclass(frozen=True)
 class SurveyPlan:
-    """All files of a run, and how they are read.
+    """All files of a run, and how they are read."""
 
-    Parameters
-    ----------
-    files : tuple of PlannedFile
-        Files, ordered by split and name.
-    options : ReadOptions
-        Options of the readers.
-    labels : bool
-        Whether labels are read.
-    skipped : mapping of str to str
-        Name of each file that is left out to the reason.
-    """
-
-    files: tuple[PlannedFile, ...]
-    options: ReadOptions
-    labels: bool
-    skipped: Mapping[str, str] = field(default_factory=dict)
+    files: tuple[PlannedFile, ...]  # Files, ordered by split and name
+    options: ReadOptions  # Options of the readers
+    labels: bool  # Whether labels are read
+    skipped: Mapping[str, str] = field(default_factory=dict)  # Name of each file that is left out to the reason
 
     def drives(self) -> dict[str, list[PlannedFile]]:
         """Return the files of each drive by its key."""

@@ -36,23 +36,7 @@ def plan_warnings(
     trajectory: bool,
     missing_of: MissingOf,
 ) -> list[str]:
-    """Return the warnings on a survey to label, one per cause.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
-    quality : DataFrame
-        Quality of each file (`quality_table`).
-    info : mapping of str to FileFacts
-        Key of each file to its facts.
-    notes : mapping of str to str
-        Key of each drive to the note on its corridor.
-    trajectory : bool
-        Whether a trajectory is expected.
-    missing_of : callable
-        See `MissingOf`.
-    """
+    """Return the warnings on a survey to label, one per cause."""
     rows: list[dict[str, Any]] = [{str(key): value for key, value in row.items()} for row in quality.to_dict("records")]
     reports = {str(row["source"]): QualityReport.from_row(row) for row in rows}
     beside = {drive: trajectory_beside(files) is not None for drive, files in plan.drives().items()}

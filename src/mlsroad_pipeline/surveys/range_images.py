@@ -15,25 +15,12 @@ from mlsroad_pipeline.algorithms.core.validation import check_at_least
 
 @dataclass(frozen=True)
 class RangeImage:
-    """Size and field of view of a range image.
+    """Size and field of view of a range image."""
 
-    Parameters
-    ----------
-    rows, columns : int
-        Numbers of its rows and columns.
-    top, bottom : float, default 3.0, -25.0
-        Elevations of its upper and lower edge, degrees.
-
-    Raises
-    ------
-    ParameterError
-        If a number is below 1, or `top` is not above `bottom`.
-    """
-
-    rows: int
-    columns: int
-    top: float = 3.0
-    bottom: float = -25.0
+    rows: int  # Numbers of its rows and columns
+    columns: int  # Numbers of its rows and columns
+    top: float = 3.0  # Elevations of its upper and lower edge, degrees
+    bottom: float = -25.0  # Elevations of its upper and lower edge, degrees
 
     def __post_init__(self) -> None:
         check_at_least(self.rows, 1, "rows")

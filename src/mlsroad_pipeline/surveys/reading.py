@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud, concatenate
-from mlsroad_pipeline.algorithms.inventory.sightings import visit_columns
+from mlsroad_pipeline.algorithms.inventory.objects.sightings import visit_columns
 from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk
 from mlsroad_pipeline.algorithms.quality.tables import chunk_to_arrays
 from mlsroad_pipeline.algorithms.scenes.binning import CutPoints, cut_points

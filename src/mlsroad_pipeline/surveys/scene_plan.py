@@ -22,25 +22,13 @@ MESSAGE_FILES = 3
 
 @dataclass(frozen=True)
 class RangeOfRows:
-    """Consecutive rows of a file.
+    """Consecutive rows of a file."""
 
-    Parameters
-    ----------
-    file : PlannedFile
-        The file.
-    start, stop : int
-        First row and the row after the last one.
-    n_total : int
-        Number of points of the whole file.
-    constant : tuple of str
-        Columns with a single value in the whole file; they are not read.
-    """
-
-    file: PlannedFile
-    start: int
-    stop: int
-    n_total: int
-    constant: tuple[str, ...]
+    file: PlannedFile  # The file
+    start: int  # First row and the row after the last one
+    stop: int  # First row and the row after the last one
+    n_total: int  # Number of points of the whole file
+    constant: tuple[str, ...]  # Columns with a single value in the whole file; they are not read
 
     @property
     def key(self) -> str:
@@ -77,24 +65,12 @@ def cut_ranges(plan: SurveyPlan, info: Mapping[str, FileFacts], ingest: IngestPa
 
 @dataclass(frozen=True)
 class PlannedScene:
-    """A scene and the pieces that it is assembled from.
+    """A scene and the pieces that it is assembled from."""
 
-    Parameters
-    ----------
-    key : str
-        Key of the scene in the stores.
-    span : SceneSpan
-        Bins of core and buffers.
-    pieces : tuple of str
-        Keys of the ranges with points in its core, its buffers or its context.
-    source : str
-        Name in messages: the files that its points come from, and the name of the span.
-    """
-
-    key: str
-    span: SceneSpan
-    pieces: tuple[str, ...]
-    source: str
+    key: str  # Key of the scene in the stores
+    span: SceneSpan  # Bins of core and buffers
+    pieces: tuple[str, ...]  # Keys of the ranges with points in its core, its buffers or its context
+    source: str  # Name in messages: the files that its points come from, and the name of the span
 
 
 def plan_drive(

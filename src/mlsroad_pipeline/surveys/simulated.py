@@ -61,32 +61,16 @@ def configured_survey(config: Mapping[str, Any]) -> tuple[SimulationParameters, 
 
 @dataclass(frozen=True)
 class SurveyFiles:
-    """File layout of a survey.
+    """File layout of a survey."""
 
-    Parameters
-    ----------
-    piece_length : float, optional
-        Street per point file, metres; by default one file holds all points. The memory needed is
-        small in either case.
-    frames : bool, default False
-        Whether each revolution of the first scanner is also written as a KITTI scan with SemanticKITTI labels; for
-        scanners that rotate about an upright axis.
-    scan_spacing : float, optional
-        Street between single scans, metres, each in a point file of its own; see `SimulationParameters`.
-    range_image : RangeImage, optional
-        Range image to which each scan of a rotating scanner is thinned.
-
-    Raises
-    ------
-    ParameterError
-        If `piece_length` or `scan_spacing` is not positive, `scan_spacing` is given with `piece_length` or `frames`,
-        or `range_image` without it.
-    """
-
+    # Street per point file, metres; by default one file holds all points. The memory needed is small in either case.
     piece_length: float | None = None
+    # Whether each revolution of the first scanner is also written as a KITTI scan with SemanticKITTI labels; for
+    # scanners that rotate about an upright axis
     frames: bool = False
+    # Street between single scans, metres, each in a point file of its own; see `SimulationParameters`
     scan_spacing: float | None = None
-    range_image: RangeImage | None = None
+    range_image: RangeImage | None = None  # Range image to which each scan of a rotating scanner is thinned
 
     def __post_init__(self) -> None:
         for name in ("piece_length", "scan_spacing"):
@@ -125,8 +109,6 @@ def write_simulated_survey(
     """Simulate a survey and write it into a folder, which appears complete or not at all.
 
     Points are written as they are simulated: a street of kilometres takes no more memory than one of some 200 m.
-    `progress` is called with the distance covered so far, metres; without it, the distance and the time left are
-    reported as lines.
     """
     progress = progress or distance_lines(Path(folder).name, parameters.length * parameters.passes)
     files = SurveyFiles() if files is None else files

@@ -58,20 +58,6 @@ class FrameWriter:
 
     A frame is one revolution, from behind to behind. Its points are in the scanner's axes (x forward, y left, z up) at
     the middle of the revolution, with the motion within it removed by the reported trajectory.
-
-    Parameters
-    ----------
-    folder : Path
-        Output folder.
-    parameters : SimulationParameters
-        Survey parameters.
-    pieces : SurveyPieces
-        The survey.
-
-    Raises
-    ------
-    ParameterError
-        If the first scanner does not rotate about an upright axis.
     """
 
     def __init__(self, folder: Path, parameters: SimulationParameters, pieces: SurveyPieces) -> None:

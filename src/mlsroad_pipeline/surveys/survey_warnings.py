@@ -39,45 +39,19 @@ AS_POINTS = (
 
 @dataclass(frozen=True)
 class SurveyFacts:
-    """Facts of a file that warnings are made of.
+    """Facts of a file that warnings are made of."""
 
-    Parameters
-    ----------
-    quality : QualityReport
-        Quality of the points; its `source` is the name of the file.
-    crs : str or None
-        Coordinate reference system as WKT.
-    form : str
-        Name of the format.
-    trajectory : str, default "none"
-        ``"none"``, ``"beside"`` the points, or ``"off"`` if the user wants none.
-    constant : tuple of str
-        Columns with a single value.
-    whole_numbers : bool, default False
-        Whether a sample of the coordinates has whole numbers only.
-    in_metres : bool, default True
-        Whether the coordinates of the file are taken for metres.
-    stated_crs : str or None
-        System that the file states, if the options of the reader replace it by another.
-    columns : tuple of str
-        Columns of the file; the standard ones if empty.
-    notes : tuple of str
-        Further sentences, such as on the trajectory.
-    bounds : ndarray of shape (2, 3), optional
-        Bounds that the header states, metres; None or NaN without them.
-    """
-
-    quality: QualityReport
-    crs: str | None
-    form: str
-    trajectory: str = "none"
-    constant: tuple[str, ...] = ()
-    whole_numbers: bool = False
-    in_metres: bool = True
-    stated_crs: str | None = None
-    columns: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-    bounds: NDArray[np.float64] | None = None
+    quality: QualityReport  # Quality of the points; its `source` is the name of the file
+    crs: str | None  # Coordinate reference system as WKT
+    form: str  # Name of the format
+    trajectory: str = "none"  # ``"none"``, ``"beside"`` the points, or ``"off"`` if the user wants none
+    constant: tuple[str, ...] = ()  # Columns with a single value
+    whole_numbers: bool = False  # Whether a sample of the coordinates has whole numbers only
+    in_metres: bool = True  # Whether the coordinates of the file are taken for metres
+    stated_crs: str | None = None  # System that the file states, if the options of the reader replace it by another
+    columns: tuple[str, ...] = ()  # Columns of the file; the standard ones if empty
+    notes: tuple[str, ...] = ()  # Further sentences, such as on the trajectory
+    bounds: NDArray[np.float64] | None = None  # Bounds that the header states, metres; None or NaN without them
 
     @property
     def name(self) -> str:
@@ -193,17 +167,7 @@ def crs_label(crs: str | None) -> str:
 def survey_warnings(
     files: Sequence[SurveyFacts], skipped: Mapping[str, str], more: Mapping[str, Sequence[str]] | None = None
 ) -> list[tuple[str, str]]:
-    """Return the warnings on a survey, one per cause, as pairs of the files and a sentence.
-
-    Parameters
-    ----------
-    files : sequence of SurveyFacts
-        The files of the survey.
-    skipped : mapping of str to str
-        Name of each file that is left out to its reason.
-    more : mapping of str to sequence of str, optional
-        Name of a file to further sentences on it.
-    """
+    """Return the warnings on a survey, one per cause, as pairs of the files and a sentence."""
     more = more or {}
     rows = [(name, reason) for name, reason in skipped.items()]
     rows += [(name, AS_POINTS) for name in _names_of_trajectories(files)]

@@ -15,36 +15,14 @@ from mlsroad_pipeline.surveys.recording_scenes import files_by_name
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingRecording(LabelledRecording):
-    """One recording; codes that are ignored are not trained on.
-
-    Parameters
-    ----------
-    sha256 : str
-        Digest of the files, see `digest`.
-    """
+    """One recording; codes that are ignored are not trained on."""
 
     section = "shipped.recordings"
 
-    sha256: str
+    sha256: str  # Digest of the files, see `digest`
 
     def paths(self, root: Path) -> dict[str, Path]:
-        """Return the point files by their names up to the first dot.
-
-        Parameters
-        ----------
-        root : Path
-            Folder of all recordings.
-
-        Returns
-        -------
-        dict of str to Path
-            The files, sorted by name.
-
-        Raises
-        ------
-        ReadError
-            If there is none, two have one name, or the files are others than those of the model.
-        """
+        """Return the point files by their names up to the first dot."""
         found = files_by_name(root, self.files)
         if not found:
             raise ReadError(
@@ -60,20 +38,7 @@ class TrainingRecording(LabelledRecording):
 
 
 def described_recordings(config: Mapping[str, Mapping[str, Any]], keys: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Return title, licence, digest and number of scenes of each recording, for the registry entry of a model.
-
-    Parameters
-    ----------
-    config : mapping of str to mapping
-        Name to the fields of `TrainingRecording`.
-    keys : iterable of str
-        Keys of the scenes, each with the name of its recording before the first dot.
-
-    Returns
-    -------
-    dict of str to dict
-        The facts by name.
-    """
+    """Return title, licence, digest and number of scenes of each recording, for the registry entry of a model."""
     of_scene = [key.partition(".")[0] for key in keys]
     return {
         name: {"title": r.title, "licence": r.licence, "scenes": of_scene.count(name), "sha256": r.sha256}
@@ -82,18 +47,7 @@ def described_recordings(config: Mapping[str, Mapping[str, Any]], keys: Iterable
 
 
 def digest(paths: Sequence[Path]) -> str:
-    """Return the SHA256 of the names and contents of files.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        The files, in any order.
-
-    Returns
-    -------
-    str
-        Hexadecimal digest.
-    """
+    """Return the SHA256 of the names and contents of files."""
     whole = hashlib.sha256()
     for path in sorted(paths, key=lambda p: p.name):
         with path.open("rb") as file:

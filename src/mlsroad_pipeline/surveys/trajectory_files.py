@@ -34,9 +34,7 @@ def read_trajectory(
     """Read a trajectory from a text file or from SBET, which is recognised by its content.
 
     Values are separated by semicolons, tabs, commas or blanks; all but commas allow decimal commas. Lines that begin
-    with ``#``, ``%`` or ``//`` are comments. A header line is recognised, in any case and with units in brackets or
-    after the name (``Easting[m]``). Without a header the columns are ``time x y z``, and further columns are ignored.
-    `factors` turn the units of text into metres.
+    with ``#``, ``%`` or ``//`` are comments.
     """
     source = Path(path)
     if not source.is_file():

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
-from mlsroad_pipeline.algorithms.inventory.boxes import vehicle_box
-from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, KINDS, ObjectRule
+from mlsroad_pipeline.algorithms.inventory.objects.boxes import vehicle_box
+from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, KINDS, ObjectRule
 from mlsroad_pipeline.formats.files import named_errors
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
@@ -36,22 +36,13 @@ _NUMBERS = (
 
 
 class Truth(NamedTuple):
-    """True objects of a survey.
+    """True objects of a survey."""
 
-    Attributes
-    ----------
-    objects : DataFrame
-        `kind`, `x`, `y`, `counted` (False for moving objects and those outside the truth), and measures with the names
-        of the inventory, where they are known; `points` and `instance` where they are known.
-    region : shapely geometry or None
-        Where the truth is complete, in plan; None is everywhere.
-    source : str
-        Kind of table: ``simulated``, ``table``, ``pandaset``, ``kitti`` or ``semantickitti``.
-    """
-
+    # `kind`, `x`, `y`, `counted` (False for moving objects and those outside the truth), and measures with the names of
+    # the inventory, where they are known; `points` and `instance` where they are known
     objects: pd.DataFrame
-    region: shapely.Geometry | None
-    source: str
+    region: shapely.Geometry | None  # Where the truth is complete, in plan; None is everywhere
+    source: str  # Kind of table: ``simulated``, ``table``, ``pandaset``, ``kitti`` or ``semantickitti``
 
 
 def read_truth(path: str | Path) -> Truth:

@@ -7,7 +7,7 @@ import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, missing_attributes
-from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
+from mlsroad_pipeline.model_store.bundle_files import load_bundle, save_bundle
 
 METADATA = {
     "classes": ["ground", "object"],

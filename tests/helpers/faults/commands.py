@@ -102,9 +102,9 @@ def inventory(work: Path, output: Path) -> None:
     """Write an inventory of a pole, a vehicle and a kerb in every format."""
     from helpers.inventories import planted_inventory
 
-    from mlsroad_pipeline.datasets.inventory.exports import EXPORTS
-    from mlsroad_pipeline.datasets.inventory.geopackage import write_geopackage
-    from mlsroad_pipeline.datasets.inventory.geoparquet import write_geoparquet
+    from mlsroad_pipeline.inventory_files.exports import EXPORTS
+    from mlsroad_pipeline.inventory_files.geopackage import write_geopackage
+    from mlsroad_pipeline.inventory_files.geoparquet import write_geoparquet
 
     del work
     output.mkdir(exist_ok=True)

@@ -7,13 +7,13 @@ import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.datasets.models.bundle_files import save_bundle
-from mlsroad_pipeline.datasets.models.registered_models import RegisteredVersion
-from mlsroad_pipeline.datasets.models.shipped_models import shipped_models
 from mlsroad_pipeline.label.models import selection
 from mlsroad_pipeline.label.models.available import available_models
 from mlsroad_pipeline.label.models.choice import ModelChoice, load_choice
 from mlsroad_pipeline.label.models.selection import choose_model
+from mlsroad_pipeline.model_store.bundle_files import save_bundle
+from mlsroad_pipeline.model_store.registered_models import RegisteredVersion
+from mlsroad_pipeline.model_store.shipped_models import shipped_models
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """Designs of built objects and vehicles: properties of each, over several streams."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -57,9 +58,11 @@ def test_names_are_unique_and_every_design_has_its_sizes():
 
 
 def test_every_design_is_documented():
-    page = (Path(__file__).resolve().parents[3] / "docs" / "street_objects.md").read_text()
-    rows = {line.split("`")[1]: line.split("|")[2].strip() for line in page.splitlines() if line.startswith("| `")}
-    assert rows == {name: design.label for name, design in DESIGNS.items()}
+    page = (Path(__file__).resolve().parents[3] / "docs" / "simulator.md").read_text()
+    table = page.split("| class | designs of built things and vehicles |")[1].split("\n\n")[0]
+    rows = [line.split("|")[1:3] for line in table.splitlines() if "`" in line]
+    documented = {name: label.strip() for label, names in rows for name in re.findall(r"`(\w+)`", names)}
+    assert documented == {name: design.label for name, design in DESIGNS.items()}
 
 
 @pytest.mark.parametrize("name", DESIGNS)

@@ -306,3 +306,28 @@ class ClassScheme:
             return np.array(self.asprs, dtype=np.uint8)
         coarse = self.coarsen(scheme)
         return np.where(coarse == IGNORE, 1, coarse + 64).astype(np.uint8)
+
+
+def find_scheme(schemes: Mapping[str, Any], name: str) -> ClassScheme:
+    """Return a class scheme of the configuration.
+
+    Parameters
+    ----------
+    schemes : mapping of str to mapping
+        The configured schemes.
+    name : str
+        Name of the scheme.
+
+    Returns
+    -------
+    ClassScheme
+        The scheme.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such scheme, or it is malformed.
+    """
+    if name not in schemes:
+        raise ParameterError(f"class scheme {name!r} is not configured (schemes: {', '.join(schemes)})")
+    return ClassScheme.from_config(name, schemes[name])

@@ -12,56 +12,22 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 
 @dataclass(frozen=True, kw_only=True)
 class LabelledRecording:
-    """Description of one recording, from a configuration.
-
-    Parameters
-    ----------
-    name : str
-        Name in keys and tables.
-    title : str
-        Name in reports, cards and messages.
-    files : str
-        Pattern of its point files below the root; one file is one scene.
-    coding : str
-        Name of the coding of its labels in ``classes.codings``.
-    licence : str
-        Licence of the data.
-    read : mapping
-        Further options of reading, see `ReadOptions`.
-    ignored : sequence of int
-        Codes of the coding that are ignored.
-    """
+    """Description of one recording, from a configuration."""
 
     section: ClassVar[str]
     """Section of the configuration that the recordings are in, for messages."""
 
-    name: str
-    title: str
-    files: str
-    coding: str
-    licence: str
-    read: Mapping[str, Any] = field(default_factory=dict)
-    ignored: Sequence[int] = ()
+    name: str  # Name in keys and tables
+    title: str  # Name in reports, cards and messages
+    files: str  # Pattern of its point files below the root; one file is one scene
+    coding: str  # Name of the coding of its labels in ``classes.codings``
+    licence: str  # Licence of the data
+    read: Mapping[str, Any] = field(default_factory=dict)  # Further options of reading, see `ReadOptions`
+    ignored: Sequence[int] = ()  # Codes of the coding that are ignored
 
     @classmethod
     def configured(cls, config: Mapping[str, Mapping[str, Any]]) -> dict[str, Self]:
-        """Return the recordings of a configuration.
-
-        Parameters
-        ----------
-        config : mapping of str to mapping
-            Name to the other fields.
-
-        Returns
-        -------
-        dict of str to LabelledRecording
-            The recordings.
-
-        Raises
-        ------
-        ParameterError
-            If one lacks a field or has an unknown one.
-        """
+        """Return the recordings of a configuration."""
         recordings = {}
         for name, fields in config.items():
             try:
@@ -71,23 +37,7 @@ class LabelledRecording:
         return recordings
 
     def read_coding(self, codings: Mapping[str, Mapping[int, str]]) -> Coding:
-        """Return the coding of the labels, with the ignored codes as unlabelled.
-
-        Parameters
-        ----------
-        codings : mapping of str to mapping
-            The configured codings.
-
-        Returns
-        -------
-        Coding
-            The coding.
-
-        Raises
-        ------
-        ParameterError
-            If there is no such coding.
-        """
+        """Return the coding of the labels, with the ignored codes as unlabelled."""
         if self.coding not in codings:
             raise ParameterError(f"{self.section}.{self.name}: coding {self.coding!r} is not configured")
         names = {c: "unlabelled" if c in self.ignored else kind for c, kind in codings[self.coding].items()}

@@ -35,16 +35,6 @@ def printable(text: object) -> str:
 def without_password(text: str) -> str:
     """Return a text in which passwords of addresses, and values named as secrets, are replaced by stars.
 
-    Parameters
-    ----------
-    text : str
-        The text, such as an error about a database.
-
-    Returns
-    -------
-    str
-        The text without them.
-
     Examples
     --------
     >>> without_password("postgresql://ann:pa:ss@db/mlflow?password=x is down")

@@ -15,20 +15,11 @@ class SceneKey(NamedTuple):
     """Key in a store: ``split.drive`` and ``split.file``; ``split.drive.scene`` and ``split.file.first_row``.
 
     No part holds a dot. Where files are not cut together, a drive is one file and has the file's key.
-
-    Parameters
-    ----------
-    split : str
-        Name of the split; ``survey`` in `label`.
-    source : str, default ""
-        Name of the drive or file within the split.
-    part : str, default ""
-        Name of the scene on its drive, or first row of the range in its file.
     """
 
-    split: str
-    source: str = ""
-    part: str = ""
+    split: str  # Name of the split; ``survey`` in `label`
+    source: str = ""  # Name of the drive or file within the split
+    part: str = ""  # Name of the scene on its drive, or first row of the range in its file
 
     @classmethod
     def parse(cls, key: str) -> SceneKey:

@@ -64,18 +64,6 @@ def near_numbers(edges: NDArray[np.int32], n_nodes: int) -> NDArray[np.int32] | 
     """Return new numbers of nodes whose neighbours are far away in memory, or None if they are near already.
 
     Moves over nodes in random order take up to three times as long, since most accesses miss the cache.
-
-    Parameters
-    ----------
-    edges : ndarray of int32, shape (e, 2)
-        Pairs of node indices.
-    n_nodes : int
-        Number of nodes.
-
-    Returns
-    -------
-    ndarray of int32, shape (n_nodes,), or None
-        The new number of each node.
     """
     if len(edges) == 0 or n_nodes < _FEW or np.abs(edges[:, 0] - edges[:, 1]).mean() < n_nodes * _FAR:
         return None
@@ -186,15 +174,7 @@ def _free_part(
 
 
 class CutGraph:
-    """Graph for repeated minimisation of binary energies with changing terms.
-
-    Parameters
-    ----------
-    edges : ndarray of int32, shape (e, 2)
-        Pairs of node indices; repeated pairs are allowed.
-    n_nodes : int
-        Number of nodes.
-    """
+    """Graph for repeated minimisation of binary energies with changing terms."""
 
     def __init__(self, edges: NDArray[np.int32], n_nodes: int) -> None:
         self.edges = np.ascontiguousarray(edges, dtype=np.int32)
@@ -204,22 +184,7 @@ class CutGraph:
     def minimize(
         self, gain: NDArray[np.float64], slack: NDArray[np.float64], fixed: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
-        """Return the minimum of ``sum_i gain_i x_i + sum_e slack_e |x_i - x_j|``.
-
-        Parameters
-        ----------
-        gain : ndarray of float64, shape (n_nodes,)
-            Cost of x_i = 1, including edges to fixed nodes; changed in place.
-        slack : ndarray of float64, shape (e,)
-            Cost of different ends, at least 0; 0 for edges of fixed nodes.
-        fixed : ndarray of bool, shape (n_nodes,)
-            Excluded nodes; False in the result.
-
-        Returns
-        -------
-        ndarray of bool, shape (n_nodes,)
-            The variables; among several minima the one with the fewest True, up to rounding.
-        """
+        """Return the minimum of ``sum_i gain_i x_i + sum_e slack_e |x_i - x_j|``."""
         value = np.where(fixed, 0, _FREE).astype(np.int8)
         _fix(gain, slack, value, self.edges, self._start, self._incident)
         nodes, tied, first, second, weight = _free_part(gain, slack, value, self._start, self._incident)

@@ -111,27 +111,13 @@ def _check_label_costs(label_costs: ArrayLike | None, n_labels: int) -> NDArray[
 
 @dataclass(frozen=True)
 class PairwiseEnergy:
-    """Validated energy of unary and pairwise terms.
+    """Validated energy of unary and pairwise terms."""
 
-    Attributes
-    ----------
-    unary : ndarray of float64, shape (n, l)
-        Cost of label k at node i.
-    edges : ndarray of int32, shape (e, 2)
-        Ends of the edges.
-    weights : ndarray of float64, shape (e,)
-        Factors of the label costs.
-    label_costs : ndarray of float64, shape (l, l)
-        Cost of two labels at the ends of an edge of weight 1.
-    agreement : ndarray of float64, shape (e, l) or (0, l)
-        Reward of an edge if both ends have label k.
-    """
-
-    unary: NDArray[np.float64]
-    edges: NDArray[np.int32]
-    weights: NDArray[np.float64]
-    label_costs: NDArray[np.float64]
-    agreement: NDArray[np.float64]
+    unary: NDArray[np.float64]  # Cost of label k at node i
+    edges: NDArray[np.int32]  # Ends of the edges
+    weights: NDArray[np.float64]  # Factors of the label costs
+    label_costs: NDArray[np.float64]  # Cost of two labels at the ends of an edge of weight 1
+    agreement: NDArray[np.float64]  # Reward of an edge if both ends have label k
 
     @classmethod
     def checked(
@@ -142,25 +128,7 @@ class PairwiseEnergy:
         label_costs: ArrayLike | None = None,
         agreement: ArrayLike | None = None,
     ) -> PairwiseEnergy:
-        """Validate the arguments of `minimize` and return the energy.
-
-        Parameters
-        ----------
-        unary, edges, weights, label_costs, agreement : array-like
-            As in `minimize`.
-
-        Returns
-        -------
-        PairwiseEnergy
-            The energy, with contiguous arrays.
-
-        Raises
-        ------
-        DataError
-            As in `minimize`.
-        ParameterError
-            As in `minimize`.
-        """
+        """Validate the arguments of `minimize` and return the energy."""
         array = np.asarray(unary)
         if array.ndim != 2 or array.shape[1] == 0:
             raise DataError(f"unary must have shape (n, l) with at least one label, got {array.shape}")
@@ -182,20 +150,7 @@ class PairwiseEnergy:
         return cls(_finite(array, array.shape, "unary"), pairs.astype(np.int32), factors, costs, rewards)
 
     def renumbered(self, number: NDArray[np.int32], order: NDArray[np.integer]) -> PairwiseEnergy:
-        """Return the same energy with other numbers of the nodes.
-
-        Parameters
-        ----------
-        number : ndarray of int32, shape (n,)
-            New number of each node.
-        order : ndarray of int, shape (n,)
-            Nodes in the order of their new numbers.
-
-        Returns
-        -------
-        PairwiseEnergy
-            The energy; edges are sorted by their nodes.
-        """
+        """Return the same energy with other numbers of the nodes."""
         ends = np.sort(number[self.edges], axis=1)
         by_node = np.argsort(ends[:, 0].astype(np.int64) * len(order) + ends[:, 1], kind="stable")
         agreement = self.agreement[by_node] if len(self.agreement) else self.agreement
@@ -203,34 +158,11 @@ class PairwiseEnergy:
         return replace(self, unary=unary, edges=edges, weights=self.weights[by_node], agreement=agreement)
 
     def of(self, labels: NDArray[np.int32]) -> float:
-        """Return the energy of a labelling.
-
-        Parameters
-        ----------
-        labels : ndarray of int32, shape (n,)
-            Label of each node.
-
-        Returns
-        -------
-        float
-            The energy.
-        """
+        """Return the energy of a labelling."""
         return float(_energy(labels, self.unary, self.edges, self.weights, self.label_costs, self.agreement))
 
     def write_move(
         self, labels: NDArray[np.int32], alpha: int, gain: NDArray[np.float64], slack: NDArray[np.float64]
     ) -> None:
-        """Write the binary energy of an expansion.
-
-        Parameters
-        ----------
-        labels : ndarray of int32, shape (n,)
-            Current labels.
-        alpha : int
-            Label of the expansion.
-        gain : ndarray of float64, shape (n,)
-            Output: cost of taking alpha.
-        slack : ndarray of float64, shape (e,)
-            Output: cost of ends that differ in the move.
-        """
+        """Write the binary energy of an expansion."""
         _move_terms(labels, alpha, self.unary, self.edges, self.weights, self.label_costs, self.agreement, gain, slack)

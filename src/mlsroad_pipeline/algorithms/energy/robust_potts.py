@@ -26,37 +26,17 @@ from mlsroad_pipeline.algorithms.energy.pairwise_energy import PairwiseEnergy
 
 @dataclass(frozen=True, eq=False)
 class Cliques:
-    """Groups of nodes with a cost for deviating labels.
+    """Groups of nodes with a cost for deviating labels."""
 
-    Parameters
-    ----------
-    indptr : array-like of int, shape (c + 1,)
-        Start of each clique in `members`.
-    members : array-like of int, shape (m,)
-        Node indices, clique by clique. A node may belong to several cliques.
-    uniform : array-like of shape (c, l)
-        Cost of a clique if all members have label k, at most `maximum`; negative for a reward.
-    maximum : array-like of shape (c,)
-        Maximum cost of a clique.
-    truncation : array-like of shape (c,)
-        Weight of deviating members at which the maximum is reached, above 0 and at most half the weight of the clique.
-        Small values approach the strict P^n Potts model, large values tolerate many deviating members.
-    weights : array-like of shape (m,), optional
-        Weight of each member, at least 0; 1 by default.
-
-    Raises
-    ------
-    DataError
-        If shapes do not match, a number is not finite, a weight is negative, a uniform cost exceeds the maximum, or a
-        truncation is outside its domain.
-    """
-
-    indptr: NDArray[np.int64]
-    members: NDArray[np.int32]
+    indptr: NDArray[np.int64]  # Start of each clique in `members`
+    members: NDArray[np.int32]  # Node indices, clique by clique. A node may belong to several cliques.
+    # Cost of a clique if all members have label k, at most `maximum`; negative for a reward
     uniform: NDArray[np.float64]
-    maximum: NDArray[np.float64]
+    maximum: NDArray[np.float64]  # Maximum cost of a clique
+    # Weight of deviating members at which the maximum is reached, above 0 and at most half the weight of the clique.
+    # Small values approach the strict P^n Potts model, large values tolerate many deviating members.
     truncation: NDArray[np.float64]
-    weights: NDArray[np.float64] | None = None
+    weights: NDArray[np.float64] | None = None  # Weight of each member, at least 0; 1 by default
 
     def __post_init__(self) -> None:
         if self.weights is None:
@@ -207,39 +187,6 @@ def minimize(
     """Minimise an energy of unary, pairwise and robust P^n Potts terms by alpha-expansion.
 
     Every expansion is optimal among all 2**n. No expansion lowers the energy of the result.
-
-    Parameters
-    ----------
-    unary : array-like of shape (n, l)
-        Cost of label k at node i.
-    edges : array-like of int, shape (e, 2)
-        Pairs of different nodes, each undirected edge once.
-    weights : array-like of shape (e,) or a number
-        Factor of the label costs of each edge, at least 0.
-    cliques : Cliques
-        The cliques; without cliques the energy is that of `alpha_expansion.minimize`.
-    label_costs : array-like of shape (l, l), optional
-        Cost of two labels at the ends of an edge of weight 1, a metric; the Potts model by default.
-    agreement : array-like of shape (e, l), optional
-        Reward of an edge if both ends have label k, at least 0.
-    initial : array-like of int, shape (n,), optional
-        Initial labels; by default the label of lowest unary cost of each node.
-    max_cycles : int, default 100
-        Maximum number of cycles over all labels.
-
-    Returns
-    -------
-    labels : ndarray of int32, shape (n,)
-        The labelling.
-    energy : float
-        Its energy.
-
-    Raises
-    ------
-    DataError
-        As in `alpha_expansion.minimize`, or if a clique has an invalid member or another number of labels.
-    ParameterError
-        As in `alpha_expansion.minimize`.
     """
     pairs = PairwiseEnergy.checked(unary, edges, weights, label_costs, agreement)
     n_nodes, n_labels = pairs.unary.shape

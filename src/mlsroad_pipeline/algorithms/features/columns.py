@@ -32,33 +32,18 @@ _MAX_RASTER = 2**26
 
 @dataclass(frozen=True)
 class ColumnRaster:
-    """Raster of columns of points.
+    """Raster of columns of points."""
 
-    Attributes
-    ----------
-    low, high : ndarray of float64, shape (rows, columns)
-        Lowest and highest z of each cell, metres; infinite for empty cells.
-    lowest : ndarray of float64, shape (rows, columns)
-        Lowest z within the relief radius.
-    base : ndarray of int64, shape (rows, columns)
-        Slice of bit 0 of `occupied`, that of `lowest`.
-    occupied : ndarray of uint64, shape (rows, columns)
-        Bit b is set if slice ``base + b`` contains a point; the last bit includes all higher slices.
-    west, south, bottom : float
-        Corner of the first cell and height of the first slice, metres.
-    cell_size : float
-        Edge of a cell and height of a slice, metres.
-    """
-
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
-    lowest: NDArray[np.float64]
-    base: NDArray[np.int64]
+    low: NDArray[np.float64]  # Lowest and highest z of each cell, metres; infinite for empty cells
+    high: NDArray[np.float64]  # Lowest and highest z of each cell, metres; infinite for empty cells
+    lowest: NDArray[np.float64]  # Lowest z within the relief radius
+    base: NDArray[np.int64]  # Slice of bit 0 of `occupied`, that of `lowest`
+    # Bit b is set if slice ``base + b`` contains a point; the last bit includes all higher slices
     occupied: NDArray[np.uint64]
-    west: float
-    south: float
-    bottom: float
-    cell_size: float
+    west: float  # Corner of the first cell and height of the first slice, metres
+    south: float  # Corner of the first cell and height of the first slice, metres
+    bottom: float  # Corner of the first cell and height of the first slice, metres
+    cell_size: float  # Edge of a cell and height of a slice, metres
 
 
 @njit(cache=True, nogil=True)
@@ -89,28 +74,7 @@ def _occupy(
 
 
 def build_columns(xyz: NDArray[np.floating], *, cell_size: float, relief_radius: float) -> ColumnRaster:
-    """Sort points into columns.
-
-    Parameters
-    ----------
-    xyz : ndarray of shape (n, 3), n > 0
-        Points in metres.
-    cell_size : float
-        Edge of a column and height of a slice in metres. Larger cells bridge gaps in the scan and merge adjacent
-        objects.
-    relief_radius : float
-        Half the edge of the square whose lowest point substitutes the ground, metres.
-
-    Returns
-    -------
-    ColumnRaster
-        The columns.
-
-    Raises
-    ------
-    DataError
-        If the extent needs a raster of more than 2^26 cells.
-    """
+    """Sort points into columns."""
     (west, south, bottom), (east, north, _) = bounding_box(xyz).tolist()
     shape = (int((north - south) / cell_size) + 2, int((east - west) / cell_size) + 2)
     if shape[0] * shape[1] > _MAX_RASTER:
@@ -203,22 +167,6 @@ def describe_columns(centroids: NDArray[np.float64], raster: ColumnRaster) -> ND
 
     The column of a supervoxel is the block of 3 x 3 cells around its centroid. A ground classification is not required:
     the lowest point within the relief radius substitutes the ground.
-
-    Parameters
-    ----------
-    centroids : ndarray of float64, shape (s, 3)
-        Centroids of the supervoxels, metres.
-    raster : ColumnRaster
-        The columns.
-
-    Returns
-    -------
-    ndarray of float32, shape (s, 10)
-        Columns of `COLUMN_FEATURES`, in metres or fractions. Extent of the column. Height of the centroid above the
-        lowest point of the column, below its highest, and above the lowest point within the relief radius. Empty height
-        below the run of occupied slices of the supervoxel (down to the lowest point around, if nothing is below) and
-        above it (0 if nothing is above). Height of that run. Fraction of occupied slices between the bottom and the top
-        of the column. Fractions of the surrounding 5 x 5 and 11 x 11 cells occupied at the height of the supervoxel.
     """
     size = raster.cell_size
     at = (

@@ -29,39 +29,12 @@ def _neighbor_means(values: NDArray, indices: NDArray, indptr: NDArray) -> NDArr
 
 
 def local_tendency(values: NDArray[np.float32], adjacency: csr_array) -> NDArray[np.float32]:
-    """Return the mean features V_LT of the first-order neighbours of each supervoxel, itself excluded.
-
-    Parameters
-    ----------
-    values : ndarray of float32, shape (s, f)
-        Features V_S.
-    adjacency : csr_array of shape (s, s)
-        First-order neighbours, symmetric, without self loops.
-
-    Returns
-    -------
-    ndarray of float32, shape (s, f)
-        V_LT. NaN of neighbours is ignored; the result is NaN if all are NaN or there is no neighbour.
-    """
+    """Return the mean features V_LT of the first-order neighbours of each supervoxel, itself excluded."""
     return _neighbor_means(values, adjacency.indices, adjacency.indptr)
 
 
 def detrend(values: NDArray[np.float32], adjacency: csr_array) -> NDArray[np.float32]:
-    """Return the detrended features k (V_S - V_LT) with k = n / (n + 1) for n neighbours.
-
-    Parameters
-    ----------
-    values : ndarray of float32, shape (s, f)
-        Features V_S.
-    adjacency : csr_array of shape (s, s)
-        First-order neighbours, symmetric, without self loops.
-
-    Returns
-    -------
-    ndarray of float32, shape (s, f)
-        Second part of V_F; 0 for supervoxels without neighbours (k = 0). Features that are NaN in V_S, or in all
-        neighbours, are NaN.
-    """
+    """Return the detrended features k (V_S - V_LT) with k = n / (n + 1) for n neighbours."""
     n = np.diff(adjacency.indptr).astype(np.float32)[:, None]
     alone = (n == 0) & ~np.isnan(values)
     weighted = n / (n + 1) * (values - local_tendency(values, adjacency))

@@ -92,23 +92,6 @@ def describe_footprints(centroids: NDArray[np.float64], raster: ColumnRaster, *,
     """Compute features of the columns above `CLEARANCE` within a radius of each supervoxel.
 
     The weight of a column is its number of occupied slices above the clearance, independent of ground and scan density.
-
-    Parameters
-    ----------
-    centroids : ndarray of float64, shape (s, 3)
-        Centroids of the supervoxels, metres.
-    raster : ColumnRaster
-        The columns.
-    radius : float
-        Horizontal radius around the centroid, metres. Larger values include more context, such as the wall behind a
-        tree; time grows quadratically.
-
-    Returns
-    -------
-    ndarray of float32, shape (s, 5)
-        Columns of `footprint_feature_names`: 1 - l2 / l1 of the covariance in plan (1 for a line) and sqrt(l2) in
-        metres, both NaN with fewer than two columns; fraction of the surrounding cells with a column; mean occupied
-        height of the columns, and height of the highest above the lowest point around, metres, 0 without columns.
     """
     filled, top = _count_slices(raster.occupied, round(CLEARANCE / raster.cell_size))
     out = np.empty((len(centroids), len(FOOTPRINT_FEATURES)), np.float32)

@@ -137,8 +137,7 @@ def simple_histograms(
     """Write the simplified histograms of the points in cells `first` to `last`, in the order of the cells.
 
     `local` and `normals` are float32 (3, n); `rows` are the rows of cells within `reach`; `n_features` is 3 (angles) or
-    4 (with the distance). `out`, float32 (n, n_features * n_bins), receives the fraction of the pairs of a point in
-    each bin.
+    4 (with the distance).
     """
     squared = np.float32(radius * radius)
     begin, end = first_window(keys, keys[first], rows, reach)

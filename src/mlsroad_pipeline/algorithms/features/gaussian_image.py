@@ -19,31 +19,7 @@ def compute_gaussian_images(
     """Compute extended Gaussian images: histograms of the normals of objects over cells of the sphere.
 
     The cells have equal areas: bands of equal height in |nz|, divided by azimuth. The sign of a normal is unknown: half
-    of its weight goes to its own azimuth, half to the opposite one. The weight is distributed linearly over the two
-    nearest cells. For upright normals, whose azimuth is undefined, it is distributed over the band.
-
-    Parameters
-    ----------
-    normals : array-like of shape (n, 3)
-        Unit normals, object by object; those that are not finite are ignored.
-    indptr : array-like of shape (m + 1,), integer
-        Start of the normals of each object.
-    n_azimuths : int, default 36
-        Azimuth cells, an even number (36: 10 degrees each). Larger values resolve smaller rotations with more noise.
-    n_bands : int, default 5
-        Bands from horizontal to vertical normals.
-
-    Returns
-    -------
-    ndarray of float32, shape (m, n_bands, n_azimuths)
-        Images; each sums to 1, or to 0 without normals.
-
-    Raises
-    ------
-    DataError
-        If `normals` is not (n, 3) or `indptr` does not match it.
-    ParameterError
-        If `n_azimuths` is not an even number above 1, or `n_bands` is below 1.
+    of its weight goes to its own azimuth, half to the opposite one.
     """
     if n_azimuths < 2 or n_azimuths % 2:
         raise ParameterError(f"n_azimuths must be an even number > 1, got {n_azimuths!r}")
@@ -62,26 +38,6 @@ def align_gaussian_images(images: ArrayLike, references: ArrayLike) -> tuple[NDA
     """Return the rotation about the vertical that maximises the correlation of each image with each reference.
 
     The correlation over all rotations is computed by Fourier transforms along the azimuth.
-
-    Parameters
-    ----------
-    images : array-like of shape (m, n_bands, n_azimuths)
-        Images.
-    references : array-like of shape (r, n_bands, n_azimuths)
-        Images of the references.
-
-    Returns
-    -------
-    turns : ndarray of int32, shape (m, r)
-        Counterclockwise rotation of the reference in azimuth cells, from 0 to n_azimuths / 2 - 1, since images are
-        invariant to half a turn.
-    similarity : ndarray of float32, shape (m, r)
-        Normalised correlation at that rotation, 0 to 1; 0 for empty images.
-
-    Raises
-    ------
-    DataError
-        If the numbers of cells differ.
     """
     ours, theirs = np.asarray(images, dtype=np.float64), np.asarray(references, dtype=np.float64)
     if ours.ndim != 3 or theirs.ndim != 3 or ours.shape[1:] != theirs.shape[1:]:

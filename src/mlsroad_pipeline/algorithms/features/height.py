@@ -20,18 +20,7 @@ OWN_HEIGHT_FEATURES = ("height_range", "height_std")
 
 
 def describe_own_height(moments: SupervoxelMoments) -> NDArray[np.float32]:
-    """Return the vertical extent and spread of supervoxels.
-
-    Parameters
-    ----------
-    moments : SupervoxelMoments
-        Moments of the points of the supervoxels.
-
-    Returns
-    -------
-    ndarray of float32, shape (s, 2)
-        Columns of `OWN_HEIGHT_FEATURES`: extent and standard deviation of z, metres.
-    """
+    """Return the vertical extent and spread of supervoxels."""
     spread = np.sqrt(np.maximum(moments.covariances[5], 0.0))
     return np.stack([moments.z_range[:, 1] - moments.z_range[:, 0], spread], axis=1).astype(np.float32)
 
@@ -39,21 +28,6 @@ def describe_own_height(moments: SupervoxelMoments) -> NDArray[np.float32]:
 def describe_ground_height(
     height_above_ground: NDArray[np.floating], labels: NDArray[np.int32], n_supervoxels: int
 ) -> NDArray[np.float32]:
-    """Return statistics of the height above ground of each supervoxel.
-
-    Parameters
-    ----------
-    height_above_ground : ndarray of float, shape (n,)
-        Metres; NaN is ignored.
-    labels : ndarray of int32, shape (n,)
-        Supervoxel of each point.
-    n_supervoxels : int
-        Number of supervoxels s.
-
-    Returns
-    -------
-    ndarray of float32, shape (s, 4)
-        Columns of `GROUND_HEIGHT_FEATURES`: mean, minimum, maximum, standard deviation; NaN without values.
-    """
+    """Return statistics of the height above ground of each supervoxel."""
     heights = summarise_column(height_above_ground, labels, n_supervoxels)
     return np.stack([heights.mean, heights.minimum, heights.maximum, heights.std], axis=1).astype(np.float32)

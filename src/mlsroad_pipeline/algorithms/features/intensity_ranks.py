@@ -12,16 +12,6 @@ from mlsroad_pipeline.algorithms.geometry.sorting import radix_argsort, rank_few
 def known_intensity(intensity: NDArray) -> NDArray | None:
     """Return intensities with the median in place of NaN.
 
-    Parameters
-    ----------
-    intensity : ndarray of shape (n,)
-        Intensities of a scene.
-
-    Returns
-    -------
-    ndarray of shape (n,), or None
-        The intensities; None if fewer than two known values differ.
-
     Examples
     --------
     >>> known_intensity(np.array([0.1, np.nan, 0.5, 0.3])).tolist()
@@ -35,23 +25,7 @@ def known_intensity(intensity: NDArray) -> NDArray | None:
 
 
 def rank_within(values: ArrayLike) -> NDArray[np.float64]:
-    """Return the rank of each value among all, as a share; equal values share their mean rank.
-
-    Parameters
-    ----------
-    values : array-like of shape (n,)
-        Numbers; compared as float32.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        Share of smaller values plus half the share of equal ones.
-
-    Raises
-    ------
-    DataError
-        If a value is NaN.
-    """
+    """Return the rank of each value among all, as a share; equal values share their mean rank."""
     numbers = np.ascontiguousarray(values, dtype=np.float32) + np.float32(0)  # -0 becomes 0
     if np.isnan(numbers).any():
         raise DataError(f"intensity is NaN in row {int(np.argmax(np.isnan(numbers)))}")

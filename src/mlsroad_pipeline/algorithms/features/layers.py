@@ -16,30 +16,7 @@ N_FEATURES = 10
 
 
 def describe_layers(objects: Sequence[ArrayLike], *, n_layers: int = 10) -> NDArray[np.float32]:
-    """Compute features of layers of equal height of objects.
-
-    Parameters
-    ----------
-    objects : sequence of array-like of shape (n_i, 3)
-        Points of each object, metres, z up.
-    n_layers : int, default 10
-        Number of layers; 10 layers give 100 features, as in Luo et al. 2019, Table 4.
-
-    Returns
-    -------
-    ndarray of float32, shape (objects, 10 * n_layers)
-        Layers in ascending order. For each: fraction of the points of the object; extents along and across the main
-        horizontal direction of the object; standard deviations in these directions; distances of the centre of the
-        layer from that of the object in these directions; mean and maximum distance from the vertical axis of the
-        object; standard deviation of the height. Metres; 0 for empty layers.
-
-    Raises
-    ------
-    DataError
-        If an object has no points or is not finite.
-    ParameterError
-        If `n_layers` is below 1.
-    """
+    """Compute features of layers of equal height of objects."""
     check_at_least(n_layers, 1, "n_layers")
     xyz, indptr = concatenate_objects(objects)
     out = np.zeros((len(objects), n_layers, N_FEATURES))

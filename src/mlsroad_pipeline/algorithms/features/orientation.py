@@ -20,39 +20,12 @@ def describe_orientation(rows: NDArray[np.float32], names: tuple[str, ...]) -> N
 
     Only features invariant to rotation about the vertical axis are used, so that the direction of a street has no
     influence.
-
-    Parameters
-    ----------
-    rows : ndarray of float32, shape (s, f)
-        Eigenvalue features.
-    names : tuple of str
-        Names of the columns, including ``nz``, ``verticality`` and ``direction_z``.
-
-    Returns
-    -------
-    ndarray of float32, shape (s, 3)
-        Columns of `ORIENTATION_FEATURES`: z of the unit normal (1 for horizontal surfaces), 1 minus this (1 for walls),
-        z of the main direction (1 for poles, 0 for wires). NaN for fewer than three or coincident points; the first two
-        also for collinear points.
     """
     return rows[:, [names.index(name) for name in _SOURCES]]
 
 
 def describe_shape(covariances: NDArray[np.float64], counts: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return shape and orientation features from covariances.
-
-    Parameters
-    ----------
-    covariances : ndarray of float64, shape (6, s)
-        Rows xx, xy, xz, yy, yz, zz.
-    counts : ndarray of float32, shape (s,)
-        Number of points of each covariance.
-
-    Returns
-    -------
-    ndarray of float32, shape (s, 10)
-        Columns of `SHAPE_FEATURES` and `ORIENTATION_FEATURES`.
-    """
+    """Return shape and orientation features from covariances."""
     n = len(counts)
     values, smallest, largest = np.empty((3, n)), np.empty((3, n)), np.empty((3, n))
     solve_symmetric(covariances, n, values, smallest, largest)

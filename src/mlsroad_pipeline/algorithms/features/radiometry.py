@@ -49,21 +49,6 @@ def describe_colour(rgb: NDArray[np.uint8], labels: NDArray[np.int32], n_supervo
 
     Y'CbCr separates brightness, which shadows change, from two colour differences, which they hardly affect. It is a
     linear transform of RGB: the moments are summed exactly, as integers, and converted once per supervoxel.
-
-    Parameters
-    ----------
-    rgb : ndarray of uint8, shape (n, 3)
-        Colours.
-    labels : ndarray of int32, shape (n,)
-        Supervoxel of each point.
-    n_supervoxels : int
-        Number of supervoxels s.
-
-    Returns
-    -------
-    ndarray of float32, shape (s, 6)
-        Columns of `COLOUR_FEATURES`: means and standard deviations of luma in [0, 1] and of the two differences in
-        [-0.5, 0.5]; NaN for empty supervoxels.
     """
     sums = _colour_sums(rgb, labels, n_supervoxels)
     counts = np.where(sums[:, 0] > 0, sums[:, 0], np.nan)
@@ -77,21 +62,6 @@ def describe_colour(rgb: NDArray[np.uint8], labels: NDArray[np.int32], n_supervo
 def describe_intensity(
     intensity: NDArray[np.floating], labels: NDArray[np.int32], n_supervoxels: int
 ) -> NDArray[np.float32]:
-    """Return the mean and standard deviation of the intensity of each supervoxel.
-
-    Parameters
-    ----------
-    intensity : ndarray of float, shape (n,)
-        Intensity in [0, 1]; NaN is ignored.
-    labels : ndarray of int32, shape (n,)
-        Supervoxel of each point.
-    n_supervoxels : int
-        Number of supervoxels s.
-
-    Returns
-    -------
-    ndarray of float32, shape (s, 2)
-        Columns of `INTENSITY_FEATURES`: mean and standard deviation; NaN without values.
-    """
+    """Return the mean and standard deviation of the intensity of each supervoxel."""
     statistics = summarise_column(intensity, labels, n_supervoxels)
     return np.stack([statistics.mean, statistics.std], axis=1).astype(np.float32)

@@ -17,20 +17,7 @@ def local_reference_frame(offsets: ArrayLike, radius: float) -> NDArray[np.float
     """Return the local reference frame of a point.
 
     The axes are the eigenvectors of the covariance about the centre with weights R - d (Tombari et al. 2010, equation
-    1). The x axis (largest eigenvalue) and the z axis (smallest) point to the side with more points; ties go to the
-    side with the larger sum of coordinates.
-
-    Parameters
-    ----------
-    offsets : array-like of shape (n, 3)
-        Points relative to the centre, metres, within the radius.
-    radius : float
-        R, metres.
-
-    Returns
-    -------
-    ndarray of float64, shape (3, 3)
-        Rows x, y and z, right-handed.
+    1).
     """
     points = np.asarray(offsets, dtype=np.float64)
     weight = np.maximum(radius - np.linalg.norm(points, axis=1), 0.0)
@@ -50,32 +37,7 @@ def compute_shot(xyz: ArrayLike, normals: ArrayLike, center: ArrayLike, *, radiu
     """Compute the SHOT descriptor of a point.
 
     The ball around the centre has 32 sectors: 8 in azimuth, 2 in elevation, 2 in radius. Each has a histogram of 11
-    bins over the cosine between its normals and the z axis of the local reference frame. A point is distributed over
-    the two nearest bins in each of the four dimensions by quadrilinear interpolation.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points in metres.
-    normals : array-like of shape (n, 3)
-        Unit normals; points without a finite normal contribute only to the frame.
-    center : array-like of shape (3,)
-        Centre of the descriptor.
-    radius : float
-        Radius of the ball, metres.
-
-    Returns
-    -------
-    ndarray of float32, shape (352,)
-        Descriptor of unit norm, or 0 without normals in the ball. The order is azimuth (slowest), elevation, radius,
-        cosine.
-
-    Raises
-    ------
-    DataError
-        If `xyz` is not (n, 3) and finite, or there is not one normal per point.
-    ParameterError
-        If `radius` is not positive.
+    bins over the cosine between its normals and the z axis of the local reference frame.
     """
     check_positive(radius, "radius")
     points = check_xyz(xyz).astype(np.float64) - np.asarray(center, dtype=np.float64)

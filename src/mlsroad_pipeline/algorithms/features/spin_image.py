@@ -24,36 +24,7 @@ def compute_spin_images(
     """Compute the spin images of oriented points.
 
     A neighbour at offset d from a point with normal n has the axial coordinate beta = n . d in [-r, r] and the radial
-    coordinate alpha, its distance from the line along n, in [0, r] (Johnson and Hebert 1999, equation 1). With
-    r = `radius` / sqrt(2), the cylinder of the image lies inside the search ball. Each neighbour is distributed
-    bilinearly over the four surrounding nodes of the image.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points in metres.
-    normals : array-like of shape (m, 3)
-        Unit normals of the queries; an opposite normal gives a flipped image.
-    radius : float
-        Search radius, metres. Larger values include more of the object, and more clutter.
-    n_radial, n_axial : int, default 9, 17
-        Nodes of the image in alpha and in beta, at least 2; 153 in total, as in Luo et al. 2019, Table 4.
-    queries : array-like of shape (m, 3), optional
-        Query points, metres; all points by default. Points that coincide with a query are not its neighbours.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    ndarray of float32, shape (m, n_radial * n_axial)
-        Images with the axial coordinate fastest. Each sums to 1, or to 0 without neighbours or a finite normal.
-
-    Raises
-    ------
-    DataError
-        If `xyz` or `queries` is not (n, 3) and finite, or there is not one normal per query.
-    ParameterError
-        If `radius` is not positive, there are fewer than two nodes, or `n_threads` is below 1.
+    coordinate alpha, its distance from the line along n, in [0, r] (Johnson and Hebert 1999, equation 1).
     """
     check_positive(radius, "radius")
     for name, number in (("n_radial", n_radial), ("n_axial", n_axial)):

@@ -38,49 +38,16 @@ Blocks = list[tuple[tuple[str, ...], NDArray[np.float32]]]
 
 @dataclass(frozen=True)
 class SupervoxelFeatures:
-    """Features of supervoxels, one row a supervoxel.
+    """Features of supervoxels, one row a supervoxel."""
 
-    Attributes
-    ----------
-    values : ndarray of float32, shape (s, f)
-        Features; NaN if undefined.
-    names : tuple of str
-        Names of the features.
-    centroids : ndarray of float64, shape (s, 3)
-        Mean coordinates of the points of each supervoxel, metres.
-    counts : ndarray of int64, shape (s,)
-        Points of each supervoxel.
-    """
-
-    values: NDArray[np.float32]
-    names: tuple[str, ...]
-    centroids: NDArray[np.float64]
-    counts: NDArray[np.int64]
+    values: NDArray[np.float32]  # Features; NaN if undefined
+    names: tuple[str, ...]  # Names of the features
+    centroids: NDArray[np.float64]  # Mean coordinates of the points of each supervoxel, metres
+    counts: NDArray[np.int64]  # Points of each supervoxel
 
 
 def check_supervoxels(labels: ArrayLike, adjacency: csr_array, n_points: int) -> NDArray[np.int32]:
-    """Validate supervoxel labels and adjacency; return the labels as int32.
-
-    Parameters
-    ----------
-    labels : array-like of int, shape (n_points,)
-        Supervoxel of each point, 0 to s - 1, each used at least once.
-    adjacency : csr_array of shape (s, s)
-        First-order neighbours.
-    n_points : int
-        Number of points.
-
-    Returns
-    -------
-    ndarray of int32, shape (n_points,)
-        The labels.
-
-    Raises
-    ------
-    DataError
-        If the labels are not one integer per point, are outside 0 to s - 1 or leave a supervoxel empty, or the
-        adjacency is not square or has self loops.
-    """
+    """Validate supervoxel labels and adjacency; return the labels as int32."""
     array = check_column(labels, n_points, "labels")
     if not np.issubdtype(array.dtype, np.integer):
         raise DataError(f"labels must be integers, got {array.dtype}")
@@ -121,55 +88,7 @@ def compute_supervoxel_features(
     """Compute the features of supervoxels (Tomic et al. 2019, section 2.1, equations 2 and 3).
 
     V_S consists of the seven eigenvalue features, orientation, height and, if available, height above ground, colour
-    and intensity. With V_LT, the mean over the n first-order neighbours, the result is {V_S, k (V_S - V_LT)}, k = n /
-    (n + 1). Features of the neighbourhood, of balls and of footprints are contextual and are not detrended.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points in metres.
-    labels : array-like of int, shape (n,)
-        Supervoxel of each point, 0 to s - 1, each used at least once.
-    adjacency : csr_array of shape (s, s)
-        First-order neighbours: symmetric, without self loops.
-    height_above_ground : array-like of shape (n,), optional
-        Metres; NaN if unknown.
-    rgb : array-like of uint8, shape (n, 3), optional
-        Colours.
-    intensity : array-like of shape (n,), optional
-        Intensity in [0, 1]; NaN if unknown.
-    detrend : bool, default True
-        Whether to append the detrended part; otherwise only V_S is returned.
-    region : {"own", "neighborhood", "both"}, default "both"
-        Points that define shape and orientation: those of the supervoxel (the paper); these and those of the
-        first-order neighbours (suffix ``_neighborhood``, more stable for small supervoxels); or both sets of features.
-    column_size : float, default 0.5
-        Raster cell of the column features in metres, see `build_columns`.
-    relief_radius : float, default 5.0
-        Radius of the search for the lowest point, which substitutes the ground, metres.
-    ball_radii : sequence of float, default (0.5, 1.0, 2.0)
-        Radii of spherical neighbourhoods, metres, see `describe_balls`; empty for none (the paper). Larger values
-        bridge gaps of sparse scans and blur small objects.
-    ball_voxel_size : float, default 0.2
-        Edge of the voxels of these neighbourhoods, metres. Smaller values depend more on scan density and cost time.
-    footprint_radii : sequence of float, default (1.5, 3.0, 6.0)
-        Radii of the footprint features, metres, see `describe_footprints`; empty for none (the paper).
-    ball_voxels : ndarray of float64, shape (v, 3), optional
-        Means of the points in each voxel of `ball_voxel_size`, if they are known.
-
-    Returns
-    -------
-    SupervoxelFeatures
-        Features, names, centroids and point counts. Undefined values (fewer than three points, collinear points,
-        missing attributes) are NaN.
-
-    Raises
-    ------
-    DataError
-        If an array has another length, coordinates are not finite, labels or adjacency are invalid (see
-        `check_supervoxels`), colours are not uint8, or the extent is too large for `column_size`.
-    ParameterError
-        If `region` is unknown, or a size or a radius is not positive.
+    and intensity.
     """
     points = check_xyz(xyz, minimum=1)
     owners = check_supervoxels(labels, adjacency, len(points))

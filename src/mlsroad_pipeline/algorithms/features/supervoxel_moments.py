@@ -15,24 +15,12 @@ _N, _REFERENCE, _FIRST, _SECOND, _LOW, _HIGH, _WIDTH = 0, 1, 4, 7, 13, 14, 16
 
 @dataclass(frozen=True)
 class SupervoxelMoments:
-    """Moments of the points of each supervoxel.
+    """Moments of the points of each supervoxel."""
 
-    Attributes
-    ----------
-    counts : ndarray of int64, shape (s,)
-        Number of points.
-    centroids : ndarray of float64, shape (s, 3)
-        Mean coordinates, metres; NaN without points.
-    covariances : ndarray of float64, shape (6, s)
-        Rows xx, xy, xz, yy, yz, zz, square metres, divided by the number of points.
-    z_range : ndarray of float64, shape (s, 2)
-        Lowest and highest z, metres.
-    """
-
-    counts: NDArray[np.int64]
-    centroids: NDArray[np.float64]
-    covariances: NDArray[np.float64]
-    z_range: NDArray[np.float64]
+    counts: NDArray[np.int64]  # Number of points
+    centroids: NDArray[np.float64]  # Mean coordinates, metres; NaN without points
+    covariances: NDArray[np.float64]  # Rows xx, xy, xz, yy, yz, zz, square metres, divided by the number of points
+    z_range: NDArray[np.float64]  # Lowest and highest z, metres
 
 
 @njit(cache=True, nogil=True)
@@ -105,26 +93,7 @@ def _finish(sums: NDArray[np.float64]) -> SupervoxelMoments:
 def sum_moments(
     xyz: NDArray[np.floating], labels: NDArray[np.int32], n_supervoxels: int, adjacency: csr_array | None = None
 ) -> tuple[SupervoxelMoments, SupervoxelMoments | None]:
-    """Return the moments of each supervoxel and, with an adjacency, of its region with first-order neighbours.
-
-    Parameters
-    ----------
-    xyz : ndarray of shape (n, 3)
-        Points in metres.
-    labels : ndarray of int32, shape (n,)
-        Supervoxel of each point.
-    n_supervoxels : int
-        Number of supervoxels s.
-    adjacency : csr_array of shape (s, s), optional
-        First-order neighbours, without self loops.
-
-    Returns
-    -------
-    own : SupervoxelMoments
-        Moments of each supervoxel.
-    region : SupervoxelMoments or None
-        Moments of each supervoxel and its neighbours.
-    """
+    """Return the moments of each supervoxel and, with an adjacency, of its region with first-order neighbours."""
     sums = _accumulate(xyz, labels, n_supervoxels)
     if adjacency is None:
         return _finish(sums), None
@@ -151,41 +120,16 @@ def _column_sums(values: NDArray, labels: NDArray, n_supervoxels: int) -> NDArra
 
 @dataclass(frozen=True)
 class ColumnStatistics:
-    """Statistics of a column over the points of each supervoxel; NaN without values.
+    """Statistics of a column over the points of each supervoxel; NaN without values."""
 
-    Attributes
-    ----------
-    mean : ndarray of float64, shape (s,)
-        Mean, in the unit of the column.
-    std : ndarray of float64, shape (s,)
-        Population standard deviation, in the unit of the column.
-    minimum, maximum : ndarray of float64, shape (s,)
-        Minimum and maximum, in the unit of the column.
-    """
-
-    mean: NDArray[np.float64]
-    std: NDArray[np.float64]
-    minimum: NDArray[np.float64]
-    maximum: NDArray[np.float64]
+    mean: NDArray[np.float64]  # Mean, in the unit of the column
+    std: NDArray[np.float64]  # Population standard deviation, in the unit of the column
+    minimum: NDArray[np.float64]  # Minimum and maximum, in the unit of the column
+    maximum: NDArray[np.float64]  # Minimum and maximum, in the unit of the column
 
 
 def summarise_column(values: NDArray, labels: NDArray[np.int32], n_supervoxels: int) -> ColumnStatistics:
-    """Return statistics of a per-point column for each supervoxel, ignoring NaN.
-
-    Parameters
-    ----------
-    values : ndarray of shape (n,)
-        The column.
-    labels : ndarray of int32, shape (n,)
-        Supervoxel of each point.
-    n_supervoxels : int
-        Number of supervoxels s.
-
-    Returns
-    -------
-    ColumnStatistics
-        Statistics of each supervoxel.
-    """
+    """Return statistics of a per-point column for each supervoxel, ignoring NaN."""
     sums = _column_sums(values, labels, n_supervoxels)
     counts = np.where(sums[:, 0] > 0, sums[:, 0], np.nan)
     mean = sums[:, 1] / counts

@@ -82,30 +82,7 @@ def describe_balls(
     voxels: NDArray[np.float64] | None = None,
     n_threads: int = 1,
 ) -> NDArray[np.float32]:
-    """Compute shape features of the occupied voxels within given radii of each supervoxel.
-
-    Parameters
-    ----------
-    xyz : ndarray of shape (n, 3), n > 0
-        Points in metres.
-    centroids : ndarray of float64, shape (s, 3)
-        Centroids of the supervoxels, metres.
-    radii : sequence of float
-        Radii in metres. Small radii separate poles from walls, large radii bridge gaps of sparse scans; time grows with
-        the square of the largest.
-    voxel_size : float
-        Edge of a voxel, metres; each occupied voxel counts once, at the mean of its points.
-    voxels : ndarray of float64, shape (v, 3), optional
-        Means of the points in each occupied voxel of that size, if they are known.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    ndarray of float32, shape (s, 11 * number of radii)
-        Columns of `ball_feature_names`: shape, orientation and linearity in plan; NaN with fewer than three voxels. The
-        number of voxels is not a feature, since it depends on the distance to the scanner.
-    """
+    """Compute shape features of the occupied voxels within given radii of each supervoxel."""
     if voxels is None:
         voxels = build_voxel_grid(xyz, voxel_size=voxel_size, n_threads=n_threads).centroids
     size = max(radii) * (1 + 1e-6) / CELLS_PER_RADIUS

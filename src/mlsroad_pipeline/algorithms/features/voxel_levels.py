@@ -24,21 +24,11 @@ _MAX_CELLS = 2**62
 
 @dataclass(frozen=True)
 class Cells:
-    """Occupied cells of one level.
+    """Occupied cells of one level."""
 
-    Attributes
-    ----------
-    keys : ndarray of int64, shape (c,)
-        Ascending keys ``(ix * ny + iy) * nz + iz``.
-    index : ndarray of int32, shape (c, 3)
-        ix, iy and iz, from 0, without the margin.
-    shape : tuple of int
-        (nx, ny, nz), including margins.
-    """
-
-    keys: NDArray[np.int64]
-    index: NDArray[np.int32]
-    shape: tuple[int, int, int]
+    keys: NDArray[np.int64]  # Ascending keys ``(ix * ny + iy) * nz + iz``
+    index: NDArray[np.int32]  # ix, iy and iz, from 0, without the margin
+    shape: tuple[int, int, int]  # (nx, ny, nz), including margins
 
     def __len__(self) -> int:
         """Return the number of cells."""
@@ -53,21 +43,11 @@ class Cells:
 
 @dataclass(frozen=True)
 class Columns:
-    """Occupied columns of one level, the cells with equal ix and iy.
+    """Occupied columns of one level, the cells with equal ix and iy."""
 
-    Attributes
-    ----------
-    keys : ndarray of int64, shape (c,)
-        Ascending keys ``ix * ny + iy``.
-    of_cell : ndarray of int32
-        Column of each cell.
-    ny : int
-        Factor of the keys.
-    """
-
-    keys: NDArray[np.int64]
-    of_cell: NDArray[np.int32]
-    ny: int
+    keys: NDArray[np.int64]  # Ascending keys ``ix * ny + iy``
+    of_cell: NDArray[np.int32]  # Column of each cell
+    ny: int  # Factor of the keys
 
     def rows(self, reach: int) -> NDArray[np.int64]:
         """Return (dx, 0, key offset) of the rows of columns up to `reach` away, for `move_window`."""
@@ -77,31 +57,7 @@ class Columns:
 def find_voxels(
     xyz: NDArray[np.floating], voxel_size: float
 ) -> tuple[Cells, NDArray[np.int32], NDArray[np.int64], NDArray[np.float64]]:
-    """Sort points into voxels.
-
-    Parameters
-    ----------
-    xyz : ndarray of shape (n, 3)
-        Finite coordinates in metres; at least one point.
-    voxel_size : float
-        Edge of a voxel in metres.
-
-    Returns
-    -------
-    cells : Cells
-        The occupied voxels.
-    order : ndarray of int32, shape (n,)
-        Points in the order of their voxels, ascending within a voxel.
-    starts : ndarray of int64, shape (voxels + 1,)
-        Voxel j holds ``order[starts[j]:starts[j + 1]]``.
-    minimum : ndarray of float64, shape (3,)
-        Minimum corner of the voxels, metres.
-
-    Raises
-    ------
-    DataError
-        If the extent is too large for the voxel size.
-    """
+    """Sort points into voxels."""
     box = bounding_box(xyz)
     nx, ny, nz = (int(length) + 2 + 2 * MARGIN for length in ((box[1] - box[0]) // voxel_size).tolist())
     if nx * ny * nz > _MAX_CELLS:
@@ -114,20 +70,7 @@ def find_voxels(
 
 
 def halve(cells: Cells) -> tuple[Cells, NDArray[np.int32]]:
-    """Return the cells of the next level.
-
-    Parameters
-    ----------
-    cells : Cells
-        Cells of one level.
-
-    Returns
-    -------
-    coarser : Cells
-        Cells of twice the edge.
-    parent : ndarray of int32, shape (c,)
-        Coarser cell of each cell.
-    """
+    """Return the cells of the next level."""
     nx, ny, nz = (int(n) // 2 + 1 + 2 * MARGIN for n in cells.shape)
     fine_keys = _halved_keys(cells.index, ny, nz)
     sorted_keys, order = radix_argsort(fine_keys, (nx * ny * nz).bit_length())
@@ -137,18 +80,7 @@ def halve(cells: Cells) -> tuple[Cells, NDArray[np.int32]]:
 
 
 def columns_of(cells: Cells) -> Columns:
-    """Return the columns of cells.
-
-    Parameters
-    ----------
-    cells : Cells
-        Cells of one level.
-
-    Returns
-    -------
-    Columns
-        Their columns.
-    """
+    """Return the columns of cells."""
     column_keys = cells.keys // cells.shape[2]
     starts = _starts(column_keys)
     of_cell = spread_owners(np.arange(len(cells), dtype=np.int32), starts)

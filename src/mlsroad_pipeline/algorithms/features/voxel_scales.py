@@ -36,24 +36,13 @@ from mlsroad_pipeline.algorithms.geometry.cell_grid import check_threads, run_in
 
 @dataclass(frozen=True)
 class VoxelFeatures:
-    """Features of the voxels of a cloud.
+    """Features of the voxels of a cloud."""
 
-    Attributes
-    ----------
-    values : ndarray of float32, shape (v, f)
-        One row a voxel of `rows`. NaN: no intensity, no run above or below, or fewer than three voxels in the window.
-    owner : ndarray of int32, shape (n,)
-        Voxel of each point.
-    cells : Cells
-        The voxels.
-    rows : ndarray of int64, shape (v,), optional
-        Voxels that are described; None is all.
-    """
-
+    # One row a voxel of `rows`. NaN: no intensity, no run above or below, or fewer than three voxels in the window.
     values: NDArray[np.float32]
-    owner: NDArray[np.int32]
-    cells: Cells
-    rows: NDArray[np.int64] | None = None
+    owner: NDArray[np.int32]  # Voxel of each point
+    cells: Cells  # The voxels
+    rows: NDArray[np.int64] | None = None  # Voxels that are described; None is all
 
 
 def compute_voxel_features(
@@ -66,37 +55,7 @@ def compute_voxel_features(
     around: int | None = None,
     n_threads: int = 1,
 ) -> VoxelFeatures:
-    """Compute the features of the voxels of a cloud.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Coordinates in metres, z up.
-    height : array-like of shape (n,)
-        Height above the ground, metres; NaN counts as 0.
-    intensity : array-like of shape (n,), optional
-        Intensity in any unit; only its order within the cloud is used.
-    voxel_size : float, default 0.2
-        Edge of a voxel, metres. Cells of the other levels have 2, 4, 8 and 16 times the edge.
-    wanted : ndarray of bool, shape (n,), optional
-        Points whose voxels are described; the others only surround them. None is all.
-    around : int, optional
-        Level of `smooth_by_cells`: voxels that smooth those of wanted points are described too. None is no smoothing.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    VoxelFeatures
-        Table, voxel of each point, and the voxels.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is not finite, a column has another length, or the extent is too large for the voxels.
-    ParameterError
-        If `voxel_size` is not above zero or `n_threads` is below 1.
-    """
+    """Compute the features of the voxels of a cloud."""
     check_positive(voxel_size, "voxel_size")
     check_threads(n_threads)
     points = check_xyz(xyz)
@@ -139,24 +98,7 @@ def _wanted_voxels(cells: Cells, wanted: NDArray[np.int32], around: int | None, 
 def smooth_by_cells(
     features: VoxelFeatures, values: NDArray[np.floating], *, level: int, n_threads: int = 1
 ) -> NDArray[np.float64]:
-    """Return the mean of values over the voxels in the 27 cells of a level around each voxel.
-
-    Parameters
-    ----------
-    features : VoxelFeatures
-        The voxels.
-    values : ndarray of shape (v, m)
-        Values of the voxels.
-    level : int
-        Level of the cells; 0 is that of the voxels, each further one doubles the edge.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    ndarray of float64, shape (v, m)
-        The means; voxels of one cell share them.
-    """
+    """Return the mean of values over the voxels in the 27 cells of a level around each voxel."""
     return _mean_around(features.cells, values, level, n_threads)
 
 

@@ -44,58 +44,28 @@ def _level_names(level: int) -> list[str]:
 
 
 def voxel_feature_names() -> list[str]:
-    """Return the names of the columns of the table.
-
-    Returns
-    -------
-    list of str
-        ``<feature>`` for a single voxel, ``<feature>_s<level>`` for the window of a level, and
-        ``wide_<level>_<reach>_<feature>`` for the surroundings.
-    """
+    """Return the names of the columns of the table."""
     levels = [f"{name}_s{level}" for level in range(N_LEVELS) for name in _level_names(level)]
     return [*VOXEL_COLUMNS, *levels, *(f"wide_{level}_{reach}_{n}" for level, reach in _SURROUNDINGS for n in _CONTEXT)]
 
 
 def intensity_columns() -> NDArray[np.int64]:
-    """Return the columns of the table that are NaN without intensity.
-
-    Returns
-    -------
-    ndarray of int64
-        Their numbers.
-    """
+    """Return the columns of the table that are NaN without intensity."""
     return np.flatnonzero([name.startswith("intensity") for name in voxel_feature_names()])
 
 
 @dataclass
 class Level:
-    """Cells of one level, and what the columns of the level are computed from.
+    """Cells of one level, and what the columns of the level are computed from."""
 
-    Attributes
-    ----------
-    cells : Cells
-        The c cells of the level.
-    moments : ndarray of float64, shape (c, N_MOMENTS)
-        Sums over the voxels of each cell.
-    extremes : ndarray of float64, shape (3, c)
-        Lowest and highest height above ground of the voxels of each cell, and lowest mean z of a voxel, metres.
-    owner : ndarray of int32, shape (v,)
-        Cell of each voxel.
-    size : float
-        Edge of a cell, metres.
-    rows : ndarray of int64, shape (r,), or slice
-        Voxels with a row of the table.
-    columns : Columns
-        The vertical columns of cells.
-    """
-
-    cells: Cells
-    moments: NDArray[np.float64]
+    cells: Cells  # The c cells of the level
+    moments: NDArray[np.float64]  # Sums over the voxels of each cell
+    # Lowest and highest height above ground of the voxels of each cell, and lowest mean z of a voxel, metres
     extremes: NDArray[np.float64]
-    owner: NDArray[np.int32]
-    size: float
-    rows: NDArray[np.int64] | slice
-    columns: Columns = field(init=False)
+    owner: NDArray[np.int32]  # Cell of each voxel
+    size: float  # Edge of a cell, metres
+    rows: NDArray[np.int64] | slice  # Voxels with a row of the table
+    columns: Columns = field(init=False)  # The vertical columns of cells
 
     def __post_init__(self) -> None:
         self.columns = columns_of(self.cells)
@@ -118,32 +88,7 @@ def write_level(
     at: int,
     n_threads: int,
 ) -> int:
-    """Write the columns of the shapes of one level.
-
-    Parameters
-    ----------
-    level : Level
-        The level.
-    number : int
-        Its number; 0 is that of the voxels.
-    moments : ndarray of float64, shape (r, N_MOMENTS)
-        Moments of the voxels with a row.
-    heights : ndarray of float64, shape (v,)
-        Heights of all voxels, metres.
-    with_intensity : bool
-        Whether intensities are known; else their columns are NaN.
-    table : ndarray of float32, shape (r, f)
-        The table; written in place.
-    at : int
-        First column of the level.
-    n_threads : int
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    int
-        The first column after those of the level.
-    """
+    """Write the columns of the shapes of one level."""
     owner, heights = level.owner[level.rows], heights[level.rows]
     run = partial(run_in_chunks, n_items=len(table), n_threads=n_threads)
     shapes, means = np.empty((len(level.cells), kernels.N_SHAPES), np.float32), np.empty((len(level.cells), 3))
@@ -193,28 +138,7 @@ def write_surroundings(
     at: int,
     n_threads: int,
 ) -> int:
-    """Write the columns of the surroundings that belong to one level.
-
-    Parameters
-    ----------
-    level : Level
-        The level.
-    number : int
-        Its number; 0 is that of the voxels.
-    heights : ndarray of float64, shape (v,)
-        Heights of all voxels, metres.
-    table : ndarray of float32, shape (r, f)
-        The table; written in place.
-    at : int
-        First column to write.
-    n_threads : int
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    int
-        The first column after those written; `at` if the level has no surroundings.
-    """
+    """Write the columns of the surroundings that belong to one level."""
     columns = level.columns
     column = columns.of_cell[level.owner]
     for of_level, reach in _SURROUNDINGS:

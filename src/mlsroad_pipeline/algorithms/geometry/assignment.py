@@ -15,18 +15,6 @@ def assign_one_to_one(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the assignment with the most pairs within reach and, among these, the least sum of distances.
 
-    Parameters
-    ----------
-    first, second : ndarray of float64, shape (n, 2) and (m, 2)
-        Positions in plan, metres.
-    reach : float
-        Largest distance of a pair, metres.
-
-    Returns
-    -------
-    first_rows, second_rows : ndarray of int64, shape (k,)
-        Rows of the pairs, in the order of `first`.
-
     Examples
     --------
     >>> import numpy as np

@@ -22,37 +22,18 @@ CELLS_PER_RADIUS = 2
 
 @dataclass(frozen=True)
 class CellGrid:
-    """Points sorted into the occupied cells of a grid with x fastest, so that the cells of a row are contiguous.
+    """Points sorted into the occupied cells of a grid with x fastest, so that the cells of a row are contiguous."""
 
-    Attributes
-    ----------
-    order : ndarray of int32, shape (n,)
-        Point indices in the order of their cells, ascending within a cell.
-    keys : ndarray of int64, shape (c,)
-        Ascending keys ``(iz * ny + iy) * nx + ix`` of the occupied cells.
-    starts : ndarray of int64, shape (c + 1,)
-        Cell j holds ``order[starts[j]:starts[j + 1]]``.
-    local : ndarray of float32, shape (3, n)
-        Coordinates in `order`, relative to the centre of the point's cell, metres. float32 resolves these to
-        nanometres for any origin.
-    shape : tuple of int
-        (nx, ny, nz), including margins.
-    cell_size : float
-        Edge of a cell in metres.
-    minimum : ndarray of float64, shape (3,)
-        Minimum corner of the cells inside the margin, metres.
-    margin : int
-        Empty cells below and above the points along each axis.
-    """
-
-    order: NDArray[np.int32]
-    keys: NDArray[np.int64]
-    starts: NDArray[np.int64]
+    order: NDArray[np.int32]  # Point indices in the order of their cells, ascending within a cell
+    keys: NDArray[np.int64]  # Ascending keys ``(iz * ny + iy) * nx + ix`` of the occupied cells
+    starts: NDArray[np.int64]  # Cell j holds ``order[starts[j]:starts[j + 1]]``
+    # Coordinates in `order`, relative to the centre of the point's cell, metres. float32 resolves these to nanometres
+    # for any origin.
     local: NDArray[np.float32]
-    shape: tuple[int, int, int]
-    cell_size: float
-    minimum: NDArray[np.float64]
-    margin: int
+    shape: tuple[int, int, int]  # (nx, ny, nz), including margins
+    cell_size: float  # Edge of a cell in metres
+    minimum: NDArray[np.float64]  # Minimum corner of the cells inside the margin, metres
+    margin: int  # Empty cells below and above the points along each axis
 
     def centres(self) -> NDArray[np.float64]:
         """Return the centres of the occupied cells, metres, shape (c, 3)."""
@@ -141,29 +122,7 @@ def _local_coordinates(
 
 
 def build_cell_grids(*clouds: ArrayLike, cell_size: float, margin: int = 1) -> list[CellGrid]:
-    """Sort clouds into the cells of a common grid, anchored at their minimum corner.
-
-    Parameters
-    ----------
-    *clouds : array-like of shape (n, 3)
-        Coordinates in metres; at least one cloud must have a point.
-    cell_size : float
-        Edge of a cell in metres.
-    margin : int, default 1
-        Empty cells around the points, at least the reach of later searches.
-
-    Returns
-    -------
-    list of CellGrid
-        One grid per cloud; equal keys denote the same cell.
-
-    Raises
-    ------
-    DataError
-        If coordinates are not (n, 3) and finite, there is no point, or the extent is too large for the cell size.
-    ParameterError
-        If `cell_size` is not positive.
-    """
+    """Sort clouds into the cells of a common grid, anchored at their minimum corner."""
     check_positive(cell_size, "cell_size")
     arrays = [check_xyz(cloud) for cloud in clouds]
     boxes = [bounding_box(array) for array in arrays if len(array)]
@@ -186,23 +145,7 @@ def build_cell_grids(*clouds: ArrayLike, cell_size: float, margin: int = 1) -> l
 
 
 def check_threads(n_threads: int) -> int:
-    """Check a number of threads and return it.
-
-    Parameters
-    ----------
-    n_threads : int
-        Threads to use.
-
-    Returns
-    -------
-    int
-        The number.
-
-    Raises
-    ------
-    ParameterError
-        If the number is not an integer or is below 1.
-    """
+    """Check a number of threads and return it."""
     if not isinstance(n_threads, int | np.integer):
         raise ParameterError(f"n_threads must be an integer, got {n_threads!r}")
     check_at_least(n_threads, 1, "n_threads")
@@ -210,28 +153,7 @@ def check_threads(n_threads: int) -> int:
 
 
 def run_in_chunks(kernel: Callable[..., Any], n_items: int, *, n_threads: int) -> list[Any]:
-    """Call ``kernel(start, stop)`` on contiguous chunks of items, in a thread pool.
-
-    Parameters
-    ----------
-    kernel : callable
-        Takes the first item and one past the last. It must release the GIL and write only data of its own items, so
-        that the result does not depend on the chunks.
-    n_items : int
-        Number of items.
-    n_threads : int
-        Threads; 1 runs in the calling thread.
-
-    Returns
-    -------
-    list
-        Results of the calls, in the order of the items.
-
-    Raises
-    ------
-    ParameterError
-        If `n_threads` is below 1.
-    """
+    """Call ``kernel(start, stop)`` on contiguous chunks of items, in a thread pool."""
     check_threads(n_threads)
     if n_threads == 1 or n_items < 2:
         return [kernel(0, n_items)]

@@ -11,20 +11,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 
 @njit(cache=True)
 def find_root(parent: NDArray[np.int32], node: int) -> int:
-    """Return the root of a node, with path halving.
-
-    Parameters
-    ----------
-    parent : ndarray of int32, shape (n,)
-        Union-find forest; a root is its own parent. Paths are shortened in place.
-    node : int
-        The node.
-
-    Returns
-    -------
-    int
-        The root.
-    """
+    """Return the root of a node, with path halving."""
     while parent[node] != node:
         parent[node] = parent[parent[node]]
         node = parent[node]
@@ -33,15 +20,7 @@ def find_root(parent: NDArray[np.int32], node: int) -> int:
 
 @njit(cache=True)
 def join(parent: NDArray[np.int32], a: int, b: int) -> None:
-    """Join the trees of two nodes. The smaller root remains root: the roots do not depend on the order of joins.
-
-    Parameters
-    ----------
-    parent : ndarray of int32, shape (n,)
-        Union-find forest, changed in place.
-    a, b : int
-        The nodes.
-    """
+    """Join the trees of two nodes. The smaller root remains root: the roots do not depend on the order of joins."""
     a = find_root(parent, a)
     b = find_root(parent, b)
     if a < b:
@@ -69,25 +48,7 @@ def _components(edges: NDArray[np.int64], n_nodes: int) -> NDArray[np.int32]:
 
 
 def check_edges(edges: ArrayLike, n_nodes: int) -> NDArray[np.int64]:
-    """Return edges as a checked integer array.
-
-    Parameters
-    ----------
-    edges : array-like of int, shape (e, 2)
-        Pairs of node indices; e may be 0.
-    n_nodes : int
-        The number of nodes.
-
-    Returns
-    -------
-    ndarray of int64, shape (e, 2)
-        The edges, C-contiguous.
-
-    Raises
-    ------
-    DataError
-        If the shape is not (e, 2), the dtype is not integer, or an index is outside 0 to ``n_nodes - 1``.
-    """
+    """Return edges as a checked integer array."""
     array = np.asarray(edges)
     if array.size == 0:
         return np.zeros((0, 2), dtype=np.int64)
@@ -102,23 +63,6 @@ def check_edges(edges: ArrayLike, n_nodes: int) -> NDArray[np.int64]:
 def connected_components(edges: ArrayLike, *, n_nodes: int) -> NDArray[np.int32]:
     """Label the connected components of an undirected graph.
 
-    Parameters
-    ----------
-    edges : array-like of int, shape (e, 2)
-        Pairs of node indices, in any order; loops and repetitions are allowed.
-    n_nodes : int
-        The number of nodes; each node without edges is a component.
-
-    Returns
-    -------
-    ndarray of int32, shape (n_nodes,)
-        Labels 0, 1, ... numbered by each component's first node.
-
-    Raises
-    ------
-    DataError
-        If `edges` is not an integer array of shape (e, 2) or names a node that does not exist.
-
     Examples
     --------
     >>> connected_components([[3, 1], [4, 0]], n_nodes=5).tolist()
@@ -128,25 +72,7 @@ def connected_components(edges: ArrayLike, *, n_nodes: int) -> NDArray[np.int32]
 
 
 def unique_edges(edges: ArrayLike, *, n_nodes: int) -> NDArray[np.int64]:
-    """Return each undirected edge once.
-
-    Parameters
-    ----------
-    edges : array-like of int, shape (e, 2)
-        Pairs of node indices.
-    n_nodes : int
-        The number of nodes.
-
-    Returns
-    -------
-    ndarray of int64, shape (u, 2)
-        Pairs with the smaller index first, sorted, without loops.
-
-    Raises
-    ------
-    DataError
-        If `edges` is not an integer array of shape (e, 2) or names a node that does not exist.
-    """
+    """Return each undirected edge once."""
     pairs = np.sort(check_edges(edges, n_nodes), axis=1)
     pairs = pairs[pairs[:, 0] != pairs[:, 1]]
     return np.unique(pairs, axis=0)

@@ -39,43 +39,12 @@ def undistort_one(u: float, v: float, d: NDArray[np.float64]) -> tuple[float, fl
 
 
 def distort(plane: NDArray[np.float64], distortion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Apply lens distortion to points of the ideal image plane.
-
-    Parameters
-    ----------
-    plane : ndarray of shape (n, 2), float64
-        x / z and y / z in the camera's frame.
-    distortion : ndarray of shape (5,), float64
-        k1, k2, p1, p2, k3 (the order of OpenCV). With r^2 = x^2 + y^2 and f = 1 + k1 r^2 + k2 r^4 + k3 r^6, x becomes
-        x f + 2 p1 x y + p2 (r^2 + 2 x^2) and y becomes y f + p1 (r^2 + 2 y^2) + 2 p2 x y.
-
-    Returns
-    -------
-    ndarray of shape (n, 2), float64
-        Distorted points; the calibration matrix maps them to pixels.
-
-    References
-    ----------
-    .. [1] D. C. Brown, "Decentering distortion of lenses", Photogrammetric Engineering 32(3), 1966.
-    """
+    """Apply lens distortion to points of the ideal image plane."""
     return _each(np.ascontiguousarray(plane, dtype=np.float64), np.asarray(distortion, dtype=np.float64), False)
 
 
 def undistort(plane: NDArray[np.float64], distortion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Remove lens distortion from points of the image plane, the inverse of `distort`.
-
-    Parameters
-    ----------
-    plane : ndarray of shape (n, 2), float64
-        Distorted points within the image.
-    distortion : ndarray of shape (5,), float64
-        As in `distort`.
-
-    Returns
-    -------
-    ndarray of shape (n, 2), float64
-        x / z and y / z, by fixed-point iteration.
-    """
+    """Remove lens distortion from points of the image plane, the inverse of `distort`."""
     return _each(np.ascontiguousarray(plane, dtype=np.float64), np.asarray(distortion, dtype=np.float64), True)
 
 
@@ -91,41 +60,14 @@ def _each(plane: NDArray[np.float64], distortion: NDArray[np.float64], inverse: 
 
 
 def trusted_radius(k: NDArray[np.float64], distortion: NDArray[np.float64], width: int, height: int) -> float:
-    """Return the squared radius in the ideal plane beyond which points are outside the image.
-
-    Parameters
-    ----------
-    k : ndarray of shape (3, 3), float64
-        Calibration matrix, pixels.
-    distortion : ndarray of shape (5,), float64
-        As in `distort`.
-    width, height : int
-        Size of the image, pixels.
-
-    Returns
-    -------
-    float
-        Squared radius of the farthest corner, with a margin. Farther out, the distortion polynomial may fold back.
-    """
+    """Return the squared radius in the ideal plane beyond which points are outside the image."""
     u, v = np.meshgrid([-0.5, width - 0.5], [-0.5, height - 0.5])
     corners = np.column_stack([(u.ravel() - k[0, 2]) / k[0, 0], (v.ravel() - k[1, 2]) / k[1, 1]])
     return float(_MARGIN * (undistort(corners, distortion) ** 2).sum(axis=1).max())
 
 
 def fold_radius(distortion: NDArray[np.float64]) -> float:
-    """Return the radius in the ideal plane up to which the radial distortion is monotonic.
-
-    Parameters
-    ----------
-    distortion : ndarray of shape (5,), float64
-        As in `distort`.
-
-    Returns
-    -------
-    float
-        Smallest r > 0 at which d/dr (r + k1 r^3 + k2 r^5 + k3 r^7) is 0; infinite if there is none. Beyond it, the
-        polynomial maps outside points back into the image.
-    """
+    """Return the radius in the ideal plane up to which the radial distortion is monotonic."""
     roots = np.roots([7 * distortion[4], 5 * distortion[1], 3 * distortion[0], 1.0])
     squares = roots.real[(np.abs(roots.imag) < 1e-9 * np.maximum(np.abs(roots.real), 1e-300)) & (roots.real > 0)]
     return float(np.sqrt(squares.min())) if len(squares) else float("inf")

@@ -68,33 +68,7 @@ def _search_rows(
 def radius_neighbors(
     xyz: ArrayLike, *, radius: float, queries: ArrayLike | None = None, n_threads: int = 1
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Return all points within a radius of each query point.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points in metres.
-    radius : float
-        Search radius in metres, inclusive. On surfaces, time and memory grow with its square.
-    queries : array-like of shape (m, 3), optional
-        Query points; by default the points themselves, each its own neighbour.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    indices : ndarray of int32
-        Neighbours of all queries, ascending within a query.
-    indptr : ndarray of int64, shape (m + 1,)
-        Start of each query in `indices`.
-
-    Raises
-    ------
-    DataError
-        If coordinates are not (n, 3) and finite, or the extent is too large for the radius.
-    ParameterError
-        If `radius` is not positive or `n_threads` is below 1.
-    """
+    """Return all points within a radius of each query point."""
     check_positive(radius, "radius")
     points = check_xyz(xyz).astype(np.float64, copy=False)
     at_points = points if queries is None else check_xyz(queries, name="queries").astype(np.float64, copy=False)
@@ -127,33 +101,7 @@ def radius_neighbors(
 def nearest_neighbors(
     xyz: ArrayLike, *, k: int, queries: ArrayLike | None = None, n_threads: int = 1
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Return the k nearest points of each query point.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points in metres.
-    k : int
-        Neighbours per query; all points if there are fewer.
-    queries : array-like of shape (m, 3), optional
-        Query points; by default the points themselves, each its own nearest neighbour.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    indices : ndarray of int32, shape (m * min(k, n),)
-        Neighbours of all queries, nearest first, ties in ascending index.
-    indptr : ndarray of int64, shape (m + 1,)
-        Start of each query in `indices`.
-
-    Raises
-    ------
-    DataError
-        If coordinates are not (n, 3) and finite.
-    ParameterError
-        If `k` or `n_threads` is below 1.
-    """
+    """Return the k nearest points of each query point."""
     check_at_least(k, 1, "k")
     check_threads(n_threads)
     points = check_xyz(xyz).astype(np.float64, copy=False)

@@ -21,27 +21,13 @@ DEEPEST = BITS - SPAN_BITS
 
 @dataclass(frozen=True)
 class OctreeSample:
-    """Points in the order of the nodes of an octree.
+    """Points in the order of the nodes of an octree."""
 
-    Attributes
-    ----------
-    order : ndarray of shape (n,), int64
-        Point indices, node by node, in Morton order within a node.
-    keys : ndarray of shape (m, 4), int32
-        Depth, x, y and z of each node, parents first.
-    counts : ndarray of shape (m,), int64
-        Points of each node, at least 1.
-    low : ndarray of shape (3,), float64
-        Minimum corner of the root.
-    size : float
-        Edge of the root.
-    """
-
-    order: NDArray[np.int64]
-    keys: NDArray[np.int32]
-    counts: NDArray[np.int64]
-    low: NDArray[np.float64]
-    size: float
+    order: NDArray[np.int64]  # Point indices, node by node, in Morton order within a node
+    keys: NDArray[np.int32]  # Depth, x, y and z of each node, parents first
+    counts: NDArray[np.int64]  # Points of each node, at least 1
+    low: NDArray[np.float64]  # Minimum corner of the root
+    size: float  # Edge of the root
 
 
 def sample_octree(xyz: NDArray[np.float64], *, largest: int = 50_000) -> OctreeSample:
@@ -49,25 +35,6 @@ def sample_octree(xyz: NDArray[np.float64], *, largest: int = 50_000) -> OctreeS
 
     A node takes one point of each of its 128^3 cells and passes the others to its children. It takes all points if at
     most `largest` remain. All ancestors of a node thus hold points, as COPC 1.0 requires.
-
-    Parameters
-    ----------
-    xyz : ndarray of shape (n, 3), float64
-        Points.
-    largest : int, default 50,000
-        Maximum points of a node that is not divided. Larger values give fewer and larger file chunks.
-
-    Returns
-    -------
-    OctreeSample
-        The nodes, deterministic.
-
-    Raises
-    ------
-    DataError
-        If `xyz` is not (n, 3) and finite.
-    ParameterError
-        If `largest` is below 1.
     """
     check_at_least(largest, 1, "largest")
     points = check_xyz(xyz)

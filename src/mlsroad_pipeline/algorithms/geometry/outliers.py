@@ -15,36 +15,7 @@ def keep_inliers(
     """Return the inliers of statistical outlier removal.
 
     The spacing of a point is the mean distance to its `n_neighbors` nearest points, itself (at distance 0) included.
-    Inliers have a spacing of at most the mean spacing plus `std_ratio` standard deviations. This is the rule of
-    Open3D's ``remove_statistical_outlier``: points of spacing 0 enter the mean, but not the standard deviation. Unlike
-    Open3D, which removes them, points of spacing 0 (`n_neighbors` or more duplicates) are inliers.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Coordinates in metres.
-    n_neighbors : int, default 20
-        Nearest points including the point itself, at least 2. Larger values detect larger clusters of outliers.
-    std_ratio : float, default 2.0
-        Threshold in standard deviations above the mean spacing. Smaller values remove more points.
-    n_threads : int, default 1
-        Threads; they do not change the result.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        True for inliers. With fewer than `n_neighbors` points, all are neighbours; a single point is an inlier.
-
-    Raises
-    ------
-    DataError
-        If `xyz` is not (n, 3), or a coordinate is NaN or infinite.
-    ParameterError
-        If `n_neighbors` is below 2, `n_threads` is below 1 or `std_ratio` is not positive.
-
-    Notes
-    -----
-    About 1.4 seconds per million points, in one thread.
+    Inliers have a spacing of at most the mean spacing plus `std_ratio` standard deviations.
     """
     check_positive(std_ratio, "std_ratio")
     check_at_least(n_neighbors, 2, "n_neighbors")

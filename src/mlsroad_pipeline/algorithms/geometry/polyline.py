@@ -18,18 +18,6 @@ def build_capsules(xy: NDArray[np.float64]) -> NDArray[np.float64]:
 
     A capsule has all places up to a radius from its chord, which joins the ends of the segments. Unlike a bounding box
     it is thin in any direction of the line, so that few capsules are as near as the nearest segment.
-
-    Parameters
-    ----------
-    xy : ndarray of float64, shape (m, 2)
-        Vertices, at least two.
-
-    Returns
-    -------
-    ndarray of float64, shape (2 * l, 6)
-        Start of the chord, its vector, the inverse of its squared length (0 for a chord of length 0) and the radius of
-        each node. Node 1 is the root, the children of node i are 2 i and 2 i + 1, and the last l nodes are leaves of
-        four segments each. Nodes without segments are infinitely far from any point.
     """
     n_segments = len(xy) - 1
     n_leaves = 1
@@ -122,25 +110,7 @@ def locate(
     station: NDArray[np.float64],
     capsules: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the station and signed offset of points along a polyline.
-
-    Parameters
-    ----------
-    points : ndarray of float64, shape (n, 2 or more)
-        Points in the coordinates of the polyline; only x and y are used.
-    xy : ndarray of float64, shape (m, 2)
-        Vertices, consecutive ones different.
-    station : ndarray of float64, shape (m,)
-        Length along the polyline at each vertex.
-    capsules : ndarray of float64
-        Capsules of `build_capsules` for the vertices.
-
-    Returns
-    -------
-    station, offset : ndarray of float64, shape (n,)
-        Station of the nearest point of the polyline, and the distance to it, positive to the right. Beyond an end of
-        the polyline, the end segment is extended straight: stations are below the first or above the last.
-    """
+    """Return the station and signed offset of points along a polyline."""
     n, n_segments = len(points), len(xy) - 1
     segments = np.empty((n_segments, 7))
     for i in range(n_segments):

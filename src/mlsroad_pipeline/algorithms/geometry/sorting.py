@@ -18,22 +18,7 @@ _INTERVALS = 1 << 17
 
 @njit(cache=True, nogil=True)
 def radix_argsort(keys: NDArray[np.int64], n_bits: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Sort non-negative keys stably, eight bits at a time.
-
-    Parameters
-    ----------
-    keys : ndarray of int64, shape (n,)
-        Keys from 0 to ``2**n_bits - 1``; fewer than 2**31 of them.
-    n_bits : int
-        Number of low bits to sort by. The time grows with it.
-
-    Returns
-    -------
-    sorted : ndarray of int64, shape (n,)
-        The keys in ascending order.
-    order : ndarray of int32, shape (n,)
-        Their indices in the input.
-    """
+    """Sort non-negative keys stably, eight bits at a time."""
     n = len(keys)
     order = np.arange(n).astype(np.int32)
     sorted_keys, spare_keys, spare_order = keys.copy(), np.empty(n, np.int64), np.empty(n, np.int32)
@@ -60,18 +45,6 @@ def rank_integers(values: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArr
     """Return the distinct values in ascending order, and the rank of each value.
 
     Values in a narrow range, such as numbers of objects, are counted, about ten times as fast as sorting.
-
-    Parameters
-    ----------
-    values : ndarray of int, shape (n,)
-        Integers.
-
-    Returns
-    -------
-    names : ndarray of int64, shape (u,)
-        The distinct values, ascending.
-    ranks : ndarray of int64, shape (n,)
-        Index of each value in `names`.
     """
     if len(values) == 0:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
@@ -118,18 +91,7 @@ def _rank_sorted(
 
 
 def rank_few(values: NDArray[np.floating]) -> NDArray[np.float64] | None:
-    """Return the ranks of `rank_floats` for values of few levels, such as intensities of 16 bits.
-
-    Parameters
-    ----------
-    values : ndarray of float32 or float64, shape (n,)
-        Finite values.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,), or None
-        Their ranks; None if one of 2**17 equal intervals of their range has two different values.
-    """
+    """Return the ranks of `rank_floats` for values of few levels, such as intensities of 16 bits."""
     if len(values) == 0:
         return np.zeros(0)
     low = float(values.min())
@@ -172,16 +134,6 @@ def rank_floats(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
     Values are sorted in as many equal intervals of their range, so that the time is linear where they are spread
     evenly.
-
-    Parameters
-    ----------
-    values : ndarray of float64, shape (n,)
-        Finite values.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        Their ranks.
     """
     n = len(values)
     ranks, interval = np.empty(n), np.zeros(n, np.int32)
@@ -231,21 +183,7 @@ def _rank_members(
 
 
 def order_of(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Sort integers stably, as fast as their range allows.
-
-    Parameters
-    ----------
-    keys : ndarray of int64, shape (n,)
-        Integers in a range below 2**63; fewer than 2**31 of them. Different ones in a range of four times their number,
-        such as rows of a part of a file, take one pass, others that of `radix_argsort`.
-
-    Returns
-    -------
-    sorted : ndarray of int64, shape (n,)
-        The keys in ascending order.
-    order : ndarray of int32, shape (n,)
-        Their indices in the input.
-    """
+    """Sort integers stably, as fast as their range allows."""
     if len(keys) == 0:
         return np.zeros(0, np.int64), np.zeros(0, np.int32)
     low, high = int(keys.min()), int(keys.max())

@@ -297,22 +297,7 @@ def _spacings(
 
 
 def mean_spacing(xyz: NDArray[np.float64], *, k: int, n_threads: int = 1) -> NDArray[np.float64]:
-    """Return the mean distance of each point to its k nearest points, itself included.
-
-    Parameters
-    ----------
-    xyz : ndarray of float64, shape (n, 3)
-        Coordinates in metres, finite; at least one point.
-    k : int
-        Number of nearest points, from 1 to n.
-    n_threads : int, default 1
-        Threads; they do not change the result.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        Metres.
-    """
+    """Return the mean distance of each point to its k nearest points, itself included."""
     low, high = bounding_box(xyz)
     scale = (2**_BITS - 1) / max(float((high - low).max()), 1e-9)
     _, order = radix_argsort(_morton_codes(xyz, low, scale), 3 * _BITS)

@@ -11,20 +11,7 @@ _MIX = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio
 
 
 def first_in_cells(xyz: NDArray[np.floating], cell_size: float) -> NDArray[np.int64]:
-    """Return the first point of each occupied cell of a grid at the zero of the coordinates.
-
-    Parameters
-    ----------
-    xyz : ndarray of float32 or float64, shape (n, 3)
-        Coordinates, metres; finite, of at most 2**31 cells along an axis. Cells are computed in their precision.
-    cell_size : float
-        Edge of a cell, metres.
-
-    Returns
-    -------
-    ndarray of int64, shape (m,)
-        Rows of the points, ascending.
-    """
+    """Return the first point of each occupied cell of a grid at the zero of the coordinates."""
     return _first_in_cells(np.ascontiguousarray(xyz), xyz.dtype.type(cell_size))
 
 

@@ -41,35 +41,20 @@ MAX_BLOCKS_PER_AXIS = 2**31
 
 @dataclass(frozen=True)
 class BlockGrid:
-    """Occupied blocks of columns of a point cloud.
+    """Occupied blocks of columns of a point cloud."""
 
-    Attributes
-    ----------
-    origin : ndarray of shape (3,), float64
-        Minimum coordinates of the points; kernels subtract it in float64.
-    width : float
-        Width of a column in metres.
-    n_columns : int
-        Columns along the side of a block.
-    stride : int
-        Blocks along x per row of keys, including the ring around the points.
-    keys : ndarray of shape (b,), int64
-        Key ``(by + 2) * stride + bx + 2`` of each occupied block, ascending.
-    table_keys, table_slots : ndarray of shape (h,), int64 and int32
-        Row of `keys` by key, -1 for empty blocks, and no keys; of a sparse grid, an open-addressing hash table, where
-        -1 marks a free entry.
-    scattered : bool
-        Whether many points lie in another block than the point before, as in random order.
-    """
-
-    origin: NDArray[np.float64]
-    width: float
-    n_columns: int
-    stride: int
-    keys: NDArray[np.int64]
+    origin: NDArray[np.float64]  # Minimum coordinates of the points; kernels subtract it in float64
+    width: float  # Width of a column in metres
+    n_columns: int  # Columns along the side of a block
+    stride: int  # Blocks along x per row of keys, including the ring around the points
+    keys: NDArray[np.int64]  # Key ``(by + 2) * stride + bx + 2`` of each occupied block, ascending
+    # Row of `keys` by key, -1 for empty blocks, and no keys; of a sparse grid, an open-addressing hash table, where -1
+    # marks a free entry
     table_keys: NDArray[np.int64]
+    # Row of `keys` by key, -1 for empty blocks, and no keys; of a sparse grid, an open-addressing hash table, where -1
+    # marks a free entry
     table_slots: NDArray[np.int32]
-    scattered: bool = False
+    scattered: bool = False  # Whether many points lie in another block than the point before, as in random order
 
     @property
     def frame(self) -> Frame:
@@ -106,18 +91,6 @@ def build_lookup(keys: NDArray[np.int64], n_cells: int) -> tuple[NDArray[np.int6
     """Return the arrays that `find_slot` reads: rows by key and no keys, or a hash table where most cells are empty.
 
     Points in random order need the row of another block each.
-
-    Parameters
-    ----------
-    keys : ndarray of shape (b,), int64
-        Keys of the occupied blocks, ascending.
-    n_cells : int
-        Number of all keys of the grid.
-
-    Returns
-    -------
-    table_keys, table_slots : ndarray of int64 and int32
-        As in `BlockGrid`.
     """
     if n_cells > CELLS_PER_BLOCK * len(keys):
         return build_table(keys)
@@ -210,31 +183,7 @@ def build_blocks(
     n_columns: int,
     n_threads: int = 1,
 ) -> BlockGrid:
-    """Return the occupied blocks of a point cloud.
-
-    Parameters
-    ----------
-    xyz : ndarray of shape (n, 3), float32 or float64
-        Finite coordinates in metres.
-    bounds : pair of ndarray of shape (3,)
-        Minimum and maximum coordinates.
-    width : float
-        Width of a column in metres.
-    n_columns : int
-        Columns along the side of a block.
-    n_threads : int, default 1
-        Threads over the points; the result does not depend on it.
-
-    Returns
-    -------
-    BlockGrid
-        The grid.
-
-    Raises
-    ------
-    DataError
-        If the points extend over 2**31 blocks or more along an axis.
-    """
+    """Return the occupied blocks of a point cloud."""
     low, high = bounds
     n_blocks = np.floor((high - low)[:2] / width / n_columns) + 5
     if n_blocks.max() >= MAX_BLOCKS_PER_AXIS:

@@ -48,24 +48,7 @@ def _sort_range(
 def sort_by_block(
     xyz: NDArray[np.floating], grid: BlockGrid, n_threads: int
 ) -> tuple[NDArray[np.floating], NDArray[np.int32]]:
-    """Sort points by block, chunk by chunk.
-
-    Parameters
-    ----------
-    xyz : ndarray of shape (n, 3), float32 or float64
-        Coordinates in metres.
-    grid : BlockGrid
-        Blocks of the points.
-    n_threads : int
-        Threads over the points.
-
-    Returns
-    -------
-    ordered : ndarray of shape (n, 3)
-        The sorted points.
-    order : ndarray of shape (n,), int32
-        Their rows in `xyz`.
-    """
+    """Sort points by block, chunk by chunk."""
     ordered, order = np.empty_like(xyz), np.empty(len(xyz), dtype=np.int32)
     n_blocks = len(grid.keys)
     in_chunks(len(xyz), n_threads, lambda span: _sort_range(xyz, span, grid.lookup, n_blocks, ordered, order))

@@ -28,27 +28,13 @@ from mlsroad_pipeline.algorithms.ground.cells import (
 
 @dataclass(frozen=True)
 class SurfaceParameters:
-    """Parameters of the lower surface, see `classify_ground`.
+    """Parameters of the lower surface, see `classify_ground`."""
 
-    Attributes
-    ----------
-    slope : float
-        Slope of the cones that limit the heights of cells, metres per metre.
-    step : float
-        Tolerance of a cell above the cones, or from the line through its neighbours, metres.
-    drop : float
-        Tolerance below the cones of a cell outside large patches, metres.
-    share : float
-        Fraction of the columns of a cell that must support its lowest height, 0 to 1.
-    patch : float
-        Minimum area of a connected patch whose cells define cones, square metres.
-    """
-
-    slope: float
-    step: float
-    drop: float
-    share: float
-    patch: float
+    slope: float  # Slope of the cones that limit the heights of cells, metres per metre
+    step: float  # Tolerance of a cell above the cones, or from the line through its neighbours, metres
+    drop: float  # Tolerance below the cones of a cell outside large patches, metres
+    share: float  # Fraction of the columns of a cell that must support its lowest height, 0 to 1
+    patch: float  # Minimum area of a connected patch whose cells define cones, square metres
 
 
 @njit(cache=True)
@@ -94,24 +80,7 @@ def snap_to_minima(levels: NDArray[np.float32], minima: NDArray[np.float32], ste
 def lower_surface(
     grid: BlockGrid, minima: NDArray[np.float32], *, per_cell: int, parameters: SurfaceParameters
 ) -> NDArray[np.float32]:
-    """Estimate the ground height of each column of the occupied blocks.
-
-    Parameters
-    ----------
-    grid : BlockGrid
-        The occupied blocks.
-    minima : ndarray of shape (b, columns, columns), float32
-        Lowest z of each column in metres; inf for empty columns.
-    per_cell : int
-        Columns along the side of a cell; divides the columns of a block.
-    parameters : SurfaceParameters
-        Parameters of the surface.
-
-    Returns
-    -------
-    ndarray of shape (b, columns, columns), float32
-        Ground height of each column in metres, relative to the origin of the grid.
-    """
+    """Estimate the ground height of each column of the occupied blocks."""
     ring = (np.arange(-1, 2)[:, None] * grid.stride + np.arange(-1, 2)).ravel()
     keys = np.unique(grid.keys[:, None] + ring)
     rows = np.searchsorted(keys, grid.keys)
@@ -129,17 +98,6 @@ def lower_surface(
 
 
 def block_surface(minima: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the lowest height of each block for all of its columns (the reference of the paper).
-
-    Parameters
-    ----------
-    minima : ndarray of shape (b, columns, columns), float32
-        Lowest z of each column in metres; inf for empty columns.
-
-    Returns
-    -------
-    ndarray of shape (b, columns, columns), float32
-        The lowest minimum of the block in all columns.
-    """
+    """Return the lowest height of each block for all of its columns (the reference of the paper)."""
     lowest = minima.min(axis=(1, 2), keepdims=True)
     return np.ascontiguousarray(np.broadcast_to(lowest, minima.shape))

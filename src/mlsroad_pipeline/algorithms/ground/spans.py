@@ -22,22 +22,7 @@ MAX_Z_RANGE = 1e5
 
 
 def in_chunks(n_points: int, n_threads: int, work: Callable[[Span], Any]) -> list[Any]:
-    """Call ``work((start, stop))`` on contiguous ranges of points, one per thread.
-
-    Parameters
-    ----------
-    n_points : int
-        Number of points.
-    n_threads : int
-        Number of ranges; 1 runs in the calling thread.
-    work : callable
-        Takes a range; calls a kernel that releases the GIL.
-
-    Returns
-    -------
-    list
-        Results of the calls, in the order of the ranges.
-    """
+    """Call ``work((start, stop))`` on contiguous ranges of points, one per thread."""
     bounds = np.linspace(0, n_points, n_threads + 1).astype(np.int64)
     spans = [(int(start), int(stop)) for start, stop in pairwise(bounds)]
     if n_threads == 1:
@@ -64,27 +49,7 @@ def point_bounds(xyz: NDArray[np.floating], span: Span) -> tuple[NDArray[np.floa
 def bounds_of(
     xyz: ArrayLike, n_threads: int = 1
 ) -> tuple[NDArray[np.floating], tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Validate coordinates and return them with their bounds, in one pass.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Coordinates in metres.
-    n_threads : int, default 1
-        Threads over the points.
-
-    Returns
-    -------
-    points : ndarray of shape (n, 3), float32 or float64
-        The coordinates, C-contiguous, copied only if required.
-    bounds : pair of ndarray of shape (3,)
-        Minimum and maximum coordinates; infinite without points.
-
-    Raises
-    ------
-    DataError
-        If `xyz` is not (n, 3) or not finite, or spans more than 1e5 m in z.
-    """
+    """Validate coordinates and return them with their bounds, in one pass."""
     points = np.asarray(xyz)
     usable = points.dtype in (np.float32, np.float64) and points.ndim == 2 and points.shape[1] == 3
     points = np.ascontiguousarray(points) if usable else check_xyz(xyz)

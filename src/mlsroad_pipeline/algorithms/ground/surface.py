@@ -26,28 +26,15 @@ CELLS_PER_BLOCK = 16
 
 @dataclass(frozen=True)
 class GroundSurface:
-    """Ground heights on a raster of square cells, with gaps filled.
+    """Ground heights on a raster of square cells, with gaps filled."""
 
-    Attributes
-    ----------
-    grid : BlockGrid
-        Occupied blocks; a column is a cell.
-    nodes : ndarray of shape (b, s + 2, s + 2), float32
-        Ground height at the centre of each cell above the origin of the grid, metres, with a border of one cell around
-        each block. All NaN without ground points.
-    known : ndarray of shape (k, 2), float64
-        Centres of the cells with ground points, metres from the origin of the grid.
-    known_heights : ndarray of shape (k,), float32
-        Their heights above the origin of the grid, metres.
-    n_neighbours : int
-        Number of cells from which a gap is interpolated.
-    """
-
-    grid: BlockGrid
+    grid: BlockGrid  # Occupied blocks; a column is a cell
+    # Ground height at the centre of each cell above the origin of the grid, metres, with a border of one cell around
+    # each block. All NaN without ground points.
     nodes: NDArray[np.float32]
-    known: NDArray[np.float64]
-    known_heights: NDArray[np.float32]
-    n_neighbours: int
+    known: NDArray[np.float64]  # Centres of the cells with ground points, metres from the origin of the grid
+    known_heights: NDArray[np.float32]  # Their heights above the origin of the grid, metres
+    n_neighbours: int  # Number of cells from which a gap is interpolated
 
     @classmethod
     def from_points(
@@ -63,35 +50,7 @@ class GroundSurface:
         """Estimate the surface from classified points.
 
         The height of a cell is the mean of its ground points at most `spread` above the lowest, so that misclassified
-        points, such as car sills, do not raise it. A cell without ground points takes the inverse-square-distance
-        weighted mean of the `n_neighbours` nearest cells with ground points.
-
-        Parameters
-        ----------
-        xyz : array-like of shape (n, 3)
-            All points in metres, ground or not; they define the extent of the surface.
-        ground : array-like of bool, shape (n,)
-            True for ground.
-        cell_size : float, default 0.5
-            Side of a cell in metres. Larger cells reduce noise and blur curbs.
-        spread : float, default 0.3
-            Height range of the averaged points of a cell, metres; must cover the slope across a cell.
-        n_neighbours : int, default 8
-            Number of cells from which a gap is interpolated; 1 takes the nearest.
-        n_threads : int, default 1
-            Threads over the points; the result does not depend on it.
-
-        Returns
-        -------
-        GroundSurface
-            The surface; NaN without ground points.
-
-        Raises
-        ------
-        DataError
-            If there are no points, `xyz` is not (n, 3) or not finite, or `ground` has another length.
-        ParameterError
-            If `cell_size` or `spread` is not positive, or `n_neighbours` or `n_threads` is below 1.
+        points, such as car sills, do not raise it.
         """
         check_positive(cell_size, "cell_size")
         check_positive(spread, "spread")
@@ -126,23 +85,7 @@ class GroundSurface:
         return ((self.known_heights[index] * weight).sum(axis=1) / weight.sum(axis=1)).astype(np.float32)
 
     def elevation(self, xy: ArrayLike) -> NDArray[np.float64]:
-        """Return the ground elevation at given positions, in the coordinates of the points.
-
-        Parameters
-        ----------
-        xy : array-like of shape (m, 2)
-            Positions in metres; outside the occupied blocks, heights are interpolated as in gaps, see `from_points`.
-
-        Returns
-        -------
-        ndarray of float64, shape (m,)
-            z of the ground in metres; NaN without ground points.
-
-        Raises
-        ------
-        DataError
-            If `xy` is not (m, 2) or not finite.
-        """
+        """Return the ground elevation at given positions, in the coordinates of the points."""
         places = np.ascontiguousarray(xy, dtype=np.float64)
         if places.ndim != 2 or places.shape[1] != 2 or not np.isfinite(places).all():
             raise DataError(f"xy must be finite of shape (m, 2), got shape {places.shape}")
@@ -165,33 +108,6 @@ def height_above_ground(
     """Return the height of each point above the ground.
 
     The ground is a `GroundSurface`, interpolated bilinearly between cell centres.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Coordinates in metres, z up.
-    ground : array-like of bool, shape (n,)
-        True for ground.
-    cell_size : float, default 0.5
-        Side of a cell in metres. Larger cells reduce noise and blur curbs.
-    spread : float, default 0.3
-        Height range of the averaged points of a cell, metres.
-    n_neighbours : int, default 8
-        Number of cells from which a gap is interpolated.
-    n_threads : int, default 1
-        Threads over the points; the result does not depend on it.
-
-    Returns
-    -------
-    ndarray of float32, shape (n,)
-        Height in metres, negative below the surface; all NaN without ground points. Empty without points.
-
-    Raises
-    ------
-    DataError
-        If `xyz` is not (n, 3) or not finite, or `ground` has another length.
-    ParameterError
-        If `cell_size` or `spread` is not positive, or `n_neighbours` or `n_threads` is below 1.
     """
     points = np.asarray(xyz)
     if points.ndim == 2 and len(points) == 0:

@@ -1,1 +1,1 @@
-"""Inventory of road objects: from labelled points to the measured objects of a survey."""
+"""Inventory of road objects and lines, and its scores."""

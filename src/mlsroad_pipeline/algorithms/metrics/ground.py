@@ -12,52 +12,18 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 
 @dataclass(frozen=True)
 class GroundScores:
-    """Errors of a ground filter as fractions; undefined values are NaN.
+    """Errors of a ground filter as fractions; undefined values are NaN."""
 
-    Attributes
-    ----------
-    type_1 : float
-        Share of the true ground points that are classified as objects.
-    type_2 : float
-        Share of the true object points that are classified as ground.
-    total : float
-        Share of all points that are misclassified.
-    kappa : float
-        Cohen's kappa: agreement beyond chance; NaN if truth and prediction consist of the same single class.
-    n_ground, n_object : int
-        Numbers of scored points by true class.
-    """
-
-    type_1: float
-    type_2: float
-    total: float
-    kappa: float
-    n_ground: int
-    n_object: int
+    type_1: float  # Share of the true ground points that are classified as objects
+    type_2: float  # Share of the true object points that are classified as ground
+    total: float  # Share of all points that are misclassified
+    kappa: float  # Cohen's kappa: agreement beyond chance; NaN if truth and prediction consist of the same single class
+    n_ground: int  # Numbers of scored points by true class
+    n_object: int  # Numbers of scored points by true class
 
 
 def count_ground(is_ground: ArrayLike, reference: ArrayLike, *, valid: ArrayLike | None = None) -> NDArray[np.int64]:
-    """Count points by true and predicted ground; counts of several scenes are added.
-
-    Parameters
-    ----------
-    is_ground : array-like of bool, shape (n,)
-        Prediction; True is ground.
-    reference : array-like of bool, shape (n,)
-        Reference; True is ground.
-    valid : array-like of bool, shape (n,), optional
-        Points to score, for example without unlabelled points; None scores all.
-
-    Returns
-    -------
-    ndarray of int64, shape (4,)
-        Number of points that are ground in both, in the reference, in the prediction, and of all points.
-
-    Raises
-    ------
-    DataError
-        If the arrays are not boolean or differ in length.
-    """
+    """Count points by true and predicted ground; counts of several scenes are added."""
     predicted, truth = np.asarray(is_ground), np.asarray(reference)
     scored = np.ones(truth.shape, dtype=np.bool_) if valid is None else np.asarray(valid)
     for name, array in (("is_ground", predicted), ("reference", truth), ("valid", scored)):
@@ -71,18 +37,7 @@ def count_ground(is_ground: ArrayLike, reference: ArrayLike, *, valid: ArrayLike
 
 
 def scores_of_counts(counts: NDArray[np.int64]) -> GroundScores:
-    """Return the scores of a ground filter from the counts of `count_ground`.
-
-    Parameters
-    ----------
-    counts : ndarray of int64, shape (4,)
-        Counts of one scene, or the sum of several.
-
-    Returns
-    -------
-    GroundScores
-        Type I, type II and total error, kappa and supports.
-    """
+    """Return the scores of a ground filter from the counts of `count_ground`."""
     both, n_ground, n_predicted, n_points = (int(count) for count in counts)
     n_object = n_points - n_ground
     wrong = n_ground + n_predicted - 2 * both
@@ -99,25 +54,6 @@ def scores_of_counts(counts: NDArray[np.int64]) -> GroundScores:
 
 def score_ground(is_ground: ArrayLike, reference: ArrayLike, *, valid: ArrayLike | None = None) -> GroundScores:
     """Return the scores of predicted ground points against a reference.
-
-    Parameters
-    ----------
-    is_ground : array-like of bool, shape (n,)
-        Prediction; True is ground.
-    reference : array-like of bool, shape (n,)
-        Reference; True is ground.
-    valid : array-like of bool, shape (n,), optional
-        Points to score, for example without unlabelled points; None scores all.
-
-    Returns
-    -------
-    GroundScores
-        Type I, type II and total error, kappa and supports.
-
-    Raises
-    ------
-    DataError
-        If the arrays are not boolean or differ in length.
 
     Examples
     --------

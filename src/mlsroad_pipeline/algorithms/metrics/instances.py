@@ -15,27 +15,15 @@ _FRAGMENT = 0.1  # minimum share of an instance or segment for a relevant part
 
 @dataclass(frozen=True)
 class Overlaps:
-    """Numbers of points shared by segments and instances.
+    """Numbers of points shared by segments and instances."""
 
-    Attributes
-    ----------
-    instances, segments : ndarray of int64
-        Numbers of the instances and segments, ascending.
-    instance_sizes, segment_sizes : ndarray of int64
-        Numbers of points of the instances and segments.
-    instance, segment : ndarray of int64, shape (m,)
-        Index into `instances` and `segments` of each pair that shares points.
-    shared : ndarray of int64, shape (m,)
-        Number of points shared by the pair.
-    """
-
-    instances: NDArray[np.int64]
-    segments: NDArray[np.int64]
-    instance_sizes: NDArray[np.int64]
-    segment_sizes: NDArray[np.int64]
-    instance: NDArray[np.int64]
-    segment: NDArray[np.int64]
-    shared: NDArray[np.int64]
+    instances: NDArray[np.int64]  # Numbers of the instances and segments, ascending
+    segments: NDArray[np.int64]  # Numbers of the instances and segments, ascending
+    instance_sizes: NDArray[np.int64]  # Numbers of points of the instances and segments
+    segment_sizes: NDArray[np.int64]  # Numbers of points of the instances and segments
+    instance: NDArray[np.int64]  # Index into `instances` and `segments` of each pair that shares points
+    segment: NDArray[np.int64]  # Index into `instances` and `segments` of each pair that shares points
+    shared: NDArray[np.int64]  # Number of points shared by the pair
 
     @property
     def iou(self) -> NDArray[np.float64]:
@@ -46,56 +34,21 @@ class Overlaps:
 
 @dataclass(frozen=True)
 class InstanceScores:
-    """Scores of a segmentation against reference instances; undefined values are NaN.
+    """Scores of a segmentation against reference instances; undefined values are NaN."""
 
-    Attributes
-    ----------
-    coverage : float
-        Mean over instances of the best IoU with a segment.
-    weighted_coverage : float
-        Coverage weighted by the points of the instances.
-    precision, recall : float
-        Share of segments and of instances that match one to one with an IoU above the threshold.
-    over_segmentation : float
-        Share of instances split over at least two segments that lie mostly in it and contain at least a tenth of it.
-    under_segmentation : float
-        Share of segments with at least two instances that make up at least a tenth of it each.
-    n_instances, n_segments : int
-        Numbers of scored instances and segments.
-    """
-
-    coverage: float
-    weighted_coverage: float
-    precision: float
-    recall: float
+    coverage: float  # Mean over instances of the best IoU with a segment
+    weighted_coverage: float  # Coverage weighted by the points of the instances
+    precision: float  # Share of segments and of instances that match one to one with an IoU above the threshold
+    recall: float  # Share of segments and of instances that match one to one with an IoU above the threshold
+    # Share of instances split over at least two segments that lie mostly in it and contain at least a tenth of it
     over_segmentation: float
-    under_segmentation: float
-    n_instances: int
-    n_segments: int
+    under_segmentation: float  # Share of segments with at least two instances that make up at least a tenth of it each
+    n_instances: int  # Numbers of scored instances and segments
+    n_segments: int  # Numbers of scored instances and segments
 
 
 def find_overlaps(instances: ArrayLike, segments: ArrayLike, *, background: int = 0) -> Overlaps:
-    """Count the points that instances and segments share.
-
-    Parameters
-    ----------
-    instances : array-like of shape (n,), integer
-        Reference instance of each point.
-    segments : array-like of shape (n,), integer
-        Segment of each point; -1 is none.
-    background : int, default 0
-        Instance number of background points; they count in the sizes of segments.
-
-    Returns
-    -------
-    Overlaps
-        Pairs ordered by instance, then segment.
-
-    Raises
-    ------
-    DataError
-        If the lengths differ or the numbers are not integers.
-    """
+    """Count the points that instances and segments share."""
     truth, predicted = np.asarray(instances), np.asarray(segments)
     if truth.shape != predicted.shape or truth.ndim != 1:
         raise DataError(
@@ -126,34 +79,7 @@ def find_overlaps(instances: ArrayLike, segments: ArrayLike, *, background: int 
 def score_segmentation(
     instances: ArrayLike, segments: ArrayLike, *, background: int = 0, iou_threshold: float = 0.5, min_points: int = 1
 ) -> InstanceScores:
-    """Return the scores of a segmentation of points into objects.
-
-    Parameters
-    ----------
-    instances : array-like of shape (n,), integer
-        Reference instance of each point.
-    segments : array-like of shape (n,), integer
-        Segment of each point; -1 is none.
-    background : int, default 0
-        Instance number of background points. Segments that lie mostly in the background are not scored, since it has no
-        reference.
-    iou_threshold : float, default 0.5
-        Minimum IoU of a match (exclusive), at least 0.5, which makes matches one to one.
-    min_points : int, default 1
-        Minimum number of points of scored instances and segments.
-
-    Returns
-    -------
-    InstanceScores
-        The scores.
-
-    Raises
-    ------
-    DataError
-        If the lengths differ or the numbers are not integers.
-    ParameterError
-        If `iou_threshold` is not in [0.5, 1).
-    """
+    """Return the scores of a segmentation of points into objects."""
     if not 0.5 <= iou_threshold < 1:
         raise ParameterError(f"iou_threshold must be at least 0.5 and below 1, got {iou_threshold!r}")
     pairs = find_overlaps(instances, segments, background=background)

@@ -16,70 +16,25 @@ IGNORED = -1
 
 @dataclass(frozen=True)
 class PartitionQuality:
-    """Scores of a partition against reference labels; undefined values are NaN.
+    """Scores of a partition against reference labels; undefined values are NaN."""
 
-    Attributes
-    ----------
-    n_segments : int
-        Segments with at least one scored point.
-    boundary_recall : float
-        Share of near pairs of points with different reference labels that lie in different segments. NaN without such
-        pairs.
-    under_segmentation_error : float
-        Share of points by which segments cross the borders of the reference; 0 is best.
-    leakage : float
-        Earlier, stricter form of the error: points outside each reference label in the segments that overlap it, as a
-        share of the points. Can exceed 1; 0 is best.
-    accuracy_ceiling : float
-        Overall accuracy if every segment has its most frequent reference label: the upper bound for any labeller of
-        segments.
-    """
-
-    n_segments: int
+    n_segments: int  # Segments with at least one scored point
+    # Share of near pairs of points with different reference labels that lie in different segments. NaN without such
+    # pairs.
     boundary_recall: float
-    under_segmentation_error: float
+    under_segmentation_error: float  # Share of points by which segments cross the borders of the reference; 0 is best
+    # Earlier, stricter form of the error: points outside each reference label in the segments that overlap it, as a
+    # share of the points. Can exceed 1; 0 is best.
     leakage: float
+    # Overall accuracy if every segment has its most frequent reference label: the upper bound for any labeller of
+    # segments
     accuracy_ceiling: float
 
 
 def evaluate_partition(
     labels: ArrayLike, truth: ArrayLike, *, xyz: ArrayLike | None = None, pairs: ArrayLike | None = None, k: int = 10
 ) -> PartitionQuality:
-    """Return the scores of a partition against reference labels.
-
-    Parameters
-    ----------
-    labels : array-like of shape (n,), integer
-        Segment of each point; any integers.
-    truth : array-like of shape (n,), integer
-        Reference label (class or object) of each point; points labelled -1 are ignored.
-    xyz : array-like of shape (n, 3), optional
-        Coordinates in metres; near pairs are each scored point and its `k` nearest scored points.
-    pairs : array-like of shape (m, 2), integer, optional
-        Near pairs, instead of `xyz`; pairs with an ignored point are skipped.
-    k : int, default 10
-        Neighbours of a point in the near pairs. Larger widens the boundary.
-
-    Returns
-    -------
-    PartitionQuality
-        The scores; the boundary recall is NaN without `xyz` and `pairs`.
-
-    Raises
-    ------
-    DataError
-        If `truth` and `labels` differ in length or are not integers, if `pairs` are not pairs of point indices, or if
-        both `xyz` and `pairs` are given.
-    ParameterError
-        If `k` is less than 1.
-
-    Notes
-    -----
-    With s a segment, t a reference label and N the scored points, the under-segmentation error is
-    sum over s and t of min(|s and t|, |s without t|) / N (Neubert and Protzel 2012), the leakage is
-    (sum over t of sum over s that meet t of |s|) / N - 1 (Levinshtein et al. 2009, as in Papon et al. 2013), and the
-    ceiling is sum over s of max over t of |s and t| / N.
-    """
+    """Return the scores of a partition against reference labels."""
     segments, reference = _checked(labels, truth)
     if k < 1:
         raise ParameterError(f"k must be >= 1, got {k!r}")
@@ -103,23 +58,6 @@ def majority_labels(labels: ArrayLike, truth: ArrayLike) -> NDArray[np.int64]:
     """Return the most frequent reference label of the segment of each point.
 
     Scores of these labels are upper bounds for the partition (exact for the overall accuracy, up to ties for others).
-
-    Parameters
-    ----------
-    labels : array-like of shape (n,), integer
-        Segment of each point.
-    truth : array-like of shape (n,), integer
-        Reference label of each point; -1 is ignored.
-
-    Returns
-    -------
-    ndarray of shape (n,), int64
-        The labels, the smaller of equally frequent ones; -1 in segments without a reference label.
-
-    Raises
-    ------
-    DataError
-        If `truth` and `labels` differ in length or are not integers.
     """
     segments, reference = _checked(labels, truth)
     values, classes = np.unique(reference, return_inverse=True)

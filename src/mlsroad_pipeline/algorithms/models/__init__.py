@@ -1,1 +1,1 @@
-"""Learned models: forests, kernel machines, training of networks, model bundles."""
+"""Models of the product, model bundles and the table of methods."""

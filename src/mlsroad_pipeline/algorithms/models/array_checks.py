@@ -17,18 +17,7 @@ Arrays = Mapping[str, NDArray]
 
 
 def check_model_arrays(arrays: Arrays) -> None:
-    """Check the arrays of a model: finite numbers, and indices that stay inside the arrays they index.
-
-    Parameters
-    ----------
-    arrays : mapping of str to ndarray
-        The arrays, of any method; those of several variants or members have prefixes.
-
-    Raises
-    ------
-    DataError
-        If the arrays are those of no model; the message names the array.
-    """
+    """Check the arrays of a model: finite numbers, and indices that stay inside the arrays they index."""
     for name, values in arrays.items():
         _check(values.dtype.kind in KINDS, name, f"holds values of type {values.dtype}")
         if values.dtype.kind == "f":

@@ -19,24 +19,12 @@ Labeller = Callable[[PointCloud, ModelBundle], tuple[NDArray[np.integer], NDArra
 
 
 class SoftLabels(NamedTuple):
-    """Labels of a cloud of n points, with class probabilities where the method has them.
+    """Labels of a cloud of n points, with class probabilities where the method has them."""
 
-    Attributes
-    ----------
-    labels : ndarray of int16, shape (n,)
-        Classes; -1 for none.
-    confidence : ndarray of float32, shape (n,)
-        0 to 1.
-    probabilities : ndarray of float32, shape (m, classes), or None
-        Class probabilities of m voxels or points.
-    owner : ndarray of int, shape (n,), or None
-        Row of `probabilities` of each point, -1 for none.
-    """
-
-    labels: NDArray[np.int16]
-    confidence: NDArray[np.float32]
-    probabilities: NDArray[np.float32] | None = None
-    owner: NDArray[np.integer] | None = None
+    labels: NDArray[np.int16]  # Classes; -1 for none
+    confidence: NDArray[np.float32]  # 0 to 1
+    probabilities: NDArray[np.float32] | None = None  # Class probabilities of m voxels or points
+    owner: NDArray[np.integer] | None = None  # Row of `probabilities` of each point, -1 for none
 
 
 def labels_of_rows(
@@ -45,24 +33,7 @@ def labels_of_rows(
     probabilities: NDArray[np.floating],
     owner: NDArray[np.int32],
 ) -> SoftLabels:
-    """Return the labels of points from those of rows of probabilities.
-
-    Parameters
-    ----------
-    best : ndarray of int16, shape (m,)
-        Class of each row.
-    confidence : ndarray of float32, shape (m,)
-        Confidence of each row.
-    probabilities : ndarray of float, shape (m, classes)
-        Class probabilities.
-    owner : ndarray of int32, shape (n,)
-        Row of each point, -1 for none.
-
-    Returns
-    -------
-    SoftLabels
-        The labels; points without a row have none, and a confidence of 0.
-    """
+    """Return the labels of points from those of rows of probabilities."""
     # Points without a row take the last element.
     label, sure = (np.append(values, default) for values, default in ((best, IGNORE), (confidence, 0)))
     return SoftLabels(
@@ -73,60 +44,14 @@ def labels_of_rows(
 def label_cloud(
     bundle: ModelBundle, cloud: PointCloud, *, labeller: Labeller | None = None
 ) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Label a cloud with a model.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The model.
-    cloud : PointCloud
-        Points that the model was not trained on.
-    labeller : callable, optional
-        Function to use instead, for models that need more than the points.
-
-    Returns
-    -------
-    labels : ndarray of int16, shape (n,)
-        Indices into `bundle.classes`; -1 for points without a class.
-    confidence : ndarray of float32, shape (n,)
-        0 to 1.
-
-    Raises
-    ------
-    ParameterError
-        If the method of the model is unknown.
-    DataError
-        If it returns another number of labels, labels outside the classes, or confidences outside 0 to 1.
-    """
+    """Label a cloud with a model."""
     if labeller is None:
         labeller = method_of(bundle).load("label_cloud")
     return _checked(bundle, cloud, *_applied(bundle, cloud, labeller))
 
 
 def label_softly(bundle: ModelBundle, cloud: PointCloud, *, labeller: Labeller | None = None) -> SoftLabels:
-    """Label a cloud with a model, and return the class probabilities if the method has any.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The model.
-    cloud : PointCloud
-        Points that the model was not trained on.
-    labeller : callable, optional
-        Function to use instead, for models that need more than the points; it gives no probabilities.
-
-    Returns
-    -------
-    SoftLabels
-        Labels and confidences of `label_cloud`, and probabilities for methods with `label_softly` in `METHODS`.
-
-    Raises
-    ------
-    ParameterError
-        If the method of the model is unknown.
-    DataError
-        If it returns another number of labels, or labels outside the classes.
-    """
+    """Label a cloud with a model, and return the class probabilities if the method has any."""
     if labeller is not None or not method_of(bundle).label_softly:
         return SoftLabels(*label_cloud(bundle, cloud, labeller=labeller))
     soft: SoftLabels = _applied(bundle, cloud, method_of(bundle).load("label_softly"))

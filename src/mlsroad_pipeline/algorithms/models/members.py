@@ -12,26 +12,7 @@ from mlsroad_pipeline.algorithms.models.methods import METHODS
 
 
 def with_members(bundle: ModelBundle, members: Mapping[str, ModelBundle]) -> ModelBundle:
-    """Store other models in a model, so that it can be used without their files.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The model.
-    members : mapping of str to ModelBundle
-        Slug to model. The first one prepares the scenes: its `attributes` and its ground filter become those of the
-        result.
-
-    Returns
-    -------
-    ModelBundle
-        The model with its members; `member` returns one of them.
-
-    Raises
-    ------
-    DataError
-        If a member has other classes.
-    """
+    """Store other models in a model, so that it can be used without their files."""
     arrays, described = dict(bundle.arrays), {}
     for slug, one in members.items():
         if one.classes != bundle.classes:
@@ -52,25 +33,7 @@ def with_members(bundle: ModelBundle, members: Mapping[str, ModelBundle]) -> Mod
 
 
 def member(bundle: ModelBundle, slug: str) -> ModelBundle:
-    """Return a model that is stored in another one.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        A model of `with_members`, or the member itself.
-    slug : str
-        Slug of the member.
-
-    Returns
-    -------
-    ModelBundle
-        The member.
-
-    Raises
-    ------
-    ParameterError
-        If the model has no such member.
-    """
+    """Return a model that is stored in another one."""
     if bundle.slug == slug:
         return bundle
     if slug not in bundle.metadata.get("members", {}):
@@ -79,38 +42,14 @@ def member(bundle: ModelBundle, slug: str) -> ModelBundle:
 
 
 def stored_member(bundle: ModelBundle, name: str) -> ModelBundle:
-    """Return the model that is stored in another one by its name, which is its slug unless its metadata have one.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        A model whose metadata name the member in ``members``.
-    name : str
-        Name of the member.
-
-    Returns
-    -------
-    ModelBundle
-        The member.
-    """
+    """Return the model that is stored in another one by its name, which is its slug unless its metadata have one."""
     stored = bundle.metadata["members"][name]
     metadata = {key: value for key, value in stored.items() if key != "slug"}
     return ModelBundle(str(stored.get("slug", name)), arrays_under(bundle.arrays, f"{name}/"), metadata)
 
 
 def context_of(bundle: ModelBundle) -> float:
-    """Return the distance beyond a scene up to which points improve its labels.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        A model.
-
-    Returns
-    -------
-    float
-        The greatest context of its method and those of its members, metres.
-    """
+    """Return the distance beyond a scene up to which points improve its labels."""
     members: Mapping[str, Any] = bundle.metadata.get("members", {})
     slugs = {bundle.slug, *(str(stored.get("slug", name)) for name, stored in members.items())}
     return max((METHODS[slug].context for slug in slugs if slug in METHODS), default=0.0)

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Literal
 
-SCIENCE = "mlsroad_pipeline.algorithms"
-"""Package of all methods."""
+PACKAGE = "mlsroad_pipeline"
+"""Package below which methods lie: those of the product in `algorithms`, those of the papers in `papers`."""
 
 Task = Literal["labelling", "detection", "recognition"]
 
@@ -20,7 +20,7 @@ Task = Literal["labelling", "detection", "recognition"]
 class Method:
     """A method, with the places ``module:name`` of its parts.
 
-    A module with a leading dot lies in the method's folder, any other below `SCIENCE`.
+    A module with a leading dot lies in the method's folder, any other below `PACKAGE`.
 
     Parameters
     ----------
@@ -36,9 +36,9 @@ class Method:
         Applies a model. Patch labellers: the classifier class. Other labellers: the function that labels a prepared
         scene. Detectors: the function that detects described objects. Recognisers: the recogniser class. None of a
         composed method.
-    train : str, default "recognition.recogniser:train_recogniser"
+    train : str, default "papers.shared.recognition.recogniser:train_recogniser"
         Function that trains a model; recognisers share one.
-    label_cloud : str, default "recognition.recogniser:label_cloud"
+    label_cloud : str, default "papers.shared.recognition.recogniser:label_cloud"
         Function that labels a cloud from raw coordinates on: ``(cloud, bundle)`` to labels and confidences.
     label_softly : str, optional
         Function that labels a cloud and returns class probabilities too: see `labelling.SoftLabels`.
@@ -69,8 +69,8 @@ class Method:
     folder: str
     parameters: str = ""
     use: str = ""
-    train: str = "recognition.recogniser:train_recogniser"
-    label_cloud: str = "recognition.recogniser:label_cloud"
+    train: str = "papers.shared.recognition.recogniser:train_recogniser"
+    label_cloud: str = "papers.shared.recognition.recogniser:label_cloud"
     label_softly: str = ""
     group: str = ""
     needs_images: bool = False
@@ -82,6 +82,21 @@ class Method:
     refines: str = ""
     context: float = 0.0
     composed: bool = False
+
+    def function(self, place: str) -> Any:
+        """Import a further function ``.module:name`` of the method's folder.
+
+        Parameters
+        ----------
+        place : str
+            Place below the folder of the method.
+
+        Returns
+        -------
+        callable
+            The function.
+        """
+        return load_place(f"{PACKAGE}.{self.folder}{place}")
 
     def place(self, part: str) -> str:
         """Return the full place of a part.
@@ -97,7 +112,7 @@ class Method:
             ``"module:name"``.
         """
         module, name = getattr(self, part).split(":")
-        package = f"{SCIENCE}.{self.folder}" if module.startswith(".") else f"{SCIENCE}."
+        package = f"{PACKAGE}.{self.folder}" if module.startswith(".") else f"{PACKAGE}."
         return f"{package}{module}:{name}"
 
     def load(self, part: str) -> Any:
@@ -140,117 +155,123 @@ def load_place(place: str) -> Any:
     return getattr(import_module(module), name)
 
 
+_JOINTNET_FOLDER = "papers.luo2019.jointnet"
 _JOINTNET, _JOINTNET_PARAMETERS = ".recogniser:JointNetRecogniser", ".parameters:JointNetParameters"
-_DESCRIPTORS = "recognition.descriptor_machine:DescriptorParameters"
-_PARTS = "detection.parts:describe_parts"
+_DESCRIPTORS = "papers.shared.recognition.descriptor_machine:DescriptorParameters"
+_PARTS = "papers.shared.detection.parts:describe_parts"
 
 _TABLE = (
     Method(
-        "detrended_forest", "labelling", "detrended_forest", ".training:ForestParameters", ".labeller:label_scene",
+        "detrended_forest", "labelling", "papers.tomic2019.detrended_forest",
+        ".training:ForestParameters", ".labeller:label_scene",
         ".training:fit", ".labeller:label_cloud",
     ),
     Method(
-        "patch_graph", "labelling", "patch_graph", ".classifier:PatchGraphParameters",
+        "patch_graph", "labelling", "papers.luo2016.patch_graph", ".classifier:PatchGraphParameters",
         ".classifier:PatchGraphClassifier", ".labeller:train", ".labeller:label_cloud",
     ),
     Method(
-        "patch_graph_mrf", "labelling", "patch_graph", ".refined_classifier:GridParameters",
+        "patch_graph_mrf", "labelling", "papers.luo2016.patch_graph", ".refined_classifier:GridParameters",
         ".refined_classifier:RefinedPatchGraphClassifier", ".labeller:train_refinement",
         ".labeller:label_cloud_refined", refines="patch_graph",
     ),
     Method(
-        "patch_graph_printed", "labelling", "patch_graph", ".classifier:PatchGraphParameters",
+        "patch_graph_printed", "labelling", "papers.luo2016.patch_graph", ".classifier:PatchGraphParameters",
         ".classifier:PatchGraphClassifier", ".labeller:train_printed", ".labeller:label_cloud",
     ),
     Method(
-        "patch_graph_mrf_printed", "labelling", "patch_graph", ".refined_classifier:GridParameters",
+        "patch_graph_mrf_printed", "labelling", "papers.luo2016.patch_graph", ".refined_classifier:GridParameters",
         ".refined_classifier:RefinedPatchGraphClassifier", ".labeller:train_printed_refinement",
         ".labeller:label_cloud_refined", refines="patch_graph_printed",
     ),
     Method(
-        "patch_svm", "labelling", "baselines.patch_svm", ".classifier:PatchSvmParameters", ".classifier:PatchSvm",
+        "patch_svm", "labelling", "papers.luo2016.patch_svm", ".classifier:PatchSvmParameters", ".classifier:PatchSvm",
         ".training:train", ".classifier:label_cloud",
     ),
     Method(
-        "patch_forest", "labelling", "baselines.patch_forest", ".classifier:PatchForestParameters",
+        "patch_forest", "labelling", "papers.luo2016.patch_forest", ".classifier:PatchForestParameters",
         ".classifier:PatchForest", ".classifier:train", ".classifier:label_cloud",
     ),
     Method(
-        "shape_based", "labelling", "baselines.shape_based", ".labeller:ShapeParameters", ".labeller:label_objects",
+        "shape_based", "labelling", "papers.luo2016.shape_based",
+        ".labeller:ShapeParameters", ".labeller:label_objects",
         ".training:fit", ".labeller:label_cloud",
     ),
     Method(
-        "max_margin_markov", "labelling", "baselines.max_margin_markov", ".training:MarginParameters",
+        "max_margin_markov", "labelling", "papers.luo2016.max_margin_markov", ".training:MarginParameters",
         ".classifier:MaxMarginMarkov", ".training:train", ".classifier:label_cloud",
     ),
     Method(
-        "superpoint_transformer", "labelling", "baselines.superpoint_transformer",
+        "superpoint_transformer", "labelling", "algorithms.models.superpoint_transformer",
         ".parameters:SuperpointTransformerParameters", ".labeller:label_scene", ".training:fit",
         ".labeller:label_cloud", ".labeller:label_cloud_softly", context=15.0,
     ),
     Method(
-        "boosted_trees", "labelling", "baselines.boosted_trees", ".parameters:BoostedTreesParameters",
+        "boosted_trees", "labelling", "algorithms.models.boosted_trees", ".parameters:BoostedTreesParameters",
         ".labeller:label_scene", ".training:fit", ".labeller:label_cloud", ".labeller:label_cloud_softly",
     ),
     Method(
-        "image_labels", "labelling", "image_labels", ".training_parameters:ImageLabelsParameters",
-        ".labeller:label_scene", ".labeller:fit", "models.bundle:refuse_points", needs_images=True,
+        "image_labels", "labelling", "papers.tomic2019.image_labels", ".training_parameters:ImageLabelsParameters",
+        ".labeller:label_scene", ".labeller:fit", "algorithms.models.bundle:refuse_points", needs_images=True,
     ),
     Method(
-        "fusion", "labelling", "fusion", ".labeller:FusionParameters", ".labeller:fuse_scene", ".labeller:fit",
-        "models.bundle:refuse_points", needs_images=True,
+        "fusion", "labelling", "papers.tomic2019.fusion",
+        ".labeller:FusionParameters", ".labeller:fuse_scene", ".labeller:fit",
+        "algorithms.models.bundle:refuse_points", needs_images=True,
     ),
     Method(
-        "visual_words", "detection", "visual_words", ".training:VisualWordsParameters", ".labeller:detect_scene",
+        "visual_words", "detection", "papers.yu2016.visual_words",
+        ".training:VisualWordsParameters", ".labeller:detect_scene",
         ".training:train_detector", ".labeller:label_cloud",
         describe=".descriptions:describe_objects", description="groups", described="groups",
     ),
     Method(
-        "visual_words_printed", "detection", "visual_words", ".training:VisualWordsParameters",
+        "visual_words_printed", "detection", "papers.yu2016.visual_words", ".training:VisualWordsParameters",
         ".labeller:detect_scene", ".training:train_printed_detector", ".labeller:label_cloud",
         describe=".descriptions:describe_objects", description="groups", described="groups",
     ),
     Method(
-        "hough_forest", "detection", "baselines.hough_forest", ".detector:HoughForestParameters",
+        "hough_forest", "detection", "papers.yu2016.hough_forest", ".detector:HoughForestParameters",
         ".detector:detect_scene", ".training:train_hough_forest", ".detector:label_cloud",
         describe=_PARTS, description="regions",
     ),
     Method(
-        "object_matching", "detection", "baselines.object_matching", ".detector:ObjectMatchingParameters",
+        "object_matching", "detection", "papers.yu2016.object_matching", ".detector:ObjectMatchingParameters",
         ".detector:detect_scene", ".training:train_object_matching", ".detector:label_cloud",
         describe=_PARTS, description="regions",
     ),
     Method(
-        "bottom_up_top_down", "detection", "baselines.bottom_up_top_down", ".detector:BottomUpTopDownParameters",
+        "bottom_up_top_down", "detection", "papers.yu2016.bottom_up_top_down", ".detector:BottomUpTopDownParameters",
         ".detector:detect_scene", ".training:train_bottom_up_top_down", ".detector:label_cloud",
         describe=".oriented_points:describe_surfaces", description="surfaces",
     ),
-    Method("jointnet", "recognition", "jointnet", _JOINTNET_PARAMETERS, _JOINTNET, uses_intensity=True),
-    Method("jointnet_tuned", "recognition", "jointnet", _JOINTNET_PARAMETERS, _JOINTNET, uses_intensity=True),
-    Method("jointnet_printed", "recognition", "jointnet", _JOINTNET_PARAMETERS, _JOINTNET, uses_intensity=True),
+    Method("jointnet", "recognition", _JOINTNET_FOLDER, _JOINTNET_PARAMETERS, _JOINTNET, uses_intensity=True),
+    Method("jointnet_tuned", "recognition", _JOINTNET_FOLDER, _JOINTNET_PARAMETERS, _JOINTNET, uses_intensity=True),
+    Method("jointnet_printed", "recognition", _JOINTNET_FOLDER, _JOINTNET_PARAMETERS, _JOINTNET, uses_intensity=True),
     *(
         Method(
-            f"{view}_net", "recognition", "jointnet", _JOINTNET_PARAMETERS, _JOINTNET, group="jointnet",
+            f"{view}_net", "recognition", "papers.luo2019.jointnet", _JOINTNET_PARAMETERS, _JOINTNET, group="jointnet",
             uses_intensity=True, variant=view,
         )
         for view in ("hssi", "vqai", "vaai")
     ),
-    Method("spin_image", "recognition", "baselines.spin_image", _DESCRIPTORS, ".recogniser:SpinImageRecogniser"),
-    Method("shot", "recognition", "baselines.shot", _DESCRIPTORS, ".recogniser:ShotRecogniser"),
+    Method("spin_image", "recognition", "papers.luo2019.spin_image", _DESCRIPTORS, ".recogniser:SpinImageRecogniser"),
+    Method("shot", "recognition", "papers.luo2019.shot", _DESCRIPTORS, ".recogniser:ShotRecogniser"),
     Method(
-        "hierarchy_descriptor", "recognition", "baselines.hierarchy_descriptor", _DESCRIPTORS,
+        "hierarchy_descriptor", "recognition", "papers.luo2019.hierarchy_descriptor", _DESCRIPTORS,
         ".recogniser:HierarchyRecogniser",
     ),
     Method(
-        "pointnet", "recognition", "baselines.pointnet", ".parameters:PointNetParameters",
+        "pointnet", "recognition", "papers.luo2019.pointnet", ".parameters:PointNetParameters",
         ".recogniser:PointNetRecogniser",
     ),
     Method(
-        "pool", "labelling", "fusion", label_cloud=".pool:label_cloud", label_softly=".pool:label_cloud_softly",
+        "pool", "labelling", "algorithms.models.pool", label_cloud=".labeller:label_cloud",
+        label_softly=".labeller:label_cloud_softly",
         composed=True,
     ),
     Method(
-        "corrected", "labelling", "baselines.boosted_trees", label_cloud=".corrected:label_cloud",
+        "corrected", "labelling", "algorithms.models.boosted_trees", label_cloud=".corrected:label_cloud",
         label_softly=".corrected:label_cloud_softly", composed=True,
     ),
 )  # fmt: skip

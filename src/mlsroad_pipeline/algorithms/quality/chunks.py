@@ -50,100 +50,50 @@ class TimeRow(TypedDict):
 
 @dataclass(frozen=True)
 class TimeQuality:
-    """Times of a chunk, for the gaps and the order.
+    """Times of a chunk, for the gaps and the order."""
 
-    Attributes
-    ----------
-    bins : ndarray of shape (m,), int64
-        Occupied bins of `gap` seconds, ascending.
-    earliest, latest : ndarray of shape (m,), float64
-        First and last time in each bin. A gap longer than a bin lies between consecutive occupied bins.
-    first, last : float
-        Times of the first and the last stored point.
-    n_backward : int
-        Number of stored points with a smaller time than their predecessor.
-    """
-
-    bins: NDArray[np.int64]
+    bins: NDArray[np.int64]  # Occupied bins of `gap` seconds, ascending
+    # First and last time in each bin. A gap longer than a bin lies between consecutive occupied bins.
     earliest: NDArray[np.float64]
+    # First and last time in each bin. A gap longer than a bin lies between consecutive occupied bins.
     latest: NDArray[np.float64]
-    first: float
-    last: float
-    n_backward: int
+    first: float  # Times of the first and the last stored point
+    last: float  # Times of the first and the last stored point
+    n_backward: int  # Number of stored points with a smaller time than their predecessor
 
 
 @dataclass(frozen=True)
 class ChunkQuality:
-    """Contribution of a chunk to the report of its file; `merge` joins them.
+    """Contribution of a chunk to the report of its file; `merge` joins them."""
 
-    Attributes
-    ----------
-    source : str
-        The file.
-    n_points, n_not_finite, n_duplicates, n_withheld : int
-        Numbers of points, of points with a NaN or infinite coordinate, of exact duplicates within the chunk, of points
-        flagged withheld.
-    low, high : ndarray of shape (3,), float64
-        World extent of the finite points, metres; infinite without finite points.
-    cells, cell_counts : ndarray of shape (m,), int64
-        Keys of the occupied cells of 1 m, and their numbers of points.
-    sketch : DuplicateSketch
-        Sample of the points, for duplicates across chunks.
-    columns : frozenset of str
-        Column names.
-    classes : mapping of int to int
-        Number of points per label code; empty without labels.
-    time : TimeQuality or None
-        Times; None without `gps_time` or finite times.
-    n_times_not_finite : int
-        Number of NaN or infinite times.
-    intensity : tuple of float or None
-        Smallest and largest finite intensity.
-    max_gap : float
-        Largest step in time that is not a gap, seconds.
-    """
-
-    source: str
+    source: str  # The file
+    # Numbers of points, of points with a NaN or infinite coordinate, of exact duplicates within the chunk, of points
+    # flagged withheld
     n_points: int
+    # Numbers of points, of points with a NaN or infinite coordinate, of exact duplicates within the chunk, of points
+    # flagged withheld
     n_not_finite: int
+    # Numbers of points, of points with a NaN or infinite coordinate, of exact duplicates within the chunk, of points
+    # flagged withheld
     n_duplicates: int
+    # Numbers of points, of points with a NaN or infinite coordinate, of exact duplicates within the chunk, of points
+    # flagged withheld
     n_withheld: int
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
-    cells: NDArray[np.int64]
-    cell_counts: NDArray[np.int64]
-    sketch: DuplicateSketch
-    columns: frozenset[str]
-    classes: dict[int, int]
-    time: TimeQuality | None
-    n_times_not_finite: int
-    intensity: tuple[float, float] | None
-    max_gap: float
+    low: NDArray[np.float64]  # World extent of the finite points, metres; infinite without finite points
+    high: NDArray[np.float64]  # World extent of the finite points, metres; infinite without finite points
+    cells: NDArray[np.int64]  # Keys of the occupied cells of 1 m, and their numbers of points
+    cell_counts: NDArray[np.int64]  # Keys of the occupied cells of 1 m, and their numbers of points
+    sketch: DuplicateSketch  # Sample of the points, for duplicates across chunks
+    columns: frozenset[str]  # Column names
+    classes: dict[int, int]  # Number of points per label code; empty without labels
+    time: TimeQuality | None  # Times; None without `gps_time` or finite times
+    n_times_not_finite: int  # Number of NaN or infinite times
+    intensity: tuple[float, float] | None  # Smallest and largest finite intensity
+    max_gap: float  # Largest step in time that is not a gap, seconds
 
 
 def inspect_chunk(cloud: PointCloud, *, max_gap: float = 1.0, n_total: int | None = None) -> ChunkQuality:
-    """Inspect one chunk of a file, which may have NaN coordinates.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Consecutive points of the file; all chunks of a file have the same origin.
-    max_gap : float, default 1.0
-        Largest step in time that is not a gap, seconds; the same for all chunks of a file.
-    n_total : int, optional
-        Number of points of the whole file if the chunk is a part of it; the same for all chunks of a file.
-
-    Returns
-    -------
-    ChunkQuality
-        Input of `merge`: a few bytes per occupied square metre and second, and at most 4 MiB for duplicates; with
-        `n_total`, about 8 MiB for the duplicates of all chunks of a file together.
-
-    Raises
-    ------
-    ParameterError
-        If `max_gap` is not positive.
-    """
+    """Inspect one chunk of a file, which may have NaN coordinates."""
     check_positive(max_gap, "max_gap")
     world = cloud.world_xyz()
     if not np.isfinite(world.sum()):  # one pass in the usual case of finite coordinates
@@ -235,23 +185,7 @@ def _inspect_time(times: NDArray | None, max_gap: float) -> tuple[TimeQuality | 
 
 
 def merge(chunks: Sequence[ChunkQuality]) -> QualityReport:
-    """Join the chunks of a file into its report.
-
-    Parameters
-    ----------
-    chunks : sequence of ChunkQuality
-        Chunks in file order; only `n_backward` depends on the order.
-
-    Returns
-    -------
-    QualityReport
-        Report, independent of the chunk size unless duplicates are estimated.
-
-    Raises
-    ------
-    DataError
-        If there is no chunk, or chunks were inspected with different `max_gap`.
-    """
+    """Join the chunks of a file into its report."""
     if not chunks:
         raise DataError("no chunks to merge")
     first = chunks[0]

@@ -11,40 +11,18 @@ from mlsroad_pipeline.algorithms.quality.places import cell_positions
 
 
 class DensityFigures(NamedTuple):
-    """Figures of the point density.
+    """Figures of the point density."""
 
-    Attributes
-    ----------
-    density, median_density : float
-        Mean and median of the points per square metre in occupied cells.
-    concentration : float
-        Median distance of the points from the centre, over that of the occupied cells; the centre is the mean of the
-        cells, weighted by the squares of their numbers of points. A single scan of a rotating scanner has 0.2 to 0.45,
-        a street surveyed by line scanners 0.5 to 1.
-    """
-
-    density: float
-    median_density: float
+    density: float  # Mean and median of the points per square metre in occupied cells
+    median_density: float  # Mean and median of the points per square metre in occupied cells
+    # Median distance of the points from the centre, over that of the occupied cells; the centre is the mean of the
+    # cells, weighted by the squares of their numbers of points. A single scan of a rotating scanner has 0.2 to 0.45, a
+    # street surveyed by line scanners 0.5 to 1.
     concentration: float
 
 
 def density_figures(cells: NDArray[np.int64], counts: NDArray[np.int64], side: float) -> DensityFigures:
-    """Return figures of the point density.
-
-    Parameters
-    ----------
-    cells : ndarray of shape (m,), int64
-        Keys of the occupied cells, see `cell_positions`.
-    counts : ndarray of shape (m,), int64
-        Number of points in each.
-    side : float
-        Side of a cell, metres.
-
-    Returns
-    -------
-    DensityFigures
-        The figures; NaN without cells.
-    """
+    """Return figures of the point density."""
     if not len(cells):
         return DensityFigures(float("nan"), float("nan"), float("nan"))
     weight = counts.astype(np.float64) ** 2

@@ -19,23 +19,12 @@ class DuplicateSketch:
 
     The selection depends on coordinates only: a sketch has all copies of a point or none, in any chunk, and the merged
     sketch of two chunks equals the sketch of their concatenation.
-
-    Attributes
-    ----------
-    hashes : ndarray of shape (m,), uint64
-        Smallest hashes, ascending, at most `SKETCH_SIZE`.
-    counts : ndarray of shape (m,), int64
-        Number of occurrences of each hash.
-    complete : bool
-        Whether the sketch covers all points.
-    share : float, default 1.0
-        Share of the range of hashes that the sketch covers, from 0.
     """
 
-    hashes: NDArray[np.uint64]
-    counts: NDArray[np.int64]
-    complete: bool
-    share: float = 1.0
+    hashes: NDArray[np.uint64]  # Smallest hashes, ascending, at most `SKETCH_SIZE`
+    counts: NDArray[np.int64]  # Number of occurrences of each hash
+    complete: bool  # Whether the sketch covers all points
+    share: float = 1.0  # Share of the range of hashes that the sketch covers, from 0
 
     def n_duplicates(self) -> int:
         """Return the number of duplicates: exact if the sketch is complete, estimated otherwise."""
@@ -47,21 +36,7 @@ class DuplicateSketch:
 
 
 def sketch_of(hashes: NDArray[np.uint64], *, n_total: int | None = None) -> DuplicateSketch:
-    """Return the sketch of one array of points.
-
-    Parameters
-    ----------
-    hashes : ndarray of shape (n,), uint64
-        Hashes of the points from `hash_points`.
-    n_total : int, optional
-        Number of points of the whole file. If given, the sketch omits hashes that cannot be among the smallest of the
-        file, which keeps the sketches of all chunks together small.
-
-    Returns
-    -------
-    DuplicateSketch
-        The sketch.
-    """
+    """Return the sketch of one array of points."""
     # Hashes are uniform, so twice the share of a full sketch is enough unless most points are duplicates.
     if n_total is not None and n_total > 2 * SKETCH_SIZE:
         share = 2 * SKETCH_SIZE / n_total
@@ -83,18 +58,7 @@ def sketch_of(hashes: NDArray[np.uint64], *, n_total: int | None = None) -> Dupl
 
 
 def merge_sketches(sketches: Sequence[DuplicateSketch]) -> DuplicateSketch:
-    """Return the sketch of the concatenated chunks.
-
-    Parameters
-    ----------
-    sketches : sequence of DuplicateSketch
-        At least one sketch.
-
-    Returns
-    -------
-    DuplicateSketch
-        Merged sketch.
-    """
+    """Return the sketch of the concatenated chunks."""
     distinct, inverse = np.unique(np.concatenate([s.hashes for s in sketches]), return_inverse=True)
     counts = np.zeros(len(distinct), dtype=np.int64)
     np.add.at(counts, inverse, np.concatenate([s.counts for s in sketches]))
@@ -114,18 +78,7 @@ def _mix(value: np.uint64) -> np.uint64:
 
 @njit(cache=True)
 def hash_points(xyz: NDArray[np.float64]) -> NDArray[np.uint64]:
-    """Return a 64-bit hash of each row of (n, 3) coordinates; 0.0 and -0.0 are equal.
-
-    Parameters
-    ----------
-    xyz : ndarray of shape (n, 3), float64
-        Finite coordinates.
-
-    Returns
-    -------
-    ndarray of shape (n,), uint64
-        Equal for equal rows.
-    """
+    """Return a 64-bit hash of each row of (n, 3) coordinates; 0.0 and -0.0 are equal."""
     hashes = np.empty(len(xyz), dtype=np.uint64)
     row = np.empty(3, dtype=np.float64)
     bits = row.view(np.uint64)
@@ -140,20 +93,7 @@ def hash_points(xyz: NDArray[np.float64]) -> NDArray[np.uint64]:
 
 @njit(cache=True)
 def count_duplicates(xyz: NDArray[np.float64], hashes: NDArray[np.uint64]) -> int:
-    """Return the number of rows that equal an earlier row; hashes select the candidates, coordinates are compared.
-
-    Parameters
-    ----------
-    xyz : ndarray of shape (n, 3), float64
-        Finite coordinates.
-    hashes : ndarray of shape (n,), uint64
-        Hashes of the rows.
-
-    Returns
-    -------
-    int
-        Number of duplicates.
-    """
+    """Return the number of rows that equal an earlier row; hashes select the candidates, coordinates are compared."""
     size = 16
     while size < 2 * len(xyz):
         size *= 2

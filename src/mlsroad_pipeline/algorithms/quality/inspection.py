@@ -23,36 +23,17 @@ MAX_CODES = 256
 
 @dataclass
 class ColumnSummary:
-    """Summary of the values of a column, updated chunk by chunk.
+    """Summary of the values of a column, updated chunk by chunk."""
 
-    Attributes
-    ----------
-    dtype : str
-        Type, with the number of values per point if it is not 1.
-    minimum, maximum : float
-        Smallest and largest finite value; NaN without finite values.
-    n_missing : int
-        Number of NaN or infinite values.
-    counts : dict of int to int or None
-        Number of points per code, for columns of codes; None with more than `MAX_CODES` codes.
-    """
-
-    dtype: str
-    minimum: float = np.nan
-    maximum: float = np.nan
-    n_missing: int = 0
+    dtype: str  # Type, with the number of values per point if it is not 1
+    minimum: float = np.nan  # Smallest and largest finite value; NaN without finite values
+    maximum: float = np.nan  # Smallest and largest finite value; NaN without finite values
+    n_missing: int = 0  # Number of NaN or infinite values
+    # Number of points per code, for columns of codes; None with more than `MAX_CODES` codes
     counts: dict[int, int] | None = None
 
     def add(self, values: NDArray, *, count: bool) -> None:
-        """Add values to the summary.
-
-        Parameters
-        ----------
-        values : ndarray of shape (n,) or (n, width)
-            The values.
-        count : bool
-            Whether to count them as codes.
-        """
+        """Add values to the summary."""
         if not values.size:
             return
         low, high = float(values.min()), float(values.max())
@@ -81,21 +62,11 @@ def _with_codes(counts: dict[int, int], values: NDArray) -> dict[int, int] | Non
 
 @dataclass
 class SurveyMap:
-    """Number of points per cell in plan.
+    """Number of points per cell in plan."""
 
-    Parameters
-    ----------
-    low : ndarray of shape (2,)
-        World coordinates of the south-western corner, metres.
-    cell : float
-        Side of a cell, metres.
-    shape : tuple of int
-        Rows (northward) and columns (eastward).
-    """
-
-    low: NDArray[np.float64]
-    cell: float
-    shape: tuple[int, int]
+    low: NDArray[np.float64]  # World coordinates of the south-western corner, metres
+    cell: float  # Side of a cell, metres
+    shape: tuple[int, int]  # Rows (northward) and columns (eastward)
     counts: NDArray[np.int64] = field(init=False)
     top: NDArray[np.float32] = field(init=False)
     n_outside: int = field(init=False, default=0)
@@ -107,33 +78,14 @@ class SurveyMap:
 
     @classmethod
     def over(cls, low: NDArray[np.float64], high: NDArray[np.float64], *, n_cells: int = 800) -> SurveyMap:
-        """Return an empty map of an extent.
-
-        Parameters
-        ----------
-        low, high : ndarray of shape (2,) or longer
-            World coordinates, metres.
-        n_cells : int, default 800
-            Cells along the longer side; cells are never smaller than 0.1 m.
-
-        Returns
-        -------
-        SurveyMap
-            The map.
-        """
+        """Return an empty map of an extent."""
         extent = np.maximum(np.nan_to_num(high[:2] - low[:2]), 0.1)
         cell = max(float(extent.max()) / n_cells, 0.1)
         columns, rows = (np.floor(extent / cell).astype(int) + 2).tolist()
         return cls(np.nan_to_num(low[:2]) - cell / 2, cell, (rows, columns))  # so that rounding loses no border
 
     def add(self, cloud: PointCloud) -> None:
-        """Count points per cell, and the points outside the map.
-
-        Parameters
-        ----------
-        cloud : PointCloud
-            Points.
-        """
+        """Count points per cell, and the points outside the map."""
         corner = cloud.origin[:2] - self.low
         self.n_outside += _count(cloud.xyz.astype(np.float64, copy=False), corner, self.cell, self.counts, self.top)
 
@@ -163,27 +115,13 @@ def _count(
 
 @dataclass
 class ScanLines:
-    """Number of scan lines, from jumps of the scan angle.
+    """Number of scan lines, from jumps of the scan angle."""
 
-    Attributes
-    ----------
-    n_jumps : int
-        Number of jumps of the scan angle by more than half of its range in the chunk.
-    n_edges : int
-        Number of points flagged as the edge of a line.
-    """
-
-    n_jumps: int = 0
-    n_edges: int = 0
+    n_jumps: int = 0  # Number of jumps of the scan angle by more than half of its range in the chunk
+    n_edges: int = 0  # Number of points flagged as the edge of a line
 
     def add(self, cloud: PointCloud) -> None:
-        """Add points.
-
-        Parameters
-        ----------
-        cloud : PointCloud
-            Points in the order of the file.
-        """
+        """Add points."""
         if "edge_of_flight_line" in cloud:
             self.n_edges += int(np.count_nonzero(cloud["edge_of_flight_line"]))
         name = next((name for name in ANGLES if name in cloud), None)
@@ -195,15 +133,7 @@ class ScanLines:
 
 
 def summarise(cloud: PointCloud, columns: dict[str, ColumnSummary]) -> None:
-    """Add points of a file to the summaries of its columns.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        The points.
-    columns : dict of str to ColumnSummary
-        Summaries by column name; changed in place.
-    """
+    """Add points of a file to the summaries of its columns."""
     for name, values in cloud.columns.items():
         if name not in columns:
             width = f" x {values.shape[1]}" if values.ndim > 1 else ""
@@ -212,18 +142,7 @@ def summarise(cloud: PointCloud, columns: dict[str, ColumnSummary]) -> None:
 
 
 def time_base(start: float, end: float) -> str:
-    """Return the probable epoch of times, from their magnitude.
-
-    Parameters
-    ----------
-    start, end : float
-        First and last time, seconds.
-
-    Returns
-    -------
-    str
-        Description for reports.
-    """
+    """Return the probable epoch of times, from their magnitude."""
     if not np.isfinite([start, end]).all():
         return "none"
     if end < 86_400 * 7:
@@ -234,18 +153,7 @@ def time_base(start: float, end: float) -> str:
 
 
 def column_warnings(columns: Mapping[str, ColumnSummary]) -> list[str]:
-    """Return warnings about the columns of a file.
-
-    Parameters
-    ----------
-    columns : mapping of str to ColumnSummary
-        Columns of the file.
-
-    Returns
-    -------
-    list of str
-        One sentence per warning.
-    """
+    """Return warnings about the columns of a file."""
     warnings = []
     for name, summary in columns.items():
         if summary.n_missing:
@@ -259,17 +167,6 @@ def column_warnings(columns: Mapping[str, ColumnSummary]) -> list[str]:
 
 
 def constant_columns(columns: Mapping[str, ColumnSummary]) -> tuple[str, ...]:
-    """Return the names of colour, intensity and time if all points have the same value.
-
-    Parameters
-    ----------
-    columns : mapping of str to ColumnSummary
-        Columns of the file.
-
-    Returns
-    -------
-    tuple of str
-        Names of columns without information.
-    """
+    """Return the names of colour, intensity and time if all points have the same value."""
     names = ("rgb", "intensity", "gps_time")
     return tuple(n for n in names if n in columns and columns[n].minimum == columns[n].maximum)

@@ -15,16 +15,6 @@ PLACE_CELL = 500.0
 def count_places(xy: NDArray[np.float64]) -> int:
     """Return the number of places that lie more than `PLACE_CELL` apart.
 
-    Parameters
-    ----------
-    xy : ndarray of shape (n, 2)
-        Finite positions, metres.
-
-    Returns
-    -------
-    int
-        Number of groups of cells of `PLACE_CELL` that touch, corners included; 0 without positions.
-
     Examples
     --------
     >>> count_places(np.array([[0.0, 0.0], [30.0, 0.0], [4000.0, 0.0]]))
@@ -39,19 +29,6 @@ def count_places(xy: NDArray[np.float64]) -> int:
 
 
 def cell_positions(keys: NDArray[np.int64], side: float) -> NDArray[np.float64]:
-    """Return the corners of cells from keys with the column in the upper and the row in the lower 32 bits.
-
-    Parameters
-    ----------
-    keys : ndarray of shape (n,)
-        Keys of cells.
-    side : float
-        Side of a cell, metres.
-
-    Returns
-    -------
-    ndarray of shape (n, 2), float64
-        South-western corners.
-    """
+    """Return the corners of cells from keys with the column in the upper and the row in the lower 32 bits."""
     rows = ((keys + (1 << 31)) & 0xFFFFFFFF) - (1 << 31)
     return np.column_stack([(keys - rows) >> 32, rows]) * side

@@ -27,22 +27,6 @@ def scene_facts(cloud: PointCloud) -> dict[str, float]:
     Heights are above the lowest point within about 5 m. Heights, spacing, shapes and intensities come from samples at
     equal steps of the stored order, so they depend on it slightly.
 
-    Parameters
-    ----------
-    cloud : PointCloud
-        The scene: all points of a stretch of road, with or without intensity.
-
-    Returns
-    -------
-    dict of str to float
-        Finite values: ``density``, median points per square metre in occupied cells of 1 m; ``concentration``, see
-        `DensityFigures`; ``spacing``, median distance to the nearest point, metres; ``height``, 99 % quantile of the
-        heights, metres; ``above_2`` and ``above_5``, shares of points above 2 and 5 m; ``ground``, share of points less
-        than 0.3 m above the lowest point of their cell of 1 m and at most 1 m high; ``intensities``, number of distinct
-        intensities of up to 20,000 points, left out without intensity; ``linear``, ``planar`` and ``scattered``, shares
-        of points whose 20 nearest neighbours have this shape (the largest of the three values of Demantke et al. 2011).
-        Empty for fewer than 100 points with finite coordinates.
-
     Examples
     --------
     >>> x, y = np.meshgrid(np.arange(0, 20, 0.1), np.arange(0, 20, 0.1))
@@ -78,18 +62,7 @@ def scene_facts(cloud: PointCloud) -> dict[str, float]:
 
 
 def stored_facts(cloud: PointCloud) -> dict[str, NDArray[np.float64]]:
-    """Return `scene_facts` as arrays, for storage.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        The scene.
-
-    Returns
-    -------
-    dict of str to ndarray of float64, shape ()
-        The facts.
-    """
+    """Return `scene_facts` as arrays, for storage."""
     return {name: np.array(value) for name, value in scene_facts(cloud).items()}
 
 

@@ -17,18 +17,7 @@ _COUNTS = ("n_points", "n_not_finite", "n_duplicates", "n_withheld", "n_times_no
 
 
 def chunk_to_arrays(chunk: ChunkQuality) -> dict[str, NDArray]:
-    """Return the quality of a chunk as named arrays.
-
-    Parameters
-    ----------
-    chunk : ChunkQuality
-        The chunk.
-
-    Returns
-    -------
-    dict of str to ndarray
-        Arrays for `chunk_from_arrays`.
-    """
+    """Return the quality of a chunk as named arrays."""
     arrays = {
         "source": np.array(chunk.source),
         "counts": np.array([getattr(chunk, name) for name in _COUNTS], dtype=np.int64),
@@ -53,18 +42,7 @@ def chunk_to_arrays(chunk: ChunkQuality) -> dict[str, NDArray]:
 
 
 def chunk_from_arrays(arrays: Mapping[str, NDArray]) -> ChunkQuality:
-    """Return the quality of a chunk from stored arrays.
-
-    Parameters
-    ----------
-    arrays : mapping of str to ndarray
-        Arrays of `chunk_to_arrays`.
-
-    Returns
-    -------
-    ChunkQuality
-        The chunk.
-    """
+    """Return the quality of a chunk from stored arrays."""
     time = None
     if "time_bins" in arrays:
         first, last = arrays["time_ends"].tolist()
@@ -91,20 +69,7 @@ def chunk_from_arrays(arrays: Mapping[str, NDArray]) -> ChunkQuality:
 
 
 def quality_reports(files: Mapping[str, str], chunks: Mapping[str, Mapping[str, NDArray]]) -> dict[str, QualityReport]:
-    """Return the quality report of each file.
-
-    Parameters
-    ----------
-    files : mapping of str to str
-        Name of each file in the table to its key in the stores.
-    chunks : mapping of str to mapping
-        Key of a range of rows (`SceneKey`) to its stored arrays.
-
-    Returns
-    -------
-    dict of str to QualityReport
-        Name of each file to its report.
-    """
+    """Return the quality report of each file."""
     reports = {}
     for name, file in files.items():
         ranges = [chunk_from_arrays(chunks[key]) for key in sorted(chunks) if SceneKey.parse(key).parent == file]
@@ -113,20 +78,7 @@ def quality_reports(files: Mapping[str, str], chunks: Mapping[str, Mapping[str, 
 
 
 def quality_table(files: Mapping[str, str], chunks: Mapping[str, Mapping[str, NDArray]]) -> pd.DataFrame:
-    """Return the table of the quality of all files.
-
-    Parameters
-    ----------
-    files : mapping of str to str
-        See `quality_reports`.
-    chunks : mapping of str to mapping
-        See `quality_reports`.
-
-    Returns
-    -------
-    DataFrame
-        One row per file, with its name in the column ``source``.
-    """
+    """Return the table of the quality of all files."""
     rows = [{**report.as_row(), "source": name} for name, report in quality_reports(files, chunks).items()]
     table = pd.DataFrame(rows)
     classes = [column for column in table.columns if column.startswith("class_")]

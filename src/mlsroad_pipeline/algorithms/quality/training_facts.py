@@ -45,16 +45,6 @@ _LEAST = 1e-3
 def training_facts(scenes: Sequence[Mapping[str, float]]) -> dict[str, list[float]]:
     """Return the range of each fact over the training scenes.
 
-    Parameters
-    ----------
-    scenes : sequence of mapping
-        Facts of each scene, see `scene_facts`.
-
-    Returns
-    -------
-    dict of str to list of float
-        `QUANTILES` of each fact that a scene has, with four significant digits; JSON values.
-
     Examples
     --------
     >>> training_facts([{"spacing": 0.02}, {"spacing": 0.04}, {"spacing": 0.06}])
@@ -69,18 +59,7 @@ def training_facts(scenes: Sequence[Mapping[str, float]]) -> dict[str, list[floa
 
 
 def median_facts(scenes: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """Return the median of each fact over scenes of a survey.
-
-    Parameters
-    ----------
-    scenes : sequence of mapping
-        Facts of each scene, see `scene_facts`.
-
-    Returns
-    -------
-    dict of str to float
-        Median of each fact that a scene has.
-    """
+    """Return the median of each fact over scenes of a survey."""
     names = [name for name in _FACTS if any(name in scene for scene in scenes)]
     return {name: float(np.median([scene[name] for scene in scenes if name in scene])) for name in names}
 
@@ -90,23 +69,6 @@ def unusual_facts(facts: Mapping[str, float], training: TrainingFacts) -> list[s
 
     The range is that between the least and the largest value, widened by 0.03 (shares), 0.05 (concentration) or a
     quarter of the value (others).
-
-    Parameters
-    ----------
-    facts : mapping of str to float
-        Facts of a survey, see `scene_facts`.
-    training : mapping of str to sequence of float
-        Ranges of `training_facts`. Facts that one of the two lacks are not compared.
-
-    Returns
-    -------
-    list of str
-        The sentences.
-
-    Raises
-    ------
-    DataError
-        If a range has not five values.
 
     Examples
     --------

@@ -26,22 +26,13 @@ _FARTHEST = 2**30 - 1
 
 @dataclass(frozen=True)
 class BinnedCloud:
-    """Points of a range of one file, sorted by bins of the corridor.
+    """Points of a range of one file, sorted by bins of the corridor."""
 
-    Parameters
-    ----------
-    cloud : PointCloud
-        The points, with the columns `row` (int64, index in the file) and `file` (int16, index of the file); in file
-        order within a bin.
-    bins : ndarray of int32, shape (b,)
-        Occupied bins, ascending.
-    indptr : ndarray of int64, shape (b + 1,)
-        Points of bin ``bins[i]`` are rows ``indptr[i]`` to ``indptr[i + 1]`` of `cloud`.
-    """
-
+    # The points, with the columns `row` (int64, index in the file) and `file` (int16, index of the file); in file order
+    # within a bin
     cloud: PointCloud
-    bins: NDArray[np.int32]
-    indptr: NDArray[np.int64]
+    bins: NDArray[np.int32]  # Occupied bins, ascending
+    indptr: NDArray[np.int64]  # Points of bin ``bins[i]`` are rows ``indptr[i]`` to ``indptr[i + 1]`` of `cloud`
 
     def __len__(self) -> int:
         """Return the number of points."""
@@ -52,18 +43,7 @@ class BinnedCloud:
         return dict(zip(self.bins.tolist(), np.diff(self.indptr).tolist(), strict=True))
 
     def between(self, first: int, stop: int) -> BinnedCloud:
-        """Return the points of some bins, as views.
-
-        Parameters
-        ----------
-        first, stop : int
-            First bin, and the bin after the last.
-
-        Returns
-        -------
-        BinnedCloud
-            Their points, possibly none.
-        """
+        """Return the points of some bins, as views."""
         low, high = np.searchsorted(self.bins, [first, stop])
         rows = slice(self.indptr[low], self.indptr[high])
         columns = {name: values[rows] for name, values in self.cloud.columns.items()}
@@ -103,35 +83,7 @@ class CutPoints(TypedDict):
 def cut_range(
     cloud: PointCloud, corridor: Corridor, *, bin_length: float, first_row: int, file: int = 0
 ) -> BinnedCloud:
-    """Sort a range of rows of a file into bins of the corridor, stably.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Consecutive points of one file.
-    corridor : Trajectory, MainAxis or None
-        Corridor of the survey; None assigns all points to the bin with the number of the file.
-    bin_length : float
-        Length of a bin along the corridor, metres; bin b holds the stations from b to b + 1 times this length. Smaller
-        bins adapt scenes more closely to dense places and cost a table entry each; 1 to 5 m for streets. Unused without
-        a corridor.
-    first_row : int
-        Index of the first point in its file.
-    file : int, default 0
-        Index of the file in the sorted list of files.
-
-    Returns
-    -------
-    BinnedCloud
-        All points, with the columns `row` and `file` added.
-
-    Raises
-    ------
-    DataError
-        If the cloud has a column `row`, `file`, `core` or `near`, or NaN or infinite coordinates.
-    ParameterError
-        If `bin_length` is not above zero, `first_row` is negative, or `file` is outside 0 to 32767.
-    """
+    """Sort a range of rows of a file into bins of the corridor, stably."""
     check_positive(bin_length, "bin_length")
     if first_row < 0:
         raise ParameterError(f"first_row must not be negative, got {first_row}")
@@ -167,37 +119,7 @@ def cut_points(
     file: int,
     used: NDArray[np.bool_] | None = None,
 ) -> CutPoints:
-    """Return the stored parts of a range of rows: its points sorted into bins, and their counts.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Consecutive points of one file.
-    corridor : Trajectory, MainAxis or None
-        Corridor of the survey.
-    part : SplitPart
-        Part of the file that belongs to the split.
-    along : bool
-        Whether to cut along the corridor; otherwise each file is one bin.
-    bin_length : float
-        Length of a bin, metres.
-    first_row : int
-        Row of the first point in its file.
-    file : int
-        Number of the file in its split.
-    used : ndarray of shape (n,), bool, optional
-        Whether each point is used; others are left out. None uses all.
-
-    Returns
-    -------
-    CutPoints
-        Points sorted into bins, and the occupied bins.
-
-    Raises
-    ------
-    DataError
-        If a column has a reserved name, or the part needs a trajectory and there is none.
-    """
+    """Return the stored parts of a range of rows: its points sorted into bins, and their counts."""
     piece = cut_range(cloud, corridor if along else None, bin_length=bin_length, first_row=first_row, file=file)
     keep = None if used is None or used.all() else used[piece.cloud["row"] - first_row]
     if not part.is_whole:

@@ -17,41 +17,15 @@ from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class MainAxis:
-    """Straight corridor, for surveys without a trajectory.
+    """Straight corridor, for surveys without a trajectory."""
 
-    Parameters
-    ----------
-    centre : ndarray of float64, shape (2,)
-        Point on the axis, world coordinates, metres.
-    direction : ndarray of float64, shape (2,)
-        Unit vector along the axis.
-    """
-
-    centre: NDArray[np.float64]
-    direction: NDArray[np.float64]
+    centre: NDArray[np.float64]  # Point on the axis, world coordinates, metres
+    direction: NDArray[np.float64]  # Unit vector along the axis
 
     def locate(
         self, xyz: ArrayLike, *, origin: ArrayLike = (0.0, 0.0, 0.0)
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return station and offset of points relative to the axis.
-
-        Parameters
-        ----------
-        xyz : array-like of shape (n, 3)
-            Coordinates, metres.
-        origin : array-like of shape (3,), default zeros
-            World coordinates of the origin of `xyz`.
-
-        Returns
-        -------
-        station, offset : ndarray of float64, shape (n,)
-            Metres along the axis from its centre, and metres to its right.
-
-        Raises
-        ------
-        DataError
-            If `xyz` is not (n, 3) or has NaN or infinite coordinates.
-        """
+        """Return station and offset of points relative to the axis."""
         points = check_xyz(xyz)
         shift = np.asarray(origin, dtype=np.float64)[:2] - self.centre
         x, y = points[:, 0] + shift[0], points[:, 1] + shift[1]
@@ -64,23 +38,7 @@ Corridor: TypeAlias = Trajectory | MainAxis | None
 
 
 def main_axis(xyz: ArrayLike) -> MainAxis:
-    """Return the first principal axis of points in plan.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        World coordinates of a sample of the survey, metres; at least two points.
-
-    Returns
-    -------
-    MainAxis
-        Axis through the mean; it points east, or north if it has no eastward component.
-
-    Raises
-    ------
-    DataError
-        If there are fewer than two points, all points coincide in plan, or a coordinate is NaN or infinite.
-    """
+    """Return the first principal axis of points in plan."""
     points = check_xyz(xyz, minimum=2)[:, :2].astype(np.float64)
     centre = points.mean(axis=0)
     moved = points - centre
@@ -93,18 +51,7 @@ def main_axis(xyz: ArrayLike) -> MainAxis:
 
 
 def axis_of_samples(samples: Sequence[PointCloud]) -> MainAxis | None:
-    """Return the main axis of a survey from samples of its files.
-
-    Parameters
-    ----------
-    samples : sequence of PointCloud
-        Sample of each file.
-
-    Returns
-    -------
-    MainAxis or None
-        The axis; None if all points coincide in plan.
-    """
+    """Return the main axis of a survey from samples of its files."""
     points = np.concatenate([sample.world_xyz() for sample in samples])
     if len(points) < 2 or np.ptp(points[:, :2], axis=0).max() == 0.0:
         return None
@@ -123,18 +70,7 @@ class CorridorArrays(TypedDict, total=False):
 
 
 def corridor_to_arrays(corridor: Corridor) -> CorridorArrays:
-    """Return a corridor as named arrays for storage.
-
-    Parameters
-    ----------
-    corridor : Trajectory, MainAxis or None
-        The corridor.
-
-    Returns
-    -------
-    CorridorArrays
-        Arrays for `corridor_from_arrays`.
-    """
+    """Return a corridor as named arrays for storage."""
     if isinstance(corridor, Trajectory):
         times = np.zeros(0) if corridor.time is None else corridor.time
         return {"trajectory": corridor.xyz, "station": corridor.station, "time": times}
@@ -144,18 +80,7 @@ def corridor_to_arrays(corridor: Corridor) -> CorridorArrays:
 
 
 def corridor_from_arrays(arrays: CorridorArrays) -> Corridor:
-    """Return the corridor of stored arrays.
-
-    Parameters
-    ----------
-    arrays : CorridorArrays
-        Arrays of `corridor_to_arrays`.
-
-    Returns
-    -------
-    Trajectory, MainAxis or None
-        The corridor.
-    """
+    """Return the corridor of stored arrays."""
     if "trajectory" in arrays:
         time = arrays["time"] if len(arrays["time"]) else None
         return Trajectory(time, arrays["trajectory"], arrays["station"])

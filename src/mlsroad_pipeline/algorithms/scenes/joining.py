@@ -20,30 +20,7 @@ from mlsroad_pipeline.algorithms.scenes.spans import SceneSpan
 def join_pieces(
     pieces: Sequence[Mapping[str, NDArray]], span: SceneSpan, outliers: OutlierParameters, source: str
 ) -> PointCloud:
-    """Join a scene from stored pieces.
-
-    Parameters
-    ----------
-    pieces : sequence of mapping
-        Stored pieces with bins of the scene.
-    span : SceneSpan
-        Bins of the scene.
-    outliers : OutlierParameters
-        Parameters of the statistical outlier filter.
-    source : str
-        Name of the scene in messages, with the files that its points come from.
-
-    Returns
-    -------
-    PointCloud
-        Core, buffers and context, float32 relative to an origin at the south-western corner of the scene, with the
-        columns of `assemble_scene` and, with the filter, `outlier`.
-
-    Raises
-    ------
-    DataError
-        If the pieces have no point of the scene, repeat a point or have different coordinate systems.
-    """
+    """Join a scene from stored pieces."""
     parts = [BinnedCloud.from_arrays(piece).between(*span.reach) for piece in pieces]
     filled = [part for part in parts if len(part)]
     corner = np.floor(np.min([_lowest(part.cloud.xyz) + part.cloud.origin for part in filled], axis=0))
@@ -69,26 +46,7 @@ def _single_precision(piece: BinnedCloud, origin: NDArray[np.float64]) -> Binned
 
 
 def assemble_scene(pieces: Sequence[BinnedCloud], span: SceneSpan) -> PointCloud:
-    """Join a scene from ranges of rows.
-
-    Parameters
-    ----------
-    pieces : sequence of BinnedCloud
-        Ranges with bins of the scene, in any order.
-    span : SceneSpan
-        Bins of the scene.
-
-    Returns
-    -------
-    PointCloud
-        Points of core, buffers and context, ordered by (file, row), with the bool column `core` and, with a context,
-        `near` (core and buffers), relative to the origin of the first piece. Columns that some files lack are left out.
-
-    Raises
-    ------
-    DataError
-        If no piece has a point in the scene, a point occurs twice, or files have different coordinate systems.
-    """
+    """Join a scene from ranges of rows."""
     parts, cores, nears = [], [], []
     for piece in pieces:
         cloud, core, near = _within(piece.between(*span.reach), span)

@@ -16,106 +16,41 @@ NEITHER, TRAIN, TEST = 0, 1, 2
 
 @dataclass(frozen=True)
 class Pose:
-    """Place of a scan in the frame of its drive.
+    """Place of a scan in the frame of its drive."""
 
-    Parameters
-    ----------
-    x, y : float
-        Position of the scanner, metres.
-    heading : float
-        Direction of the scanner's x axis, degrees counterclockwise.
-    """
-
-    x: float
-    y: float
-    heading: float
+    x: float  # Position of the scanner, metres
+    y: float  # Position of the scanner, metres
+    heading: float  # Direction of the scanner's x axis, degrees counterclockwise
 
     def placed(self, xy: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Return points of the scan in the frame of the drive.
-
-        Parameters
-        ----------
-        xy : ndarray of shape (n, 2)
-            Plan coordinates in the frame of the scanner, metres.
-
-        Returns
-        -------
-        ndarray of shape (n, 2), float64
-            Plan coordinates in metres.
-        """
+        """Return points of the scan in the frame of the drive."""
         cosine, sine = np.cos(np.radians(self.heading)), np.sin(np.radians(self.heading))
         return xy @ np.array([[cosine, sine], [-sine, cosine]]) + np.array([self.x, self.y])
 
 
 @dataclass(frozen=True)
 class HalfPlane:
-    """Test part of a drive: the points beyond a vertical plane.
+    """Test part of a drive: the points beyond a vertical plane."""
 
-    Parameters
-    ----------
-    azimuth : float
-        Direction of the plane's normal, degrees counterclockwise from the x axis of the drive.
-    offset : float
-        Distance of the plane from the origin of the drive along the normal, metres; the test part lies beyond.
-    """
-
-    azimuth: float
+    azimuth: float  # Direction of the plane's normal, degrees counterclockwise from the x axis of the drive
+    # Distance of the plane from the origin of the drive along the normal, metres; the test part lies beyond
     offset: float
 
     def distance(self, xy: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Return the signed distance of points from the plane, above zero in the test part.
-
-        Parameters
-        ----------
-        xy : ndarray of shape (n, 2)
-            Points in the frame of the drive, metres.
-
-        Returns
-        -------
-        ndarray of shape (n,), float64
-            Distances in metres.
-        """
+        """Return the signed distance of points from the plane, above zero in the test part."""
         turn = np.radians(self.azimuth)
         return xy @ np.array([np.cos(turn), np.sin(turn)]) - self.offset
 
 
 def parts_beyond(distance: ArrayLike, gap: float) -> NDArray[np.uint8]:
-    """Divide points by their distance from the plane before the test part.
-
-    Parameters
-    ----------
-    distance : array-like of shape (n,)
-        Distances of `HalfPlane.distance`, metres.
-    gap : float
-        Width of the strip about the plane that belongs to neither part, metres.
-
-    Returns
-    -------
-    ndarray of uint8, shape (n,)
-        `TRAIN`, `TEST` or `NEITHER`.
-    """
+    """Divide points by their distance from the plane before the test part."""
     check_positive(gap, "gap")
     values = np.asarray(distance)
     return np.where(values > gap / 2, TEST, np.where(values < -gap / 2, TRAIN, NEITHER)).astype(np.uint8)
 
 
 def within_distance(xyz: NDArray[np.float64], others: NDArray[np.float64], reach: float) -> NDArray[np.bool_]:
-    """Return which points lie within a distance of any other point.
-
-    Parameters
-    ----------
-    xyz : ndarray of shape (n, 3)
-        Points, metres.
-    others : ndarray of shape (m, 3)
-        Other points in the same frame, at least one.
-    reach : float
-        The distance, metres.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        True for points within the distance.
-    """
+    """Return which points lie within a distance of any other point."""
     inside = np.zeros(len(xyz), np.bool_)
     low, high = others.min(axis=0) - reach, others.max(axis=0) + reach
     rows = np.flatnonzero(((xyz >= low) & (xyz <= high)).all(axis=1))

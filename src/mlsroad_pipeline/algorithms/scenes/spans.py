@@ -16,33 +16,17 @@ CONTEXT_POINTS = 100_000
 
 @dataclass(frozen=True)
 class SceneSpan:
-    """Bins of one scene, as half-open ranges.
+    """Bins of one scene, as half-open ranges."""
 
-    Parameters
-    ----------
-    id : str
-        Name of the scene, such as ``"scene_00012"``, numbered along the corridor.
-    first, stop : int
-        Bins of the core.
-    buffer_first, buffer_stop : int
-        Bins of the core and its buffers.
-    n_core, n_points : int
-        Number of points in the core, and in core and buffers.
-    context : int, default 0
-        Bins of further context on both sides of the buffers.
-    context_step : int, default 1
-        One of so many points of the context is taken.
-    """
-
-    id: str
-    first: int
-    stop: int
-    buffer_first: int
-    buffer_stop: int
-    n_core: int
-    n_points: int
-    context: int = 0
-    context_step: int = 1
+    id: str  # Name of the scene, such as ``"scene_00012"``, numbered along the corridor
+    first: int  # Bins of the core
+    stop: int  # Bins of the core
+    buffer_first: int  # Bins of the core and its buffers
+    buffer_stop: int  # Bins of the core and its buffers
+    n_core: int  # Number of points in the core, and in core and buffers
+    n_points: int  # Number of points in the core, and in core and buffers
+    context: int = 0  # Bins of further context on both sides of the buffers
+    context_step: int = 1  # One of so many points of the context is taken
 
     @property
     def reach(self) -> tuple[int, int]:
@@ -76,36 +60,7 @@ def plan_scenes(
     """Divide a corridor into scenes of consecutive bins.
 
     A core starts at the first bin without a core and grows until it is `scene_length` long or the next bin would exceed
-    `max_points`; a single bin above `max_points` is a scene of its own. Empty stretches between cores belong to no
-    scene. The last core of a stretch without gaps is merged with the previous one if it is shorter than a quarter of
-    `scene_length` and both together have at most `max_points`.
-
-    Parameters
-    ----------
-    histogram : mapping of int to int
-        Points per bin, summed over all ranges; empty bins may be omitted.
-    scene_length : float
-        Length of a core, metres. Longer scenes read fewer buffer points twice and take more memory; 20 to 100 m.
-    buffer : float
-        Context on both sides of the core, metres, rounded up to whole bins: at least the radius of neighbourhoods and
-        the length of most objects; 5 to 10 m.
-    bin_length : float
-        Length of a bin, metres, as in `cut_range`.
-    max_points : int
-        Largest number of points of a core with several bins; with the buffers it bounds the memory of a scene.
-    context : float, default 0.0
-        Further context on both sides of the buffers, metres, rounded up to whole bins. Where it has more than a quarter
-        of the points of the core, and more than 100,000, it is thinned. Larger costs time and memory.
-
-    Returns
-    -------
-    list of SceneSpan
-        Scenes in the order of the corridor; each bin with points is in exactly one core.
-
-    Raises
-    ------
-    ParameterError
-        If a length is not above zero, `buffer` or `context` is negative or not finite, or `max_points` is below 1.
+    `max_points`; a single bin above `max_points` is a scene of its own.
     """
     check_positive(scene_length, "scene_length")
     check_positive(bin_length, "bin_length")

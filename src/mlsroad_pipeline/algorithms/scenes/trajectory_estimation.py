@@ -39,16 +39,6 @@ SHARED = 100
 def measured_times(times: NDArray) -> NDArray[np.bool_]:
     """Return which times are measurements: finite and, if there are any, not shared by more than `SHARED` points.
 
-    Parameters
-    ----------
-    times : ndarray of shape (n,)
-        Times of a sample of points, seconds.
-
-    Returns
-    -------
-    ndarray of shape (n,), bool
-        Whether each is one.
-
     Examples
     --------
     >>> measured_times(np.append(np.arange(3.0), [np.inf, np.nan])).tolist()
@@ -210,38 +200,6 @@ def estimate_trajectory(
 
     The centre of four rotations is estimated at every `interval` (see the module). Several scanners give the mean of
     their centres.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        World coordinates, metres, in any order; four rotations need at least 200 points.
-    gps_time : array-like of shape (n,)
-        Seconds, per pulse, with a resolution of a microsecond or better.
-    scanner : array-like of shape (n,), optional
-        Number of the scanner of each point; needed for several scanners.
-    at : array-like of shape (m,), optional
-        Times of the positions in increasing order, seconds, for example the middles of windows; None spaces them evenly
-        over all points.
-    interval : float, default 0.25
-        Seconds between positions without `at`. Smaller values follow turns and braking more closely and take longer.
-    rotation_rate : float, optional
-        Rotations per second, to within 1 %; None estimates it per scanner. Scanners of different rates need None.
-    source : str, default "points"
-        Name of the points in messages, usually the path of the file.
-
-    Returns
-    -------
-    Trajectory
-        Positions of the scanner, or of the mean of the scanners: those of the vehicle up to a constant lever arm.
-
-    Raises
-    ------
-    DataError
-        If coordinates or times are NaN or infinite or their numbers differ, if a scanner does not rotate in a plane at
-        a constant rate, if times are not per pulse, if most windows show flat ground alone, or if the points are too
-        few or too sparse; the message names the source, the scanner and the reason.
-    ParameterError
-        If `interval` or `rotation_rate` is not above zero.
     """
     points = check_xyz(xyz, name=f"{source}: xyz").astype(np.float64)
     seconds = check_column(gps_time, len(points), f"{source}: gps_time").astype(np.float64)
@@ -275,24 +233,7 @@ def estimate_trajectory(
 
 
 def trajectory_from_windows(windows: Sequence[PointCloud]) -> Trajectory:
-    """Estimate the trajectory from short time windows of the files of a survey.
-
-    Parameters
-    ----------
-    windows : sequence of PointCloud
-        Per file, windows of consecutive points with the columns gps_time and window, the number of the window, and
-        scanner for several scanners.
-
-    Returns
-    -------
-    Trajectory
-        One position per window with a good fit.
-
-    Raises
-    ------
-    DataError
-        If the trajectory cannot be estimated, see `estimate_trajectory`.
-    """
+    """Estimate the trajectory from short time windows of the files of a survey."""
     windows = [part.select(np.flatnonzero(measured_times(part["gps_time"]))) for part in windows]
     windows = [part for part in windows if len(part)] or list(windows[:1])
     times = np.concatenate([part["gps_time"] for part in windows])

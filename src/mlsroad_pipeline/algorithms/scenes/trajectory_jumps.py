@@ -31,31 +31,7 @@ def without_jumps(
     """Find single positions far from those before and after them.
 
     Parts between jumps are joined to the longest one where a vehicle can have driven the gap. A few positions that
-    cannot be joined are left out. Without times, parts that are longer than a few positions are kept: they may be other
-    passes.
-
-    Parameters
-    ----------
-    xyz : ndarray of float64, shape (m, 3)
-        Positions in the order of travel, metres.
-    time : ndarray of float64, shape (m,), or None
-        Seconds, increasing.
-    rows : ndarray of int, shape (m,)
-        Row of each position in the file, for messages.
-    source : str
-        Name in messages.
-
-    Returns
-    -------
-    keep : ndarray of bool, shape (m,)
-        Positions to keep.
-    note : str
-        Sentence on those left out, with their rows; empty if all are kept.
-
-    Raises
-    ------
-    DataError
-        If more than `MOST_DROPPED` of the positions cannot be reached from the others.
+    cannot be joined are left out.
     """
     keep = np.ones(len(xyz), dtype=bool)
     if len(xyz) < 3:

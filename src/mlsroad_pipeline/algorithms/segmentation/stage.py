@@ -60,12 +60,12 @@ class SegmentationParameters:
     """Choice and parameters of the segmentation of off-ground points into objects."""
 
     method: str = "normalized_cut"  # one of `METHODS`
-    normalized_cut: NormalizedCutParameters = field(default_factory=NormalizedCutParameters)
-    plain_cut: NormalizedCutParameters = field(default_factory=lambda: PLAIN_CUT)
-    printed_cut: NormalizedCutParameters = field(default_factory=lambda: PRINTED_CUT)
-    yang_dong: YangDongParameters = field(default_factory=YangDongParameters)
-    two_step: TwoStepParameters = field(default_factory=TwoStepParameters)
-    min_points: int = 10  # smaller objects are discarded
+    normalized_cut: NormalizedCutParameters = field(default_factory=NormalizedCutParameters)  # extended; and clusters
+    plain_cut: NormalizedCutParameters = field(default_factory=lambda: PLAIN_CUT)  # as published, without intensity
+    printed_cut: NormalizedCutParameters = field(default_factory=lambda: PRINTED_CUT)  # as published, with intensity
+    yang_dong: YangDongParameters = field(default_factory=YangDongParameters)  # Yang and Dong 2013
+    two_step: TwoStepParameters = field(default_factory=TwoStepParameters)  # Zhou et al. 2014
+    min_points: int = 10  # points; smaller objects are discarded
 
     def __post_init__(self) -> None:
         cuts = dict.fromkeys(("normalized_cut", "plain_cut", "printed_cut"), NormalizedCutParameters)

@@ -130,7 +130,8 @@ def measure_sections(
     """Return the mean of each section's places, the longer of its extents along x and y, and its number of places."""
     n = int(section.max()) + 1
     size = np.bincount(section, minlength=n)
-    middle = np.column_stack([np.bincount(section, xyz[:, axis], minlength=n) / size for axis in range(3)])
+    sums = [np.bincount(section, xyz[:, axis], minlength=n) for axis in range(3)]
+    middle = np.column_stack(sums) / np.maximum(size, 1)[:, None]  # a number without places has the mean 0
     low, high = np.full((n, 2), np.inf), np.full((n, 2), -np.inf)
     np.minimum.at(low, section, xyz[:, :2])
     np.maximum.at(high, section, xyz[:, :2])

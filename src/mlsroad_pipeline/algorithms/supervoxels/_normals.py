@@ -49,9 +49,7 @@ def first_moments(
 def smallest_eigenvectors(matrices: NDArray[np.float64], n: int, vectors: NDArray[np.float64]) -> None:
     """Write the unit eigenvectors of the smallest eigenvalues of n positive semidefinite matrices.
 
-    Rows of `matrices` are xx, xy, xz, yy, yz, zz. The loop has no branches and vectorises. Laguerre's method on the
-    characteristic polynomial converges cubically from 0 to the smallest root without passing it, since all roots are
-    real and at least 0. If two eigenvalues vanish relative to the third, the vector is undefined and set to 0.
+    Rows of `matrices` are xx, xy, xz, yy, yz, zz. The loop has no branches and vectorises.
     """
     for i in range(n):
         trace = matrices[0, i] + matrices[3, i] + matrices[5, i]

@@ -4,39 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mlsroad_pipeline.datasets.models.registered_models import MlflowStore, ModelStore
-from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel, shipped_models
+from mlsroad_pipeline.model_store.registered_models import MlflowStore, ModelStore
+from mlsroad_pipeline.model_store.shipped_models import ShippedModel, shipped_models
 
 
 @dataclass(frozen=True)
 class AvailableModel:
-    """A model that `label` can use.
+    """A model that `label` can use."""
 
-    Parameters
-    ----------
-    name : str
-        Name of a shipped model, or the registered name.
-    method : str
-        Slug of the method.
-    version : str
-        Version of the package of a shipped model, or the registered version.
-    aliases : tuple of str
-        Aliases of a registered version.
-    shipped : bool
-        Whether the model is part of the package.
-    trained_on : str
-        Training data.
-    entry : ShippedModel or None
-        Classes, scores, licence and size of a shipped model.
-    """
-
-    name: str
-    method: str
-    version: str
-    aliases: tuple[str, ...]
-    shipped: bool
-    trained_on: str
-    entry: ShippedModel | None = None
+    name: str  # Name of a shipped model, or the registered name
+    method: str  # Slug of the method
+    version: str  # Version of the package of a shipped model, or the registered version
+    aliases: tuple[str, ...]  # Aliases of a registered version
+    shipped: bool  # Whether the model is part of the package
+    trained_on: str  # Training data
+    entry: ShippedModel | None = None  # Classes, scores, licence and size of a shipped model
 
 
 def registered_models_at(uri: str) -> ModelStore:

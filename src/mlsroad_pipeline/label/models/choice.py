@@ -9,28 +9,18 @@ from pathlib import Path
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.labelling import method_of
-from mlsroad_pipeline.datasets.models.bundle_files import load_bundle
-from mlsroad_pipeline.datasets.models.registered_models import ModelStore, RegisteredVersion
-from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel, load_shipped
+from mlsroad_pipeline.model_store.bundle_files import load_bundle
+from mlsroad_pipeline.model_store.registered_models import ModelStore, RegisteredVersion
+from mlsroad_pipeline.model_store.shipped_models import ShippedModel, load_shipped
 
 
 @dataclass(frozen=True)
 class StoredModel:
-    """A model in a folder, as `mlsroad learn` writes it where no MLflow store is configured.
+    """A model in a folder, as `mlsroad learn` writes it where no MLflow store is configured."""
 
-    Parameters
-    ----------
-    folder : str
-        The folder.
-    method : str
-        Slug of the method.
-    trained_on : str
-        Training data.
-    """
-
-    folder: str
-    method: str
-    trained_on: str = ""
+    folder: str  # The folder
+    method: str  # Slug of the method
+    trained_on: str = ""  # Training data
 
     @property
     def name(self) -> str:
@@ -54,18 +44,10 @@ class StoredModel:
 
 @dataclass(frozen=True)
 class ModelChoice:
-    """The chosen model.
+    """The chosen model."""
 
-    Parameters
-    ----------
-    model : ShippedModel, RegisteredVersion or StoredModel
-        The model.
-    reason : str
-        Reason of the choice, in one line.
-    """
-
-    model: ShippedModel | RegisteredVersion | StoredModel
-    reason: str
+    model: ShippedModel | RegisteredVersion | StoredModel  # The model
+    reason: str  # Reason of the choice, in one line
 
     @property
     def method(self) -> str:

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.models.methods import METHODS, trained_methods
-from mlsroad_pipeline.datasets.models.registered_models import ModelStore, RegisteredVersion
-from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel, shipped_models
 from mlsroad_pipeline.label.models.choice import ModelChoice, StoredModel
+from mlsroad_pipeline.model_store.registered_models import ModelStore, RegisteredVersion
+from mlsroad_pipeline.model_store.shipped_models import ShippedModel, shipped_models
 
 CHAMPION = "champion"
 """Alias of the registered model that `label` prefers to the shipped ones."""
@@ -24,27 +24,7 @@ DEFAULT = "pool"
 def choose_model(
     *, method: str | None = None, model: int | str | None = None, store: ModelStore | None = None
 ) -> ModelChoice:
-    """Return the model of a run of `label`.
-
-    Parameters
-    ----------
-    method : str, optional
-        Method of the model (``label.method``).
-    model : int or str, optional
-        Name of a shipped model, version or alias of a registered one, or folder of a model (``label.model``).
-    store : ModelStore, optional
-        Registered models; None for none.
-
-    Returns
-    -------
-    ModelChoice
-        The model and the reason: a named one, the champion, a registered one of the method, or a shipped one.
-
-    Raises
-    ------
-    ParameterError
-        If the method or the model is unknown or ambiguous, several models are champions, or the method has no model.
-    """
+    """Return the model of a run of `label`."""
     shipped = shipped_models()
     registered = () if store is None else tuple(store.versions())
     _check_method(method, registered)

@@ -9,8 +9,8 @@ from typing import Any
 
 from joblib import cpu_count
 
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG, BoostedTreesParameters
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
+from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG, BoostedTreesParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.execution.collection import SceneCollection

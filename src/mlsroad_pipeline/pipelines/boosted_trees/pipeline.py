@@ -2,9 +2,9 @@
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import label_scene
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import training_voxels
+from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import label_scene
+from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG
+from mlsroad_pipeline.algorithms.models.boosted_trees.sampling import training_voxels
 from mlsroad_pipeline.pipelines.boosted_trees.nodes import sample_of, train_boosted_trees
 from mlsroad_pipeline.pipelines.per_scene import PerScene
 from mlsroad_pipeline.pipelines.schemes import training_scheme

@@ -10,9 +10,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.models.methods import methods_of
+from mlsroad_pipeline.papers.comparison.streets.report import compare_task, comparison_sections, costs_table
+from mlsroad_pipeline.papers.comparison.streets.tables import TASKS, mean_scores, of_methods
 from mlsroad_pipeline.reporting.html.report import build_report
-from mlsroad_pipeline.studies.comparison.report import compare_task, comparison_sections, costs_table
-from mlsroad_pipeline.studies.comparison.tables import TASKS, mean_scores, of_methods
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 
 PICTURED = (*methods_of("labelling"), "image_labels")

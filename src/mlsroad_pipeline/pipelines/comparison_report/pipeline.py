@@ -2,8 +2,8 @@
 
 from kedro.pipeline import Node, Pipeline
 
+from mlsroad_pipeline.papers.comparison.streets.tables import TASKS
 from mlsroad_pipeline.pipelines.comparison_report.nodes import DETECTORS, METHODS, PICTURED, compare_over_streets
-from mlsroad_pipeline.studies.comparison.tables import TASKS
 
 
 def create_pipeline(**_: object) -> Pipeline:

@@ -14,12 +14,12 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import (
     StageParameters,
     SupervoxelParameters,
 )
-from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters, fit
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.papers.tomic2019.detrended_forest.figures import forest_figures
+from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import ForestParameters, fit
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.pipelines.training_facts import with_training_facts
-from mlsroad_pipeline.reporting.figures.forest import forest_figures
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 
 

@@ -2,8 +2,8 @@
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.algorithms.detrended_forest.labeller import label_scene
-from mlsroad_pipeline.algorithms.detrended_forest.training import training_rows
+from mlsroad_pipeline.papers.tomic2019.detrended_forest.labeller import label_scene
+from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import training_rows
 from mlsroad_pipeline.pipelines.detrended_forest.nodes import train_forest
 from mlsroad_pipeline.pipelines.per_scene import PerScene
 from mlsroad_pipeline.pipelines.schemes import training_scheme

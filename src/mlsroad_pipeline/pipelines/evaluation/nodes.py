@@ -10,23 +10,23 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
-from mlsroad_pipeline.algorithms.detection.scoring import (
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.model_store.bundle_files import ModelFile
+from mlsroad_pipeline.papers.shared.detection.scoring import (
     DetectionParameters,
     detection_curves,
     detection_table,
 )
-from mlsroad_pipeline.algorithms.evaluation.labelling import (
+from mlsroad_pipeline.papers.shared.evaluation.labelling import (
     given_classes,
     scores_table,
     sum_by_split,
 )
-from mlsroad_pipeline.algorithms.evaluation.visibility import seen_scores_table, seen_share
-from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
-from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.papers.shared.evaluation.visibility import seen_scores_table, seen_share
+from mlsroad_pipeline.papers.shared.figures.detection import precision_recall_figure
+from mlsroad_pipeline.papers.shared.figures.detection_pictures import detection_figure
+from mlsroad_pipeline.papers.shared.figures.labelling import scene_figures, score_figures
 from mlsroad_pipeline.pipelines.schemes import detection_scheme, evaluation_scheme, training_scheme
-from mlsroad_pipeline.reporting.clouds.detection_pictures import detection_figure
-from mlsroad_pipeline.reporting.figures.detection import precision_recall_figure
-from mlsroad_pipeline.reporting.figures.labelling import scene_figures, score_figures
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import middle_scenes
 

@@ -5,10 +5,10 @@ from typing import Any
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.algorithms.detection.scoring import count_detections_of_scene
-from mlsroad_pipeline.algorithms.evaluation.labelling import count_scene
-from mlsroad_pipeline.algorithms.evaluation.visibility import LabelNames, count_seen_scene
 from mlsroad_pipeline.algorithms.models.methods import methods_of
+from mlsroad_pipeline.papers.shared.detection.scoring import count_detections_of_scene
+from mlsroad_pipeline.papers.shared.evaluation.labelling import count_scene
+from mlsroad_pipeline.papers.shared.evaluation.visibility import LabelNames, count_seen_scene
 from mlsroad_pipeline.pipelines.evaluation.nodes import (
     picture_detections,
     picture_labels,

@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from mlsroad_pipeline.algorithms.fusion.labeller import (
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.members import with_members
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, scene_tasks
+from mlsroad_pipeline.model_store.bundle_files import ModelFile
+from mlsroad_pipeline.papers.tomic2019.fusion.labeller import (
     FusionParameters,
     divide_scenes,
     fit,
     fuse_scene,
     fusion_sample,
 )
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.members import with_members
-from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
-from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.execution.task import SceneTask, scene_tasks
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 

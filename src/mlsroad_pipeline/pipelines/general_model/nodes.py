@@ -10,22 +10,21 @@ from typing import Any
 import pandas as pd
 from joblib import cpu_count
 
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG, BoostedTreesParameters
-from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme, find_scheme
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
+from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG, BoostedTreesParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
-from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
-from mlsroad_pipeline.datasets.models.shipped_entry import (
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, SourceFile
+from mlsroad_pipeline.model_store.bundle_files import ModelFile
+from mlsroad_pipeline.model_store.shipped_entry import (
     ShippedParameters,
     describe_model,
     shipped_pool,
     split_scores,
 )
-from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel
-from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.execution.task import SceneTask, SourceFile
+from mlsroad_pipeline.model_store.shipped_models import ShippedModel
 from mlsroad_pipeline.pipelines.boosted_trees.nodes import load_lightgbm
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.pipelines.training_facts import with_training_facts

@@ -2,9 +2,9 @@
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG
-from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import coarse_training_voxels
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import SLUG as NETWORK
+from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG
+from mlsroad_pipeline.algorithms.models.boosted_trees.sampling import coarse_training_voxels
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import SLUG as NETWORK
 from mlsroad_pipeline.algorithms.quality.scene_facts import stored_facts
 from mlsroad_pipeline.pipelines import composition
 from mlsroad_pipeline.pipelines.general_model.nodes import (

@@ -2,8 +2,8 @@
 
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.evaluation.stages import ground_table
 from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.papers.shared.evaluation.stages import ground_table
 
 
 def score_ground_removal(counts: SceneCollection) -> pd.DataFrame:

@@ -2,8 +2,8 @@
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.algorithms.evaluation.stages import count_ground_points
 from mlsroad_pipeline.algorithms.stages import find_ground
+from mlsroad_pipeline.papers.shared.evaluation.stages import count_ground_points
 from mlsroad_pipeline.pipelines.ground_removal.nodes import score_ground_removal
 from mlsroad_pipeline.pipelines.per_scene import PerScene
 

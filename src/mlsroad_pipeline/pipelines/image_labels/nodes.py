@@ -8,21 +8,21 @@ from typing import Any
 import pandas as pd
 
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
-from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
-from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
-from mlsroad_pipeline.datasets.models.own_segmentation import own_model
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
-from mlsroad_pipeline.pipelines.schemes import training_scheme
-from mlsroad_pipeline.surveys.drive_images import (
+from mlsroad_pipeline.model_store.bundle_files import ModelFile
+from mlsroad_pipeline.papers.tomic2019.image_labels.drive_images import (
     DriveImages,
     LabelledImages,
     images_of_drives,
     label_scene_through_images,
 )
+from mlsroad_pipeline.papers.tomic2019.image_labels.own_segmentation import own_model
+from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import ImageLabelsParameters
+from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.surveys.masks import masks_of_drives
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import held_out_keys, plan_comparison, training_keys

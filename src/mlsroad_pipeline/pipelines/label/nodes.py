@@ -11,17 +11,13 @@ import pandas as pd
 
 from mlsroad_pipeline.algorithms.core.palette import class_palette
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, missing_attributes
 from mlsroad_pipeline.algorithms.models.members import context_of
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
-from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
-from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
-from mlsroad_pipeline.datasets.models.object_judges import judge_digest
-from mlsroad_pipeline.datasets.models.registered_models import configured_store
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.task import SceneTask
+from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
 from mlsroad_pipeline.label.checks import check_headers, check_outputs
 from mlsroad_pipeline.label.devices import check_device
 from mlsroad_pipeline.label.exports import export_inventory
@@ -33,14 +29,18 @@ from mlsroad_pipeline.label.models.survey_facts import facts_of_pieces, unusual_
 from mlsroad_pipeline.label.output_codes import code_names, output_codes
 from mlsroad_pipeline.label.photos import write_photos
 from mlsroad_pipeline.label.planned_outputs import planned_outputs
+from mlsroad_pipeline.label.report import label_report_sections
+from mlsroad_pipeline.label.report_pictures import report_pictures
 from mlsroad_pipeline.label.result_warnings import label_warnings
 from mlsroad_pipeline.label.runs import open_run
 from mlsroad_pipeline.label.scene import LabelSettings, object_rules
 from mlsroad_pipeline.label.scene_tasks import label_tasks
 from mlsroad_pipeline.label.summary import LabelSummary, summarise_labels
 from mlsroad_pipeline.label.written_file import write_file
-from mlsroad_pipeline.pipelines.label.report import label_report_sections
-from mlsroad_pipeline.pipelines.label.report_pictures import report_pictures
+from mlsroad_pipeline.model_store.bundle_files import ModelFile
+from mlsroad_pipeline.model_store.object_judges import judge_digest
+from mlsroad_pipeline.model_store.registered_models import configured_store
+from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.reporting.html.report import build_report
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import SurveyPlan, plan_labelling

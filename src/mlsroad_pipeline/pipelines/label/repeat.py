@@ -10,12 +10,8 @@ from typing import Any
 from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
-from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.algorithms.models.methods import needs_images
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
-from mlsroad_pipeline.datasets.models.own_segmentation import segmentation_name
-from mlsroad_pipeline.datasets.models.registered_models import PREFIX, configured_store
-from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel
 from mlsroad_pipeline.execution.output_lock import OutputInUseError, lock_output
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.run_identity import FINISHED
@@ -23,6 +19,10 @@ from mlsroad_pipeline.label.models.choice import ModelChoice, StoredModel
 from mlsroad_pipeline.label.models.selection import choose_model
 from mlsroad_pipeline.label.runs import finished_record
 from mlsroad_pipeline.label.summary import LabelSummary, moved_summary
+from mlsroad_pipeline.model_store.registered_models import PREFIX, configured_store
+from mlsroad_pipeline.model_store.shipped_models import ShippedModel
+from mlsroad_pipeline.papers.tomic2019.image_labels.own_segmentation import segmentation_name
+from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import plan_labelling
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
-from mlsroad_pipeline.studies.luo2016.plan import StudyPlan
-from mlsroad_pipeline.studies.luo2016.results import StudyTables, study_tables
-from mlsroad_pipeline.studies.streets import make_street, street_tasks
+from mlsroad_pipeline.papers.luo2016.study.plan import StudyPlan
+from mlsroad_pipeline.papers.luo2016.study.results import StudyTables, study_tables
+from mlsroad_pipeline.papers.shared.studies.streets import make_street, street_tasks
 
 
 def make_streets(plan: StudyPlan) -> dict[str, SceneTask]:

@@ -2,13 +2,13 @@
 
 from kedro.pipeline import Pipeline
 
+from mlsroad_pipeline.papers.luo2016.study.figures import CAPTIONS, study_figures
+from mlsroad_pipeline.papers.luo2016.study.parameters import METHODS
+from mlsroad_pipeline.papers.luo2016.study.plan import cut_streets, plan_study, run_methods, try_settings
+from mlsroad_pipeline.papers.luo2016.study.report import study_sections
+from mlsroad_pipeline.papers.luo2016.study.results import StudyTables
 from mlsroad_pipeline.pipelines.luo2016_study.nodes import make_streets, tabulate_study
 from mlsroad_pipeline.pipelines.study import Stage, StudyReport, study_pipeline
-from mlsroad_pipeline.studies.luo2016.figures import CAPTIONS, study_figures
-from mlsroad_pipeline.studies.luo2016.parameters import METHODS
-from mlsroad_pipeline.studies.luo2016.plan import cut_streets, plan_study, run_methods, try_settings
-from mlsroad_pipeline.studies.luo2016.report import study_sections
-from mlsroad_pipeline.studies.luo2016.results import StudyTables
 
 
 def create_pipeline(**_: object) -> Pipeline:

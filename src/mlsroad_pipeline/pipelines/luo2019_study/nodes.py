@@ -6,18 +6,18 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from mlsroad_pipeline.algorithms.baselines.pointnet.parameters import PointNetParameters
-from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
-from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
+from mlsroad_pipeline.algorithms.core.classes import find_scheme
 from mlsroad_pipeline.algorithms.models.methods import METHODS
-from mlsroad_pipeline.algorithms.recognition.descriptor_machine import DescriptorParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
-from mlsroad_pipeline.studies.luo2019.parameters import BASELINES, JOINTNET, PRINTED, TUNED, StudyParameters
-from mlsroad_pipeline.studies.luo2019.plan import SYDNEY, StudyPlan
-from mlsroad_pipeline.studies.luo2019.results import StudyTables, study_tables
-from mlsroad_pipeline.studies.luo2019.set_parameters import SimulatedObjectsParameters
-from mlsroad_pipeline.surveys.object_files import find_folds, listed_files, read_fold
+from mlsroad_pipeline.papers.luo2019.jointnet.parameters import JointNetParameters
+from mlsroad_pipeline.papers.luo2019.pointnet.parameters import PointNetParameters
+from mlsroad_pipeline.papers.luo2019.study.parameters import BASELINES, JOINTNET, PRINTED, TUNED, StudyParameters
+from mlsroad_pipeline.papers.luo2019.study.plan import SYDNEY, StudyPlan
+from mlsroad_pipeline.papers.luo2019.study.results import StudyTables, study_tables
+from mlsroad_pipeline.papers.luo2019.study.set_parameters import SimulatedObjectsParameters
+from mlsroad_pipeline.papers.shared.recognition.descriptor_machine import DescriptorParameters
+from mlsroad_pipeline.papers.shared.recognition.object_files import find_folds, listed_files, read_fold
 
 FOLDS, SYDNEY_SCHEME = "folds/fold*.txt", "sydney14"
 

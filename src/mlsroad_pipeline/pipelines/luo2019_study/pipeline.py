@@ -2,14 +2,14 @@
 
 from kedro.pipeline import Pipeline
 
+from mlsroad_pipeline.papers.luo2019.study.figures import CAPTIONS, study_figures
+from mlsroad_pipeline.papers.luo2019.study.parameters import BASELINES, JOINTNET, PRINTED, TUNED
+from mlsroad_pipeline.papers.luo2019.study.plan import measure_networks, run_methods
+from mlsroad_pipeline.papers.luo2019.study.report import study_sections
+from mlsroad_pipeline.papers.luo2019.study.results import StudyTables
 from mlsroad_pipeline.pipelines import simulated_objects
 from mlsroad_pipeline.pipelines.luo2019_study.nodes import plan_study, read_folds, tabulate_study
 from mlsroad_pipeline.pipelines.study import Stage, StudyReport, study_pipeline
-from mlsroad_pipeline.studies.luo2019.figures import CAPTIONS, study_figures
-from mlsroad_pipeline.studies.luo2019.parameters import BASELINES, JOINTNET, PRINTED, TUNED
-from mlsroad_pipeline.studies.luo2019.plan import measure_networks, run_methods
-from mlsroad_pipeline.studies.luo2019.report import study_sections
-from mlsroad_pipeline.studies.luo2019.results import StudyTables
 
 
 def create_pipeline(**_: object) -> Pipeline:

@@ -8,8 +8,8 @@ from typing import Any
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
+from mlsroad_pipeline.papers.shared.patches.labelled_patches import label_patches_along
 from mlsroad_pipeline.pipelines.schemes import training_scheme
-from mlsroad_pipeline.surveys.labelled_patches import label_patches_along
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import training_keys
 

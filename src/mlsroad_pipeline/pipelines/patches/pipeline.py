@@ -2,7 +2,7 @@
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.algorithms.patches.labelling import build_patches
+from mlsroad_pipeline.papers.shared.patches.labelling import build_patches
 from mlsroad_pipeline.pipelines.patches.nodes import label_training_patches
 from mlsroad_pipeline.pipelines.per_scene import PerScene
 

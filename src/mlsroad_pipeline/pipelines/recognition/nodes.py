@@ -8,13 +8,13 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from mlsroad_pipeline.algorithms.recognition.cutting import RecognitionParameters
-from mlsroad_pipeline.algorithms.recognition.scores import score_recognitions
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
+from mlsroad_pipeline.papers.shared.recognition.cutting import RecognitionParameters
+from mlsroad_pipeline.papers.shared.recognition.object_files import find_folds, listed_files, read_fold
+from mlsroad_pipeline.papers.shared.recognition.scores import score_recognitions
 from mlsroad_pipeline.pipelines.schemes import recognition_scheme
 from mlsroad_pipeline.reporting.figures.scores import confusion_figure
-from mlsroad_pipeline.surveys.object_files import find_folds, listed_files, read_fold
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline.algorithms.models.methods import methods_of
-from mlsroad_pipeline.algorithms.recognition.cutting import cut_objects
+from mlsroad_pipeline.papers.shared.recognition.cutting import cut_objects
 from mlsroad_pipeline.pipelines.compare.nodes import compare_methods
 from mlsroad_pipeline.pipelines.per_scene import PerScene, fix_arguments
 from mlsroad_pipeline.pipelines.recognisers import create_pipeline as recogniser_pipeline

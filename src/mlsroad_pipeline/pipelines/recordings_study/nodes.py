@@ -7,12 +7,12 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from mlsroad_pipeline.datasets.models.shipped_models import load_shipped
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
-from mlsroad_pipeline.studies.recordings.plan import StudyPlan, read_scenes, score_runs
-from mlsroad_pipeline.studies.recordings.report import markdown_tables, study_figures, summary
-from mlsroad_pipeline.studies.recordings.results import StudyTables, study_tables
+from mlsroad_pipeline.model_store.shipped_models import load_shipped
+from mlsroad_pipeline.papers.comparison.recordings.plan import StudyPlan, read_scenes, score_runs
+from mlsroad_pipeline.papers.comparison.recordings.report import markdown_tables, study_figures, summary
+from mlsroad_pipeline.papers.comparison.recordings.results import StudyTables, study_tables
 from mlsroad_pipeline.surveys.recording_scenes import read_scene
 
 

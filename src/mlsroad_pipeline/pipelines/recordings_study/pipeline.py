@@ -2,6 +2,15 @@
 
 from kedro.pipeline import Node, Pipeline
 
+from mlsroad_pipeline.papers.comparison.recordings.pictures import source_pages
+from mlsroad_pipeline.papers.comparison.recordings.plan import (
+    parameter_groups,
+    plan_study,
+    prepare_scenes,
+    train_models,
+)
+from mlsroad_pipeline.papers.comparison.recordings.report import CAPTIONS, study_sections
+from mlsroad_pipeline.papers.comparison.recordings.results import StudyTables
 from mlsroad_pipeline.pipelines.recordings_study.nodes import (
     draw_study,
     read_recordings,
@@ -10,15 +19,6 @@ from mlsroad_pipeline.pipelines.recordings_study.nodes import (
     tabulate_study,
 )
 from mlsroad_pipeline.pipelines.study import Stage, StudyReport, study_pipeline
-from mlsroad_pipeline.studies.recordings.pictures import source_pages
-from mlsroad_pipeline.studies.recordings.plan import (
-    parameter_groups,
-    plan_study,
-    prepare_scenes,
-    train_models,
-)
-from mlsroad_pipeline.studies.recordings.report import CAPTIONS, study_sections
-from mlsroad_pipeline.studies.recordings.results import StudyTables
 
 
 def create_pipeline(**_: object) -> Pipeline:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters
 from mlsroad_pipeline.algorithms.segmentation.stage import segmentation_table
 from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters
 
 
 def min_points(parameters: DetectionParameters) -> int:

@@ -2,8 +2,8 @@
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.algorithms.detection.scoring import object_classes
 from mlsroad_pipeline.algorithms.segmentation.stage import measure_segmentation, segment_scene
+from mlsroad_pipeline.papers.shared.detection.scoring import object_classes
 from mlsroad_pipeline.pipelines.per_scene import PerScene
 from mlsroad_pipeline.pipelines.schemes import detection_scheme
 from mlsroad_pipeline.pipelines.segmentation.nodes import min_points, score_segmentation

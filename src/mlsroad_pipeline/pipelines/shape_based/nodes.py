@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from mlsroad_pipeline.algorithms.baselines.shape_based.labeller import ShapeParameters
-from mlsroad_pipeline.algorithms.baselines.shape_based.training import fit
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.papers.luo2016.shape_based.labeller import ShapeParameters
+from mlsroad_pipeline.papers.luo2016.shape_based.training import fit
 from mlsroad_pipeline.pipelines.patch_labellers import TrainingScenes
 
 

@@ -2,8 +2,8 @@
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.algorithms.baselines.shape_based.labeller import label_objects
-from mlsroad_pipeline.algorithms.baselines.shape_based.training import training_objects
+from mlsroad_pipeline.papers.luo2016.shape_based.labeller import label_objects
+from mlsroad_pipeline.papers.luo2016.shape_based.training import training_objects
 from mlsroad_pipeline.pipelines.patch_labellers import gathering
 from mlsroad_pipeline.pipelines.per_scene import PerScene
 from mlsroad_pipeline.pipelines.shape_based.nodes import scheme_of, train_shape_based

@@ -8,15 +8,21 @@ from typing import Any
 
 import pandas as pd
 
+from mlsroad_pipeline.algorithms.core.classes import find_scheme
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
-from mlsroad_pipeline.studies.luo2019.paper import OBJECTS
-from mlsroad_pipeline.studies.luo2019.set_parameters import SimulatedObjectsParameters
-from mlsroad_pipeline.studies.luo2019.sets import SplitKey, composition_table, cut_street, draw_split, wanted_objects
-from mlsroad_pipeline.studies.streets import street_tasks
+from mlsroad_pipeline.papers.luo2019.study.paper import OBJECTS
+from mlsroad_pipeline.papers.luo2019.study.set_parameters import SimulatedObjectsParameters
+from mlsroad_pipeline.papers.luo2019.study.sets import (
+    SplitKey,
+    composition_table,
+    cut_street,
+    draw_split,
+    wanted_objects,
+)
+from mlsroad_pipeline.papers.shared.studies.streets import street_tasks
 
 
 def cut_streets(

@@ -7,10 +7,6 @@ from typing import Any
 
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import (
-    SLUG,
-    SuperpointTransformerParameters,
-)
 from mlsroad_pipeline.algorithms.core.stage_parameters import (
     FeatureParameters,
     GroundParameters,
@@ -19,6 +15,10 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import (
 )
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import (
+    SLUG,
+    SuperpointTransformerParameters,
+)
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.pipelines.training_facts import with_training_facts

@@ -2,9 +2,9 @@
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.labeller import label_scene
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import SLUG
-from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.training_graphs import training_graphs
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.labeller import label_scene
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import SLUG
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.training_graphs import training_graphs
 from mlsroad_pipeline.pipelines.per_scene import PerScene
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.pipelines.superpoint_transformer.nodes import parameters_of_graphs, stages_of, train_network

@@ -2,8 +2,8 @@
 
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.evaluation.stages import supervoxel_table
 from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.papers.shared.evaluation.stages import supervoxel_table
 
 
 def score_supervoxels(measured: SceneCollection) -> pd.DataFrame:

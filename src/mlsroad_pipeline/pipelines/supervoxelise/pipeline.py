@@ -2,8 +2,8 @@
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.algorithms.evaluation.stages import measure_supervoxels
 from mlsroad_pipeline.algorithms.stages import build_supervoxels
+from mlsroad_pipeline.papers.shared.evaluation.stages import measure_supervoxels
 from mlsroad_pipeline.pipelines.per_scene import PerScene
 from mlsroad_pipeline.pipelines.supervoxelise.nodes import score_supervoxels
 

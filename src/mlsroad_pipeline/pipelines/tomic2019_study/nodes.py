@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
-from mlsroad_pipeline.studies.streets import street_tasks
-from mlsroad_pipeline.studies.tomic2019 import runs as tomic2019_runs
-from mlsroad_pipeline.studies.tomic2019.plan import StudyPlan
-from mlsroad_pipeline.studies.tomic2019.results import FusionRun, StudyTables, study_tables
+from mlsroad_pipeline.papers.shared.studies.streets import street_tasks
+from mlsroad_pipeline.papers.tomic2019.study import runs as tomic2019_runs
+from mlsroad_pipeline.papers.tomic2019.study.plan import StudyPlan
+from mlsroad_pipeline.papers.tomic2019.study.results import FusionRun, StudyTables, study_tables
 
 
 def make_surveys(plan: StudyPlan) -> dict[str, SceneTask]:

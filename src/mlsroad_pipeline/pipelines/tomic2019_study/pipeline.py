@@ -2,22 +2,22 @@
 
 from kedro.pipeline import Pipeline
 
-from mlsroad_pipeline.pipelines.study import Stage, StudyReport, study_pipeline
-from mlsroad_pipeline.pipelines.tomic2019_study.nodes import (
-    make_photographs,
-    make_surveys,
-    tabulate_study,
-)
-from mlsroad_pipeline.studies.tomic2019.figures import CAPTIONS, study_figures
-from mlsroad_pipeline.studies.tomic2019.plan import (
+from mlsroad_pipeline.papers.tomic2019.study.figures import CAPTIONS, study_figures
+from mlsroad_pipeline.papers.tomic2019.study.plan import (
     fuse_surveys,
     label_by_features,
     label_by_images,
     plan_study,
     train_network,
 )
-from mlsroad_pipeline.studies.tomic2019.report import study_sections
-from mlsroad_pipeline.studies.tomic2019.results import StudyTables
+from mlsroad_pipeline.papers.tomic2019.study.report import study_sections
+from mlsroad_pipeline.papers.tomic2019.study.results import StudyTables
+from mlsroad_pipeline.pipelines.study import Stage, StudyReport, study_pipeline
+from mlsroad_pipeline.pipelines.tomic2019_study.nodes import (
+    make_photographs,
+    make_surveys,
+    tabulate_study,
+)
 
 
 def create_pipeline(**_: object) -> Pipeline:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
-from mlsroad_pipeline.studies.streets import street_tasks
-from mlsroad_pipeline.studies.yu2016 import results as yu2016_results
-from mlsroad_pipeline.studies.yu2016.plan import StudyPlan
-from mlsroad_pipeline.studies.yu2016.results import StudyTables, study_tables
-from mlsroad_pipeline.studies.yu2016.streets import make_survey
+from mlsroad_pipeline.papers.shared.studies.streets import street_tasks
+from mlsroad_pipeline.papers.yu2016.study import results as yu2016_results
+from mlsroad_pipeline.papers.yu2016.study.plan import StudyPlan
+from mlsroad_pipeline.papers.yu2016.study.results import StudyTables, study_tables
+from mlsroad_pipeline.papers.yu2016.study.streets import make_survey
 
 
 def make_surveys(plan: StudyPlan) -> dict[str, SceneTask]:

@@ -2,11 +2,9 @@
 
 from kedro.pipeline import Pipeline
 
-from mlsroad_pipeline.pipelines.study import Stage, StudyReport, study_pipeline
-from mlsroad_pipeline.pipelines.yu2016_study.nodes import make_surveys, tabulate_study
-from mlsroad_pipeline.studies.yu2016.figures import CAPTIONS, study_figures
-from mlsroad_pipeline.studies.yu2016.parameters import METHODS_OF_STUDY
-from mlsroad_pipeline.studies.yu2016.plan import (
+from mlsroad_pipeline.papers.yu2016.study.figures import CAPTIONS, study_figures
+from mlsroad_pipeline.papers.yu2016.study.parameters import METHODS_OF_STUDY
+from mlsroad_pipeline.papers.yu2016.study.plan import (
     compare_segmentations,
     describe_surveys,
     plan_study,
@@ -14,8 +12,10 @@ from mlsroad_pipeline.studies.yu2016.plan import (
     run_settings,
     segment_surveys,
 )
-from mlsroad_pipeline.studies.yu2016.report import study_sections
-from mlsroad_pipeline.studies.yu2016.results import StudyTables
+from mlsroad_pipeline.papers.yu2016.study.report import study_sections
+from mlsroad_pipeline.papers.yu2016.study.results import StudyTables
+from mlsroad_pipeline.pipelines.study import Stage, StudyReport, study_pipeline
+from mlsroad_pipeline.pipelines.yu2016_study.nodes import make_surveys, tabulate_study
 
 
 def create_pipeline(**_: object) -> Pipeline:

@@ -22,22 +22,12 @@ _SCENE_SIZE = (1100, 460)
 
 
 class MapFrame(NamedTuple):
-    """Frame of a map in metres: its x axis (`right`), its y axis upwards (`up`), lower left corner and size.
+    """Frame of a map in metres: its x axis (`right`), its y axis upwards (`up`), lower left corner and size."""
 
-    Attributes
-    ----------
-    right, up : ndarray of float64, shape (2,)
-        Axes of the map in world coordinates.
-    low : ndarray of float64, shape (2,)
-        Corner along the axes, metres.
-    size : ndarray of float64, shape (2,)
-        Width and height, metres.
-    """
-
-    right: NDArray[np.float64]
-    up: NDArray[np.float64]
-    low: NDArray[np.float64]
-    size: NDArray[np.float64]
+    right: NDArray[np.float64]  # Axes of the map in world coordinates
+    up: NDArray[np.float64]  # Axes of the map in world coordinates
+    low: NDArray[np.float64]  # Corner along the axes, metres
+    size: NDArray[np.float64]  # Width and height, metres
 
     def place(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return positions on the map: to the right, and down from its top."""
@@ -51,15 +41,7 @@ class MapFrame(NamedTuple):
 
 
 def map_frame(points: NDArray[np.float64], shown: NDArray[np.float64]) -> MapFrame:
-    """Return the frame of a map: north up, or turned along the survey where that is clearly smaller.
-
-    Parameters
-    ----------
-    points : ndarray of float64, shape (n, 2)
-        A sample of the points of the survey; stray ones lie outside of the frame.
-    shown : ndarray of float64, shape (k, 2)
-        Positions that the frame contains in any case.
-    """
+    """Return the frame of a map: north up, or turned along the survey where that is clearly smaller."""
     every = np.concatenate([points, shown])
     if not len(every):
         return _frame(0.0, np.zeros((1, 2)), np.zeros((0, 2)))
@@ -82,17 +64,7 @@ def _frame(angle: float, points: NDArray[np.float64], shown: NDArray[np.float64]
 def overview_picture(
     parts: Iterable[tuple[NDArray[np.float64], NDArray[np.integer]]], palette: NDArray[np.uint8], frame: MapFrame
 ) -> NDArray[np.uint8]:
-    """Return the classes of the highest points in each pixel of a map; white where there is none.
-
-    Parameters
-    ----------
-    parts : iterable of tuple
-        World coordinates (n, 3) and labels (n,) of the parts of the survey; one part at a time is in memory.
-    palette : ndarray of uint8, shape (classes + 1, 3)
-        Colours of the labels; the last one of label -1.
-    frame : MapFrame
-        The frame.
-    """
+    """Return the classes of the highest points in each pixel of a map; white where there is none."""
     pixel = max(float(frame.size.max()) / WIDEST, FINEST)
     columns, rows = (int(np.ceil(side / pixel)) for side in frame.size)
     top, label = np.full(rows * columns, -np.inf), np.full(rows * columns, -2, dtype=np.int16)

@@ -17,27 +17,15 @@ _MARGIN = 1.04
 
 @dataclass(frozen=True)
 class View:
-    """Projection p_view = rotation (p - centre), x to the right, y down, z away from the viewer.
+    """Projection p_view = rotation (p - centre), x to the right, y down, z away from the viewer."""
 
-    Parameters
-    ----------
-    rotation : ndarray of shape (3, 3), float64
-        World to view; rows are the right and down axes of the picture and the viewing direction.
-    centre : ndarray of shape (3,), float64
-        The viewpoint, metres; for orthographic views the point at the centre of the picture, at depth 0.
-    scale : float
-        Orthographic: pixels per metre. Perspective: the focal length in pixels.
-    size : tuple of int
-        Width and height of the picture, pixels.
-    perspective : bool
-        Perspective projection; False is orthographic.
-    """
-
+    # World to view; rows are the right and down axes of the picture and the viewing direction
     rotation: NDArray[np.float64]
+    # The viewpoint, metres; for orthographic views the point at the centre of the picture, at depth 0
     centre: NDArray[np.float64]
-    scale: float
-    size: tuple[int, int]
-    perspective: bool
+    scale: float  # Orthographic: pixels per metre. Perspective: the focal length in pixels.
+    size: tuple[int, int]  # Width and height of the picture, pixels
+    perspective: bool  # Perspective projection; False is orthographic
 
     def enlarged(self, factor: int) -> View:
         """Return the same view with more pixels."""

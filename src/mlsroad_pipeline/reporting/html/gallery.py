@@ -22,21 +22,11 @@ class Picture(NamedTuple):
 
 @dataclass(frozen=True)
 class GallerySection:
-    """Small pictures in rows, under a heading per group.
+    """Small pictures in rows, under a heading per group."""
 
-    Parameters
-    ----------
-    title : str
-        The heading.
-    groups : mapping of str to sequence of Picture
-        Heading to pictures, in order.
-    note : str, default ""
-        A sentence above them.
-    """
-
-    title: str
-    groups: Mapping[str, Sequence[Picture]]
-    note: str = ""
+    title: str  # The heading
+    groups: Mapping[str, Sequence[Picture]]  # Heading to pictures, in order
+    note: str = ""  # A sentence above them
 
     def body(self) -> str:
         """Return the pictures, embedded."""

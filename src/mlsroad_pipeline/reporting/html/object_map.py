@@ -43,32 +43,15 @@ def kind_colours(kinds: Sequence[str]) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class ObjectMapSection:
-    """Map of the path and the objects.
+    """Map of the path and the objects."""
 
-    Parameters
-    ----------
-    title : str
-        The heading.
-    objects : DataFrame
-        Objects with `kind`, `score`, `x`, `y`, as `shown_objects` returns them.
-    frame : MapFrame
-        Frame of the map.
-    counts : mapping of str to int
-        Kind to the number of objects of the inventory.
-    path : ndarray of float64, shape (n, 2), optional
-        Positions of the scanner in the order of travel.
-    background : ndarray of uint8, shape (rows, columns, 3), optional
-        Picture of the whole frame.
-    lines : mapping of str to sequence of ndarray of float64, shape (n, 2)
-        Kind of line to the vertices of each.
-    """
-
-    title: str
-    objects: pd.DataFrame
-    frame: MapFrame
-    counts: dict[str, int]
-    path: NDArray[np.float64] | None = None
-    background: NDArray[np.uint8] | None = None
+    title: str  # The heading
+    objects: pd.DataFrame  # Objects with `kind`, `score`, `x`, `y`, as `shown_objects` returns them
+    frame: MapFrame  # Frame of the map
+    counts: dict[str, int]  # Kind to the number of objects of the inventory
+    path: NDArray[np.float64] | None = None  # Positions of the scanner in the order of travel
+    background: NDArray[np.uint8] | None = None  # Picture of the whole frame
+    # Kind of line to the vertices of each
     lines: Mapping[str, Sequence[NDArray[np.float64]]] = field(default_factory=dict)
 
     def body(self) -> str:

@@ -20,30 +20,14 @@ FIRST_ROWS = 40
 
 @dataclass(frozen=True)
 class ObjectTableSection:
-    """Counts by kind, and all objects with their columns.
+    """Counts by kind, and all objects with their columns."""
 
-    Parameters
-    ----------
-    title : str
-        The heading.
-    objects : DataFrame
-        Objects as `shown_objects` returns them.
-    total : DataFrame
-        Number of objects by kind and class.
-    names : dict of str to str
-        Column to heading, in order.
-    places : ndarray of float64, shape (n, 2)
-        Positions on the map.
-    geopackage : str, default ""
-        Path or URL of the GeoPackage, relative to the report.
-    """
-
-    title: str
-    objects: pd.DataFrame
-    total: pd.DataFrame
-    names: dict[str, str]
-    places: NDArray[np.float64]
-    geopackage: str = ""
+    title: str  # The heading
+    objects: pd.DataFrame  # Objects as `shown_objects` returns them
+    total: pd.DataFrame  # Number of objects by kind and class
+    names: dict[str, str]  # Column to heading, in order
+    places: NDArray[np.float64]  # Positions on the map
+    geopackage: str = ""  # Path or URL of the GeoPackage, relative to the report
 
     def body(self) -> str:
         """Return counts, the link, filters and the table."""

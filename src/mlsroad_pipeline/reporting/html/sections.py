@@ -23,18 +23,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FactsSection:
-    """Names and values, such as the model and the data of a run.
+    """Names and values, such as the model and the data of a run."""
 
-    Parameters
-    ----------
-    title : str
-        The heading.
-    facts : mapping of str to any
-        Names and values, in order.
-    """
-
-    title: str
-    facts: Mapping[str, Any]
+    title: str  # The heading
+    facts: Mapping[str, Any]  # Names and values, in order
 
     def body(self) -> str:
         """Return a description list."""
@@ -44,24 +36,12 @@ class FactsSection:
 
 @dataclass(frozen=True)
 class TableSection:
-    """Table, such as the survey quality per file or the scores.
+    """Table, such as the survey quality per file or the scores."""
 
-    Parameters
-    ----------
-    title : str
-        The heading.
-    table : DataFrame
-        The table.
-    note : str, default ""
-        A sentence above it.
-    largest : int, default 500
-        Maximum number of rows; a note gives the number of omitted rows.
-    """
-
-    title: str
-    table: pd.DataFrame
-    note: str = ""
-    largest: int = 500
+    title: str  # The heading
+    table: pd.DataFrame  # The table
+    note: str = ""  # A sentence above it
+    largest: int = 500  # Maximum number of rows; a note gives the number of omitted rows
 
     def body(self) -> str:
         """Return the note and the table."""
@@ -74,18 +54,10 @@ class TableSection:
 
 @dataclass(frozen=True)
 class FiguresSection:
-    """Figures and pictures with captions.
+    """Figures and pictures with captions."""
 
-    Parameters
-    ----------
-    title : str
-        The heading.
-    figures : mapping of str to matplotlib Figure or ndarray of uint8, shape (height, width, 3)
-        Caption to figure or picture.
-    """
-
-    title: str
-    figures: Mapping[str, Figure | NDArray[np.uint8]]
+    title: str  # The heading
+    figures: Mapping[str, Figure | NDArray[np.uint8]]  # Caption to figure or picture
 
     def body(self) -> str:
         """Return the figures, embedded."""
@@ -102,21 +74,11 @@ class FiguresSection:
 
 @dataclass(frozen=True)
 class SceneSection:
-    """Pictures of a part of the survey with the colours of the classes.
+    """Pictures of a part of the survey with the colours of the classes."""
 
-    Parameters
-    ----------
-    title : str
-        The heading.
-    pictures : mapping of str to ndarray of uint8, shape (height, width, 3)
-        Caption to picture.
-    colours : mapping of str to array-like of uint8, shape (3,)
-        Class to colour.
-    """
-
-    title: str
-    pictures: Mapping[str, NDArray[np.uint8]]
-    colours: Mapping[str, Any]
+    title: str  # The heading
+    pictures: Mapping[str, NDArray[np.uint8]]  # Caption to picture
+    colours: Mapping[str, Any]  # Class to colour
 
     def body(self) -> str:
         """Return the key of the colours and the pictures."""
@@ -131,24 +93,12 @@ class SceneSection:
 
 @dataclass(frozen=True)
 class DistributionSection:
-    """Numbers of points per class as bars in the colours of the pictures.
+    """Numbers of points per class as bars in the colours of the pictures."""
 
-    Parameters
-    ----------
-    title : str
-        The heading.
-    counts : mapping of str to int
-        Class to number of points, in label order; may contain a class ``"unlabelled"``.
-    note : str, default ""
-        A sentence above the bars.
-    scheme : ClassScheme, optional
-        Scheme of the colours; None derives them from the names.
-    """
-
-    title: str
-    counts: Mapping[str, int]
-    note: str = ""
-    scheme: ClassScheme | None = None
+    title: str  # The heading
+    counts: Mapping[str, int]  # Class to number of points, in label order; may contain a class ``"unlabelled"``
+    note: str = ""  # A sentence above the bars
+    scheme: ClassScheme | None = None  # Scheme of the colours; None derives them from the names
 
     def body(self) -> str:
         """Return one bar per class."""
@@ -172,18 +122,10 @@ class DistributionSection:
 
 @dataclass(frozen=True)
 class WarningsSection:
-    """Warnings on the data or the run.
+    """Warnings on the data or the run."""
 
-    Parameters
-    ----------
-    title : str
-        The heading.
-    messages : sequence of str
-        Messages; an empty list is reported as "None".
-    """
-
-    title: str
-    messages: Sequence[str] = field(default_factory=tuple)
+    title: str  # The heading
+    messages: Sequence[str] = field(default_factory=tuple)  # Messages; an empty list is reported as "None"
 
     def body(self) -> str:
         """Return the messages as a list."""

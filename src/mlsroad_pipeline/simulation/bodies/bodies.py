@@ -20,26 +20,16 @@ ANKLE, FOOT, SHOULDER, HIP = 0.039, 0.152, 0.115, 0.052
 
 
 class Skeleton(NamedTuple):
-    """Joints of a body that faces +x; the right one of a pair comes first.
+    """Joints of a body that faces +x; the right one of a pair comes first."""
 
-    Parameters
-    ----------
-    hips, knees, ankles, shoulders, elbows, wrists : ndarray of shape (2, 3), float64
-        Joints, metres.
-    feet : ndarray of shape (2, 3), float64
-        Unit vectors from heel to toe.
-    head : ndarray of shape (3,), float64
-        Its middle, metres.
-    """
-
-    hips: Floats
-    knees: Floats
-    ankles: Floats
-    shoulders: Floats
-    elbows: Floats
-    wrists: Floats
-    feet: Floats
-    head: Floats
+    hips: Floats  # Joints, metres
+    knees: Floats  # Joints, metres
+    ankles: Floats  # Joints, metres
+    shoulders: Floats  # Joints, metres
+    elbows: Floats  # Joints, metres
+    wrists: Floats  # Joints, metres
+    feet: Floats  # Unit vectors from heel to toe
+    head: Floats  # Its middle, metres
 
     def moved(self, shift: ArrayLike) -> Skeleton:
         """Return the skeleton shifted, in the same pose."""
@@ -82,27 +72,13 @@ def bent_joint(start: ArrayLike, end: ArrayLike, upper: float, lower: float, tow
 
 
 class Build(NamedTuple):
-    """Appearance of one person.
+    """Appearance of one person."""
 
-    Parameters
-    ----------
-    height : float
-        Metres.
-    girth : float
-        Thickness of limbs and trunk over that of an average adult of this height.
-    head : float
-        Half of the head's height, metres.
-    clothes : {"trousers", "shorts", "skirt", "dress", "coat"}
-        Clothes below the waist.
-    hair : {"short", "long", "hat", "helmet"}
-        Hair or headgear.
-    """
-
-    height: float
-    girth: float
-    head: float
-    clothes: str
-    hair: str
+    height: float  # Metres
+    girth: float  # Thickness of limbs and trunk over that of an average adult of this height
+    head: float  # Half of the head's height, metres
+    clothes: str  # Clothes below the waist
+    hair: str  # Hair or headgear
 
 
 def draw_build(rng: np.random.Generator, *, child: bool = False) -> Build:

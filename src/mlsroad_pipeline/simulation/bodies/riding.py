@@ -26,21 +26,11 @@ _Y = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
 
 
 class Contacts(NamedTuple):
-    """Contact points of a rider on a vehicle; the right one of a pair comes first.
+    """Contact points of a rider on a vehicle; the right one of a pair comes first."""
 
-    Parameters
-    ----------
-    saddle : ndarray of shape (3,), float64
-        Top of the saddle, metres.
-    pedals : ndarray of shape (2, 3), float64
-        Places of the balls of the feet, metres.
-    grips : ndarray of shape (2, 3), float64
-        Places of the hands, metres.
-    """
-
-    saddle: Floats
-    pedals: Floats
-    grips: Floats
+    saddle: Floats  # Top of the saddle, metres
+    pedals: Floats  # Places of the balls of the feet, metres
+    grips: Floats  # Places of the hands, metres
 
 
 def seat_rider(rng: np.random.Generator, build: Build, contacts: Contacts, label: str = "rider") -> Mesh:

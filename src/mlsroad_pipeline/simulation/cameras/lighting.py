@@ -16,22 +16,12 @@ from mlsroad_pipeline.simulation.street.street import generator
 
 @dataclass(frozen=True)
 class Light:
-    """Sun, sky and exposure of a survey.
+    """Sun, sky and exposure of a survey."""
 
-    Parameters
-    ----------
-    sun : ndarray of shape (3,), float64
-        Unit vector towards the sun.
-    sun_rgb, sky_rgb : ndarray of shape (3,), float64
-        Irradiance from the sun and from the sky.
-    haze : float
-        Share of light lost per metre.
-    """
-
-    sun: NDArray[np.float64]
-    sun_rgb: NDArray[np.float64]
-    sky_rgb: NDArray[np.float64]
-    haze: float
+    sun: NDArray[np.float64]  # Unit vector towards the sun
+    sun_rgb: NDArray[np.float64]  # Irradiance from the sun and from the sky
+    sky_rgb: NDArray[np.float64]  # Irradiance from the sun and from the sky
+    haze: float  # Share of light lost per metre
 
 
 def draw_light(seed: int) -> Light:

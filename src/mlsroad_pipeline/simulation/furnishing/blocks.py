@@ -23,53 +23,25 @@ PASS_INSTANCES = 10_000_000
 
 
 class ObjectRecord(NamedTuple):
-    """Truth about one object.
+    """Truth about one object."""
 
-    Parameters
-    ----------
-    instance, label : int
-        Instance number and taxonomy code of the whole.
-    design : str
-        Name of its design.
-    base : ndarray of shape (3,), float64
-        Base point, street-local metres; of a moving object when the van passes it.
-    moving : bool
-        Whether it moves.
-    box : Box
-        Its box.
-    hard_case : str
-        Kind of confusable neighbour, if it was placed as such.
-    measures : Measures
-        Lean and plates of poles and signs; the panel's middle is street-local.
-    """
-
-    instance: int
-    label: int
-    design: str
-    base: NDArray[np.float64]
-    moving: bool
-    box: Box
-    hard_case: str
-    measures: Measures
+    instance: int  # Instance number and taxonomy code of the whole
+    label: int  # Instance number and taxonomy code of the whole
+    design: str  # Name of its design
+    base: NDArray[np.float64]  # Base point, street-local metres; of a moving object when the van passes it
+    moving: bool  # Whether it moves
+    box: Box  # Its box
+    hard_case: str  # Kind of confusable neighbour, if it was placed as such
+    measures: Measures  # Lean and plates of poles and signs; the panel's middle is street-local
 
 
 @dataclass(frozen=True)
 class Block:
-    """Block with its objects.
+    """Block with its objects."""
 
-    Parameters
-    ----------
-    soup : TriangleSoup
-        Static geometry.
-    movers : list of Mover
-        Moving objects that the van meets in it.
-    records : list of ObjectRecord
-        Truth about both.
-    """
-
-    soup: TriangleSoup
-    movers: list[Mover]
-    records: list[ObjectRecord]
+    soup: TriangleSoup  # Static geometry
+    movers: list[Mover]  # Moving objects that the van meets in it
+    records: list[ObjectRecord]  # Truth about both
 
 
 def block_centre(street: Street, number: int) -> tuple[NDArray[np.float64], float]:

@@ -61,8 +61,7 @@ def building(
     """Return a building of one to five storeys, or of a number between two: windows in reveals, a door, a roof.
 
     Rooms lie behind the glass. The building is centred on x = 0, 7 to 12 m deep towards +y, its walls 1.5 m into the
-    ground. `plinth` is the height of the ground floor, with stairs to the door. A `shop` has shop windows, signs and
-    awnings. Faces are `building`, steps `stairs`.
+    ground. `plinth` is the height of the ground floor, with stairs to the door.
     """
     plan = _Plan(rng, length, shop=shop, plinth=plinth, storeys=storeys)
     skin = material(str(rng.choice(["plaster", "brick", "stone", "concrete"])), "building", rng)

@@ -33,24 +33,14 @@ def _sheet(left: NDArray, right: NDArray, y: ArrayLike, low: NDArray, high: NDAr
 
 @dataclass(frozen=True)
 class Openings:
-    """Doors and windows of a front, one row each.
+    """Doors and windows of a front, one row each."""
 
-    Parameters
-    ----------
-    cell : ndarray of shape (n, 4), float64
-        Left, right, bottom and top of the part of the wall around it, metres.
-    left, right, low, high : ndarray of shape (n,), float64
-        The opening itself, metres.
-    recess : ndarray of shape (n,), float64
-        Depth of its pane behind the wall, metres.
-    """
-
-    cell: NDArray[np.float64]
-    left: NDArray[np.float64]
-    right: NDArray[np.float64]
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
-    recess: NDArray[np.float64]
+    cell: NDArray[np.float64]  # Left, right, bottom and top of the part of the wall around it, metres
+    left: NDArray[np.float64]  # The opening itself, metres
+    right: NDArray[np.float64]  # The opening itself, metres
+    low: NDArray[np.float64]  # The opening itself, metres
+    high: NDArray[np.float64]  # The opening itself, metres
+    recess: NDArray[np.float64]  # Depth of its pane behind the wall, metres
 
     def of(self, rows: NDArray) -> Openings:
         """Return some of the openings."""

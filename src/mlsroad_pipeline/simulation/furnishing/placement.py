@@ -24,57 +24,27 @@ _GAP = 0.04  # free room around a footprint, metres
 
 
 class Box(NamedTuple):
-    """Upright box around an object.
+    """Upright box around an object."""
 
-    Parameters
-    ----------
-    length, width : float
-        Along and across the object's own x axis, which is its front or arm, metres.
-    height : float
-        Of its top above its base, metres.
-    heading : float
-        Direction of the x axis, radians counter-clockwise from east.
-    x, y : float
-        Middle of the box, street-local metres; an arm shifts it from the base.
-    """
-
-    length: float
-    width: float
-    height: float
-    heading: float
-    x: float
-    y: float
+    length: float  # Along and across the object's own x axis, which is its front or arm, metres
+    width: float  # Along and across the object's own x axis, which is its front or arm, metres
+    height: float  # Of its top above its base, metres
+    heading: float  # Direction of the x axis, radians counter-clockwise from east
+    x: float  # Middle of the box, street-local metres; an arm shifts it from the base
+    y: float  # Middle of the box, street-local metres; an arm shifts it from the base
 
 
 @dataclass(frozen=True)
 class Placed:
-    """Placed object.
+    """Placed object."""
 
-    Parameters
-    ----------
-    label : int
-        Taxonomy code of the whole; faces of its mesh may have finer ones.
-    instance : int
-        Instance number, unique along the street; 0 for facades, fences, walls and hedges.
-    mesh : Mesh
-        Faces in street-local coordinates (m).
-    base : ndarray of shape (3,), float64
-        Base point on the ground (m).
-    design : str
-        Name of its design.
-    box : Box
-        Its box.
-    hard_case : str, default ""
-        Kind of confusable neighbour, if it was placed as such.
-    """
-
-    label: int
-    instance: int
-    mesh: Mesh
-    base: NDArray[np.float64]
-    design: str
-    box: Box
-    hard_case: str = ""
+    label: int  # Taxonomy code of the whole; faces of its mesh may have finer ones
+    instance: int  # Instance number, unique along the street; 0 for facades, fences, walls and hedges
+    mesh: Mesh  # Faces in street-local coordinates (m)
+    base: NDArray[np.float64]  # Base point on the ground (m)
+    design: str  # Name of its design
+    box: Box  # Its box
+    hard_case: str = ""  # Kind of confusable neighbour, if it was placed as such
 
 
 @njit(cache=True, nogil=True)
@@ -132,15 +102,7 @@ def _corners(box: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 class Site:
-    """Block of a street that is being furnished.
-
-    Parameters
-    ----------
-    street : Street
-        The street.
-    block : int
-        Number of the block, from ``-MARGIN``.
-    """
+    """Block of a street that is being furnished."""
 
     def __init__(self, street: Street, block: int) -> None:
         self.street, self.block, self.parameters = street, block, street.parameters
@@ -194,27 +156,7 @@ class Site:
         self, design: Design | tuple[str, str], mesh: Mesh, s: float, left: float, yaw: float, *, tilt: bool = False,
         numbered: bool = True, solid: bool = True, hard_case: str = "",
     ) -> Placed:  # fmt: skip
-        """Place a mesh without a check for overlaps.
-
-        Parameters
-        ----------
-        design : Design or tuple of str
-            The design, or name and taxonomy class.
-        mesh : Mesh
-            Foot at the origin, front along +x.
-        s, left : float
-            Station and offset of its foot, metres.
-        yaw : float
-            Direction of its front, relative to the street's, radians.
-        tilt : bool, default False
-            Whether it follows the slope of the ground.
-        numbered : bool, default True
-            Whether it is an object with an instance number.
-        solid : bool, default True
-            Whether its footprint excludes later objects.
-        hard_case : str, default ""
-            See `Placed`.
-        """
+        """Place a mesh without a check for overlaps."""
         name, label = (design.name, design.label) if isinstance(design, Design) else design
         ground = self.street.ground
         xy, heading = self.street.alignment.place([s], [left])

@@ -40,28 +40,7 @@ def tubes(
     paths: ArrayLike, radii: ArrayLike, surfaces: Surface | Sequence[Surface], *, sides: int = 5, closed: bool = False,
     flatten: ArrayLike | None = None,
 ) -> Mesh:  # fmt: skip
-    """Return round bars along n polylines of m points each.
-
-    Parameters
-    ----------
-    paths : array-like of shape (n, m, 3)
-        At least two points each, metres.
-    radii : array-like
-        Radius at each point, metres; broadcast to (n, m).
-    surfaces : Surface or sequence of n Surface
-        Surface of all bars, or of each.
-    sides : int, default 5
-        Corners of the cross-section.
-    closed : bool, default False
-        Whether the ends are closed.
-    flatten : array-like, optional
-        Factors on the y coordinates of the cross-sections, about their points; broadcast to (n, m).
-
-    Returns
-    -------
-    Mesh
-        The bars, one after the other, each with ``2 sides (m - 1)`` faces and, closed, ``2 sides - 4`` more.
-    """
+    """Return round bars along n polylines of m points each."""
     points = np.asarray(paths, dtype=np.float64)
     n, m = points.shape[:2]
     if n == 0:

@@ -14,8 +14,6 @@ R = TypeVar("R")
 def leaf(function: Callable[P, R]) -> Callable[P, R]:
     """Compile a function that is called for every ray, without reference counting of its arrays.
 
-    Reference counts need atomic operations at every call, which take several times as long as such a function. It may
-    read and write arrays and take views of them, but neither create nor return one; its callees must be such functions
-    too.
+    Reference counts need atomic operations at every call, which take several times as long as such a function.
     """
     return cast(Callable[P, R], njit(cache=True, nogil=True, error_model="numpy", _nrt=False)(function))

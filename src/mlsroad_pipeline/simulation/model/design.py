@@ -15,33 +15,15 @@ from mlsroad_pipeline.simulation.model.meshes import Mesh
 
 @dataclass(frozen=True)
 class Design:
-    """One way to build an object of a class.
+    """One way to build an object of a class."""
 
-    Parameters
-    ----------
-    name : str
-        Name, unique among all designs, such as ``"double_arm_lamp"``.
-    label : str
-        Taxonomy class of the whole; faces may have finer ones.
-    build : callable
-        From a random generator to a mesh in metres that stands on z = 0 with its foot at the origin, front or arm along
-        +x. Equal streams give equal meshes; no two streams give the same.
-    clearance : float
-        Half of the length along the street that it keeps free, metres.
-    weight : float, default 1
-        Relative frequency among the designs of its class.
-
-    Raises
-    ------
-    ParameterError
-        If the class is not in the taxonomy, or a number is not positive.
-    """
-
-    name: str
-    label: str
+    name: str  # Name, unique among all designs, such as ``"double_arm_lamp"``
+    label: str  # Taxonomy class of the whole; faces may have finer ones
+    # From a random generator to a mesh in metres that stands on z = 0 with its foot at the origin, front or arm along
+    # +x. Equal streams give equal meshes; no two streams give the same.
     build: Callable[[np.random.Generator], Mesh]
-    clearance: float
-    weight: float = 1.0
+    clearance: float  # Half of the length along the street that it keeps free, metres
+    weight: float = 1.0  # Relative frequency among the designs of its class
 
     def __post_init__(self) -> None:
         if self.label not in TAXONOMY:

@@ -17,24 +17,12 @@ LABEL, KIND, RED, GREEN, BLUE, REFLECTIVITY = range(6)
 
 @dataclass(frozen=True)
 class Surface:
-    """Surface of faces of one kind.
+    """Surface of faces of one kind."""
 
-    Parameters
-    ----------
-    label : int
-        Taxonomy code.
-    rgb : tuple of float
-        Albedo in the visible, 0 to 1 and linear.
-    reflectivity : float
-        Albedo at the scanner's wavelength, 0 to 1.
-    kind : int, default DIFFUSE
-        One of the kinds of this module.
-    """
-
-    label: int
-    rgb: tuple[float, float, float]
-    reflectivity: float
-    kind: int = DIFFUSE
+    label: int  # Taxonomy code
+    rgb: tuple[float, float, float]  # Albedo in the visible, 0 to 1 and linear
+    reflectivity: float  # Albedo at the scanner's wavelength, 0 to 1
+    kind: int = DIFFUSE  # One of the kinds of this module
 
     def rows(self, n: int) -> NDArray[np.float32]:
         """Return the attribute rows of n faces."""
@@ -44,21 +32,11 @@ class Surface:
 
 @dataclass(frozen=True)
 class Mesh:
-    """Triangle mesh.
+    """Triangle mesh."""
 
-    Parameters
-    ----------
-    vertices : ndarray of shape (v, 3), float64
-        Coordinates in metres.
-    faces : ndarray of shape (f, 3), int64
-        Vertex indices.
-    attributes : ndarray of shape (f, 6), float32
-        Label, kind, red, green, blue and reflectivity of each face.
-    """
-
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int64]
-    attributes: NDArray[np.float32]
+    vertices: NDArray[np.float64]  # Coordinates in metres
+    faces: NDArray[np.int64]  # Vertex indices
+    attributes: NDArray[np.float32]  # Label, kind, red, green, blue and reflectivity of each face
 
     def moved(self, translation: ArrayLike, *, yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0) -> Mesh:
         """Return the mesh rotated by Rz(yaw) Ry(pitch) Rx(roll), radians, then translated."""

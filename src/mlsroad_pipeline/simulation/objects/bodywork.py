@@ -27,44 +27,22 @@ _PAINT, _DARK, _GLASS, _COVER = range(4)
 
 @dataclass(frozen=True)
 class Body:
-    """Lines of a lofted skin; x runs from the rear to the front, metres throughout.
+    """Lines of a lofted skin; x runs from the rear to the front, metres throughout."""
 
-    Parameters
-    ----------
-    half : float
-        Half of the width.
-    clear : float
-        Height of the sills above the road.
-    top, belt : sequence of (x, z)
-        Silhouette from above, and the belt line; the first and the last x are the body's ends.
-    shoulder : sequence of (x, share)
-        Half width of the roof or bonnet over that of the body.
-    axles : sequence of float
-        Positions of the wheels.
-    radius : float
-        Of the wheels.
-    rounding : float, default 0.45
-        Length over which the ends are drawn in, seen from above.
-    drawn_in : float, default 0.16
-        Share of the width by which the ends are drawn in.
-    side_panes, top_panes : sequence of (x, x), default none
-        Glass in the sides above the belt line, and over the whole width above: windscreen, rear window.
-    open : sequence of (x, x), default none
-        Stretches without skin above the belt line.
-    """
-
-    half: float
-    clear: float
-    top: Knots
-    belt: Knots
-    shoulder: Knots
-    axles: Sequence[float]
-    radius: float
-    rounding: float = 0.45
-    drawn_in: float = 0.16
+    half: float  # Half of the width
+    clear: float  # Height of the sills above the road
+    top: Knots  # Silhouette from above, and the belt line; the first and the last x are the body's ends
+    belt: Knots  # Silhouette from above, and the belt line; the first and the last x are the body's ends
+    shoulder: Knots  # Half width of the roof or bonnet over that of the body
+    axles: Sequence[float]  # Positions of the wheels
+    radius: float  # Of the wheels
+    rounding: float = 0.45  # Length over which the ends are drawn in, seen from above
+    drawn_in: float = 0.16  # Share of the width by which the ends are drawn in
+    # Glass in the sides above the belt line, and over the whole width above: windscreen, rear window
     side_panes: Spans = ()
+    # Glass in the sides above the belt line, and over the whole width above: windscreen, rear window
     top_panes: Spans = ()
-    open: Spans = ()
+    open: Spans = ()  # Stretches without skin above the belt line
 
     def at(self, knots: Knots, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the height or share of a line of the body at some x."""

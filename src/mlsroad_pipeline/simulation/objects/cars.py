@@ -31,33 +31,21 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class CarRanges:
-    """Ranges of the measures of a kind of car.
+    """Ranges of the measures of a kind of car."""
 
-    Parameters
-    ----------
-    length, width, height : tuple of float
-        Metres.
-    cowl, screen_top, roof_end, tail : tuple of float
-        Lower and upper end of the windscreen, and of the rear window, as shares of the length from the front.
-    belt : tuple of float
-        Height of the belt line over the total height.
-    deck : tuple of float
-        Height of the tail below the rear window over that of the belt line.
-    clear, radius : tuple of float
-        Ground clearance and radius of the wheels, metres.
-    """
-
-    length: Range
-    width: Range
-    height: Range
-    cowl: Range
+    length: Range  # Metres
+    width: Range  # Metres
+    height: Range  # Metres
+    cowl: Range  # Lower and upper end of the windscreen, and of the rear window, as shares of the length from the front
+    # Lower and upper end of the windscreen, and of the rear window, as shares of the length from the front
     screen_top: Range
+    # Lower and upper end of the windscreen, and of the rear window, as shares of the length from the front
     roof_end: Range
-    tail: Range
-    belt: Range = (0.60, 0.66)
-    deck: Range = (0.95, 1.08)
-    clear: Range = (0.14, 0.2)
-    radius: Range = (0.29, 0.34)
+    tail: Range  # Lower and upper end of the windscreen, and of the rear window, as shares of the length from the front
+    belt: Range = (0.60, 0.66)  # Height of the belt line over the total height
+    deck: Range = (0.95, 1.08)  # Height of the tail below the rear window over that of the belt line
+    clear: Range = (0.14, 0.2)  # Ground clearance and radius of the wheels, metres
+    radius: Range = (0.29, 0.34)  # Ground clearance and radius of the wheels, metres
 
 
 _KINDS = {

@@ -16,55 +16,28 @@ from mlsroad_pipeline.simulation.objects.parts import UNDERGROUND
 
 
 class Plates(NamedTuple):
-    """Plates of traffic signs on a mesh, the largest first.
+    """Plates of traffic signs on a mesh, the largest first."""
 
-    Parameters
-    ----------
-    centre : ndarray of shape (p, 3), float64
-        Their middles, metres.
-    yaw : ndarray of shape (p,), float64
-        Directions that they face, radians counter-clockwise from +x.
-    width, height : ndarray of shape (p,), float64
-        Metres.
-    """
-
-    centre: NDArray[np.float64]
-    yaw: NDArray[np.float64]
-    width: NDArray[np.float64]
-    height: NDArray[np.float64]
+    centre: NDArray[np.float64]  # Their middles, metres
+    yaw: NDArray[np.float64]  # Directions that they face, radians counter-clockwise from +x
+    width: NDArray[np.float64]  # Metres
+    height: NDArray[np.float64]  # Metres
 
 
 class Measures(NamedTuple):
-    """Attributes of a pole or a sign in an asset register, beside its box; NaN where not applicable.
+    """Attributes of a pole or a sign in an asset register, beside its box; NaN where not applicable."""
 
-    Parameters
-    ----------
-    tilt : float
-        Angle between the axis and the vertical, degrees.
-    lean_azimuth : float
-        Direction of the lean, degrees clockwise from grid north; without meaning at a tilt of 0.
-    panels : int
-        Number of plates of traffic signs; the other fields are those of the largest.
-    panel_bottom, panel_centre : float
-        Heights of its lower edge and its middle above the base, metres.
-    panel_width, panel_height : float
-        Metres.
-    panel_azimuth : float
-        Direction that its front faces, degrees clockwise from grid north.
-    panel_x, panel_y : float
-        Its middle, metres, in the frame of the mesh.
-    """
-
-    tilt: float = np.nan
+    tilt: float = np.nan  # Angle between the axis and the vertical, degrees
+    # Direction of the lean, degrees clockwise from grid north; without meaning at a tilt of 0
     lean_azimuth: float = np.nan
-    panels: int = 0
-    panel_bottom: float = np.nan
-    panel_centre: float = np.nan
-    panel_width: float = np.nan
-    panel_height: float = np.nan
-    panel_azimuth: float = np.nan
-    panel_x: float = np.nan
-    panel_y: float = np.nan
+    panels: int = 0  # Number of plates of traffic signs; the other fields are those of the largest
+    panel_bottom: float = np.nan  # Heights of its lower edge and its middle above the base, metres
+    panel_centre: float = np.nan  # Heights of its lower edge and its middle above the base, metres
+    panel_width: float = np.nan  # Metres
+    panel_height: float = np.nan  # Metres
+    panel_azimuth: float = np.nan  # Direction that its front faces, degrees clockwise from grid north
+    panel_x: float = np.nan  # Its middle, metres, in the frame of the mesh
+    panel_y: float = np.nan  # Its middle, metres, in the frame of the mesh
 
 
 _MASTS = tuple(TAXONOMY[name] for name in ("light_pole", "utility_pole", "traffic_light", "traffic_sign", "gantry"))

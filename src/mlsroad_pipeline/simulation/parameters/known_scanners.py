@@ -47,7 +47,7 @@ def _sick_side() -> ScannerSystem:
 
 
 def _oakland() -> ScannerSystem:
-    # One LMS 291 to the left, as fitted to the scan lines of the Oakland recordings (docs/realism.md): half a degree,
+    # One LMS 291 to the left, as fitted to the scan lines of the Oakland recordings (docs/simulator.md): half a degree,
     # 1.85 m above the road, from 12 degrees off the nadir upwards, free asphalt measured up to some 19 m.
     device = Device(
         27e3, 37.5, (0.0, 0.9, 0.05), field=(12.0, 180.0), divergence=0.012, range_noise=0.004, accuracy=0.02,
@@ -74,25 +74,7 @@ HDL-32E as on Cyclomedia's cars.
 
 
 def scanner_system(config: str | Mapping[str, Any]) -> ScannerSystem:
-    """Return the scanner system that a configuration describes.
-
-    Parameters
-    ----------
-    config : str or mapping
-        A key of `SCANNERS`; or a mapping with ``name``, ``devices`` (a list of mappings with the fields of `Device`),
-        ``platform`` and ``body``. Missing keys are those of the system that ``like`` names, if any. Without
-        ``devices``, fields of `Device` at the top level change all devices of that system.
-
-    Returns
-    -------
-    ScannerSystem
-        The system.
-
-    Raises
-    ------
-    ParameterError
-        If a name or a field is unknown, one is missing, or a value is outside its domain.
-    """
+    """Return the scanner system that a configuration describes."""
     if isinstance(config, str):
         if config not in SCANNERS:
             raise ParameterError(f"scanner {config!r} is unknown (scanners: {', '.join(SCANNERS)})")

@@ -19,7 +19,7 @@ def hdl64() -> ScannerSystem:
     """Return a Velodyne HDL-64E 1.73 m above the road, as KITTI has it."""
     # 32 beams a third of a degree apart above 32 half a degree apart, 10 Hz, some 1.33 million pulses/s, 50 m
     # at a reflectivity of 10 %. Each laser's power follows its returns in eight steps (the maker's manual); target,
-    # memory, scale of intensity and noise are fitted to two thirds of a recorded scan (docs/realism.md).
+    # memory, scale of intensity and noise are fitted to two thirds of a recorded scan.
     elevations = (*np.linspace(2.0, -8.33, 32), *np.linspace(-8.83, -24.8, 32))
     device = Device(
         1.333e6, 10.0, (0.0, 0.0, 0.63), pitch=-90.0, elevations=elevations, divergence=0.002, range_noise=0.007,

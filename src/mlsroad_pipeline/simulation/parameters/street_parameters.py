@@ -11,124 +11,62 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 
 @dataclass(frozen=True)
 class StreetParameters:
-    """Parameters of a kind of street; each seed is another street of the kind.
+    """Parameters of a kind of street; each seed is another street of the kind."""
 
-    Parameters
-    ----------
-    junction_spacing : float, default 140
-        Mean distance between junctions, metres; at least 60, or 0 for none.
-    crossroads : float, default 0.4
-        Share of junctions with side streets on both sides; the others are T-junctions.
-    signals : float, default 0.4
-        Share of junctions with traffic lights; at the others side streets stop or give way.
-    lanes : int, default 0
-        Lanes per direction, 1 to 3; 0 draws one or two.
-    median : float, default 0
-        Width of a planted median, metres, 0 or 1.5 to 12.
-    verges : float, default 0.75
-        Probability of a strip of grass or soil between curb and pavement, per side.
-    verge_width : float, default 1.8
-        Mean width of that strip, metres, 0.8 to 8.
-    grass_height : float, default 0.07
-        Mean height of blades, metres, 0 to 0.2; beams end between them.
-    bare_soil : float, default 0.2
-        Share of verges and gardens that are soil rather than grass.
-    parking : float, default 0.65
-        Probability of parking bays, per side.
-    slanted_parking : float, default 0.25
-        Probability that bays are slanted rather than along the curb.
-    parked : float, default 0.7
-        Share of occupied bays.
-    lamp_spacing : float, default 0
-        Distance between street lamps, metres, 10 to 100; 0 draws 25 to 40.
-    buildings : float, default 1
-        Probability that a lot is built on; 0 leaves all land open.
-    boundaries : float, default 1
-        Share of property lines that keep their fence, wall or hedge.
-    trees, palms, cycas, shrubs : float, default 1
-        Factor on their numbers; 0 is none, 2 about twice as many.
-    clutter, signs, people, traffic : float, default 1
-        Factor on bins, benches, bollards and the like; on traffic signs; on people; on moving vehicles.
-    stations, gantries : float, default 1
-        Factor on bus stops, one in every second block of 60 m at 1; on gantries over roads with a median, one in every
-        fifth block.
-    lorries : float, default 1
-        Factor on the share of trucks among moving vehicles, 6 % at 1; 0 is none.
-    two_wheelers : float, default 1
-        Factor on bicycles and motorcycles, parked and ridden. Values above 1 add some and change nothing else.
-    bends, slopes : float, default 1
-        Factors on the curvature, up to 1.5, and on the grades, up to 2; 0 is straight, or level.
-    lane_width : float, default 0
-        Mean width of a lane, metres, 2.5 to 4; 0 draws 3.1 to 3.6.
-    pavement : float, default 0
-        Mean width of the pavement, metres, 0.5 to 8; 0 draws 1.9 to 3.8.
-    facades : float, default -1
-        Share of houses with their facade at the pavement, the others have front gardens; -1 draws it per side.
-    storeys : tuple of int, default (0, 0)
-        Least and greatest number of storeys, 1 to 20; zeros draw 1 to 5.
-    front_yard : float, default 0
-        Mean depth of front gardens, metres, 1.5 to 20; 0 draws 3.5 to 7.5.
-    hedges : float, default -1
-        Share of hedges among boundaries, the others are fences and walls; -1 draws it per side.
-    greenery : float, default 0
-        Share of property lines that are overgrown, 0 to 1: untrimmed hedges up to 3 m high, shrubs on both sides of
-        fences and walls, low trees that overhang the pavement. 0 leaves clipped hedges.
-    forest : float, default 0
-        Density of woods on open land, 0 to 1: undergrowth at the edge, trees behind it.
-    drive_cars : float, default 0
-        Share of driveways with a car.
-    overhead_wires : float, default 0.7
-        Probability of utility poles with wires along the street and to the houses.
-    hard_cases : float, default 0.3
-        Probability that a plant, a pole or a parked vehicle along the curb gets a neighbour that is hard to separate
-        from it: poles inside crowns, shrubs in a row or around a post, bins against posts, plants that touch parked
-        cars, objects close behind trees. 0 is never; at 1 all do where there is room.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain.
-    """
-
-    junction_spacing: float = 140.0
-    crossroads: float = 0.4
-    signals: float = 0.4
-    lanes: int = 0
-    median: float = 0.0
-    verges: float = 0.75
-    verge_width: float = 1.8
-    grass_height: float = 0.07
-    bare_soil: float = 0.2
-    parking: float = 0.65
-    slanted_parking: float = 0.25
-    parked: float = 0.7
-    lamp_spacing: float = 0.0
-    buildings: float = 1.0
-    boundaries: float = 1.0
-    trees: float = 1.0
-    palms: float = 1.0
-    cycas: float = 1.0
-    shrubs: float = 1.0
+    junction_spacing: float = 140.0  # Mean distance between junctions, metres; at least 60, or 0 for none
+    crossroads: float = 0.4  # Share of junctions with side streets on both sides; the others are T-junctions
+    signals: float = 0.4  # Share of junctions with traffic lights; at the others side streets stop or give way
+    lanes: int = 0  # Lanes per direction, 1 to 3; 0 draws one or two
+    median: float = 0.0  # Width of a planted median, metres, 0 or 1.5 to 12
+    verges: float = 0.75  # Probability of a strip of grass or soil between curb and pavement, per side
+    verge_width: float = 1.8  # Mean width of that strip, metres, 0.8 to 8
+    grass_height: float = 0.07  # Mean height of blades, metres, 0 to 0.2; beams end between them
+    bare_soil: float = 0.2  # Share of verges and gardens that are soil rather than grass
+    parking: float = 0.65  # Probability of parking bays, per side
+    slanted_parking: float = 0.25  # Probability that bays are slanted rather than along the curb
+    parked: float = 0.7  # Share of occupied bays
+    lamp_spacing: float = 0.0  # Distance between street lamps, metres, 10 to 100; 0 draws 25 to 40
+    buildings: float = 1.0  # Probability that a lot is built on; 0 leaves all land open
+    boundaries: float = 1.0  # Share of property lines that keep their fence, wall or hedge
+    trees: float = 1.0  # Factor on their numbers; 0 is none, 2 about twice as many
+    palms: float = 1.0  # Factor on their numbers; 0 is none, 2 about twice as many
+    cycas: float = 1.0  # Factor on their numbers; 0 is none, 2 about twice as many
+    shrubs: float = 1.0  # Factor on their numbers; 0 is none, 2 about twice as many
+    # Factor on bins, benches, bollards and the like; on traffic signs; on people; on moving vehicles
     clutter: float = 1.0
+    # Factor on bins, benches, bollards and the like; on traffic signs; on people; on moving vehicles
     signs: float = 1.0
+    # Factor on bins, benches, bollards and the like; on traffic signs; on people; on moving vehicles
     people: float = 1.0
+    # Factor on bins, benches, bollards and the like; on traffic signs; on people; on moving vehicles
     traffic: float = 1.0
+    # Factor on bus stops, one in every second block of 60 m at 1; on gantries over roads with a median, one in every
+    # fifth block
     stations: float = 1.0
+    # Factor on bus stops, one in every second block of 60 m at 1; on gantries over roads with a median, one in every
+    # fifth block
     gantries: float = 1.0
-    lorries: float = 1.0
+    lorries: float = 1.0  # Factor on the share of trucks among moving vehicles, 6 % at 1; 0 is none
+    # Factor on bicycles and motorcycles, parked and ridden. Values above 1 add some and change nothing else.
     two_wheelers: float = 1.0
-    bends: float = 1.0
-    slopes: float = 1.0
-    lane_width: float = 0.0
-    pavement: float = 0.0
+    bends: float = 1.0  # Factors on the curvature, up to 1.5, and on the grades, up to 2; 0 is straight, or level
+    slopes: float = 1.0  # Factors on the curvature, up to 1.5, and on the grades, up to 2; 0 is straight, or level
+    lane_width: float = 0.0  # Mean width of a lane, metres, 2.5 to 4; 0 draws 3.1 to 3.6
+    pavement: float = 0.0  # Mean width of the pavement, metres, 0.5 to 8; 0 draws 1.9 to 3.8
+    # Share of houses with their facade at the pavement, the others have front gardens; -1 draws it per side
     facades: float = -1.0
-    storeys: tuple[int, int] = (0, 0)
-    front_yard: float = 0.0
-    hedges: float = -1.0
+    storeys: tuple[int, int] = (0, 0)  # Least and greatest number of storeys, 1 to 20; zeros draw 1 to 5
+    front_yard: float = 0.0  # Mean depth of front gardens, metres, 1.5 to 20; 0 draws 3.5 to 7.5
+    hedges: float = -1.0  # Share of hedges among boundaries, the others are fences and walls; -1 draws it per side
+    # Share of property lines that are overgrown, 0 to 1: untrimmed hedges up to 3 m high, shrubs on both sides of
+    # fences and walls, low trees that overhang the pavement. 0 leaves clipped hedges.
     greenery: float = 0.0
-    forest: float = 0.0
-    drive_cars: float = 0.0
-    overhead_wires: float = 0.7
+    forest: float = 0.0  # Density of woods on open land, 0 to 1: undergrowth at the edge, trees behind it
+    drive_cars: float = 0.0  # Share of driveways with a car
+    overhead_wires: float = 0.7  # Probability of utility poles with wires along the street and to the houses
+    # Probability that a plant, a pole or a parked vehicle along the curb gets a neighbour that is hard to separate from
+    # it: poles inside crowns, shrubs in a row or around a post, bins against posts, plants that touch parked cars,
+    # objects close behind trees. 0 is never; at 1 all do where there is room.
     hard_cases: float = 0.3
 
     def __post_init__(self) -> None:
@@ -242,23 +180,7 @@ the pavement, parked cars), ``downtown`` (four lanes, tall buildings), ``america
 
 
 def street_parameters(config: object) -> StreetParameters:
-    """Return the street parameters that a configuration describes.
-
-    Parameters
-    ----------
-    config : StreetParameters, str or mapping
-        The parameters themselves, the name of a kind, or ``kind`` and the fields that differ from it.
-
-    Returns
-    -------
-    StreetParameters
-        The parameters.
-
-    Raises
-    ------
-    ParameterError
-        If `config` is something else, the kind or a field is unknown, or a value is outside its domain.
-    """
+    """Return the street parameters that a configuration describes."""
     if isinstance(config, StreetParameters):
         return config
     if not isinstance(config, (str, Mapping)):

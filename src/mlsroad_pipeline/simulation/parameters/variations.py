@@ -16,37 +16,18 @@ from mlsroad_pipeline.simulation.parameters.devices import Device, ScannerSystem
 
 @dataclass(frozen=True)
 class Variation:
-    """Changes of a scanner system and its mounting; the default changes nothing.
+    """Changes of a scanner system and its mounting; the default changes nothing."""
 
-    Parameters
-    ----------
-    height : float, default 0.0
-        Added to the height above the road, metres.
-    pitch, roll : float, default 0.0
-        Turns of the whole system about the vehicle's y and x axes, degrees.
-    rate, noise : float, default 1.0
-        Factors on the pulse rate, and so on the density along a profile, and on the range noise.
-    sensitivity : float, default 0.0
-        Added to the sensitivity, decibels.
-    dropout : float, default 0.0
-        Added to the share of returns that are lost.
-    field : tuple of float or None, default None
-        First and last angle of the heads, degrees.
-    top : float or None, default None
-        Highest elevation of beams that are kept, degrees; two beams are kept at least.
-    intensity : tuple of float or None, default None
-        Amplitudes recorded as intensity 0 and 1; see `Device.intensity_scale`.
-    """
-
-    height: float = 0.0
-    pitch: float = 0.0
-    roll: float = 0.0
-    rate: float = 1.0
-    noise: float = 1.0
-    sensitivity: float = 0.0
-    dropout: float = 0.0
-    field: tuple[float, float] | None = None
-    top: float | None = None
+    height: float = 0.0  # Added to the height above the road, metres
+    pitch: float = 0.0  # Turns of the whole system about the vehicle's y and x axes, degrees
+    roll: float = 0.0  # Turns of the whole system about the vehicle's y and x axes, degrees
+    rate: float = 1.0  # Factors on the pulse rate, and so on the density along a profile, and on the range noise
+    noise: float = 1.0  # Factors on the pulse rate, and so on the density along a profile, and on the range noise
+    sensitivity: float = 0.0  # Added to the sensitivity, decibels
+    dropout: float = 0.0  # Added to the share of returns that are lost
+    field: tuple[float, float] | None = None  # First and last angle of the heads, degrees
+    top: float | None = None  # Highest elevation of beams that are kept, degrees; two beams are kept at least
+    # Amplitudes recorded as intensity 0 and 1; see `Device.intensity_scale`
     intensity: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:

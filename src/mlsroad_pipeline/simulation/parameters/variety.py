@@ -21,25 +21,7 @@ _NARROW, _CUT = (
 
 
 def expanded_surveys(surveys: Mapping[str, Mapping[str, Any] | None]) -> dict[str, Mapping[str, Any] | None]:
-    """Replace each description with a ``count`` by that many surveys, named ``NAME_000`` and so on.
-
-    Parameters
-    ----------
-    surveys : mapping
-        Configurations of surveys by name. One with ``count`` has ``presets`` and ``streets`` (lists of names, of which
-        all pairs come in turn; all kinds of streets by default), ``variety`` (0 to 1, default 0.5) and ``seed``
-        (default 0); its other keys are those of each survey.
-
-    Returns
-    -------
-    dict
-        Configurations without ``count``; equal descriptions give equal ones.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain, or a name is unknown or used twice.
-    """
+    """Replace each description with a ``count`` by that many surveys, named ``NAME_000`` and so on."""
     out: dict[str, Mapping[str, Any] | None] = {}
     for name, config in surveys.items():
         several = config is not None and "count" in config

@@ -23,39 +23,19 @@ _DETOUR = 0.35  # distance per metre of way along the branches
 
 
 class Colours(NamedTuple):
-    """Surfaces of a tree.
+    """Surfaces of a tree."""
 
-    Parameters
-    ----------
-    trunk : Surface
-        Stem below the crown.
-    bark : Surface
-        Wood above it.
-    leaf : Surface
-        Average leaf.
-    """
-
-    trunk: Surface
-    bark: Surface
-    leaf: Surface
+    trunk: Surface  # Stem below the crown
+    bark: Surface  # Wood above it
+    leaf: Surface  # Average leaf
 
 
 class Wood(NamedTuple):
-    """Branches of one order.
+    """Branches of one order."""
 
-    Parameters
-    ----------
-    paths : ndarray of shape (n, m, 3), float64
-        Points along each, metres.
-    radii : ndarray of shape (n, m), float64
-        Radius at each point, metres.
-    way : ndarray of shape (n, m), float64
-        Length of the way from the ground, metres.
-    """
-
-    paths: Floats
-    radii: Floats
-    way: Floats
+    paths: Floats  # Points along each, metres
+    radii: Floats  # Radius at each point, metres
+    way: Floats  # Length of the way from the ground, metres
 
 
 def grow_tree(rng: np.random.Generator, habit: Habit, colours: Colours, *, faces: int = 5800) -> Mesh:

@@ -15,36 +15,16 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True)
 class Feather:
-    """Shape of a feathered frond.
+    """Shape of a feathered frond."""
 
-    Parameters
-    ----------
-    bend : float
-        Angle between the first and the last direction of the rib, radians.
-    leaflets : int
-        Leaflets on each side.
-    leaflet : float
-        Length of the longest over that of the frond.
-    width : float
-        Of a leaflet, metres.
-    lift : float, default 0.0
-        Angle of leaflets above the rib on both sides, like a keel, radians; negative ones hang.
-    plumes : float, default 0.1
-        Standard deviation of the leaflets' directions: large values make a plume, small ones a comb.
-    forward : float, default 0.6
-        Inclination of leaflets towards the tip.
-    bare : float, default 0.12
-        Share of the rib without leaflets.
-    """
-
-    bend: float
-    leaflets: int
-    leaflet: float
-    width: float
-    lift: float = 0.0
-    plumes: float = 0.1
-    forward: float = 0.6
-    bare: float = 0.12
+    bend: float  # Angle between the first and the last direction of the rib, radians
+    leaflets: int  # Leaflets on each side
+    leaflet: float  # Length of the longest over that of the frond
+    width: float  # Of a leaflet, metres
+    lift: float = 0.0  # Angle of leaflets above the rib on both sides, like a keel, radians; negative ones hang
+    plumes: float = 0.1  # Standard deviation of the leaflets' directions: large values make a plume, small ones a comb
+    forward: float = 0.6  # Inclination of leaflets towards the tip
+    bare: float = 0.12  # Share of the rib without leaflets
 
 
 def _ribs(root: Floats, azimuth: Floats, elevation: Floats, length: Floats, bend: Floats, steps: int) -> Floats:

@@ -14,60 +14,25 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Habit:
-    """Growth habit of a kind of tree; individuals are drawn from the range of each pair.
+    """Growth habit of a kind of tree; individuals are drawn from the range of each pair."""
 
-    Parameters
-    ----------
-    height : tuple of float
-        Height of the tree, metres.
-    width : tuple of float
-        Diameter of the crown over the height.
-    clear : tuple of float
-        Height below which no limb starts, over the height.
-    profile : tuple of float
-        Exponents a and b of the outline t**a * (1 - t)**b, where t runs from the crown's foot to its top: equal ones
-        give an egg, a larger a puts the widest place higher.
-    leader : tuple of float
-        Height of the stem's top within the crown, 0 to 1.
-    rise : tuple of float
-        Elevation of limbs at the stem, radians.
-    girth : tuple of float
-        Diameter of the crown over that of the stem at breast height; some 18 to 26 in open-grown street trees.
-    limbs : tuple of int
-        Number of limbs.
-    droop : tuple of float
-        Drop of the last twigs, metres.
-    density : tuple of float
-        Leaf area per volume of the crown, 1/m; 0.5 to 1.2 in street trees. 0 is a bare tree.
-    clump : tuple of float
-        Radius of the leaves about the twigs, metres.
-    stems : tuple of int, default (1, 1)
-        Number of stems.
-    shell : float, default 2
-        0 fills the crown evenly with twigs; larger values crowd them to its outside.
-    slenderness : float, default 0.75
-        Width of a leaf over its length.
-
-    Raises
-    ------
-    ParameterError
-        If a range is reversed.
-    """
-
-    height: Range
-    width: Range
-    clear: Range
+    height: Range  # Height of the tree, metres
+    width: Range  # Diameter of the crown over the height
+    clear: Range  # Height below which no limb starts, over the height
+    # Exponents a and b of the outline t**a * (1 - t)**b, where t runs from the crown's foot to its top: equal ones give
+    # an egg, a larger a puts the widest place higher
     profile: Range
-    leader: Range
-    rise: Range
+    leader: Range  # Height of the stem's top within the crown, 0 to 1
+    rise: Range  # Elevation of limbs at the stem, radians
+    # Diameter of the crown over that of the stem at breast height; some 18 to 26 in open-grown street trees
     girth: Range
-    limbs: tuple[int, int]
-    droop: Range
-    density: Range
-    clump: Range
-    stems: tuple[int, int] = (1, 1)
-    shell: float = 2.0
-    slenderness: float = 0.75
+    limbs: tuple[int, int]  # Number of limbs
+    droop: Range  # Drop of the last twigs, metres
+    density: Range  # Leaf area per volume of the crown, 1/m; 0.5 to 1.2 in street trees. 0 is a bare tree.
+    clump: Range  # Radius of the leaves about the twigs, metres
+    stems: tuple[int, int] = (1, 1)  # Number of stems
+    shell: float = 2.0  # 0 fills the crown evenly with twigs; larger values crowd them to its outside
+    slenderness: float = 0.75  # Width of a leaf over its length
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -77,17 +42,7 @@ class Habit:
 
 
 class Outline:
-    """Irregular outline of one crown.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of its lobes.
-    foot, top, radius : float
-        Heights of its lower and upper end, and its largest radius, metres.
-    profile : tuple of float
-        See `Habit`.
-    """
+    """Irregular outline of one crown."""
 
     def __init__(self, rng: np.random.Generator, foot: float, top: float, radius: float, profile: Range) -> None:
         self.foot, self.top = foot, top

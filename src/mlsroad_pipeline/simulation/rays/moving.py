@@ -25,47 +25,23 @@ _LAG = 1.0  # bound on an object's way during a bundle and between two knots, me
 
 
 class Motion(NamedTuple):
-    """Motion of an object along the street.
+    """Motion of an object along the street."""
 
-    Parameters
-    ----------
-    station, time : float
-        Its station (m) at one moment (s).
-    speed : float
-        Speed along the alignment, m/s; negative against it.
-    offset : float
-        Distance to the left of the centre line, metres.
-    """
-
-    station: float
-    time: float
-    speed: float
-    offset: float
+    station: float  # Its station (m) at one moment (s)
+    time: float  # Its station (m) at one moment (s)
+    speed: float  # Speed along the alignment, m/s; negative against it
+    offset: float  # Distance to the left of the centre line, metres
 
 
 @dataclass(frozen=True)
 class Mover:
-    """Object that moves while it is scanned.
+    """Object that moves while it is scanned."""
 
-    Parameters
-    ----------
-    label : int
-        Taxonomy code of the whole.
-    instance : int
-        Instance number.
-    mesh : Mesh
-        Faces in its own frame, front along +x, z = 0 on the ground.
-    motion : Motion
-        Its motion.
-    design : str, default ""
-        Name of its design.
-    """
-
-    label: int
-    instance: int
-    mesh: Mesh
-    motion: Motion
-    design: str = ""
+    label: int  # Taxonomy code of the whole
+    instance: int  # Instance number
+    mesh: Mesh  # Faces in its own frame, front along +x, z = 0 on the ground
+    motion: Motion  # Its motion
+    design: str = ""  # Name of its design
 
 
 @leaf

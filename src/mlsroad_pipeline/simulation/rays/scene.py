@@ -29,27 +29,7 @@ _PANES = 4  # panes that a ray can pass
 
 
 class RayScene:
-    """Stretch of street for ray casting.
-
-    Parameters
-    ----------
-    street : Street
-        Moving objects follow it; its ground covers are looked up.
-    meshes : sequence of Mesh
-        Static meshes, street-local coordinates.
-    instances : sequence of int
-        One number per mesh.
-    movers : sequence of Mover
-        Moving objects.
-    centre : ndarray of shape (3,), float64
-        Origin of the rays' coordinates, near them: float32 resolves micrometres there.
-    n_threads : int, default 1
-        Threads of ray casting; the hits do not depend on it.
-    wetness : float, default 0
-        Share of paved ground under a film of water.
-    static : sequence of StaticGeometry, default ()
-        Static geometry built before, the nearest to the rays first.
-    """
+    """Stretch of street for ray casting."""
 
     def __init__(
         self, street: Street, meshes: Sequence[Mesh], instances: Sequence[int], movers: Sequence[Mover],

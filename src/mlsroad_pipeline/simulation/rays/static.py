@@ -18,50 +18,28 @@ _SLACK = 0.05  # metres
 
 @dataclass(frozen=True)
 class StaticGeometry:
-    """Piece of static geometry; it is built once and shared by all scenes that contain it.
+    """Piece of static geometry; it is built once and shared by all scenes that contain it."""
 
-    Parameters
-    ----------
-    structure : open3d.t.geometry.RaycastingScene
-        Faces relative to `centre`, rotated into the frame of `box`: along the axes of a street oblique to them rays
-        meet fewer boxes of the tree.
-    attributes : ndarray of shape (f, 6), float32
-        As those of `Mesh`.
-    instances : ndarray of shape (f,), int32
-        Number of each face's object.
-    centre : ndarray of shape (3,), float64
-        Its middle, street-local metres: float32 resolves micrometres around it.
-    box : ndarray of shape (8,), float64
-        Cosine and sine of its direction, then bounds along that, to its left, and upwards, relative to `centre`.
-    """
-
+    # Faces relative to `centre`, rotated into the frame of `box`: along the axes of a street oblique to them rays meet
+    # fewer boxes of the tree
     structure: o3d.t.geometry.RaycastingScene
-    attributes: NDArray[np.float32]
-    instances: NDArray[np.int32]
-    centre: NDArray[np.float64]
+    attributes: NDArray[np.float32]  # As those of `Mesh`
+    instances: NDArray[np.int32]  # Number of each face's object
+    centre: NDArray[np.float64]  # Its middle, street-local metres: float32 resolves micrometres around it
+    # Cosine and sine of its direction, then bounds along that, to its left, and upwards, relative to `centre`
     box: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class TriangleSoup:
-    """Faces of a piece of static geometry, as arrays that can be sent to another process.
+    """Faces of a piece of static geometry, as arrays that can be sent to another process."""
 
-    Parameters
-    ----------
-    vertices : ndarray of shape (v, 3), float32
-        Relative to `centre`, in the frame of `box`, metres.
-    faces : ndarray of shape (f, 3), uint32
-        Vertex indices.
-    attributes, instances, centre, box
-        As those of `StaticGeometry`.
-    """
-
-    vertices: NDArray[np.float32]
-    faces: NDArray[np.uint32]
-    attributes: NDArray[np.float32]
-    instances: NDArray[np.int32]
-    centre: NDArray[np.float64]
-    box: NDArray[np.float64]
+    vertices: NDArray[np.float32]  # Relative to `centre`, in the frame of `box`, metres
+    faces: NDArray[np.uint32]  # Vertex indices
+    attributes: NDArray[np.float32]  # As those of `StaticGeometry`
+    instances: NDArray[np.int32]  # As those of `StaticGeometry`
+    centre: NDArray[np.float64]  # As those of `StaticGeometry`
+    box: NDArray[np.float64]  # As those of `StaticGeometry`
 
 
 def triangle_soup(

@@ -26,43 +26,21 @@ _LEVELS = np.array([0.0, 0.157, 0.209, 0.291, 0.409, 0.5, 0.591, 0.709, 0.791, 0
 
 
 class Hits(NamedTuple):
-    """First hits of rays.
+    """First hits of rays."""
 
-    Parameters
-    ----------
-    distance : ndarray of shape (n,), float32
-        Metres along the ray; infinite without a hit.
-    face : ndarray of shape (n,), int32
-        Row of the scene's attribute table, -1 without a hit.
-    normal : ndarray of shape (n, 3), float32
-        Unit normal of the face, of either sign.
-    """
-
-    distance: NDArray[np.float32]
-    face: NDArray[np.int32]
-    normal: NDArray[np.float32]
+    distance: NDArray[np.float32]  # Metres along the ray; infinite without a hit
+    face: NDArray[np.int32]  # Row of the scene's attribute table, -1 without a hit
+    normal: NDArray[np.float32]  # Unit normal of the face, of either sign
 
 
 class Surfaces(NamedTuple):
-    """Surfaces at the hits of rays.
+    """Surfaces at the hits of rays."""
 
-    Parameters
-    ----------
-    label, kind : ndarray of shape (n,), uint8
-        Taxonomy code and kind of the surface.
-    rgb : ndarray of shape (n, 3), float32
-        Linear albedo.
-    reflectivity : ndarray of shape (n,), float32
-        Albedo at the scanner's wavelength.
-    relief : ndarray of shape (n,), float32
-        Height of vegetation or grain on the ground there, metres.
-    """
-
-    label: NDArray[np.uint8]
-    kind: NDArray[np.uint8]
-    rgb: NDArray[np.float32]
-    reflectivity: NDArray[np.float32]
-    relief: NDArray[np.float32]
+    label: NDArray[np.uint8]  # Taxonomy code and kind of the surface
+    kind: NDArray[np.uint8]  # Taxonomy code and kind of the surface
+    rgb: NDArray[np.float32]  # Linear albedo
+    reflectivity: NDArray[np.float32]  # Albedo at the scanner's wavelength
+    relief: NDArray[np.float32]  # Height of vegetation or grain on the ground there, metres
 
 
 def water_level(wetness: float) -> float:

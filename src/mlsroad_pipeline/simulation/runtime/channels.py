@@ -27,15 +27,6 @@ class Channel:
 
     A pipe passes 64 KiB at a time and needs the interpreter lock for each part, and ray casting holds that lock. Arrays
     therefore go through a file that both ends map. Each message has a slot; the slots are used cyclically.
-
-    Parameters
-    ----------
-    pipe : Connection
-        This end of the pipe.
-    path : str
-        The shared file, see `create_shared_file`.
-    end : int
-        0 for the process that created the file, 1 for the other.
     """
 
     def __init__(self, pipe: Connection, path: str, end: int) -> None:

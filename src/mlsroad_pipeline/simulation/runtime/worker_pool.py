@@ -32,25 +32,13 @@ _MAX_IDLE = 1  # idle processes that are kept for the next survey
 
 @dataclass(frozen=True)
 class Chunk:
-    """Result of one task of a survey; fields of other kinds of tasks are empty.
+    """Result of one task of a survey; fields of other kinds of tasks are empty."""
 
-    Parameters
-    ----------
-    number : int
-        The vehicle's block.
-    records : list of ObjectRecord
-        Truth about the objects of a new block within range.
-    cloud : PointCloud or None
-        Points, see `SurveyStream.scan`.
-    images, depths : list
-        Images, see `SurveyStream.photograph`.
-    """
-
-    number: int
-    records: list[ObjectRecord] = field(default_factory=list)
-    cloud: PointCloud | None = None
-    images: list[Image] = field(default_factory=list)
-    depths: list[Any] = field(default_factory=list)
+    number: int  # The vehicle's block
+    records: list[ObjectRecord] = field(default_factory=list)  # Truth about the objects of a new block within range
+    cloud: PointCloud | None = None  # Points, see `SurveyStream.scan`
+    images: list[Image] = field(default_factory=list)  # Images, see `SurveyStream.photograph`
+    depths: list[Any] = field(default_factory=list)  # Images, see `SurveyStream.photograph`
 
 
 @dataclass(frozen=True)

@@ -25,58 +25,32 @@ _MOST = 20  # echoes of one pulse before they mix
 
 
 class Receiver(NamedTuple):
-    """Properties of a device that `measure` uses; see `Device`.
+    """Properties of a device that `measure` uses; see `Device`."""
 
-    Parameters
-    ----------
-    min_range, max_range, range_noise, range_step, pulse_length, sensitivity, blooming, divergence, step : float
-        Fields and properties of `Device`.
-    dropout : float
-        Share of returns that are lost.
-    beams, max_returns : int
-        Numbers of beams and of returns kept.
-    corrected : bool
-        Whether intensity is reflectance.
-    dark, bright : float
-        Amplitudes of `Device.intensity_scale`; both 0 without it.
-    """
-
-    min_range: float
-    max_range: float
-    range_noise: float
-    range_step: float
-    pulse_length: float
-    sensitivity: float
-    blooming: float
-    divergence: float
-    step: float
-    dropout: float
-    beams: int
-    max_returns: int
-    corrected: bool
-    dark: float
-    bright: float
+    min_range: float  # Fields and properties of `Device`
+    max_range: float  # Fields and properties of `Device`
+    range_noise: float  # Fields and properties of `Device`
+    range_step: float  # Fields and properties of `Device`
+    pulse_length: float  # Fields and properties of `Device`
+    sensitivity: float  # Fields and properties of `Device`
+    blooming: float  # Fields and properties of `Device`
+    divergence: float  # Fields and properties of `Device`
+    step: float  # Fields and properties of `Device`
+    dropout: float  # Share of returns that are lost
+    beams: int  # Numbers of beams and of returns kept
+    max_returns: int  # Numbers of beams and of returns kept
+    corrected: bool  # Whether intensity is reflectance
+    dark: float  # Amplitudes of `Device.intensity_scale`; both 0 without it
+    bright: float  # Amplitudes of `Device.intensity_scale`; both 0 without it
 
 
 class Slots(NamedTuple):
-    """Rays that sample a pulse's beam beside the central one.
+    """Rays that sample a pulse's beam beside the central one."""
 
-    Parameters
-    ----------
-    edge : ndarray of shape (n,), int64
-        Row of the pulse's second ray among the extra rays, or -1.
-    more : ndarray of shape (n,), int64
-        Row of the first of `n_more` further ones, or -1.
-    ghost : ndarray of shape (n,), int64
-        Row of the ray reflected by a mirror, or -1.
-    n_more : int
-        See `more`.
-    """
-
-    edge: NDArray[np.int64]
-    more: NDArray[np.int64]
-    ghost: NDArray[np.int64]
-    n_more: int
+    edge: NDArray[np.int64]  # Row of the pulse's second ray among the extra rays, or -1
+    more: NDArray[np.int64]  # Row of the first of `n_more` further ones, or -1
+    ghost: NDArray[np.int64]  # Row of the ray reflected by a mirror, or -1
+    n_more: int  # See `more`
 
 
 @leaf
@@ -88,21 +62,11 @@ def _recorded(amplitude: float, distance: float, gain: float, receiver: Receiver
 
 
 class Echoes(NamedTuple):
-    """Echo of each ray, before the echoes of a pulse mix.
+    """Echo of each ray, before the echoes of a pulse mix."""
 
-    Parameters
-    ----------
-    distance : ndarray of shape (n,), float32
-        Range, metres; infinite without a hit.
-    amplitude : ndarray of shape (n,), float32
-        At full power, decibels; -99 without a hit.
-    tangent : ndarray of shape (n,), float32
-        Tangent of the angle of incidence.
-    """
-
-    distance: NDArray[np.float32]
-    amplitude: NDArray[np.float32]
-    tangent: NDArray[np.float32]
+    distance: NDArray[np.float32]  # Range, metres; infinite without a hit
+    amplitude: NDArray[np.float32]  # At full power, decibels; -99 without a hit
+    tangent: NDArray[np.float32]  # Tangent of the angle of incidence
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

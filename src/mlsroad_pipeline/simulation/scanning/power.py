@@ -15,18 +15,10 @@ _NONE = np.zeros(0, np.float32)
 
 
 class Power(NamedTuple):
-    """Power state of each pulse, decibels.
+    """Power state of each pulse, decibels."""
 
-    Parameters
-    ----------
-    lowered : ndarray of shape (n,), float32
-        Reduction below full power; empty for a fixed power.
-    gain : ndarray of shape (n,), float32
-        Gain of the beam in the recorded intensity; empty if all beams are alike.
-    """
-
-    lowered: NDArray[np.float32]
-    gain: NDArray[np.float32]
+    lowered: NDArray[np.float32]  # Reduction below full power; empty for a fixed power
+    gain: NDArray[np.float32]  # Gain of the beam in the recorded intensity; empty if all beams are alike
 
 
 def power_of(
@@ -59,8 +51,7 @@ def lowered_power(
     """Return the reduction of each pulse below full power, 0 to `most` decibels.
 
     The level of a beam is the running mean over `memory` of its returns, each at its amplitude at full power (below -90
-    where there is none). The pulse is lowered by the excess of the level over the `target`. The first return of a beam
-    sets its level.
+    where there is none). The pulse is lowered by the excess of the level over the `target`.
     """
     level, count = np.zeros(beams), np.zeros(beams, np.int64)
     out = np.empty(len(amplitude), np.float32)

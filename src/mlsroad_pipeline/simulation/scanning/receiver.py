@@ -32,32 +32,17 @@ _APART = 0.12  # rays of one beam with ranges farther apart hit different surfac
 
 
 class Returns(NamedTuple):
-    """Measured returns, in the order of the pulses.
+    """Measured returns, in the order of the pulses."""
 
-    Parameters
-    ----------
-    pulse : ndarray of shape (m,), int64
-        Row of the pulse.
-    distance : ndarray of shape (m,), float64
-        Measured range, metres.
-    intensity : ndarray of shape (m,), float32
-        0 to 1: amplitude over `FULL_SCALE_DB` with a soft limit, reflectance where the device corrects it, or amplitude
-        on the device's own scale.
-    face : ndarray of shape (m,), int32
-        Face that contributed most to the return.
-    normal : ndarray of shape (m, 3), float32
-        Its unit normal.
-    number, total : ndarray of shape (m,), uint8
-        Return number, and number of returns of its pulse.
-    """
-
-    pulse: NDArray[np.int64]
-    distance: NDArray[np.float64]
+    pulse: NDArray[np.int64]  # Row of the pulse
+    distance: NDArray[np.float64]  # Measured range, metres
+    # 0 to 1: amplitude over `FULL_SCALE_DB` with a soft limit, reflectance where the device corrects it, or amplitude
+    # on the device's own scale
     intensity: NDArray[np.float32]
-    face: NDArray[np.int32]
-    normal: NDArray[np.float32]
-    number: NDArray[np.uint8]
-    total: NDArray[np.uint8]
+    face: NDArray[np.int32]  # Face that contributed most to the return
+    normal: NDArray[np.float32]  # Its unit normal
+    number: NDArray[np.uint8]  # Return number, and number of returns of its pulse
+    total: NDArray[np.uint8]  # Return number, and number of returns of its pulse
 
 
 def receive(
@@ -91,8 +76,7 @@ def range_deviation(range_noise: float, amplitude: float, *, stretch: float = 0.
     """Return the standard deviation of a measured range, metres.
 
     It is ``sqrt(range_noise ** 2 * (1 + 10 ** ((14 - amplitude) / 10)) + stretch ** 2)`` with `range_noise` in metres
-    and `amplitude` in decibels. `stretch` is the standard deviation of the ranges within the spot, metres: a quarter of
-    the divergence times the range times the tangent of the incidence.
+    and `amplitude` in decibels.
     """
     return float(deviation(range_noise, amplitude, stretch))
 

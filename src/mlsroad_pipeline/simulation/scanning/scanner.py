@@ -20,42 +20,20 @@ _ANEW = 64  # pulses after which sine and cosine of the angle are recomputed
 
 
 class Pulses(NamedTuple):
-    """Pulses of one scanner in the order sent.
+    """Pulses of one scanner in the order sent."""
 
-    Parameters
-    ----------
-    time : ndarray of shape (n,), float64
-        Seconds since the start.
-    angle : ndarray of shape (n,), float64
-        Angle of the head, radians, -pi to pi.
-    beam : ndarray of shape (n, 3), float32
-        Direction in the vehicle's frame.
-    rays : ndarray of shape (n, 6), float32
-        True origin relative to the scene's centre, and true direction.
-    """
-
-    time: NDArray[np.float64]
-    angle: NDArray[np.float64]
-    beam: NDArray[np.float32]
-    rays: NDArray[np.float32]
+    time: NDArray[np.float64]  # Seconds since the start
+    angle: NDArray[np.float64]  # Angle of the head, radians, -pi to pi
+    beam: NDArray[np.float32]  # Direction in the vehicle's frame
+    rays: NDArray[np.float32]  # True origin relative to the scene's centre, and true direction
 
 
 class Calibration(NamedTuple):
-    """Errors of a scanner's calibration.
+    """Errors of a scanner's calibration."""
 
-    Parameters
-    ----------
-    turn : ndarray of shape (3, 3), float64
-        Rotation from true to calibrated beam directions, in the vehicle's frame.
-    shift : ndarray of shape (3,), float64
-        Calibrated minus true lever arm, metres.
-    bias : float
-        Measured minus true range, metres.
-    """
-
-    turn: NDArray[np.float64]
-    shift: NDArray[np.float64]
-    bias: float
+    turn: NDArray[np.float64]  # Rotation from true to calibrated beam directions, in the vehicle's frame
+    shift: NDArray[np.float64]  # Calibrated minus true lever arm, metres
+    bias: float  # Measured minus true range, metres
 
 
 EXACT = Calibration(np.eye(3), np.zeros(3), 0.0)

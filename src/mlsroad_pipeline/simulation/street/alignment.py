@@ -16,17 +16,10 @@ STEP = 0.5
 
 @dataclass(frozen=True)
 class Alignment:
-    """Centre line, tabulated every `STEP` metres of its length.
+    """Centre line, tabulated every `STEP` metres of its length."""
 
-    Parameters
-    ----------
-    start : float
-        Station of the first row, metres; station 0 is at the local origin.
-    table : ndarray of shape (m, 5), float64
-        x, y (metres), heading (radians, counter-clockwise from x, continuous), its cosine and its sine at each station.
-    """
-
-    start: float
+    start: float  # Station of the first row, metres; station 0 is at the local origin
+    # x, y (metres), heading (radians, counter-clockwise from x, continuous), its cosine and its sine at each station
     table: NDArray[np.float64]
 
     @classmethod

@@ -24,27 +24,14 @@ class Drive:
 
     A vector v of the van's frame is Rz(heading) Ry(pitch) Rx(roll) v in the world, angles right-handed in radians:
     heading is counter-clockwise from east, pitch is positive nose down, roll is positive left side up.
-
-    Parameters
-    ----------
-    time : ndarray of shape (m,), float64
-        Seconds since the start, `RATE` per second.
-    station : ndarray of shape (m,), float64
-        Metres along the alignment.
-    true, reported : ndarray of shape (m, 6), float64
-        x, y, z (street-local metres), roll, pitch, heading.
-    start : float
-        GPS seconds at time 0.
-    body : ndarray of shape (3, 2), float64
-        The vehicle in its own frame: from and to along x, y and z, metres.
     """
 
-    time: NDArray[np.float64]
-    station: NDArray[np.float64]
-    true: NDArray[np.float64]
-    reported: NDArray[np.float64]
-    start: float
-    body: NDArray[np.float64]
+    time: NDArray[np.float64]  # Seconds since the start, `RATE` per second
+    station: NDArray[np.float64]  # Metres along the alignment
+    true: NDArray[np.float64]  # x, y, z (street-local metres), roll, pitch, heading
+    reported: NDArray[np.float64]  # x, y, z (street-local metres), roll, pitch, heading
+    start: float  # GPS seconds at time 0
+    body: NDArray[np.float64]  # The vehicle in its own frame: from and to along x, y and z, metres
 
     @property
     def duration(self) -> float:

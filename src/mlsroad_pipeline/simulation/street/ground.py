@@ -37,45 +37,29 @@ _GUTTER_DEPTH = 0.012
 
 
 class Ground(NamedTuple):
-    """Tables that determine the ground's height and surface; plain arrays, for compiled code.
+    """Tables that determine the ground's height and surface; plain arrays, for compiled code."""
 
-    Parameters
-    ----------
-    start : float
-        Station of the first row of the tables, metres.
-    profile : ndarray of shape (m, 5), float64
-        Per `STEP` of station: height of the centre line (m), remaining share of the curb's height on the left and on
-        the right (1 is full, less at a driveway), slope of the land beyond the property line, left and right.
-    section : ndarray of shape (2, 5), float64
-        Left and right: half width of the carriageway, width of the parking strip within it, of the curb, the verge
-        and the pavement, metres.
-    shape : ndarray of shape (8,), float64
-        Crown (slope), superelevation (slope), curb height (m), lane width (m), lanes per direction, half width of the
-        median (m), slant of parking bays (their run along the street per metre of depth; 0 is parallel parking),
-        height of the grass (m).
-    waves : ndarray of shape (k, 4), float64
-        Unevenness: wave numbers along and across (rad/m), phase, amplitude on the road (m).
-    verge, lot : ndarray of shape (2, m), uint8
-        Taxonomy code of the verge and of the land beyond the property line, per `STEP` of station.
-    manholes : ndarray of shape (q, 3), float64
-        Station, offset and radius, sorted by station, metres; a negative radius is half the side of a square drain.
-    crossings : ndarray of shape (c, 2), float64
-        Station and half width of zebra crossings, sorted by station, metres.
-    arms : ndarray of shape (k, 9), float64
-        Side streets, sorted by station: station, side (0 is left), half width, corner radius, skew (tangent),
-        curvature of the main street there (1/m), traffic control, middle of its zebra crossing (metres beyond the main
-        carriageway; 0 is none), crown (slope). See `junctions`.
-    """
-
-    start: float
+    start: float  # Station of the first row of the tables, metres
+    # Per `STEP` of station: height of the centre line (m), remaining share of the curb's height on the left and on the
+    # right (1 is full, less at a driveway), slope of the land beyond the property line, left and right
     profile: NDArray[np.float64]
+    # Left and right: half width of the carriageway, width of the parking strip within it, of the curb, the verge and
+    # the pavement, metres
     section: NDArray[np.float64]
+    # Crown (slope), superelevation (slope), curb height (m), lane width (m), lanes per direction, half width of the
+    # median (m), slant of parking bays (their run along the street per metre of depth; 0 is parallel parking), height
+    # of the grass (m)
     shape: NDArray[np.float64]
-    waves: NDArray[np.float64]
+    waves: NDArray[np.float64]  # Unevenness: wave numbers along and across (rad/m), phase, amplitude on the road (m)
+    # Taxonomy code of the verge and of the land beyond the property line, per `STEP` of station
     verge: NDArray[np.uint8]
-    lot: NDArray[np.uint8]
+    lot: NDArray[np.uint8]  # Taxonomy code of the verge and of the land beyond the property line, per `STEP` of station
+    # Station, offset and radius, sorted by station, metres; a negative radius is half the side of a square drain
     manholes: NDArray[np.float64]
-    crossings: NDArray[np.float64]
+    crossings: NDArray[np.float64]  # Station and half width of zebra crossings, sorted by station, metres
+    # Side streets, sorted by station: station, side (0 is left), half width, corner radius, skew (tangent), curvature
+    # of the main street there (1/m), traffic control, middle of its zebra crossing (metres beyond the main carriageway;
+    # 0 is none), crown (slope). See `junctions`.
     arms: NDArray[np.float64]
 
     def height(self, station: ArrayLike, offset: ArrayLike) -> NDArray[np.float64]:

@@ -26,21 +26,11 @@ LID = 0.6
 
 
 class Nearby(NamedTuple):
-    """Rows of the tables of `Ground` near a place.
+    """Rows of the tables of `Ground` near a place."""
 
-    Parameters
-    ----------
-    arm : int
-        The first side street whose land can reach it.
-    crossing : int
-        The nearest zebra crossing, -1 without one.
-    hole : int
-        The first manhole or drain that can reach it.
-    """
-
-    arm: int
-    crossing: int
-    hole: int
+    arm: int  # The first side street whose land can reach it
+    crossing: int  # The nearest zebra crossing, -1 without one
+    hole: int  # The first manhole or drain that can reach it
 
 
 @leaf

@@ -17,22 +17,7 @@ _TINY = 0.01  # metres, for directions
 
 
 def true_kerbs(street: Street, *, start: float, end: float, reach: float = 45.0) -> NDArray[np.float64]:
-    """Return places along the foot of all kerbs between two stations, also where they are dropped to road height.
-
-    Parameters
-    ----------
-    street : Street
-        The street.
-    start, end : float
-        Stations, metres.
-    reach : float, default 45
-        Largest distance from the centre line, metres; side streets are part of it.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 4)
-        x, y and z of the foot relative to the survey's origin, and height of the kerb, metres, every `STEP`.
-    """
+    """Return places along the foot of all kerbs between two stations, also where they are dropped to road height."""
     along, across = np.arange(start, end, _ALONG), np.arange(-reach, reach, _ACROSS)
     distance, _ = street.ground.edge(along[None, :], across[:, None])
     lines = contourpy.contour_generator(along, across, distance).lines(0.0)

@@ -16,34 +16,16 @@ _END = 52.0  # side streets are built on up to here, metres from the main street
 
 @dataclass(frozen=True)
 class Lot:
-    """Lot beside the street, or beside a side street.
+    """Lot beside the street, or beside a side street."""
 
-    Parameters
-    ----------
-    side : int
-        0 is left, 1 is right; of a side street, 0 is the side ahead along the main street.
-    start, end : float
-        Stations, metres; of a side street, distances beyond the main carriageway.
-    kind : str
-        ``"row"`` (facade at the pavement), ``"house"`` (behind a front garden) or ``"open"``.
-    boundary : str
-        Boundary on the property line: ``"fence"``, ``"wall"``, ``"hedge"`` or ``"none"``.
-    setback : float
-        Distance of the building from the property line, metres.
-    driveway : float
-        Station of the driveway's middle, NaN without one.
-    arm : int, default -1
-        Row of the side street in `Ground.arms`; -1 is the main street.
-    """
-
-    side: int
-    start: float
-    end: float
-    kind: str
-    boundary: str
-    setback: float
-    driveway: float
-    arm: int = -1
+    side: int  # 0 is left, 1 is right; of a side street, 0 is the side ahead along the main street
+    start: float  # Stations, metres; of a side street, distances beyond the main carriageway
+    end: float  # Stations, metres; of a side street, distances beyond the main carriageway
+    kind: str  # ``"row"`` (facade at the pavement), ``"house"`` (behind a front garden) or ``"open"``
+    boundary: str  # Boundary on the property line: ``"fence"``, ``"wall"``, ``"hedge"`` or ``"none"``
+    setback: float  # Distance of the building from the property line, metres
+    driveway: float  # Station of the driveway's middle, NaN without one
+    arm: int = -1  # Row of the side street in `Ground.arms`; -1 is the main street
 
 
 def free_land(

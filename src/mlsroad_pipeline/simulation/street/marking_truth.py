@@ -37,38 +37,17 @@ _BESIDE, _APART = 0.16, 0.4  # metres from a line to its sides, and to other pai
 
 
 class TrueMarkings(NamedTuple):
-    """Places on the markings of a street, relative to the survey's origin.
+    """Places on the markings of a street, relative to the survey's origin."""
 
-    Parameters
-    ----------
-    places : ndarray of float64, shape (n, 3)
-        Places every `STEP` along the middle of the painted part of lines, metres; across the bars of a crossing.
-    kind : ndarray of int64, shape (n,)
-        `LANE`, `STOP_LINE`, `CROSSING` or `OTHER`.
-    rest : ndarray of float64, shape (m, 3)
-        Places on other paint: bars of crossings, arrows, teeth of give-way lines, one for each `STEP` square.
-    """
-
+    # Places every `STEP` along the middle of the painted part of lines, metres; across the bars of a crossing
     places: NDArray[np.float64]
-    kind: NDArray[np.int64]
+    kind: NDArray[np.int64]  # `LANE`, `STOP_LINE`, `CROSSING` or `OTHER`
+    # Places on other paint: bars of crossings, arrows, teeth of give-way lines, one for each `STEP` square
     rest: NDArray[np.float64]
 
 
 def true_markings(street: Street, *, start: float, end: float) -> TrueMarkings:
-    """Return places along the markings between two stations.
-
-    Parameters
-    ----------
-    street : Street
-        The street.
-    start, end : float
-        Stations, metres.
-
-    Returns
-    -------
-    TrueMarkings
-        The places.
-    """
+    """Return places along the markings between two stations."""
     ground = street.ground
     along = np.arange(start, end, STEP)
     lines = [*_lanes(ground, along), *_bays(ground, along), *_crossings(ground, start, end), *_side_streets(ground)]

@@ -45,33 +45,15 @@ HALF_DEPTH = 55.0
 
 @dataclass(frozen=True)
 class Street:
-    """A street.
+    """A street."""
 
-    Parameters
-    ----------
-    seed : int
-        Its seed.
-    alignment : Alignment
-        Centre line.
-    ground : Ground
-        Ground.
-    lots : tuple of Lot
-        Lots on both sides.
-    ground_rgb : ndarray of shape (256, 3), float64
-        Albedo of each ground surface by taxonomy code.
-    ground_reflectivity : ndarray of shape (256,), float64
-        Albedo at the scanner's wavelength.
-    parameters : StreetParameters
-        Parameters of its kind.
-    """
-
-    seed: int
-    alignment: Alignment
-    ground: Ground
-    lots: tuple[Lot, ...]
-    ground_rgb: NDArray[np.float64]
-    ground_reflectivity: NDArray[np.float64]
-    parameters: StreetParameters
+    seed: int  # Its seed
+    alignment: Alignment  # Centre line
+    ground: Ground  # Ground
+    lots: tuple[Lot, ...]  # Lots on both sides
+    ground_rgb: NDArray[np.float64]  # Albedo of each ground surface by taxonomy code
+    ground_reflectivity: NDArray[np.float64]  # Albedo at the scanner's wavelength
+    parameters: StreetParameters  # Parameters of its kind
 
     def kerb_zone(self, side: int) -> float:
         """Return the offset of the line of trees, lamps and signs along the curb."""

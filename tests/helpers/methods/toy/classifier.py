@@ -5,8 +5,8 @@ from functools import partial
 
 import numpy as np
 
-from mlsroad_pipeline.algorithms.patches.labelling import label_patch_cloud
-from mlsroad_pipeline.algorithms.patches.training import train_model
+from mlsroad_pipeline.papers.shared.patches.labelling import label_patch_cloud
+from mlsroad_pipeline.papers.shared.patches.training import train_model
 
 
 @dataclass(frozen=True)

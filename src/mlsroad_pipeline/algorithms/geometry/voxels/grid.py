@@ -20,20 +20,6 @@ def run_chunks(work: Callable[[int, int], object], n: int, n_threads: int) -> li
     """Call ``work(start, stop)`` on `n_threads` equal ranges of `n` items, in a thread pool.
 
     The kernels release the GIL. With one thread, the call runs in the calling thread.
-
-    Parameters
-    ----------
-    work : callable
-        Takes the limits of a range.
-    n : int
-        Number of items.
-    n_threads : int
-        Number of ranges.
-
-    Returns
-    -------
-    list
-        Results of the calls, in the order of the ranges.
     """
     if n_threads == 1:
         return [work(0, n)]
@@ -47,30 +33,15 @@ class VoxelGrid:
     """Points sorted into the occupied voxels of a regular grid.
 
     Voxels are numbered by position: brick by brick (8 x 8 x 8 voxels, sorted by x, y and z), and by x, y and z within a
-    brick. Voxels that are close in space are thus mostly close in memory. All attributes except `voxel_of_point` and
-    `order` are independent of the order of the points, to the last bit.
-
-    Attributes
-    ----------
-    voxel_size : float
-        Edge of a voxel, metres.
-    origin : ndarray of shape (3,), float64
-        Minimum corner of voxel (0, 0, 0) in the coordinates of the points, metres.
-    voxel_of_point : ndarray of shape (n,), int32
-        Voxel of each point.
-    coords : ndarray of shape (v, 3), int32
-        Integer coordinates of each voxel, at least 0.
-    counts : ndarray of shape (v,), int32
-        Points in each voxel, at least 1.
-    local_centroids : ndarray of shape (v, 3), float64
-        Mean of the points of each voxel, in voxel sizes from `origin`, exact to 2^-20 of a voxel.
+    brick. Voxels that are close in space are thus mostly close in memory.
     """
 
-    voxel_size: float
-    origin: NDArray[np.float64]
-    voxel_of_point: NDArray[np.int32]
-    coords: NDArray[np.int32]
-    counts: NDArray[np.int32]
+    voxel_size: float  # Edge of a voxel, metres
+    origin: NDArray[np.float64]  # Minimum corner of voxel (0, 0, 0) in the coordinates of the points, metres
+    voxel_of_point: NDArray[np.int32]  # Voxel of each point
+    coords: NDArray[np.int32]  # Integer coordinates of each voxel, at least 0
+    counts: NDArray[np.int32]  # Points in each voxel, at least 1
+    # Mean of the points of each voxel, in voxel sizes from `origin`, exact to 2^-20 of a voxel
     local_centroids: NDArray[np.float64]
     _keys: NDArray[np.int64]
     _bitmaps: NDArray[np.uint64]
@@ -100,23 +71,7 @@ class VoxelGrid:
         return _lookup.build_table(self._keys)
 
     def find(self, coords: ArrayLike) -> NDArray[np.int32]:
-        """Return the voxels at integer coordinates.
-
-        Parameters
-        ----------
-        coords : array-like of shape (m, 3), integer
-            Voxel coordinates, inside or outside the grid.
-
-        Returns
-        -------
-        ndarray of shape (m,), int32
-            Voxel ids; -1 for empty voxels.
-
-        Raises
-        ------
-        DataError
-            If `coords` is not an integer array of shape (m, 3).
-        """
+        """Return the voxels at integer coordinates."""
         triples = np.asarray(coords)
         if triples.ndim != 2 or triples.shape[1] != 3 or not np.issubdtype(triples.dtype, np.integer):
             raise DataError(f"coords must be integers of shape (m, 3), got {triples.dtype} {triples.shape}")
@@ -124,25 +79,7 @@ class VoxelGrid:
         return _lookup.look_up_voxels(triples.astype(np.int64), slots, values, self._bitmaps, self._first)
 
     def neighbors(self, *, n_threads: int = 1) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-        """Return the occupied 26-neighbours of each voxel as a CSR pair.
-
-        Parameters
-        ----------
-        n_threads : int, default 1
-            Threads; the result does not depend on it.
-
-        Returns
-        -------
-        indptr : ndarray of shape (v + 1,), int64
-            Start of each voxel in `indices`.
-        indices : ndarray, int32
-            Neighbours, at most 26 per voxel, in the order of their offsets in x, y and z.
-
-        Raises
-        ------
-        ParameterError
-            If `n_threads` is not an integer or is below 1.
-        """
+        """Return the occupied 26-neighbours of each voxel as a CSR pair."""
         slots, values = self._table
         n_bricks = len(self._keys)
 
@@ -168,32 +105,6 @@ def build_voxel_grid(
 
     The function reads the points twice and needs 4 bytes per point and about 60 bytes per voxel. A point on the face
     between two voxels belongs to the upper one.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Coordinates in metres, of any magnitude; the corner of the grid is subtracted in float64.
-    voxel_size : float
-        Edge of a voxel, metres. Smaller voxels increase memory and the time of later steps.
-    anchor : array-like of shape (3,), optional
-        A corner of the grid, so that clouds of one survey share a grid. By default the centre of the bounding box: the
-        voxels are then invariant to translation, and walls at the border of the cloud do not coincide with voxel faces,
-        as with the minimum corner.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    VoxelGrid
-        The occupied voxels.
-
-    Raises
-    ------
-    DataError
-        If `xyz` is empty, not (n, 3) or not finite, or `anchor` is not three finite numbers.
-    ParameterError
-        If `voxel_size` is not positive and finite, `n_threads` is below 1, or the cloud extends over more than 2^24
-        voxels along an axis or more than 2^22 occupied bricks of 8 x 8 x 8 voxels.
     """
     size = check_positive(voxel_size, "voxel_size")
     threads = check_threads(n_threads)

@@ -1,0 +1,185 @@
+"""Write `docs/results.md` from `results/*.json`, and refresh the tables that other pages take from it.
+
+    python scripts/results_page.py [--check]
+
+Each file in `results/` is one table: `id`, `title`, `group`, `text` (the protocol), `command`, `data`, `digest` of the
+data or null, `commit`, `date`, `seed` (a number, a list of numbers or null), `columns`, and `rows` of strings. A page
+takes a table by a block, which this script fills. The first column is always shown:
+
+    <!-- results: ID columns=overall accuracy,mean F1 rows=pool,general -->
+    <!-- /results -->
+
+In a sentence a figure is a link whose text is a cell of the table: `[0.86](results.md#ID)`. `--check` writes nothing
+and fails with the name of each stale page.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+GROUPS = {
+    "objects": "Objects of the inventory",
+    "lines": "Kerbs, wires and markings",
+    "points": "Labels of points",
+    "methods": "Published methods",
+    "studies": "Studies of the papers",
+    "learning": "Learning from corrections",
+    "simulation": "Simulator",
+    "speed": "Time, memory and disk",
+}
+FIELDS = {"id", "title", "group", "text", "command", "data", "digest", "commit", "date", "seed", "columns", "rows"}
+FORMS = {"commit": r"[0-9a-f]{7,40}", "date": r"\d{4}-\d{2}-\d{2}", "digest": r"sha256:[0-9a-f]{8,64}"}
+BLOCK = re.compile(
+    r"<!-- results: (?P<id>\w+)(?: columns=(?P<columns>[^\n]+?))?(?: rows=(?P<rows>[^\n]+?))? -->\n"
+    r".*?<!-- /results -->",
+    re.DOTALL,
+)
+
+Table = dict[str, Any]
+
+
+def read_tables(folder: Path = ROOT / "results") -> dict[str, Table]:
+    """Return the tables of a folder by id, sorted by file name.
+
+    Raises
+    ------
+    ValueError
+        A file lacks a field or has an unknown one, a value of the wrong form, or rows of unequal length.
+    """
+    tables = {}
+    for path in sorted(folder.glob("*.json")):
+        table = json.loads(path.read_text(encoding="utf-8"))
+        for fault in _faults(table, path.stem):
+            raise ValueError(f"{path.name}: {fault}")
+        tables[path.stem] = table
+    return tables
+
+
+def _faults(table: Table, name: str) -> Iterator[str]:
+    """Yield what is wrong with a table; what follows a fault is not reliable."""
+    if set(table) != FIELDS:
+        yield f"fields missing or unknown: {', '.join(sorted(set(table) ^ FIELDS))}"
+    if table["id"] != name or not re.fullmatch(r"[a-z0-9_]+", name):
+        yield f"id {table['id']!r} is not the name of the file, or has other characters than a-z, 0-9 and _"
+    if table["group"] not in GROUPS:
+        yield f"unknown group {table['group']!r} (known: {', '.join(GROUPS)})"
+    for key in ("title", "text", "command", "data"):
+        if not (isinstance(table[key], str) and table[key]):
+            yield f"{key} is empty or not a string"
+    for key, form in FORMS.items():
+        if not (key == "digest" and table[key] is None) and not re.fullmatch(form, str(table[key])):
+            yield f"{key} {table[key]!r} does not match {form}"
+    seeds = table["seed"] if isinstance(table["seed"], list) else [table["seed"]]
+    if not (table["seed"] is None or (seeds and all(type(seed) is int for seed in seeds))):
+        yield f"seed {table['seed']!r} is not null, a number or a list of numbers"
+    columns, rows = table["columns"], table["rows"]
+    if not rows or len(set(columns)) != len(columns):
+        yield "no rows, or two columns of one name"
+    for number, row in enumerate([columns, *rows]):
+        if len(row) != len(columns) or not all(isinstance(cell, str) and "|" not in cell for cell in row):
+            yield f"row {number}: {len(columns)} strings without | are needed"
+
+
+def markdown_table(
+    table: Table, columns: list[str] | None = None, rows: list[str] | None = None, bar: str = " | "
+) -> str:
+    """Return the table, or the first column with the chosen ones, of all rows or those with the given first cells."""
+    first, *others = table["columns"]
+    chosen = [first, *(name for name in (others if columns is None else columns) if name != first)]
+    unknown = [name for name in chosen if name not in table["columns"]]
+    unknown += [name for name in rows or [] if name not in {_plain(row[0]) for row in table["rows"]}]
+    if unknown:
+        raise ValueError(f"results/{table['id']}.json has no column or row {', '.join(map(repr, unknown))}")
+    places = [table["columns"].index(name) for name in chosen]
+    body = [[row[place] for place in places] for row in table["rows"] if rows is None or _plain(row[0]) in rows]
+    head, *lines = [f"{bar.lstrip()}{bar.join(line)}{bar.rstrip()}" for line in [chosen, *body]]
+    return "\n".join([head, f"|{'---|' * len(chosen)}", *lines])
+
+
+def _plain(cell: str) -> str:
+    return cell.strip("`*")
+
+
+def provenance(table: Table) -> str:
+    """Return command, data, commit, date, seed and digest of a table in one line."""
+    parts = [f"`{table['command']}`", table["data"], f"commit `{table['commit'][:9]}`, {table['date']}"]
+    if table["seed"] is not None:
+        seeds = table["seed"] if isinstance(table["seed"], list) else [table["seed"]]
+        parts.append(f"seed{'s' if len(seeds) > 1 else ''} {', '.join(map(str, seeds))}")
+    if table["digest"] is not None:
+        parts.append(f"`{table['digest'][:19]}`")
+    return "; ".join(parts) + "."
+
+
+def results_page(tables: dict[str, Table]) -> str:
+    """Return the text of `docs/results.md`."""
+    lines = [
+        "# Results",
+        "",
+        "All figures of the manual, generated from `results/*.json` by `python scripts/results_page.py`. Commit and "
+        "command are those with which a table was recorded; the commit has scripts that were removed later. "
+        "Recordings lie below `$MLSROAD_DATA`.",
+        "",
+    ]
+    groups = {group: [table for table in tables.values() if table["group"] == group] for group in GROUPS}
+    for group, members in groups.items():
+        if members:
+            links = ", ".join(f"[{table['title']}](#{table['id']})" for table in members)
+            lines.append(f"- **{GROUPS[group]}**: {links}.")
+    for group, members in groups.items():
+        if members:
+            lines += ["", f"## {GROUPS[group]}"]
+        for table in members:
+            lines += ["", f'<a id="{table["id"]}"></a>', "", f"### {table['title']}", "", table["text"], ""]
+            lines += [markdown_table(table, bar="|"), "", provenance(table)]
+    return "\n".join(lines) + "\n"
+
+
+def refresh(text: str, tables: dict[str, Table], page: Path) -> str:
+    """Return the text of a page with the blocks filled from the tables."""
+
+    def fill(match: re.Match[str]) -> str:
+        name = match["id"]
+        if name not in tables:
+            raise ValueError(f"{page}: there is no results/{name}.json")
+        columns, rows = (match[key].split(",") if match[key] else None for key in ("columns", "rows"))
+        head = match[0].partition("\n")[0]
+        link = os.path.relpath(ROOT / "docs/results.md", page.parent)
+        table = markdown_table(tables[name], columns, rows)
+        return f"{head}\n{table}\n\n[Protocol]({link}#{name})\n<!-- /results -->"
+
+    return BLOCK.sub(fill, text)
+
+
+def pages(root: Path = ROOT) -> list[Path]:
+    """Return the pages that may take figures: the README and the manual but the page of results."""
+    return [root / "README.md", *(path for path in sorted((root / "docs").rglob("*.md")) if path.name != "results.md")]
+
+
+def main() -> None:
+    """Write the page and the blocks, or check them."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--check", action="store_true", help="write nothing; fail where a page is stale")
+    check = parser.parse_args().check
+    tables = read_tables()
+    wanted = {ROOT / "docs/results.md": results_page(tables)}
+    wanted |= {page: refresh(page.read_text(encoding="utf-8"), tables, page) for page in pages()}
+    stale = [page for page, text in wanted.items() if not page.exists() or page.read_text(encoding="utf-8") != text]
+    names = ", ".join(str(page.relative_to(ROOT)) for page in stale)
+    if check and stale:
+        sys.exit(f"stale: {names}; run python scripts/results_page.py")
+    for page in stale:
+        page.write_text(wanted[page], encoding="utf-8")
+    sys.stdout.write(f"written: {names}\n" if stale else "up to date\n")
+
+
+if __name__ == "__main__":
+    main()

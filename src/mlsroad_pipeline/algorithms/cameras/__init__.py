@@ -1,0 +1,1 @@
+"""Cameras: calibration, poses, projection, legends of label images."""

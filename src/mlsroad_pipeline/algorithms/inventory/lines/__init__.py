@@ -1,0 +1,1 @@
+"""Kerbs, wires and road markings from labelled points."""

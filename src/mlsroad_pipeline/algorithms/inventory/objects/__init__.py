@@ -1,0 +1,1 @@
+"""Poles, signs, vehicles and trees from labelled points."""

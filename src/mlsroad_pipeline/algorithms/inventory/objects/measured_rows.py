@@ -1,0 +1,140 @@
+"""Rows of the object table from the voxels of candidates: splitting, measuring, rules, and the judge's decision."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mlsroad_pipeline.algorithms.inventory.objects.classifying import Judge
+from mlsroad_pipeline.algorithms.inventory.objects.evidence import CELL, SUMS
+from mlsroad_pipeline.algorithms.inventory.objects.measures import ObjectMeasures, measure
+from mlsroad_pipeline.algorithms.inventory.objects.object_features import object_features
+from mlsroad_pipeline.algorithms.inventory.objects.object_voxels import Voxels
+from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
+from mlsroad_pipeline.algorithms.inventory.objects.trunks import split_trees
+from mlsroad_pipeline.algorithms.inventory.objects.vehicle_rows import split_row
+
+EITHER = ("pole", "sign")
+"""Kinds that are both judged for the points of either: the post of a sign resembles a pole, and so does its back."""
+
+
+class Candidate(NamedTuple):
+    """Candidate object of one kind; candidates of the same voxels are alternatives."""
+
+    part: int  # Number of the group of voxels
+    voxels: NDArray[np.int64]  # Its voxels
+    row: dict[str, Any]  # `ObjectMeasures`, with `class`, `kind` and the name of the scene
+    features: NDArray[np.float32]  # Features for the judge; empty without evidence
+
+
+class Evidence:
+    """Evidence of the objects of one class."""
+
+    def __init__(self, table: pd.DataFrame) -> None:
+        order = np.argsort(table["object"].to_numpy(), kind="stable")
+        self._object = table["object"].to_numpy()[order]
+        self._centre = (table[["i", "j", "k"]].to_numpy()[order] + 0.5) * CELL
+        self._sums = table[list(SUMS)].to_numpy(dtype=np.float64)[order]
+
+    def of_parts(self, number: int, parts: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+        """Return the sums of the parts of an object; a cell counts for the nearest part."""
+        rows = slice(*np.searchsorted(self._object, [number, number + 1]))
+        if len(parts) == 1:
+            return [self._sums[rows].sum(axis=0)]
+        owner = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+        near = owner[cKDTree(np.concatenate(parts)).query(self._centre[rows])[1]]
+        return [self._sums[rows][near == k].sum(axis=0) for k in range(len(parts))]
+
+
+def _parts(voxels: Voxels, first: int, stop: int, rule: ObjectRule) -> list[NDArray[np.int64]]:
+    """Return the voxels of the parts of an object: the single trees of a group, the vehicles of a row."""
+    if rule.kind == "vehicle" and voxels.count[first:stop].sum() >= rule.min_points:
+        vehicle = split_row(voxels.select(np.arange(first, stop)))
+        return [first + np.flatnonzero(vehicle == i) for i in range(int(vehicle.max()) + 1)]
+    if rule.split_spacing is None or voxels.count[first:stop].sum() < rule.min_points:
+        return [np.arange(first, stop)]
+    label = split_trees(voxels.select(np.arange(first, stop)), spacing=rule.split_spacing, depth=rule.split_depth)
+    return [first + np.flatnonzero(label == i) for i in range(int(label.max()) + 1)]
+
+
+def _fits(row: ObjectMeasures, rule: ObjectRule) -> bool:
+    height, clearance, extent = row["height"], row["clearance"], row["extent"]
+    if clearance > rule.max_clearance:  # False if the ground is unknown
+        return False
+    if rule.kind == "sign" and clearance > 0:
+        height -= clearance  # own height: a panel may hang at any height
+    return rule.min_height <= height <= rule.max_height and rule.min_width <= extent <= rule.max_width
+
+
+def find_candidates(
+    voxels: Voxels,
+    number: NDArray[np.int64],
+    name: str,
+    classes: Mapping[str, ObjectRule],
+    scenes: Sequence[str],
+    evidence: Evidence | None = None,
+) -> Iterator[Candidate]:
+    """Measure the candidates of one class that fit the rules."""
+    own = classes[name]
+    kinds = EITHER if evidence is not None and own.kind in EITHER else (own.kind,)
+    named = {rule.kind: (key, rule) for key, rule in reversed(list(classes.items()))} | {own.kind: (name, own)}
+    starts = np.flatnonzero(np.diff(number, prepend=-1)).tolist()
+    n_parts = 0
+    for first, stop in zip(starts, [*starts[1:], len(number)], strict=True):
+        parts = _parts(voxels, first, stop, own)
+        places = [voxels.xyz[index] for index in parts]
+        sums = [None] * len(parts) if evidence is None else evidence.of_parts(int(number[first]), places)
+        for index, total in zip(parts, sums, strict=True):
+            part = voxels.select(index)
+            if part.count.sum() < own.min_points:
+                continue
+            n_parts += 1
+            for kind in (kind for kind in kinds if kind in named):
+                key, rule = named[kind]
+                row = measure(part, kind)
+                if _fits(row, rule):
+                    features = np.zeros(0, np.float32)
+                    if total is not None:
+                        features = object_features(part, row, total, from_signs=own.kind == "sign")
+                    yield Candidate(
+                        n_parts, index, {**row, "class": key, "kind": kind, "scene": scenes[row["scene"]]}, features
+                    )
+
+
+def measured_rows(
+    voxels: Voxels,
+    number: NDArray[np.int64],
+    name: str,
+    classes: Mapping[str, ObjectRule],
+    scenes: Sequence[str],
+    *,
+    evidence: Evidence | None = None,
+    judge: Judge | None = None,
+) -> tuple[list[dict[str, Any]], NDArray[np.int64]]:
+    """Measure the objects of one class and discard those that violate the rules."""
+    found = list(find_candidates(voxels, number, name, classes, scenes, evidence))
+    if evidence is not None and judge is not None:
+        found = judged(found, judge)
+    owner = np.full(len(number), -1, dtype=np.int64)
+    for k, candidate in enumerate(found):
+        owner[candidate.voxels] = k
+    return [candidate.row for candidate in found], owner
+
+
+def judged(candidates: Sequence[Candidate], judge: Judge) -> list[Candidate]:
+    """Return the most probable candidate of each part, with its score and reasons."""
+    best: dict[int, Candidate] = {}
+    for kind in sorted({candidate.row["kind"] for candidate in candidates}):
+        own = [candidate for candidate in candidates if candidate.row["kind"] == kind]
+        features = np.stack([candidate.features for candidate in own])
+        scores = judge.probabilities(kind, features)[:, 0].round(4).tolist()
+        for candidate, score, reasons in zip(own, scores, judge.reasons(kind, features), strict=True):
+            rated = candidate._replace(row={**candidate.row, "score": score, "reasons": reasons})
+            if candidate.part not in best or score > best[candidate.part].row["score"]:
+                best[candidate.part] = rated
+    return [best[part] for part in sorted(best)]

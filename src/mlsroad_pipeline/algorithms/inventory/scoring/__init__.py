@@ -1,0 +1,1 @@
+"""Scores of objects, lines and measures against a reference."""

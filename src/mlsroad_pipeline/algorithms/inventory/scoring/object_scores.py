@@ -1,0 +1,176 @@
+"""Scores of matched objects: precision, recall, F, curves by score, calibration and errors of measures."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.inventory.scoring.object_matching import (
+    FALSE,
+    FOUND,
+    IGNORED,
+    MISSED,
+    RIGHT,
+    MatchedObjects,
+    match_objects,
+)
+from mlsroad_pipeline.algorithms.metrics.calibration import reliability_table
+from mlsroad_pipeline.algorithms.metrics.detection import DetectionCounts
+
+ALL = "all"
+CURVE_POINTS = 51
+"""Largest number of thresholds of a precision-recall curve."""
+LEAST_LEAN = 1.0
+"""Minimum true tilt for comparing the direction of lean, degrees."""
+
+MEASURES = {
+    "position": "m", "z": "m", "height": "m", "tilt": "deg", "lean_azimuth": "deg", "diameter": "m",
+    "crown_diameter": "m", "panel_bottom": "m", "panel_centre": "m", "panel_height": "m", "panel_width": "m",
+    "facing": "deg", "heading": "deg", "length": "m", "width": "m",
+}  # fmt: skip
+"""Compared measures and their units."""
+_CIRCLE = {"lean_azimuth": 360.0, "facing": 360.0, "heading": 180.0}
+
+
+def score_objects(matched: MatchedObjects, *, recall_only: Collection[str] = ()) -> pd.DataFrame:
+    """Return the scores of an inventory by kind.
+
+    Parameters
+    ----------
+    matched : MatchedObjects
+        The outcomes.
+    recall_only : collection of str
+        Kinds whose truth is incomplete: they have no precision.
+
+    Returns
+    -------
+    DataFrame
+        One row per kind and, with several, one for all kinds with complete truth: `kind`, `true`, `found`, `listed`,
+        `right`, `false`, `ignored`, `precision`, `recall`, `f_score`, `mean_score` (of the listed objects that are
+        right or false) and `calibration_error` (expected calibration error of the score, ten bins). Undefined values
+        are NaN.
+    """
+    kinds = sorted(set(matched.truth["kind"]) | set(matched.objects["kind"]))
+    whole = [kind for kind in kinds if kind not in recall_only]
+    groups = {kind: [kind] for kind in kinds} | ({ALL: whole} if len(whole) > 1 else {})
+    rows = [_score_row(name, group, matched, incomplete=name in recall_only) for name, group in groups.items()]
+    columns = [
+        *("kind", "true", "found", "listed", "right", "false", "ignored"),
+        *("precision", "recall", "f_score", "mean_score", "calibration_error"),
+    ]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _score_row(name: str, kinds: list[str], matched: MatchedObjects, *, incomplete: bool) -> list[object]:
+    listed = matched.objects[matched.objects["kind"].isin(kinds)]
+    outcome, wanted = listed["outcome"], matched.truth[matched.truth["kind"].isin(kinds)]["outcome"]
+    right, false, ignored = (int((outcome == value).sum()) for value in (RIGHT, FALSE, IGNORED))
+    found, missed = (int((wanted == value).sum()) for value in (FOUND, MISSED))
+    counts = DetectionCounts(right, false, missed)
+    judged = listed[outcome != IGNORED]
+    table = reliability_table(judged["score"], judged["outcome"] == RIGHT, n_bins=10)
+    sizes = [found + missed, found, len(listed), right, false, ignored]
+    if incomplete:
+        return [name, *sizes, np.nan, counts.recall, np.nan, np.nan, np.nan]
+    mean = float(judged["score"].mean()) if len(judged) else np.nan
+    return [name, *sizes, counts.precision, counts.recall, counts.f_score, mean, table.calibration_error]
+
+
+def precision_recall_curve(
+    objects: pd.DataFrame, truth: pd.DataFrame, *, reach: Mapping[str, float] | None = None
+) -> pd.DataFrame:
+    """Return precision and recall of the objects whose score is at least a threshold, matched anew at each.
+
+    Parameters
+    ----------
+    objects, truth : DataFrame
+        As for `match_objects`; `objects` also has `score`.
+    reach : mapping of str to float, optional
+        As for `match_objects`.
+
+    Returns
+    -------
+    DataFrame
+        `kind`, `least_score`, `listed`, `precision`, `recall`, `f_score`. Each kind has one row per distinct score, or
+        one per quantile if there are more than `CURVE_POINTS` scores.
+    """
+    rows = []
+    for kind in sorted(set(objects["kind"])):
+        mine, own = objects[objects["kind"] == kind], truth[truth["kind"] == kind]
+        for least in _thresholds(mine["score"].to_numpy(dtype=np.float64)):
+            matched = match_objects(mine[mine["score"] >= least], own, reach=reach)
+            outcome, wanted = matched.objects["outcome"], matched.truth["outcome"]
+            counts = DetectionCounts(
+                *(int(n) for n in (sum(outcome == RIGHT), sum(outcome == FALSE), sum(wanted == MISSED)))
+            )
+            rows.append((kind, least, len(outcome), counts.precision, counts.recall, counts.f_score))
+    return pd.DataFrame(rows, columns=["kind", "least_score", "listed", "precision", "recall", "f_score"])
+
+
+def _thresholds(scores: NDArray[np.float64]) -> NDArray[np.float64]:
+    values = np.unique(scores)
+    if len(values) <= CURVE_POINTS:
+        return values
+    return np.unique(np.quantile(scores, np.linspace(0, 1, CURVE_POINTS), method="lower"))
+
+
+def errors_of_measures(matched: MatchedObjects) -> pd.DataFrame:
+    """Return the errors of the measures of the objects that are right.
+
+    Parameters
+    ----------
+    matched : MatchedObjects
+        The outcomes; `objects` has columns of an inventory, `truth` those of them that are known.
+
+    Returns
+    -------
+    DataFrame
+        One row per right object, with its `object_id` where it has one, its `kind` and the columns of `MEASURES`:
+        listed minus true, NaN where one is unknown. `position` is the distance in plan. A vehicle's heading, a facing
+        of unknown side and that of a panel with two fronts (`two_sided` of the truth) are compared modulo 180 degrees,
+        and the direction of lean from a true tilt of `LEAST_LEAN` on.
+    """
+    right = matched.objects[matched.objects["outcome"] == RIGHT]
+    true = matched.truth.iloc[right["true_row"].to_numpy()].set_axis(right.index)
+    errors = right[[name for name in ("object_id", "kind") if name in right]].copy()
+    errors["position"] = right["distance"]
+    for name in list(MEASURES)[1:]:
+        if name not in right or name not in true:
+            errors[name] = np.nan
+            continue
+        gap = right[name].astype(np.float64) - true[name].astype(np.float64)
+        circle: float | NDArray[np.float64] = _CIRCLE.get(name, 0.0)
+        if name == "facing":
+            both = true["two_sided"].fillna(False).astype(bool) if "two_sided" in true else False
+            circle = np.where((right["facing_from"] == "unknown") | both, 180.0, 360.0)
+        errors[name] = gap if name not in _CIRCLE else (gap + circle / 2) % circle - circle / 2
+    if "tilt" in true:
+        errors.loc[~(true["tilt"].astype(np.float64) >= LEAST_LEAN), "lean_azimuth"] = np.nan
+    return errors
+
+
+def summarise_measures(errors: pd.DataFrame) -> pd.DataFrame:
+    """Summarise errors by kind and measure.
+
+    Parameters
+    ----------
+    errors : DataFrame
+        Errors, see `errors_of_measures`.
+
+    Returns
+    -------
+    DataFrame
+        One row per kind and known measure: `kind`, `measure`, `unit`, `n`, `bias` (median of the errors), `median` and
+        `quantile_90` of the absolute errors.
+    """
+    rows = []
+    for kind, group in errors.groupby("kind", sort=True):
+        for name, unit in MEASURES.items():
+            values = group[name].dropna().to_numpy(dtype=np.float64)
+            if len(values):
+                size = np.abs(values)
+                rows.append((kind, name, unit, len(values), np.median(values), np.median(size), np.quantile(size, 0.9)))
+    return pd.DataFrame(rows, columns=["kind", "measure", "unit", "n", "bias", "median", "quantile_90"])

@@ -1,0 +1,1 @@
+"""Learning machines: trees, forests, kernel machines, training of networks."""

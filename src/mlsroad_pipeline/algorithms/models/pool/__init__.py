@@ -1,0 +1,1 @@
+"""Pool of the boosted trees and the superpoint transformer, the default model."""

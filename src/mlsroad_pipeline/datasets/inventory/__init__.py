@@ -1,1 +1,0 @@
-"""Kedro dataset of the road inventory, with its formats GeoPackage and GeoParquet."""

@@ -1,1 +1,0 @@
-"""Kedro datasets of trained models, on disk and in the MLflow registry."""

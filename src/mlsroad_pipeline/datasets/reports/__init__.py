@@ -1,1 +1,0 @@
-"""Kedro datasets of reports, figures and scores."""

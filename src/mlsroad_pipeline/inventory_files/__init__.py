@@ -1,0 +1,1 @@
+"""Writers and readers of inventories: GeoPackage, GeoParquet, vector and CAD files, QGIS styles."""

@@ -1,0 +1,206 @@
+"""Road inventory as a GeoPackage: typed layers with styles for a GIS."""
+
+from __future__ import annotations
+
+import errno
+import sqlite3
+import warnings
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import geopandas as gpd
+import numpy as np
+import pandas as pd
+import pyogrio
+import shapely
+from pyproj import CRS
+
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import ADDED_FIELDS, LINE_FIELDS, numbered
+from mlsroad_pipeline.algorithms.inventory.lines.layers import LINE_LAYERS
+from mlsroad_pipeline.algorithms.inventory.objects.boxes import polygon_area
+from mlsroad_pipeline.algorithms.inventory.objects.sections import part_of_path
+from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS, OBJECT_FIELDS
+from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+from mlsroad_pipeline.inventory_files import qgis_styles
+from mlsroad_pipeline.inventory_files.geopackage_tables import add_tables
+from mlsroad_pipeline.inventory_files.road_inventory import (
+    DECIDED,
+    RoadInventory,
+    attributes,
+    base_points,
+    checked,
+    footprint_text,
+    hulls,
+    line_attributes,
+    line_shapes,
+    vehicle_boxes,
+    with_empty_text,
+)
+from mlsroad_pipeline.inventory_files.whole_files import write_whole
+
+LAYERS = {"poles": "pole", "signs": "sign", "trees": "tree", "vehicles": "vehicle"}
+"""Layer name to kind of object."""
+
+_FIXED_DATE = "2000-01-01T00:00:00.000Z"
+_OPTIONS = {"OGR_CURRENT_DATE": _FIXED_DATE, "OGR_SQLITE_SYNCHRONOUS": "OFF", "OGR_SQLITE_JOURNAL": "MEMORY"}
+"""Options of GDAL: the default date is the time of writing; the finished file is synced, its parts need not be."""
+_POINT, _POLYGON, _LINE = "Point Z", "Polygon Z", "LineString Z"
+_OF_FOOTPRINTS = ["object_id", "class", "kind", "score", "height"]  # repeated in the layer of footprints
+
+
+class _Layer(NamedTuple):
+    """A layer: its name, its rows with shapes, and the type of the shapes."""
+
+    name: str
+    rows: gpd.GeoDataFrame
+    kind: str
+
+
+def _layer(name: str, table: pd.DataFrame, *, geometry: np.ndarray, kind: str, crs: CRS | None) -> _Layer:
+    shapes = gpd.GeoSeries(geometry, dtype="geometry")
+    return _Layer(name, gpd.GeoDataFrame(table.reset_index(drop=True), geometry=shapes, crs=crs), kind)
+
+
+def write_geopackage(inventory: RoadInventory, path: str | Path) -> None:
+    """Write an inventory as layers of a GeoPackage."""
+    target = Path(path)
+    table, crs = checked(inventory, target)
+    layers = _layers(inventory, table, crs)
+    # The layer `objects` repeats the objects of the others and would cover their symbols.
+    styles = {
+        layer: qgis_styles.qml(layer, scaled=crs is not None, drawn=layer != "objects") for layer in qgis_styles.LAYERS
+    }
+    before = {name: pyogrio.get_gdal_config_option(name) for name in _OPTIONS}
+
+    def write(folder: Path) -> None:
+        _write_layers(folder / target.name, layers)
+        add_tables(folder / target.name, styles, date=_FIXED_DATE)
+        _check_whole(folder / target.name, target)
+
+    pyogrio.set_gdal_config_options(_OPTIONS)
+    try:
+        write_whole(target.parent, write)
+    finally:
+        pyogrio.set_gdal_config_options(before)
+
+
+def _check_whole(path: Path, target: Path) -> None:
+    """Raise OSError if a layer lacks rows of its index, or tables and triggers: GDAL ignores some failed writes."""
+    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as database:
+        sound = database.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
+        layers = [name for (name,) in database.execute("SELECT table_name FROM gpkg_geometry_columns")]
+        parts, rows = set(), []
+        for layer in layers:
+            query = "SELECT count(*) FROM sqlite_master WHERE name LIKE ? OR (type = 'trigger' AND tbl_name = ?)"
+            parts.add(database.execute(query, (f"rtree_{layer}_geom%", layer)).fetchone()[0])
+            if not parts & {0}:
+                tables = (f'"{layer}" WHERE geom IS NOT NULL', f"rtree_{layer}_geom")
+                counts = [f"SELECT count(*) FROM {table}" for table in tables]
+                rows.append(len({database.execute(count).fetchone() for count in counts}) == 1)
+    if not (sound and len(parts) == 1 and 0 not in parts and all(rows)):
+        raise OSError(errno.EIO, "a part of the GeoPackage was not written", str(target))
+
+
+def _write_layers(path: Path, layers: Sequence[_Layer]) -> None:
+    for layer in layers:
+        with warnings.catch_warnings():
+            # A survey may have no known CRS; GeoPackage has a code for it (-1, undefined Cartesian).
+            warnings.filterwarnings("ignore", message=".*crs.* was not provided", category=UserWarning)
+            # Version 1.2 is sufficient, and older releases of QGIS 3 warn about later ones.
+            options = {} if path.exists() else {"VERSION": "1.2"}
+            layer_options: dict[str, Any] = {"driver": "GPKG", "geometry_type": layer.kind, "append": path.exists()}
+            pyogrio.write_dataframe(layer.rows, path, layer=layer.name, dataset_options=options, **layer_options)
+
+
+def _layers(inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> list[_Layer]:
+    """Return the layers in the order of the file."""
+    columns, points = attributes(table), base_points(table)
+    layers = [_layer("objects", columns, geometry=points, kind=_POINT, crs=crs)]
+    for name, kind in LAYERS.items():
+        rows = (table["kind"] == kind).to_numpy()
+        shapes = vehicle_boxes(table[rows]) if kind == "vehicle" else points[rows]
+        shape = _POLYGON if kind == "vehicle" else _POINT
+        layers.append(_layer(name, columns[rows], geometry=shapes, kind=shape, crs=crs))
+    layers.append(_footprints(table, crs))
+    for name, kind in LINE_LAYERS.items():
+        if inventory.lines is None:
+            break
+        of_kind = inventory.lines[inventory.lines["kind"] == kind]
+        layers.append(_layer(name, line_attributes(of_kind), geometry=line_shapes(of_kind), kind=_LINE, crs=crs))
+    if inventory.trajectory is not None:
+        line = np.array([shapely.LineString(inventory.trajectory.xyz)])
+        length = pd.DataFrame({"length": [round(inventory.trajectory.length, 3)]})
+        layers.append(_layer("trajectory", length, geometry=line, kind=_LINE, crs=crs))
+        if inventory.sections is not None:
+            lines = np.array(
+                [
+                    shapely.LineString(part_of_path(inventory.trajectory, *ends))
+                    for ends in inventory.sections[["from_station", "to_station"]].to_numpy()
+                ]
+            )
+            layers.append(_layer("sections", inventory.sections, geometry=lines, kind=_LINE, crs=crs))
+    return layers
+
+
+def _footprints(table: pd.DataFrame, crs: CRS | None) -> _Layer:
+    shapes = hulls(table)
+    present = ~shapely.is_missing(shapes)
+    areas = [polygon_area(shapely.get_coordinates(shape)) for shape in shapes[present]]
+    rows = table.loc[present, _OF_FOOTPRINTS].assign(area=np.round(np.array(areas, dtype=np.float64), 2))
+    return _layer("footprints", rows, geometry=shapes[present], kind="Polygon", crs=crs)
+
+
+def read_geopackage(path: str | Path) -> RoadInventory:
+    """Read an inventory from a GeoPackage of `write_geopackage`."""
+    source = Path(path)
+    if not source.is_file():
+        raise ReadError(f"{source}: no such GeoPackage")
+    try:
+        layers = [str(name) for name in pyogrio.list_layers(source)[:, 0]]
+    except pyogrio.errors.DataSourceError as error:
+        raise ReadError(f"{source}: not a GeoPackage") from error
+    for layer in ("objects", "footprints"):
+        if layer not in layers:
+            raise ReadError(f"{source}: no layer {layer!r} among {layers}")
+    frame = gpd.read_file(source, layer="objects")
+    missing = [name for name in FIELDS if name not in ("footprint", *DECIDED) and name not in frame]
+    if missing:
+        raise ReadError(f"{source}: layer 'objects' has no field {missing[0]!r}")
+    trajectory = None
+    if "trajectory" in layers:
+        line = gpd.read_file(source, layer="trajectory").geometry.iloc[0]
+        vertices = shapely.get_coordinates(line, include_z=True)
+        trajectory = Trajectory.from_positions(vertices, source=str(source), check_jumps=False)
+    sections = None
+    if "sections" in layers:
+        sections = pd.DataFrame(gpd.read_file(source, layer="sections").drop(columns="geometry"))
+    # GDAL reads an undefined CRS as an engineering CRS of that name.
+    known = frame.crs is not None and "Undefined" not in frame.crs.name
+    crs = frame.crs.to_wkt() if known else None
+    there = [name for name in LINE_LAYERS if name in layers]
+    lines = numbered([_lines_of(source, name) for name in there]) if there else None
+    return RoadInventory(_objects_of(source, frame), crs, trajectory, sections, lines)
+
+
+def _lines_of(source: Path, layer: str) -> pd.DataFrame:
+    frame = gpd.read_file(source, layer=layer)
+    frame = frame.assign(**{name: value for name, value in ADDED_FIELDS.items() if name not in frame})
+    missing = [name for name in LINE_FIELDS if name != "line" and name not in frame]
+    if missing:
+        raise ReadError(f"{source}: layer {layer!r} has no field {missing[0]!r}")
+    text = shapely.to_wkt(frame.geometry.to_numpy(), rounding_precision=3, trim=False)
+    table = pd.DataFrame(frame.drop(columns="geometry")).assign(line=text, pattern=frame["pattern"].fillna(""))
+    return table[list(LINE_FIELDS)].astype({name: field.dtype for name, field in LINE_FIELDS.items()})
+
+
+def _objects_of(source: Path, frame: gpd.GeoDataFrame) -> pd.DataFrame:
+    shapes = gpd.read_file(source, layer="footprints")
+    text = footprint_text(shapes.geometry.to_numpy())
+    objects = with_empty_text(frame.drop(columns="geometry"))
+    objects["footprint"] = (
+        objects["object_id"].map(dict(zip(shapes["object_id"], text, strict=True))).astype(object).fillna("")
+    )
+    return objects[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)

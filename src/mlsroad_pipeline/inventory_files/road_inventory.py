@@ -1,0 +1,119 @@
+"""Road inventory of a survey: its table, and the geometries that both file formats write."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import shapely
+from pyproj import CRS
+from pyproj.exceptions import CRSError
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS
+from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS, OBJECT_FIELDS
+from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+
+MAY_LACK = ("facing_from", "status", "checked_class", "reasons", "method", "model_version")
+"""Text columns whose empty values are NULL in files."""
+
+DECIDED = ("status", "checked_class")
+"""Columns that files of earlier versions lack; they are read as empty."""
+
+
+@dataclass(frozen=True)
+class RoadInventory:
+    """Road objects of a survey, with their reference system and the trajectory."""
+
+    objects: pd.DataFrame  # Columns of `OBJECT_FIELDS`, as `merge_across_scenes` returns them
+    # Coordinate reference system as WKT or a code such as ``EPSG:25832``; None is written as undefined
+    crs: str | None = None
+    trajectory: Trajectory | None = None  # Trajectory of the scanner
+    sections: pd.DataFrame | None = None  # Objects per section of the road, of `section_table`
+    # Kerbs, wires and markings: columns of `LINE_FIELDS`, as `join_kerbs` returns them
+    lines: pd.DataFrame | None = None
+
+
+def checked(inventory: RoadInventory, target: Path) -> tuple[pd.DataFrame, CRS | None]:
+    """Return the typed table and the reference system of an inventory; error messages name the target file."""
+    missing = [name for name in OBJECT_FIELDS if name not in inventory.objects]
+    if missing:
+        raise DataError(f"{target}: the inventory lacks the column {missing[0]!r}")
+    try:
+        crs = None if inventory.crs is None else CRS.from_user_input(inventory.crs)
+    except CRSError as error:
+        raise DataError(f"{target}: the coordinate reference system {inventory.crs!r} is not understood") from error
+    return inventory.objects[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS).reset_index(drop=True), crs
+
+
+def attributes(table: pd.DataFrame) -> pd.DataFrame:
+    """Return all columns but the footprint, with None in place of empty text."""
+    columns = table[[name for name in FIELDS if name != "footprint"]].copy()
+    for name in MAY_LACK:
+        columns[name] = columns[name].astype(object).where(columns[name] != "", None)
+    return columns
+
+
+def with_empty_text(objects: pd.DataFrame) -> pd.DataFrame:
+    """Return a table read from a file with empty text in place of missing values: the inverse of `attributes`."""
+    columns = pd.DataFrame(objects)
+    columns = columns.assign(**{name: "" for name in DECIDED if name not in columns})
+    for name in MAY_LACK:
+        columns[name] = columns[name].astype(object).where(columns[name].notna(), "")
+    return columns
+
+
+def base_points(table: pd.DataFrame) -> np.ndarray:
+    """Return the base points of objects as shapely points with heights."""
+    points: np.ndarray = shapely.points(table[["x", "y", "z"]].to_numpy())
+    return points
+
+
+def hulls(table: pd.DataFrame) -> np.ndarray:
+    """Return the footprints of objects as counterclockwise shapely polygons, None for those without area."""
+    shapes: np.ndarray = shapely.from_wkt([text or None for text in table["footprint"]])
+    return shapes
+
+
+def line_shapes(lines: pd.DataFrame) -> np.ndarray:
+    """Return the lines of a table as shapely lines with heights."""
+    shapes: np.ndarray = shapely.from_wkt(lines["line"].to_numpy(dtype=object))
+    return shapes
+
+
+def line_vertices(lines: pd.DataFrame) -> list[np.ndarray]:
+    """Return the vertices of the lines of a table, (k, 3) each, metres."""
+    return [shapely.get_coordinates(shape, include_z=True) for shape in line_shapes(lines)]
+
+
+def line_attributes(lines: pd.DataFrame) -> pd.DataFrame:
+    """Return the columns of lines but their shapes."""
+    return lines[[name for name in LINE_FIELDS if name != "line"]].reset_index(drop=True)
+
+
+def footprint_text(shapes: np.ndarray) -> np.ndarray:
+    """Return footprints as WKT with two decimals (1 cm), empty text for None: the inverse of `hulls`."""
+    text = shapely.to_wkt(shapes, rounding_precision=2, trim=False)
+    return np.where(shapely.is_missing(shapes), "", text)
+
+
+def vehicle_boxes(objects: pd.DataFrame) -> np.ndarray:
+    """Return the oriented boxes of vehicles as counterclockwise polygons at the height of their base.
+
+    Vehicles without a measure, such as those that a user added, have none.
+    """
+    centre = objects[["x", "y"]].to_numpy()
+    turn = np.radians(objects["heading"].to_numpy())
+    along = np.column_stack([np.sin(turn), np.cos(turn)]) * objects["length"].to_numpy()[:, None] / 2
+    across = np.column_stack([-np.cos(turn), np.sin(turn)]) * objects["width"].to_numpy()[:, None] / 2
+    corners = np.stack(
+        [centre - along - across, centre + along - across, centre + along + across, centre - along + across], 1
+    )
+    heights = np.repeat(objects["z"].to_numpy()[:, None, None], 4, axis=1)
+    rings = np.concatenate([corners, heights], axis=2)
+    measured = np.isfinite(rings).all(axis=(1, 2))
+    boxes: np.ndarray = np.full(len(rings), None, dtype=object)
+    boxes[measured] = shapely.polygons(rings[measured])
+    return boxes

@@ -1,0 +1,266 @@
+"""Road inventory as CSV, GeoJSON, FlatGeobuf and Shapefile."""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import geopandas as gpd
+import numpy as np
+import pandas as pd
+import pyogrio
+import shapely
+from pyproj import CRS, Transformer
+from pyproj.exceptions import ProjError
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS
+from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS
+from mlsroad_pipeline.formats.files import atomic_file
+from mlsroad_pipeline.inventory_files.road_inventory import (
+    RoadInventory,
+    attributes,
+    base_points,
+    checked,
+    hulls,
+    line_attributes,
+    line_shapes,
+    vehicle_boxes,
+)
+from mlsroad_pipeline.inventory_files.whole_files import write_whole
+
+logger = logging.getLogger(__name__)
+
+CSV_TYPES = {"int64": "Integer64", "float64": "Real", "str": "String"}
+"""Type of a column to the type in a ``.csvt`` file."""
+
+SHAPEFILE_NAMES = {
+    "lean_azimuth": "lean_az", "crown_diameter": "crown_diam", "panel_bottom": "panel_low", "panel_centre": "panel_mid",
+    "panel_height": "panel_h", "panel_width": "panel_w", "facing_from": "facing_src", "visible_share": "visible",
+    "point_count": "points", "disagreeing_share": "other_cls", "file_count": "files", "passes_there": "passes_of",
+    "scanners_there": "scanner_of", "least_height": "height_min", "most_height": "height_max",
+    "from_station": "from_stat", "first_time": "first_sec", "last_time": "last_sec", "model_version": "model",
+    "checked_class": "checked",
+}  # fmt: skip
+"""Field to its name of at most ten characters in a Shapefile; the others keep theirs."""
+
+TEXT_BYTES = 254
+"""Largest length of a text in a Shapefile, bytes of UTF-8."""
+
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+_WGS84 = "OGC:CRS84"
+_SECONDS = ("first_time", "last_time")  # whole numbers: a Shapefile has no room for their decimals
+
+
+def prj_text(crs: CRS, source: str) -> str:
+    """Return a coordinate reference system as the content of a ``.prj`` file; raise DataError if it has none."""
+    try:
+        return str(crs.to_wkt("WKT1_ESRI"))
+    except ProjError as error:
+        raise DataError(
+            f"{source}: the coordinate reference system {crs.name!r} cannot be written as .prj; leave csv, shapefile "
+            "and dxf out of label.export"
+        ) from error
+
+
+def write_prj(crs: CRS | None, path: Path) -> list[Path]:
+    """Write a ``.prj`` file, none without a system."""
+    if crs is None:
+        return []
+    with atomic_file(path) as stream:
+        stream.write(prj_text(crs, str(path)).encode())
+    return [path]
+
+
+def without_formulas(table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table whose texts no spreadsheet runs: an apostrophe stands before those that begin like a formula."""
+    texts = [name for name in table.columns if not pd.api.types.is_numeric_dtype(table[name])]
+
+    def plain(value: Any) -> Any:
+        return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
+
+    return table.assign(**{str(name): table[name].map(plain) for name in texts})
+
+
+def write_csv(inventory: RoadInventory, folder: Path) -> list[Path]:
+    """Write all fields as ``inventory.csv`` (UTF-8, footprints as WKT), types, system and sections of the road."""
+    target = folder / "inventory.csv"
+    table, crs = checked(inventory, target)
+    columns = attributes(table).assign(footprint=table["footprint"])
+    with atomic_file(target) as stream:
+        stream.write(without_formulas(columns).to_csv(index=False, lineterminator="\n").encode())
+    types = target.with_suffix(".csvt")
+    with atomic_file(types) as stream:
+        stream.write((",".join(f'"{CSV_TYPES[FIELDS[str(name)].dtype]}"' for name in columns) + "\n").encode())
+    written = [target, types, *write_prj(crs, target.with_suffix(".prj"))]
+    return [*written, *_write_sections(inventory, folder), *_write_lines(inventory, folder)]
+
+
+def _write_lines(inventory: RoadInventory, folder: Path) -> list[Path]:
+    """Write the lines as ``lines.csv`` (WKT), if there is a table of them."""
+    if inventory.lines is None:
+        return []
+    target = folder / "lines.csv"
+    with atomic_file(target) as stream:
+        stream.write(inventory.lines.to_csv(index=False, lineterminator="\n").encode())
+    return [target]
+
+
+def _write_sections(inventory: RoadInventory, folder: Path) -> list[Path]:
+    """Write the objects per section of the road as ``sections.csv``, if there are sections."""
+    if inventory.sections is None:
+        return []
+    target = folder / "sections.csv"
+    with atomic_file(target) as stream:
+        stream.write(without_formulas(inventory.sections).to_csv(index=False, lineterminator="\n").encode())
+    return [target]
+
+
+def to_wgs84(crs: CRS | None, source: str) -> Transformer:
+    """Return the transformation to longitude and latitude.
+
+    Raises DataError, which names the source, if the system is unknown or has no place on the earth.
+    """
+    if crs is None:
+        raise DataError(
+            f"{source}: GeoJSON needs longitudes and latitudes, and the survey has no coordinate reference system; "
+            "set label.crs (--crs) or leave geojson out of label.export"
+        )
+    try:
+        return Transformer.from_crs(crs.to_2d(), _WGS84, always_xy=True)
+    except ProjError as error:
+        raise DataError(
+            f"{source}: the coordinate reference system {crs.name!r} cannot be transformed to longitude and latitude; "
+            "leave geojson out of label.export"
+        ) from error
+
+
+def write_geojson(inventory: RoadInventory, folder: Path) -> list[Path]:
+    """Write the base points as ``inventory.geojson`` (RFC 7946): longitudes, latitudes, elevations of the survey."""
+    target = folder / "inventory.geojson"
+    table, crs = checked(inventory, target)
+    moved = to_wgs84(crs, str(target)).transform(table["x"].to_numpy(), table["y"].to_numpy())
+    points = shapely.points(np.column_stack([*moved, table["z"].to_numpy()]))
+    options = {"RFC7946": "YES", "COORDINATE_PRECISION": "9", "ID_FIELD": "id"}
+    columns = attributes(table).assign(crs=crs_name(crs), id=table["object_id"])
+    _write(target, columns, points, "Point Z", _WGS84, driver="GeoJSON", layer="objects", options=options)
+    if inventory.lines is None:
+        return [target]
+    further = folder / "lines.geojson"
+    change = to_wgs84(crs, str(further)).transform
+    lines = shapely.transform(line_shapes(inventory.lines), change, include_z=True, interleaved=False)
+    columns = line_attributes(inventory.lines).assign(crs=crs_name(crs), id=inventory.lines["line_id"])
+    _write(further, columns, lines, "LineString Z", _WGS84, driver="GeoJSON", layer="lines", options=options)
+    return [target, further]
+
+
+def crs_name(crs: CRS | None) -> str:
+    """Return the code of a system, or its name; empty without one."""
+    authority = None if crs is None else crs.to_authority()
+    return ":".join(authority) if authority else "" if crs is None else crs.name
+
+
+def write_flatgeobuf(inventory: RoadInventory, folder: Path) -> list[Path]:
+    """Write the base points with all fields as ``inventory.fgb``."""
+    target = folder / "inventory.fgb"
+    table, crs = checked(inventory, target)
+    _write(target, attributes(table), base_points(table), "Point Z", crs, driver="FlatGeobuf", layer="objects")
+    if inventory.lines is None:
+        return [target]
+    further, lines = folder / "lines.fgb", line_shapes(inventory.lines)
+    _write(further, line_attributes(inventory.lines), lines, "LineString Z", crs, driver="FlatGeobuf", layer="lines")
+    return [target, further]
+
+
+def _write(
+    path: Path,
+    columns: pd.DataFrame,
+    geometry: np.ndarray,
+    kind: str,
+    crs: CRS | str | None,
+    *,
+    driver: str,
+    layer: str,
+    options: dict[str, Any] | None = None,
+) -> list[Path]:
+    frame = gpd.GeoDataFrame(
+        columns.reset_index(drop=True), geometry=gpd.GeoSeries(geometry, dtype="geometry"), crs=crs
+    )
+
+    def write(folder: Path) -> None:
+        place = folder / path.name
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message=".*crs.* was not provided", category=UserWarning)
+            pyogrio.write_dataframe(
+                frame, place, layer=layer, driver=driver, geometry_type=kind, layer_options=options or {}
+            )
+
+    return write_whole(path.parent, write)
+
+
+def short_name(name: str) -> str:
+    """Return the name of a field in a Shapefile."""
+    return SHAPEFILE_NAMES.get(name, name)
+
+
+def _short(columns: pd.DataFrame, path: Path) -> pd.DataFrame:
+    """Return a table with the names, types and lengths of text that a Shapefile holds; shortened texts are logged."""
+    table = columns.copy()
+    for name in (name for name in _SECONDS if name in table):
+        table[name] = table[name].astype("Int64")
+    n_cut = 0
+    for name in (name for name in table if name in FIELDS and FIELDS[name].dtype == "str"):
+        text = [None if value is None else _cut(value) for value in table[name]]
+        n_cut += sum(new != old for new, old in zip(text, table[name], strict=True))
+        table[name] = pd.Series(text, dtype=object, index=table.index)
+    if n_cut:
+        logger.warning("%s: %d texts are cut to %d bytes, the limit of a Shapefile", path, n_cut, TEXT_BYTES)
+    return table.rename(columns=short_name)
+
+
+def _cut(text: str) -> str:
+    return text.encode()[:TEXT_BYTES].decode("utf-8", "ignore")
+
+
+def write_shapefile(inventory: RoadInventory, folder: Path) -> list[Path]:
+    """Write the folder ``inventory_shp``: a Shapefile per geometry, and the table of its short field names."""
+    target = folder / "inventory_shp"
+    target.mkdir(parents=True, exist_ok=True)
+    table, crs = checked(inventory, target)
+    columns, shapes = attributes(table), hulls(table)
+    cars, present = (table["kind"] == "vehicle").to_numpy(), ~shapely.is_missing(shapes)
+    layers: list[tuple[str, pd.DataFrame, np.ndarray, str]] = [
+        ("objects", columns, base_points(table), "Point Z"),
+        ("vehicles", columns[cars], vehicle_boxes(table[cars]), "Polygon Z"),
+        ("footprints", columns.loc[present, ["object_id", "class", "kind", "score"]], shapes[present], "Polygon"),
+    ]
+    if inventory.trajectory is not None:
+        line = np.array([shapely.LineString(inventory.trajectory.xyz)])
+        length = pd.DataFrame({"length": [round(inventory.trajectory.length, 3)]})
+        layers.append(("trajectory", length, line, "LineString Z"))
+    if inventory.lines is not None:
+        layers.append(("lines", line_attributes(inventory.lines), line_shapes(inventory.lines), "LineString Z"))
+    written: list[Path] = []
+    for layer, rows, geometry, kind in layers:
+        path = target / f"{layer}.shp"
+        options = {"ENCODING": "UTF-8", "DBF_DATE_LAST_UPDATE": "2000-01-01"}  # the default is the day of writing
+        short = _short(rows, path)
+        parts = _write(path, short, geometry, kind, crs, driver="ESRI Shapefile", layer=layer, options=options)
+        written += sorted(parts, key=lambda part: part != path)  # the file that programs open comes first
+    names = target / "fields.csv"
+    with atomic_file(names) as stream:
+        fields = [str(name) for name in columns]
+        if inventory.lines is not None:
+            fields += [name for name in LINE_FIELDS if name != "line" and name not in fields]
+        stream.write(_names(fields).to_csv(index=False, lineterminator="\n").encode())
+    return [*written, names]
+
+
+def _names(columns: Sequence[str]) -> pd.DataFrame:
+    """Return the table of the short names of fields."""
+    fields = {**LINE_FIELDS, **FIELDS}
+    rows = [(short_name(name), name, fields[name].alias, fields[name].description) for name in columns]
+    return pd.DataFrame(rows, columns=["shapefile_field", "field", "alias", "description"])

@@ -1,0 +1,1 @@
+"""Shipped and registered models."""

@@ -1,0 +1,150 @@
+"""Registration of models in an MLflow registry, and their loading."""
+
+from __future__ import annotations
+
+import json
+import logging
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import mlflow
+import pandas as pd
+from kedro.io import DatasetError
+from mlflow.exceptions import MlflowException
+from mlflow.models.model import ModelInfo
+
+from mlsroad_pipeline import __version__
+from mlsroad_pipeline.algorithms.core.plain_text import printable, without_password
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.execution.digests import digest_file
+from mlsroad_pipeline.execution.scratch import scratch_folder
+from mlsroad_pipeline.model_store.bundle_files import load_bundle, save_bundle
+from mlsroad_pipeline.model_store.model_notes import annotate_version
+from mlsroad_pipeline.model_store.point_labeller import signature
+
+LOGGER = logging.getLogger(__name__)
+
+REQUIREMENTS = ("mlflow", "numba", "numpy", "pandas", "scipy", "scikit-learn")
+"""Distributions that a registered model pins, beside this package."""
+
+FINGERPRINT = "fingerprint"
+"""Tag of a version: digest of the model's files."""
+
+_CODE = Path(__file__).with_name("registered_model_code.py")
+
+
+def example_points() -> pd.DataFrame:
+    """Return an example input of a registered model: a flat patch with a post."""
+    flat = [(x / 5, y / 5, 0.0) for x in range(4) for y in range(4)]
+    post = [(0.3, 0.3, z / 5) for z in range(1, 11)]
+    table = pd.DataFrame(flat + post, columns=["x", "y", "z"])
+    return table.assign(red=120, green=118, blue=112, intensity=0.4)
+
+
+def pip_requirements() -> list[str]:
+    """Return the requirements of a registered model, pinned to the installed versions."""
+    pins = [f"mlsroad_pipeline=={__version__}"]
+    for name in REQUIREMENTS:
+        try:
+            pins.append(f"{name}=={version(name)}")
+        except PackageNotFoundError as error:
+            raise DatasetError(f"{name} is not installed: a model cannot be registered without it") from error
+    return pins
+
+
+def latest_version(name: str) -> int:
+    """Return the highest version of a registered model."""
+    client = mlflow.MlflowClient()
+    versions = [int(found.version) for found in client.search_model_versions(f"name='{name}'")]
+    if not versions:
+        store = without_password(mlflow.get_registry_uri())
+        raise DatasetError(f"no model {name!r} is registered in {store}: run the comparison first")
+    return max(versions)
+
+
+def load_registered_bundle(name: str, *, model_version: int | str | None = None) -> ModelBundle:
+    """Read a model from the registry."""
+    number = latest_version(name) if model_version is None else int(model_version)
+    try:
+        found = mlflow.MlflowClient().get_model_version(name, str(number))
+        folder = mlflow.artifacts.download_artifacts(f"models:/{name}/{number}")
+    except MlflowException as error:
+        raise DatasetError(
+            f"model {name!r} version {number} cannot be read: {without_password(printable(error))}"
+        ) from error
+    files = Path(folder) / "artifacts" / "bundle"
+    if found.tags.get(FINGERPRINT) not in (None, digest_file(str(files))):
+        raise DatasetError(f"model {name!r} version {number}: {files} differs from the files that were registered")
+    bundle = load_bundle(files)
+    LOGGER.info("Model %s version %s, trained on %s", name, number, bundle.metadata.get("trained_on", "unknown data"))
+    registered = {"name": name, "version": number, "run_id": found.run_id}
+    return replace(bundle, metadata={**bundle.metadata, "registered": registered})
+
+
+@contextmanager
+def _run() -> Iterator[None]:
+    """Use the active run or, without one, a new run that ends here."""
+    if mlflow.active_run() is not None:
+        yield
+        return
+    with mlflow.start_run(run_name="register model"):
+        yield
+
+
+def _registered_already(name: str, fingerprint: str) -> int | None:
+    """Return the highest version if it is this model and its files exist."""
+    client = mlflow.MlflowClient()
+    highest = max(client.search_model_versions(f"name='{name}'"), key=lambda found: int(found.version), default=None)
+    if highest is None or highest.tags.get(FINGERPRINT) != fingerprint:
+        return None
+    try:
+        files = mlflow.artifacts.list_artifacts(f"models:/{name}/{highest.version}/artifacts/bundle")
+    except (MlflowException, OSError):
+        return None
+    return int(highest.version) if files else None
+
+
+def _new_version(name: str, info: ModelInfo) -> int:
+    """Register a logged model; `mlflow.register_model` prints two lines at each call."""
+    client = mlflow.MlflowClient()
+    if not client.search_registered_models(f"name='{name}'"):
+        client.create_registered_model(name)
+    source = f"models:/{info.model_id}"
+    return int(client.create_model_version(name, source, info.run_id, model_id=info.model_id).version)
+
+
+def register_bundle(bundle: ModelBundle, name: str, *, input_example: pd.DataFrame | None = None) -> tuple[int, bool]:
+    """Store a model and register it as a new version, unless the highest version is the same model.
+
+    Two models are the same if `save_bundle` writes the same files for them. The tag ``fingerprint`` of a version holds
+    their digest.
+    """
+    # JSON converts tuples to the lists that MLflow's YAML needs.
+    plain = json.loads(json.dumps(dict(bundle.metadata)))
+    metadata = {key: value for key, value in plain.items() if key != "registered"}
+    with tempfile.TemporaryDirectory(dir=scratch_folder()) as folder, _run():
+        save_bundle(replace(bundle, metadata=metadata), Path(folder) / "bundle")
+        fingerprint = digest_file(str(Path(folder) / "bundle"))
+        existing = _registered_already(name, fingerprint)
+        if existing is not None:
+            return existing, False
+        info = mlflow.pyfunc.log_model(
+            name=name,
+            python_model=str(_CODE),
+            artifacts={"bundle": str(Path(folder) / "bundle")},
+            signature=signature(),
+            input_example=example_points() if input_example is None else input_example,
+            pip_requirements=pip_requirements(),
+            metadata={"slug": bundle.slug, "package": f"mlsroad_pipeline {__version__}", **metadata},
+        )
+    number = _new_version(name, info)
+    client = mlflow.MlflowClient()
+    client.set_model_version_tag(name, str(number), FINGERPRINT, fingerprint)
+    client.set_model_version_tag(name, str(number), "slug", bundle.slug)
+    client.set_model_version_tag(name, str(number), "trained_on", str(metadata.get("trained_on", "")))
+    annotate_version(name, number, bundle.slug, metadata)
+    return number, True

@@ -1,0 +1,1 @@
+"""Reproductions of four papers, with the baselines that each compared with."""

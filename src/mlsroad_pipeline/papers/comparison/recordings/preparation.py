@@ -1,0 +1,278 @@
+"""Preparation of training scenes for each method, and training on prepared scenes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters, StageParameters
+from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG as TREES
+from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import BoostedTreesParameters
+from mlsroad_pipeline.algorithms.models.boosted_trees.sampling import training_voxels
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.algorithms.models.superpoint_transformer import labeller as superpoint_transformer
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import SLUG as SUPERPOINTS
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import SuperpointTransformerParameters
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.training_graphs import training_graphs
+from mlsroad_pipeline.algorithms.scenes.parts import TRAIN
+from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_supervoxels, find_ground
+from mlsroad_pipeline.papers.comparison.recordings.parameters import OWN
+from mlsroad_pipeline.papers.comparison.recordings.streets import ignoring, scenes_in
+from mlsroad_pipeline.papers.luo2016.shape_based import labeller as shape_based
+from mlsroad_pipeline.papers.luo2016.shape_based import training as shape_training
+from mlsroad_pipeline.papers.shared.patches.labelling import build_patches, label_patches
+from mlsroad_pipeline.papers.shared.patches.training import PatchTraining, join_training_scenes
+from mlsroad_pipeline.papers.shared.patches.types import PatchStages
+from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import fit as fit_forest
+from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import training_rows
+
+
+class Prepared(NamedTuple):
+    """Prepared scenes of a file of a recording, or of a simulated street."""
+
+    parts: Mapping[str, Mapping[str, NDArray]]  # ``<scene>.<what>`` to arrays
+    use: str  # the labels that train
+    source: str = ""  # recording, or one name for all streets
+    weight: float = 1.0  # of the whole source, for methods that weigh sources
+
+    def labelled(self) -> list[Mapping[str, NDArray]]:
+        """Return the parts with the labels of the use."""
+        return [arrays for name, arrays in self.parts.items() if name.endswith(f".{self.use}")]
+
+    def scene_names(self) -> list[str]:
+        """Return the names of the scenes."""
+        return sorted({part.partition(".")[0] for part in self.parts})
+
+
+class Setup(NamedTuple):
+    """Method to train, the parameters of all groups, the classes, and facts of the training data for the model."""
+
+    method: str
+    parameters: Mapping[str, Any]
+    scheme: ClassScheme
+    facts: Mapping[str, Any]
+
+    @property
+    def own(self) -> Any:
+        """Return the parameters of the method."""
+        return self.parameters[self.method]
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """Preparation of the scenes of a method, and its training on them."""
+
+    kind: str  # methods of one kind share the prepared scenes
+    stages: Callable[[Mapping[str, Any]], Any]  # takes the parameters of all groups
+    # takes the loaded scenes and the keywords `stages`, `scheme` and `mixed`
+    prepare: Callable[..., dict[str, Any]]
+    fit: Callable[[Sequence[Prepared], Setup], ModelBundle]
+
+
+def labelled_for(
+    scenes: PointCloud | Mapping[str, PointCloud], scheme: ClassScheme, mixed: Sequence[str]
+) -> Iterator[tuple[str, dict[str, PointCloud]]]:
+    """Yield each scene with the labels of each use.
+
+    Used for other recordings (``whole``), points of a class that holds others are ignored; used for the recording's own
+    part (``own``), all points outside of the training part are.
+    """
+    for name, cloud in scenes_in(scenes).items():
+        truth = scheme.encode(cloud["label"], source=cloud.source)
+        uses = {"whole": ignoring(cloud, np.isin(truth, scheme.labels_of(mixed)))}
+        if "part" in cloud:
+            uses[OWN] = ignoring(cloud, cloud["part"] != TRAIN)
+        yield name, uses
+
+
+def prepare_supervoxels(
+    scenes: PointCloud | Mapping[str, PointCloud], *, stages: StageParameters, scheme: ClassScheme, mixed: Sequence[str]
+) -> dict[str, Any]:
+    """Compute the labelled supervoxels of scenes for each use."""
+    out: dict[str, Any] = {}
+    for name, uses in labelled_for(scenes, scheme, mixed):
+        cloud = uses["whole"]
+        ground = find_ground(cloud, stages.ground)
+        supervoxels = build_supervoxels(cloud, stages.supervoxels)
+        features = describe_supervoxels(cloud, ground, supervoxels, stages.features)
+        for use, labelled in uses.items():
+            out[f"{name}.{use}"] = training_rows(labelled, supervoxels, features, scheme=scheme)
+    return out
+
+
+def _fit_forest(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
+    rows: list[Any] = [arrays for scene in scenes for arrays in scene.labelled()]
+    bundle, _ = fit_forest(
+        [row for row in rows if len(row["labels"])],
+        parameters=setup.own, stages=_forest_stages(setup.parameters), scheme=setup.scheme, trained_on=setup.facts,
+    )  # fmt: skip
+    return bundle
+
+
+def _forest_stages(parameters: Mapping[str, Any]) -> StageParameters:
+    return StageParameters(*(parameters[name] for name in ("ground_removal", "supervoxelise", "features")))
+
+
+def prepare_patches(
+    scenes: PointCloud | Mapping[str, PointCloud], *, stages: PatchStages, scheme: ClassScheme, mixed: Sequence[str]
+) -> dict[str, Any]:
+    """Cut scenes into patches, with ground and classes for each use."""
+    out: dict[str, Any] = {}
+    for name, uses in labelled_for(scenes, scheme, mixed):
+        ground = find_ground(uses["whole"], stages.ground)
+        patches = build_patches(uses["whole"], ground, stages.patches)
+        out[f"{name}.patches"] = patches
+        out[f"{name}.ground"] = {"ground": ground["ground"]}
+        for use, labelled in uses.items():
+            out[f"{name}.{use}"] = label_patches(labelled, patches, scheme)
+    return out
+
+
+def _patch_stages(parameters: Mapping[str, Any]) -> PatchStages:
+    return PatchStages(parameters["ground_removal"], parameters["patches"])
+
+
+def _patches_of(scenes: Sequence[Prepared]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the patches of all scenes and their classes, by number."""
+    patches: dict[str, Any] = {}
+    labels: dict[str, Any] = {}
+    for scene in scenes:
+        for name in scene.scene_names():
+            key = f"{len(patches):04d}"
+            patches[key], labels[key] = scene.parts[f"{name}.patches"], scene.parts[f"{name}.{scene.use}"]
+    return patches, labels
+
+
+def _fit_patches(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
+    joined = join_training_scenes(*_patches_of(scenes))
+    numbers = np.array([number for number, scene in enumerate(scenes) for name in scene.parts if ".patches" in name])
+    training = PatchTraining(
+        *joined, _patch_stages(setup.parameters), setup.scheme, setup.facts, numbers.astype(np.int32)
+    )
+    graph = METHODS[setup.method].refines
+    if not graph:
+        bundle: ModelBundle = METHODS[setup.method].load("train")(training, parameters=setup.own)
+        return bundle
+    transfer = METHODS[graph].load("train")(training, parameters=setup.parameters[graph])
+    refined: ModelBundle = METHODS[setup.method].load("train")(
+        training, transfer, graph_parameters=setup.parameters[graph], parameters=setup.own
+    )
+    return refined
+
+
+def _fit_shapes(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
+    objects = []
+    for scene in scenes:
+        for name in scene.scene_names():
+            patches: Any = scene.parts[f"{name}.patches"]
+            ground: Any = scene.parts[f"{name}.ground"]
+            built = shape_based.build_objects(ground, patches, setup.own)
+            truth = scene.parts[f"{name}.{scene.use}"]["label"]
+            objects.append(shape_training.labelled_objects(built, truth, len(setup.scheme)))
+    return shape_training.fit(
+        objects,
+        parameters=setup.own,
+        stages=_patch_stages(setup.parameters),
+        scheme=setup.scheme,
+        trained_on=setup.facts,
+    )
+
+
+def prepare_graphs(
+    scenes: PointCloud | Mapping[str, PointCloud],
+    *,
+    stages: tuple[StageParameters, SuperpointTransformerParameters],
+    scheme: ClassScheme,
+    mixed: Sequence[str],
+) -> dict[str, Any]:
+    """Build the labelled graphs of superpoints of scenes for each use, as scanned and in views of virtual scanners."""
+    out: dict[str, Any] = {}
+    for name, uses in labelled_for(scenes, scheme, mixed):
+        prepared = superpoint_transformer.prepare(uses["whole"], stages[0], fresh=True)
+        for use, labelled in uses.items():
+            graphs = training_graphs(labelled, *prepared, parameters=stages[1], stages=stages[0], scheme=scheme)
+            out |= {f"{name}.{view}.{use}": graph for view, graph in graphs.items()}
+    return out
+
+
+def _graph_stages(
+    parameters: Mapping[str, Any],
+) -> tuple[StageParameters, SuperpointTransformerParameters]:
+    return _forest_stages(parameters), parameters[SUPERPOINTS].of_graphs()
+
+
+def _fit_graphs(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
+    graphs = [arrays for scene in scenes for arrays in scene.labelled()]
+    bundle: ModelBundle = METHODS[setup.method].load("train")(
+        graphs,
+        parameters=setup.own,
+        stages=_graph_stages(setup.parameters)[0],
+        scheme=setup.scheme,
+        trained_on=setup.facts,
+    )[0]
+    return bundle
+
+
+def prepare_voxels(
+    scenes: PointCloud | Mapping[str, PointCloud],
+    *,
+    stages: tuple[GroundParameters, BoostedTreesParameters],
+    scheme: ClassScheme,
+    mixed: Sequence[str],
+) -> dict[str, Any]:
+    """Draw the labelled voxels of scenes for each use."""
+    out: dict[str, Any] = {}
+    for name, uses in labelled_for(scenes, scheme, mixed):
+        ground = find_ground(uses["whole"], stages[0])
+        for use, labelled in uses.items():
+            out[f"{name}.{use}"] = training_voxels(labelled, ground, parameters=stages[1], scheme=scheme)
+    return out
+
+
+def _voxel_stages(parameters: Mapping[str, Any]) -> tuple[GroundParameters, BoostedTreesParameters]:
+    return parameters["ground_removal"], parameters[TREES].of_sample()
+
+
+def _fit_voxels(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
+    voxels = [(arrays, scene) for scene in scenes for arrays in scene.labelled()]
+    bundle: ModelBundle = METHODS[setup.method].load("train")(
+        [arrays for arrays, _ in voxels],
+        parameters=setup.own, ground=setup.parameters["ground_removal"], scheme=setup.scheme, trained_on=setup.facts,
+        sources=[scene.source for _, scene in voxels], weights=[scene.weight for _, scene in voxels],
+    )  # fmt: skip
+    return bundle
+
+
+_FOREST = Preparation("supervoxels", _forest_stages, prepare_supervoxels, _fit_forest)
+_PATCHES = Preparation("patches", _patch_stages, prepare_patches, _fit_patches)
+_SHAPES = Preparation("patches", _patch_stages, prepare_patches, _fit_shapes)
+_GRAPHS = Preparation("superpoint_graphs", _graph_stages, prepare_graphs, _fit_graphs)
+_VOXELS = Preparation("voxels", _voxel_stages, prepare_voxels, _fit_voxels)
+_OF_METHOD = {
+    "detrended_forest": _FOREST,
+    "shape_based": _SHAPES,
+    SUPERPOINTS: _GRAPHS,
+    TREES: _VOXELS,
+    **dict.fromkeys(
+        (
+            "patch_graph", "patch_graph_mrf", "patch_graph_printed", "patch_graph_mrf_printed", "patch_svm",
+            "patch_forest", "max_margin_markov",
+        ),
+        _PATCHES,
+    ),
+}  # fmt: skip
+
+
+def preparation_of(method: str) -> Preparation:
+    """Return the preparation and training of a method."""
+    if method not in _OF_METHOD:
+        raise ParameterError(f"the benchmark of recordings cannot train {method}: add it to studies.recordings")
+    return _OF_METHOD[method]

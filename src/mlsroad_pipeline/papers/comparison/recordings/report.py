@@ -1,0 +1,121 @@
+"""Report, summary and text table of the benchmark of recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from mlsroad_pipeline.papers.comparison.recordings.parameters import PROTOCOLS
+from mlsroad_pipeline.papers.comparison.recordings.plan import StudyPlan
+from mlsroad_pipeline.papers.comparison.recordings.results import StudyTables, shown_rows
+from mlsroad_pipeline.papers.shared.studies.figures import draw_bars, draw_panels, legend_below, name_axes
+from mlsroad_pipeline.reporting.html.report import FactsSection, FiguresSection, Section, TableSection
+
+CAPTIONS = {"mean_iou": "Mean IoU of each run by recording"}
+"""Name of each figure to its caption."""
+
+NOTE = (
+    "Means are over the classes that the recording has, without the class other. Runs whose training data hold a part "
+    "of the recording (own, own_and_simulated) are scored on its test part, the others on all points. The pool has "
+    "trees of the protocol and, in all protocols, the network of the package, trained on simulated streets alone."
+)
+_FIGURES = {
+    "overall_accuracy": "overall accuracy",
+    "mean_iou": "mean IoU",
+    "mean_f1": "mean F1",
+    "calibration_error": "expected calibration error",
+    "auroc": "AUROC",
+    "seconds_per_million": "s per million points",
+    "cpu_seconds_per_million": "CPU s per million points",
+}
+
+
+def study_figures(tables: StudyTables) -> tuple[Figure, ...]:
+    """Draw the figures in the order of `CAPTIONS`."""
+    shown = shown_rows(tables.benchmark)
+    names = shown["method"] + ", " + shown["protocol"]
+    wide = shown.assign(run=names).pivot(index="source", columns="run", values="mean_iou")
+    wide = wide.reindex(index=list(dict.fromkeys(shown["source"])), columns=list(dict.fromkeys(names)))
+    figure, (axes,) = draw_panels(1, width=13, height=4.2)
+    draw_bars(axes, list(wide.index), {str(run): wide[run].to_numpy() for run in wide.columns})
+    name_axes(axes, y="Mean IoU", unit_range="y")
+    legend_below(figure, axes, 4)
+    return (figure,)
+
+
+def study_sections(plan: StudyPlan, tables: StudyTables, figures: Sequence[Figure]) -> list[Section]:
+    """Return the sections of the report."""
+    shown = shown_rows(tables.benchmark)
+    sources = pd.DataFrame(
+        [
+            {"recording": s.title, "scanner": s.scanner, "licence": s.licence, "classes": ", ".join(s.classes)}
+            for s in plan.sources.values()
+        ]
+    )
+    return [
+        FactsSection("Benchmark", {"class scheme": plan.scheme.name, "means": NOTE}),
+        TableSection("Recordings", sources),
+        TableSection("Mean IoU", mean_table(plan, shown).round(3)),
+        *(
+            TableSection(source.title, _of_source(shown, name).round(3))
+            for name, source in plan.sources.items()
+            if name in set(shown["source"])
+        ),
+        FiguresSection("Figures", dict(zip(CAPTIONS.values(), figures, strict=True))),
+    ]
+
+
+def _of_source(shown: pd.DataFrame, name: str) -> pd.DataFrame:
+    own = shown[shown["source"] == name].dropna(axis=1, how="all")
+    overall = own[["method", "protocol", *(c for c in _FIGURES if c in own)]].rename(columns=_FIGURES)
+    per_class = own[[c for c in own if str(c).startswith("iou_")]]
+    per_class = per_class.rename(columns=lambda c: f"IoU {str(c).removeprefix('iou_')}")
+    return pd.concat([overall, per_class], axis=1)
+
+
+def mean_table(plan: StudyPlan, shown: pd.DataFrame) -> pd.DataFrame:
+    """Return the mean IoU of each method and protocol, one column per recording."""
+    wide = shown.pivot(index=["method", "protocol"], columns="source", values="mean_iou")
+    names = [name for name in plan.sources if name in wide]
+    wide = wide[names].reset_index()
+    order = wide["protocol"].map(PROTOCOLS.index)
+    wide = wide.assign(order=order).sort_values(["order", "method"]).drop(columns="order")
+    titles = {name: plan.sources[name].title for name in names}
+    return wide.rename(columns=titles).rename_axis(columns=None).reset_index(drop=True)
+
+
+def markdown_tables(plan: StudyPlan, benchmark: pd.DataFrame) -> str:
+    """Return Markdown tables: mean IoU of all runs, and the IoU per class of each recording."""
+    shown = shown_rows(benchmark)
+    parts = [_markdown(mean_table(plan, shown))]
+    for name, source in plan.sources.items():
+        if name in set(shown["source"]):
+            parts += [f"**{source.title}** ({source.scanner}, {source.licence})", _markdown(_of_source(shown, name))]
+    return "\n\n".join([NOTE, *parts]) + "\n"
+
+
+def _markdown(table: pd.DataFrame) -> str:
+    def text(value: Any) -> str:
+        if isinstance(value, float):
+            return "" if pd.isna(value) else f"{value:.2f}"
+        return str(value)
+
+    head = f"| {' | '.join(map(str, table.columns))} |\n|{'---|' * len(table.columns)}"
+    rows = (f"| {' | '.join(map(text, row))} |" for row in table.itertuples(index=False, name=None))
+    return "\n".join([head, *rows])
+
+
+def summary(plan: StudyPlan, benchmark: pd.DataFrame) -> dict[str, Any]:
+    """Return the recordings and all rows of the benchmark as JSON values."""
+    rows = [
+        {str(k): v for k, v in row.items() if not (isinstance(v, float) and pd.isna(v))}
+        for row in benchmark.to_dict(orient="records")
+    ]
+    sources = {
+        name: {"title": s.title, "scanner": s.scanner, "licence": s.licence, "classes": list(s.classes)}
+        for name, s in plan.sources.items()
+    }
+    return {"scheme": plan.scheme.name, "sources": sources, "runs": rows}

@@ -1,0 +1,128 @@
+"""Patch classifier by label transfer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import astuple, dataclass, field, fields
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_positive
+from mlsroad_pipeline.papers.luo2016.patch_graph.costs import CostWeights
+from mlsroad_pipeline.papers.luo2016.patch_graph.iterations import SearchParameters
+from mlsroad_pipeline.papers.luo2016.patch_graph.training_scenes import cut_scenes, thin_scenes
+from mlsroad_pipeline.papers.luo2016.patch_graph.transfer import (
+    TrainedGraph,
+    class_probabilities,
+    match_patches,
+    train_graph,
+)
+from mlsroad_pipeline.papers.shared.patches.table import Patches
+
+
+@dataclass(frozen=True)
+class PatchGraphParameters:
+    """Parameters of the match graph."""
+
+    # Number K of matches per patch, all from different scenes (luo2016: 7). Larger values smooth the labels.
+    n_matches: int = 7
+    # Length into which training scenes are cut, metres (luo2016: 10). More than K scenes are required.
+    scene_length: float = 10.0
+    # Maximum patches per scene, sampled in proportion to the classes. Bounds the time and the size of the model.
+    max_patches: int = 3000
+    seed: int = 2016  # Seed of the samples and of the search
+    weights: CostWeights = field(default_factory=CostWeights)  # Weights of the costs
+    search: SearchParameters = field(default_factory=SearchParameters)  # Parameters of the search
+
+    def __post_init__(self) -> None:
+        for name, kind in (("weights", CostWeights), ("search", SearchParameters)):
+            if isinstance(getattr(self, name), Mapping):  # from configuration
+                object.__setattr__(self, name, _from_mapping(kind, getattr(self, name), name))
+        check_positive(self.scene_length, "patch_graph.scene_length")
+        for name, least in (("n_matches", 1), ("max_patches", 1), ("seed", 0)):
+            if getattr(self, name) < least:
+                raise ParameterError(f"patch_graph.{name} must be at least {least}, got {getattr(self, name)!r}")
+
+
+def _from_mapping(kind: type, values: Mapping[str, Any], name: str) -> Any:
+    unknown = sorted(set(values) - {entry.name for entry in fields(kind)})
+    if unknown:
+        raise ParameterError(f"patch_graph.{name} has no parameter {', '.join(unknown)}")
+    return kind(**values)
+
+
+class PatchGraphClassifier:
+    """Patch classifier by label transfer with the 3-D patch match graph."""
+
+    def __init__(self, graph: TrainedGraph, n_classes: int, *, weights: CostWeights, search: SearchParameters) -> None:
+        self.graph = graph
+        self.n_classes = n_classes
+        self.weights = weights
+        self.search = search
+
+    @classmethod
+    def fit(
+        cls,
+        patches: Patches,
+        edges: NDArray[np.int32],
+        n_classes: int,
+        *,
+        parameters: PatchGraphParameters | None = None,
+        n_threads: int = 1,
+    ) -> PatchGraphClassifier:
+        """Build the match graph of labelled patches."""
+        chosen = parameters or PatchGraphParameters()
+        if len(patches) and patches.label.max() >= n_classes:
+            raise DataError(f"patches have class {patches.label.max()}, but the scheme has {n_classes} classes")
+        used, _ = select_training(patches, edges, chosen)
+        graph = train_graph(
+            used,
+            n_matches=chosen.n_matches,
+            weights=chosen.weights,
+            search=chosen.search,
+            seed=chosen.seed,
+            n_threads=n_threads,
+        )
+        return cls(graph, n_classes, weights=chosen.weights, search=chosen.search)
+
+    def predict_proba(self, patches: Patches, edges: NDArray[np.int32]) -> NDArray[np.float64]:
+        """Return the class probabilities of the patches of one scene (equation 6)."""
+        del edges
+        matched = match_patches(patches, self.graph, weights=self.weights, search=self.search)
+        return class_probabilities(self.graph.labels[matched.matches], self.n_classes)
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """Return the learned parameters as named arrays."""
+        return {
+            **self.graph.to_arrays(),
+            "n_classes": np.array(self.n_classes),
+            "weights": np.array(astuple(self.weights)),
+            # Arrays of a model are finite, and a promise is at least 1: 0 stands for infinity.
+            "search": np.nan_to_num(np.array(astuple(self.search), np.float64), posinf=0.0),
+        }
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
+        """Rebuild the classifier from the arrays of `to_arrays`."""
+        graph = TrainedGraph.from_arrays(arrays)
+        check_arrays(arrays, ("n_classes", "weights", "search"), "a patch graph")
+        weights = CostWeights(*np.asarray(arrays["weights"]).tolist())
+        return cls(graph, int(arrays["n_classes"]), weights=weights, search=_search(arrays["search"]))
+
+
+def select_training(
+    patches: Patches, edges: NDArray[np.int32], parameters: PatchGraphParameters
+) -> tuple[Patches, NDArray[np.int32]]:
+    """Cut the training scenes to the given length and thin them."""
+    short = cut_scenes(patches, parameters.scene_length)
+    return thin_scenes(short, edges, n_patches=parameters.max_patches, seed=parameters.seed)
+
+
+def _search(values: NDArray) -> SearchParameters:
+    kinds = [type(value) for value in astuple(SearchParameters())]
+    search = dict(zip((entry.name for entry in fields(SearchParameters)), np.asarray(values).tolist(), strict=True))
+    search["promise"] = search["promise"] or np.inf
+    return SearchParameters(**{name: kind(search[name]) for name, kind in zip(search, kinds, strict=True)})

@@ -1,0 +1,139 @@
+"""Patch classifier by label transfer, refined by a Markov random field."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import astuple, dataclass
+from itertools import product
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least
+from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import (
+    PatchGraphClassifier,
+    PatchGraphParameters,
+)
+from mlsroad_pipeline.papers.luo2016.patch_graph.cross_validation import label_held_out
+from mlsroad_pipeline.papers.luo2016.patch_graph.object_cliques import GroundClasses
+from mlsroad_pipeline.papers.luo2016.patch_graph.refinement import (
+    CRITERIA,
+    RefinementParameters,
+    choose_parameters,
+    refine,
+)
+from mlsroad_pipeline.papers.shared.patches.table import Patches
+
+
+@dataclass(frozen=True)
+class GridParameters:
+    """Grid of the parameters of the Markov random field; see `RefinementParameters`."""
+
+    smoothness: tuple[float, ...] = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4)  # Values of lambda
+    colour_decay: tuple[float, ...] = (0.0, 10.0, 50.0)  # Values of beta
+    ground_penalty: float = 0.0  # Gamma (luo2016: 0)
+    floor: float = 0.01  # Lower bound of the class probabilities
+    # Whether to smooth edges within grass and within road (luo2016: no, by equation 11 as printed)
+    smooth_ground: bool = False
+    # Approximate number of patches for the grid search: whole training scenes, evenly spread
+    max_patches: int = 200_000
+    # Criterion, computed over patches. The paper reports F1. The overall accuracy weighs classes by their size and
+    # favours a larger lambda if small classes have few patches.
+    criterion: str = "mean_f1"
+    # Folds of whole surveys; each fold trains a graph. With 0, and always with a single survey, scenes are held out and
+    # labelled by other scenes of the same survey. That is faster, but favours a smaller lambda than is optimal for a
+    # new survey.
+    n_folds: int = 3
+    clique_weight: tuple[float, ...] = (0.0,)  # Weights of the cliques of separate objects; see `RefinementParameters`
+    clique_truncation: float = 0.3  # Share of deviating patches at which a clique has its maximum cost
+    mast_radius: float = 0.0  # Radius of the columns around masts; see `RefinementParameters`
+
+    def __post_init__(self) -> None:
+        for name in ("smoothness", "colour_decay", "clique_weight"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+            if not getattr(self, name):
+                raise ParameterError(f"patch_graph_mrf.{name} must list at least one value")
+        for weight, decay, clique in product(self.smoothness, self.colour_decay, self.clique_weight):
+            RefinementParameters(
+                weight,
+                decay,
+                self.ground_penalty,
+                self.floor,
+                self.smooth_ground,
+                clique,
+                self.clique_truncation,
+                self.mast_radius,
+            )
+        check_at_least(self.max_patches, 1, "patch_graph_mrf.max_patches")
+        if self.criterion not in CRITERIA:
+            raise ParameterError(f"patch_graph_mrf.criterion must be one of {list(CRITERIA)}, got {self.criterion!r}")
+        if self.n_folds < 0 or self.n_folds == 1:
+            raise ParameterError(f"patch_graph_mrf.n_folds must be 0 or at least 2, got {self.n_folds!r}")
+
+
+class RefinedPatchGraphClassifier:
+    """Patch classifier by label transfer and a Markov random field."""
+
+    def __init__(
+        self, transfer: PatchGraphClassifier, *, parameters: RefinementParameters, ground: GroundClasses
+    ) -> None:
+        self.transfer = transfer
+        self.parameters = parameters
+        self.ground = ground
+
+    def predict_proba(self, patches: Patches, edges: NDArray[np.int32]) -> NDArray[np.float64]:
+        """Return the conditional class probabilities of the patches of one scene."""
+        return self.refine(self.transfer.predict_proba(patches, edges), patches, edges)[1]
+
+    def refine(
+        self, probabilities: NDArray[np.float64], patches: Patches, edges: NDArray[np.int32]
+    ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+        """Refine transferred probabilities of the patches of one scene."""
+        colours = patches.rgb if self.transfer.graph.coloured else None
+        return refine(
+            probabilities, colours, edges, parameters=self.parameters, ground=self.ground, positions=patches.positions
+        )
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """Return the learned parameters as named arrays."""
+        own = {"refinement": np.array(astuple(self.parameters)), "ground": np.array(astuple(self.ground))}
+        return {**self.transfer.to_arrays(), **own}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
+        """Rebuild the classifier from the arrays of `to_arrays`."""
+        check_arrays(arrays, ("refinement", "ground"), "a refined patch graph")
+        # Models of earlier versions have no cliques.
+        smoothness, decay, penalty, floor, smooth_ground, *cliques = np.asarray(arrays["refinement"]).tolist()
+        parameters = RefinementParameters(smoothness, decay, penalty, floor, bool(smooth_ground), *cliques)
+        ground = GroundClasses(*np.asarray(arrays["ground"]).tolist())
+        return cls(PatchGraphClassifier.from_arrays(arrays), parameters=parameters, ground=ground)
+
+
+def refine_classifier(
+    transfer: PatchGraphClassifier,
+    patches: Patches,
+    edges: NDArray[np.int32],
+    *,
+    graph_parameters: PatchGraphParameters,
+    grid: GridParameters,
+    ground: GroundClasses,
+    surveys: NDArray[np.int32] | None = None,
+    n_threads: int = 1,
+) -> tuple[RefinedPatchGraphClassifier, list[dict[str, float]]]:
+    """Choose the parameters of the field by cross-validation over training surveys, or over scenes of one survey."""
+    scenes = label_held_out(
+        transfer, patches, edges, parameters=graph_parameters, max_patches=grid.max_patches, surveys=surveys,
+        n_folds=grid.n_folds, n_threads=n_threads,
+    )  # fmt: skip
+    base = RefinementParameters(
+        ground_penalty=grid.ground_penalty, floor=grid.floor, smooth_ground=grid.smooth_ground,
+        clique_truncation=grid.clique_truncation, mast_radius=grid.mast_radius,
+    )  # fmt: skip
+    parameters, tried = choose_parameters(
+        scenes, smoothness=grid.smoothness, colour_decay=grid.colour_decay, clique_weight=grid.clique_weight,
+        criterion=grid.criterion, base=base, ground=ground,
+    )  # fmt: skip
+    return RefinedPatchGraphClassifier(transfer, parameters=parameters, ground=ground), tried

@@ -1,0 +1,179 @@
+"""Refinement of transferred labels by a pairwise Markov random field (Luo et al. 2016, section III-D)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_column
+from mlsroad_pipeline.algorithms.energy import robust_potts
+from mlsroad_pipeline.algorithms.energy.alpha_expansion import minimize
+from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
+from mlsroad_pipeline.papers.luo2016.patch_graph.object_cliques import GroundClasses, clique_support, object_cliques
+
+CRITERIA = ("mean_f1", "overall_accuracy")
+"""Criteria of `choose_parameters`."""
+
+
+@dataclass(frozen=True)
+class RefinementParameters:
+    """Parameters of the Markov random field."""
+
+    smoothness: float = 1.0  # Lambda of equation 9; larger values give smoother labels
+    # Beta of equation 11, the decay of edge weights with the squared difference of the colours in [0, 1]. Without
+    # colour such edges have weight 1.
+    colour_decay: float = 10.0
+    # Gamma of equation 11, the weight of edges from grass or road to other classes (luo2016: 0)
+    ground_penalty: float = 0.0
+    # Lower bound of the probability in equation 10: a class without votes costs 1 - log(floor). Larger values allow
+    # neighbours to introduce classes without votes.
+    floor: float = 0.01
+    # Whether edges within grass and within road are smoothed like all others. As printed, equation 11 gives them the
+    # weight `ground_penalty`; with 0, patches at the border of grass and road are attracted by the other class only.
+    smooth_ground: bool = False
+    # Maximum cost of an object clique per patch (see `object_cliques`); 0 for no cliques (luo2016: none). Larger values
+    # give the patches of a separate object one label.
+    clique_weight: float = 0.0
+    # Share of deviating patches at which a clique has its maximum cost. Smaller values keep the minority in objects
+    # that touch.
+    clique_truncation: float = 0.3
+    # Radius of columns around masts that are cliques of their own (see `separate_masts`), metres; 0 for none. A radius
+    # keeps lamps that stand in trees.
+    mast_radius: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("smoothness", "colour_decay", "ground_penalty", "clique_weight", "mast_radius"):
+            if not np.isfinite(getattr(self, name)) or getattr(self, name) < 0:
+                raise ParameterError(f"{name} must be a finite number >= 0, got {getattr(self, name)!r}")
+        if not 0 < self.floor < 1:
+            raise ParameterError(f"floor must be in (0, 1), got {self.floor!r}")
+        if not 0 < self.clique_truncation <= 0.5:
+            raise ParameterError(f"clique_truncation must be in (0, 0.5], got {self.clique_truncation!r}")
+
+
+def edge_weights(
+    labels: NDArray[np.integer],
+    rgb: NDArray[np.float32] | None,
+    edges: NDArray[np.int32],
+    *,
+    parameters: RefinementParameters,
+    ground: GroundClasses,
+) -> NDArray[np.float64]:
+    """Return the weight of each edge, the cost of different labels at its ends (equation 11).
+
+    The penalty for grass and road applies if either order of the ends meets the printed condition. Each edge thus has
+    one weight, which depends only on the initial labels.
+    """
+    if rgb is None:
+        weights = np.ones(len(edges))
+    else:
+        squared = ((rgb[edges[:, 0]] - rgb[edges[:, 1]]).astype(np.float64) ** 2).sum(axis=1)
+        weights = np.exp(-parameters.colour_decay * squared)
+    a, b = labels[edges[:, 0]], labels[edges[:, 1]]
+    for u, v in ((a, b), (b, a)):
+        for kept, exchanged in ((ground.grass, ground.road), (ground.road, ground.grass)):
+            other = (v != exchanged) & ~((v == kept) & parameters.smooth_ground)
+            weights[(kept >= 0) & (u == kept) & other] = parameters.ground_penalty
+    return weights
+
+
+def refine(
+    probabilities: NDArray[np.floating],
+    rgb: NDArray[np.float32] | None,
+    edges: NDArray[np.int32],
+    *,
+    parameters: RefinementParameters | None = None,
+    ground: GroundClasses | None = None,
+    positions: NDArray[np.floating] | None = None,
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    """Refine labels by alpha-expansion of the energy of equations 9 to 11, with object cliques if chosen."""
+    chosen = parameters or RefinementParameters()
+    if rgb is not None:
+        check_column(rgb, len(probabilities), "rgb", 3)
+    initial = probabilities.argmax(axis=1).astype(np.int32)
+    weights = chosen.smoothness * edge_weights(initial, rgb, edges, parameters=chosen, ground=ground or GroundClasses())
+    unary = 1.0 - np.log(np.maximum(probabilities, chosen.floor))
+    kept = weights > 0
+    if chosen.clique_weight > 0:
+        cliques = object_cliques(
+            initial, edges, unary.shape[1], ground=ground or GroundClasses(), weight=chosen.clique_weight,
+            truncation=chosen.clique_truncation, positions=positions, mast_radius=chosen.mast_radius,
+        )  # fmt: skip
+        labels, _ = robust_potts.minimize(unary, edges[kept], weights[kept], cliques, initial=initial)
+        unary = unary - clique_support(cliques, labels, unary.shape)
+    else:
+        labels, _ = minimize(unary, edges[kept], weights[kept], initial=initial)
+    return labels, _conditional(unary, edges[kept], weights[kept], labels)
+
+
+def _conditional(
+    unary: NDArray[np.float64], edges: NDArray[np.int32], weights: NDArray[np.float64], labels: NDArray[np.int32]
+) -> NDArray[np.float64]:
+    n, n_classes = unary.shape
+    energy = unary.copy()
+    for u, v in ((edges[:, 0], edges[:, 1]), (edges[:, 1], edges[:, 0])):
+        agreeing = np.bincount(u * np.int64(n_classes) + labels[v], weights=weights, minlength=n * n_classes)
+        energy -= agreeing.reshape(n, n_classes)
+    energy -= energy.min(axis=1, keepdims=True)
+    # The refined label takes precedence in ties and rounding differences.
+    energy[np.arange(n), labels] = -1e-9
+    shares: NDArray[np.float64] = np.exp(-energy)
+    return shares / shares.sum(axis=1, keepdims=True)
+
+
+@dataclass(frozen=True, eq=False)
+class ValidationScene:
+    """Training scene labelled by matches in other training scenes."""
+
+    probabilities: NDArray[np.floating]  # Class probabilities of the patches
+    rgb: NDArray[np.float32] | None  # Colours of the patches
+    edges: NDArray[np.int32]  # Pairs of adjacent patches
+    labels: NDArray[np.int16]  # True classes of the patches
+    positions: NDArray[np.floating] | None = None  # x, y and height above ground of the patches, metres
+
+
+def choose_parameters(
+    scenes: Sequence[ValidationScene],
+    *,
+    smoothness: Sequence[float],
+    colour_decay: Sequence[float],
+    clique_weight: Sequence[float] = (0.0,),
+    criterion: str = "mean_f1",
+    base: RefinementParameters | None = None,
+    ground: GroundClasses | None = None,
+) -> tuple[RefinementParameters, list[dict[str, float]]]:
+    """Choose lambda, beta and the weight of object cliques by grid search on held-out scenes."""
+    if criterion not in CRITERIA:
+        raise ParameterError(f"criterion must be one of {list(CRITERIA)}, got {criterion!r}")
+    if not scenes or not smoothness or not colour_decay or not clique_weight:
+        raise ParameterError("a grid search needs at least one scene and one value of each parameter")
+    rest = base or RefinementParameters()
+    decays = colour_decay if all(scene.rgb is not None for scene in scenes) else colour_decay[:1]
+    tried: list[RefinementParameters] = []
+    grid: list[dict[str, float]] = []
+    for weight, decay, clique in product(smoothness, decays, clique_weight):
+        parameters = replace(rest, smoothness=weight, colour_decay=decay, clique_weight=clique)
+        total = np.zeros((scenes[0].probabilities.shape[1],) * 2, np.int64)
+        for scene in scenes:
+            labels, _ = refine(
+                scene.probabilities, scene.rgb, scene.edges, parameters=parameters, ground=ground,
+                positions=scene.positions,
+            )  # fmt: skip
+            total += confusion_matrix(scene.labels, labels, len(total))[:, : len(total)]
+        tried.append(parameters)
+        grid.append({"smoothness": weight, "colour_decay": decay, "clique_weight": clique, **_quality(total)})
+    best = max(range(len(grid)), key=lambda place: grid[place][criterion])
+    return tried[best], grid
+
+
+def _quality(confusion: NDArray[np.int64]) -> dict[str, float]:
+    """Return the mean F1 over the classes that occur, and the overall accuracy."""
+    support, right = confusion.sum(axis=1), np.diagonal(confusion)
+    both = support + confusion.sum(axis=0)
+    f1 = 2 * right[support > 0] / both[support > 0]
+    return {"mean_f1": float(f1.mean()), "overall_accuracy": float(right.sum() / support.sum())}

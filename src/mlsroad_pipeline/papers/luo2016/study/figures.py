@@ -1,0 +1,102 @@
+"""Figures of the study of Luo et al. 2016, with the paper's values as diamonds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.papers.luo2016.study.paper import CLASSES, FIGURE_7, FIGURE_9
+from mlsroad_pipeline.papers.luo2016.study.parameters import PRINTED, PRINTED_REFINED, REFINED
+from mlsroad_pipeline.papers.luo2016.study.plan import StudyPlan, street_key
+from mlsroad_pipeline.papers.luo2016.study.results import StudyTables
+from mlsroad_pipeline.papers.luo2016.study.scores import MEANS
+from mlsroad_pipeline.papers.shared.studies.figures import draw_bars, draw_lines, draw_panels, legend_below, name_axes
+from mlsroad_pipeline.reporting.clouds.cloud_figures import INK, cloud_figure, labelling_pictures
+from mlsroad_pipeline.reporting.clouds.view import oblique_view
+from mlsroad_pipeline.reporting.figures.style import SERIES
+
+CAPTIONS = {
+    "methods": "F1 of the methods",
+    "labelled": "A part of the first test street: figure 6",
+    "patch_size": "Patch size: figures 7 and 8",
+    "search_radius": "Local search radius: figures 9 to 11",
+}
+"""Name of each figure to its caption."""
+
+
+PICTURED = ("max_margin_markov", PRINTED, PRINTED_REFINED, REFINED)
+"""Methods of Figure 6; the first three are those of the paper."""
+
+STRETCH = 25.0
+"""Length of the part of the street in Figure 6, metres."""
+
+
+def study_figures(
+    tables: StudyTables, plan: StudyPlan, streets: SceneCollection, runs: SceneCollection
+) -> tuple[Figure, ...]:
+    """Draw the figures in the order of `CAPTIONS`."""
+    size = _lines(tables.patch_size, "Patch size L, m", ("train_seconds",), FIGURE_7)
+    radius = _lines(tables.search_radius, "Local search radius, m", ("train_seconds", "objective"), FIGURE_9)
+    return _methods(tables.table_3), _labelled(plan, streets, runs), size, radius
+
+
+def _labelled(plan: StudyPlan, streets: SceneCollection, runs: SceneCollection) -> Figure:
+    """Draw true classes and labels of a part of the first test street (Figure 6)."""
+    street = streets[street_key(plan.scale.repetitions[0]["test"][0])].load()
+    labels = {"true classes": plan.scheme.encode(street["label"], source=street.source)}
+    for result in runs.part("pictured").load_all().values():
+        labels |= {method: found for method, found in result.items() if method in PICTURED}
+    station = street["station"]
+    near = np.abs(station - np.median(station)) <= STRETCH / 2
+    view = oblique_view(street.xyz[near], length=STRETCH)
+    pictures = {
+        name: labelling_pictures(street.xyz[near], view, classes=plan.scheme, predicted=labels[name][near])[
+            "prediction"
+        ]
+        for name in ("true classes", *PICTURED)
+    }
+    return cloud_figure(pictures, view, classes=plan.scheme)
+
+
+def _methods(table: pd.DataFrame) -> Figure:
+    figure, (axes,) = draw_panels(1, width=11, height=4.2)
+    names = [*CLASSES, *MEANS]
+    f1 = table[table["metric"] == "f1"]
+    order = list(dict.fromkeys(f1["method"]))
+    wide = {column: f1.pivot(index="class", columns="method", values=column) for column in ("mean", "spread", "paper")}
+    shown = {column: {slug: rows.reindex(names)[slug] for slug in order} for column, rows in wide.items()}
+    draw_bars(axes, names, shown["mean"], spread=shown["spread"], paper=shown["paper"])
+    axes.tick_params("x", rotation=20)
+    name_axes(axes, y="F1 (diamonds: luo2016)", unit_range="y")
+    legend_below(figure, axes, len(order))
+    return figure
+
+
+_LABELS = {"train_seconds": "Training, CPU s", "objective": "Objective (eq. 1)"}
+
+
+def _lines(
+    table: pd.DataFrame, label: str, columns: Sequence[str], paper: Mapping[float, Mapping[str, float]]
+) -> Figure:
+    """Draw F1 of the classes with the printed values of the paper as diamonds, and other columns."""
+    figure, panels = draw_panels(1 + len(columns), width=4.4)
+    names = [*CLASSES, "mean of seven"]
+    draw_lines(panels[0], table["value"], {name: table[name] for name in names}, bold=("mean of seven",))
+    for value, classes in paper.items():
+        for name, f1 in classes.items():
+            colour = INK if name in MEANS else SERIES[names.index(name)]
+            panels[0].plot(value, f1, "D", color="white", markeredgecolor=colour, markersize=4)
+    known = [*table[names].min().dropna(), *(f1 for classes in paper.values() for f1 in classes.values())]
+    lowest = np.floor(10 * min(known, default=0.0)) / 10
+    name_axes(panels[0], x=label, y="F1 (diamonds: luo2016)", unit_range="y", lowest=lowest)
+    for axes, column in zip(panels[1:], columns, strict=True):
+        draw_lines(axes, table["value"], {column: table[column]})
+        name_axes(axes, x=label, y=_LABELS[column])
+        if column == "train_seconds":
+            axes.set_ylim(bottom=0)
+    legend_below(figure, panels[0], 4)
+    return figure

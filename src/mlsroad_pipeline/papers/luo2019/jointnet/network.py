@@ -1,0 +1,157 @@
+"""Two-stage fusion network: one convolutional module for all images, two fusion modules per view.
+
+Importing this module imports PyTorch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+
+from mlsroad_pipeline.algorithms.features.accumulation_images import N_PARTS
+from mlsroad_pipeline.papers.luo2019.jointnet.parameters import N_MEASURES, JointNetParameters, NetworkParameters
+
+
+def _convolution(inputs: int, outputs: int, kernel: int, batch_norm: bool) -> list[nn.Module]:
+    layers: list[nn.Module] = [nn.Conv2d(inputs, outputs, kernel, padding=kernel // 2, bias=not batch_norm)]
+    return [*layers, *([nn.BatchNorm2d(outputs)] if batch_norm else []), nn.ReLU()]
+
+
+class Halving(nn.Module):
+    """Max pooling over 2 x 2 cells; the last row or column of an odd size is pooled alone."""
+
+    def __init__(self) -> None:
+        super().__init__()
+
+    def forward(self, maps: Tensor) -> Tensor:
+        """Pool feature maps."""
+        if self.training or maps.shape[2] % 2 or maps.shape[3] % 2:
+            return nn.functional.max_pool2d(maps, 2, ceil_mode=True)
+        rows = torch.maximum(maps[:, :, ::2], maps[:, :, 1::2])  # same values in a third of the time on a CPU
+        return torch.maximum(rows[..., ::2], rows[..., 1::2])
+
+
+class PyramidPooling(nn.Module):
+    """Spatial pyramid pooling: maximum of each channel in the upper half, the lower half and the whole image.
+
+    Two levels of 2 x 1 and 1 x 1 cells (Luo et al. 2019, Figure 5): 3 values per channel for images of any size.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+
+    def forward(self, maps: Tensor) -> Tensor:
+        """Pool feature maps."""
+        halves = nn.functional.adaptive_max_pool2d(maps, (2, 1)).flatten(1)
+        return torch.cat([halves, maps.amax(dim=(2, 3))], dim=1)
+
+
+class JointNet(nn.Module):
+    """Network that scores the classes of objects from their images.
+
+    The convolutional module f is shared by all images, as in equation 2; each view has its own two fusion modules,
+    whose scores are summed (equation 10).
+    """
+
+    shift: Tensor
+    scale: Tensor
+
+    def __init__(self, parameters: JointNetParameters, n_classes: int) -> None:
+        super().__init__()
+        inputs, layers = parameters.inputs, parameters.network
+        self.views = tuple(inputs.views)
+        n_measures = N_MEASURES if inputs.measures else 0
+        self.convolutional = _convolutional_module(layers, 2 if inputs.intensity else 1)
+        self.fusion_1 = nn.ModuleDict({view: _first_fusion(layers) for view in self.views})
+        self.fusion_2 = nn.ModuleDict({view: CNN3(layers, n_measures, n_classes) for view in self.views})
+        self.by_measures = _measures_head(layers, n_measures, n_classes) if n_measures else None
+        self.register_buffer("shift", torch.zeros(n_measures))
+        self.register_buffer("scale", torch.ones(n_measures))
+        self._start(n_classes)
+
+    def _start(self, n_classes: int) -> None:
+        """Initialise the weights after He et al. 2015, which keeps the variance over thirteen layers of rectifiers."""
+        for module in self.modules():
+            if isinstance(module, nn.Conv2d | nn.Linear):
+                last = isinstance(module, nn.Linear) and module.out_features == n_classes
+                nn.init.kaiming_normal_(module.weight, nonlinearity="linear" if last else "relu")
+                if module.bias is not None:
+                    nn.init.zeros_(module.bias)
+
+    def forward(self, images: Mapping[str, Tensor], measures: Tensor) -> Tensor:
+        """Return the scores of objects."""
+        known = (measures - self.shift) / self.scale
+        scores = []
+        for view in self.views:
+            maps = self.convolutional(images[view].flatten(0, 1))
+            joined = maps.reshape(len(measures), -1, *maps.shape[2:])
+            scores.append(self.fusion_2[view](self.fusion_1[view](joined), known))
+        heads = [torch.stack(scores).sum(dim=0)]
+        if self.by_measures is not None:
+            heads.append(self.by_measures(known))
+        return torch.stack(heads)
+
+
+def _convolutional_module(p: NetworkParameters, n_channels: int) -> nn.Sequential:
+    widths = (n_channels, *p.convolutional_widths)
+    layers: list[nn.Module] = []
+    for i, (inputs, outputs) in enumerate(pairwise(widths)):
+        layers += _convolution(inputs, outputs, 5 if i == 0 else 3, p.batch_norm)
+        if i in (0, 2):
+            layers.append(Halving())
+    return nn.Sequential(
+        *layers,
+        PyramidPooling(),
+        nn.Linear(3 * widths[-1], p.n_hidden),
+        nn.ReLU(),
+        nn.Linear(p.n_hidden, p.map_channels * p.map_size**2),
+        nn.ReLU(),
+        nn.Unflatten(1, (p.map_channels, p.map_size, p.map_size)),
+    )
+
+
+def _first_fusion(p: NetworkParameters) -> nn.Sequential:
+    first, second = p.fusion_widths
+    return nn.Sequential(
+        *_convolution(N_PARTS * p.map_channels, first, 3, p.batch_norm),
+        *_convolution(first, second, 3, p.batch_norm),
+    )
+
+
+def _measures_head(p: NetworkParameters, n_measures: int, n_classes: int) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Linear(n_measures, p.n_hidden),
+        nn.ReLU(),
+        nn.Dropout(p.dropout),
+        nn.Linear(p.n_hidden, p.n_hidden),
+        nn.ReLU(),
+        nn.Dropout(p.dropout),
+        nn.Linear(p.n_hidden, n_classes),
+    )
+
+
+class CNN3(nn.Module):
+    """Second fusion module of one view: four convolutions and two fully connected layers."""
+
+    def __init__(self, p: NetworkParameters, n_measures: int, n_classes: int) -> None:
+        super().__init__()
+        widths = (p.fusion_widths[-1], *p.cnn3_widths)
+        layers: list[nn.Module] = []
+        for i, (inputs, outputs) in enumerate(pairwise(widths)):
+            if i in (0, 2):
+                layers.append(Halving())
+            layers += _convolution(inputs, outputs, 3, p.batch_norm)
+        side = -(-p.map_size // 4)
+        self.convolutions = nn.Sequential(*layers, nn.Flatten())
+        self.hidden = nn.Linear(widths[-1] * side**2 + n_measures, p.n_hidden)
+        self.dropout = nn.Dropout(p.dropout)
+        self.scores = nn.Linear(p.n_hidden, n_classes)
+
+    def forward(self, maps: Tensor, measures: Tensor) -> Tensor:
+        """Return the scores of one view."""
+        values = self.dropout(torch.cat([self.convolutions(maps), measures], dim=1))
+        scores: Tensor = self.scores(self.dropout(torch.relu(self.hidden(values))))
+        return scores

@@ -1,0 +1,1 @@
+"""What two papers share: patches, detection, recognition, evaluation, figures, studies."""

@@ -1,0 +1,124 @@
+"""Detection of objects by trained models: choice of the variant, and labelling from raw coordinates."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import IGNORE
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
+from mlsroad_pipeline.algorithms.core.stage_results import GroundMask
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
+from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters, segment_scene
+from mlsroad_pipeline.algorithms.stages import find_ground
+from mlsroad_pipeline.papers.shared.detection.thresholds import detect_by_thresholds
+from mlsroad_pipeline.papers.shared.detection.types import Description, Detections, ObjectLabels, Segments
+
+WITH_INTENSITY, GEOMETRY = "geometry+intensity", "geometry"
+"""Variants of a model: trained with intensity, and without for surveys that have none."""
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class DetectionStages:
+    """Parameters of the stages before detection, stored in the model and applied to new surveys."""
+
+    ground: GroundParameters  # The ground filter
+    segmentation: SegmentationParameters  # The segmentation into objects
+
+
+class TrainedDetector(Protocol):
+    """Detector that scores each object for each wanted class."""
+
+    @property
+    def thresholds(self) -> NDArray[np.float64]:
+        """Lowest score of each class at which an object is detected, (c,)."""
+        ...
+
+    def score(self, parts: Description) -> NDArray[np.float32]:
+        """Return the score of each object for each class, (n, c); 0 is no similarity at all."""
+        ...
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """Return the trained state as plain arrays."""
+        ...
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray], *, intensity: bool) -> Self:
+        """Rebuild a detector."""
+        ...
+
+
+def choose_variant(parts: Description, bundle: ModelBundle) -> str:
+    """Choose the variant of a model that fits a scene."""
+    variants = bundle.metadata["variants"]
+    variant = WITH_INTENSITY if bool(parts["intensity"]) and WITH_INTENSITY in variants else GEOMETRY
+    if variant not in variants:
+        raise DataError(
+            f"model {bundle.slug!r} was trained with intensity alone (without_intensity: false), and the scene has none"
+        )
+    return variant
+
+
+def detect_by_description(parts: Description, bundle: ModelBundle, detector: type[TrainedDetector]) -> Detections:
+    """Detect the objects of a scene."""
+    variant = choose_variant(parts, bundle)
+    trained = detector.from_arrays(arrays_under(bundle.arrays, f"{variant}."), intensity=variant == WITH_INTENSITY)
+    scores = trained.score(parts)
+    label, score = detect_by_thresholds(scores, trained.thresholds)
+    return {"label": label, "score": score, "scores": scores}
+
+
+def label_detected_objects(
+    cloud: PointCloud, bundle: ModelBundle, detect: Callable[[Segments], ObjectLabels]
+) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+    """Label the points of detected objects, starting from raw coordinates."""
+    labels, confidence = np.full(len(cloud), IGNORE, dtype=np.int16), np.zeros(len(cloud), dtype=np.float32)
+    if len(cloud) == 0:
+        return labels, confidence
+    stored: Mapping[str, Any] = bundle.metadata["parameters"]
+    if "intensity" in bundle.metadata["attributes"] and "intensity" not in cloud:
+        level = logging.INFO if "core" in cloud else logging.WARNING  # for scenes of a survey, the survey is warned of
+        logger.log(level, "%s has no intensity: objects are detected by their shape alone", cloud.source)
+    ground: GroundMask
+    if "ground" in cloud:
+        ground = {"ground": cloud["ground"]}
+    else:
+        ground = find_ground(cloud, GroundParameters(**stored["ground"]))
+    objects = segment_scene(cloud, ground, SegmentationParameters(**stored["segmentation"]))
+    detected = detect(objects)
+    wanted = np.array(bundle.metadata["wanted"], dtype=np.int16)
+    if len(detected["label"]) and detected["label"].max() >= len(wanted):
+        raise DataError(f"model {bundle.slug!r} detects class {detected['label'].max()} of {len(wanted)}")
+    inside = objects["objects"] >= 0
+    label = np.where(detected["label"] >= 0, wanted[detected["label"]], IGNORE).astype(np.int16)
+    labels[inside] = label[objects["objects"][inside]]
+    confidence[inside] = detected["score"][objects["objects"][inside]]
+    return labels, confidence
+
+
+def label_described_objects(
+    cloud: PointCloud,
+    bundle: ModelBundle,
+    *,
+    describe: Callable[[PointCloud, Segments, Mapping[str, Any]], Description],
+    detect: Callable[[Description, ModelBundle], ObjectLabels],
+) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+    """Label points by a method that describes objects before it detects them; see `label_detected_objects`."""
+    stored = bundle.metadata["parameters"]
+    return label_detected_objects(cloud, bundle, lambda objects: detect(describe(cloud, objects, stored), bundle))
+
+
+def detect_objects(parts: Description, bundle: ModelBundle) -> Detections:
+    """Detect the described objects of a scene by the method of the model."""
+    detected: Detections = METHODS[bundle.slug].load("use")(parts, bundle)
+    return detected

@@ -1,0 +1,110 @@
+"""Labelling of points by patch classifiers (Luo et al. 2016, section III).
+
+A method provides a class with `predict_proba`, `to_arrays` and `from_arrays` (see `types.PatchClassifier`), a function
+``train`` (see `training`) and the entry point ``label_cloud = partial(label_patch_cloud, classifier=...)``. This module
+provides the rest:
+
+- `build_patches` cuts a scene into patches and finds their neighbours;
+- `label_patches` assigns classes to the patches of a training scene;
+- `label_patch_scene` labels the points of a prepared scene, `label_patch_cloud` those of an unprepared cloud.
+"""
+
+from __future__ import annotations
+
+import logging
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.labels import PointLabels, unlabelled
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
+from mlsroad_pipeline.algorithms.core.stage_results import Ground
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, missing_attributes
+from mlsroad_pipeline.algorithms.models.machines.class_balance import majority_labels
+from mlsroad_pipeline.algorithms.stages import ground_of, inliers
+from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters, extract_patches
+from mlsroad_pipeline.papers.shared.patches.table import Patches
+from mlsroad_pipeline.papers.shared.patches.types import PatchClassifier, PatchLabels, ScenePatches
+from mlsroad_pipeline.papers.shared.patches.voting import vote_on_points
+
+logger = logging.getLogger(__name__)
+
+
+def build_patches(scene: PointCloud, ground: Ground, parameters: PatchParameters) -> ScenePatches:
+    """Cut a scene into patches."""
+    cut = extract_patches(scene, height=ground["height"], parameters=parameters, keep=inliers(scene))
+    arrays = {**cut.patches.to_arrays(), "patch_of_point": cut.patch_of_point, "edges": cut.edges}
+    return cast(ScenePatches, arrays)
+
+
+def label_patches(
+    scene: PointCloud, patches: ScenePatches, scheme: ClassScheme, *, station: NDArray[np.float64] | None = None
+) -> PatchLabels:
+    """Assign to each patch the majority class of its labelled core points (Luo et al. 2016, section III-A)."""
+    labels = scheme.encode(scene["label"], source=scene.source)
+    core = scene.get("core")
+    owner = patches["patch_of_point"]
+    known = (labels != IGNORE) & (owner >= 0) & (True if core is None else core.astype(np.bool_))
+    label = np.full(len(patches["height"]), IGNORE, np.int16)
+    majority, _ = majority_labels(labels[known], owner[known], len(scheme))
+    label[: len(majority)] = majority
+    return {"label": label, "station": main_axis_stations(patches["centroid"]) if station is None else station}
+
+
+def main_axis_stations(centroid: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the position of patches along their main horizontal axis."""
+    plan = centroid[:, :2] - centroid[:, :2].mean(axis=0)
+    _, axes = np.linalg.eigh(plan.T @ plan)
+    along: NDArray[np.float64] = plan @ axes[:, 1]
+    # The sign of an eigenvector is arbitrary: make its largest component positive.
+    along *= np.sign(axes[np.abs(axes[:, 1]).argmax(), 1])
+    return along - along.min()
+
+
+def label_patch_scene(
+    scene: PointCloud,
+    patches: ScenePatches,
+    bundle: ModelBundle,
+    classifier: type[PatchClassifier],
+) -> PointLabels:
+    """Label the points of a prepared scene."""
+    table = Patches.from_arrays(patches)
+    if "rgb" not in bundle.metadata["attributes"]:
+        table = table.with_columns(rgb=None)
+    stored = PatchParameters(**bundle.metadata["parameters"]["patches"])
+    width = (4 if stored.use_distance else 3) * stored.n_bins
+    if table.fpfh.shape[1] != width:
+        raise DataError(f"{scene.source}: the model needs histograms of {width} values, got {table.fpfh.shape[1]}")
+    probabilities = classifier.from_arrays(bundle.arrays).predict_proba(table, patches["edges"])
+    keep = inliers(scene)
+    label, confidence = unlabelled(len(scene))
+    label[keep], confidence[keep] = vote_on_points(
+        scene.xyz[keep], table.centroid, probabilities, radius=stored.area_radius
+    )
+    return {"label": label, "confidence": confidence}
+
+
+def label_patch_cloud(
+    cloud: PointCloud, bundle: ModelBundle, classifier: type[PatchClassifier]
+) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+    """Label the points of a cloud: all stages and the classifier."""
+    if not inliers(cloud).any():
+        return unlabelled(len(cloud))
+    _, patches = prepare_cloud(cloud, bundle)
+    labels = label_patch_scene(cloud, patches, bundle, classifier)
+    return labels["label"], labels["confidence"]
+
+
+def prepare_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[Ground, ScenePatches]:
+    """Run the stages before a classifier with the parameters of its model."""
+    absent = missing_attributes(bundle, list(cloud.columns))
+    if absent:
+        level = logging.INFO if "core" in cloud else logging.WARNING  # scenes of a survey: the caller warns once
+        logger.log(level, "%s has no %s: it is labelled without", cloud.source, " and no ".join(absent))
+    stored = bundle.metadata["parameters"]
+    ground = ground_of(cloud, GroundParameters(**stored["ground"]))
+    return ground, build_patches(cloud, ground, PatchParameters(**stored["patches"]))

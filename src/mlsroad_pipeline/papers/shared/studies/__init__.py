@@ -1,0 +1,1 @@
+"""Parameters, streets, tables and figures of all studies."""

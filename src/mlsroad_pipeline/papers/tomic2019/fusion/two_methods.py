@@ -1,0 +1,201 @@
+"""Fusion of a feature-based method and of cameras by the class preference of the paper and by the log-linear pool."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import IGNORE
+from mlsroad_pipeline.algorithms.models.pool.log_linear import LogLinearPool, PoolParameters
+from mlsroad_pipeline.papers.tomic2019.fusion.class_preference import ClassPreference
+
+
+def spread_confidence(
+    labels: NDArray[np.integer], confidence: NDArray[np.floating], n_classes: int
+) -> NDArray[np.float32]:
+    """Return the probabilities of all classes of a labeller that gives the best class and its probability.
+
+    Parameters
+    ----------
+    labels : ndarray of shape (n,), int
+        Labels, -1 for none.
+    confidence : ndarray of shape (n,), float
+        Probability of the label.
+    n_classes : int
+        Number of classes, at least 2.
+
+    Returns
+    -------
+    ndarray of shape (n, n_classes), float32
+        The confidence for the label, the rest split evenly among the others; NaN for points without a label.
+    """
+    rest = (1 - confidence.astype(np.float32)) / np.float32(n_classes - 1)
+    out = np.repeat(rest[:, None], n_classes, axis=1)
+    known = labels != IGNORE
+    out[known, labels[known]] = confidence[known]
+    out[~known] = np.nan
+    return out
+
+
+def best_labels(probabilities: NDArray[np.floating]) -> NDArray[np.int16]:
+    """Return the most probable class of points.
+
+    Parameters
+    ----------
+    probabilities : ndarray of shape (..., classes), float
+        Probabilities; rows of NaN where the labeller does not see the point.
+
+    Returns
+    -------
+    ndarray of shape (...), int16
+        Labels, the lowest of equally probable ones; -1 for rows of NaN.
+    """
+    best = np.nan_to_num(probabilities).argmax(axis=-1)
+    return np.where(np.isnan(probabilities[..., 0]), IGNORE, best).astype(np.int16)
+
+
+@dataclass(frozen=True)
+class FusedLabels:
+    """Labels of points by both fusion rules.
+
+    Parameters
+    ----------
+    images : ndarray of shape (n,), int16
+        Labels chosen among the cameras, -1 where none sees the point.
+    rule, pool : ndarray of shape (n,), int16
+        Labels by class preference and by the pool.
+    probabilities : ndarray of shape (n, classes), float64
+        Class probabilities of the pool.
+    """
+
+    images: NDArray[np.int16]
+    rule: NDArray[np.int16]
+    pool: NDArray[np.int16]
+    probabilities: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TwoMethodFusion:
+    """Fusion of two methods, fitted on test set 1 (Tomic et al. 2019, sections 2.3 and 3.3).
+
+    Parameters
+    ----------
+    cameras : ClassPreference
+        Preference among the cameras.
+    methods : ClassPreference
+        Preference between the feature-based method (first) and the images.
+    pool : LogLinearPool
+        Pool of the feature-based method and all cameras.
+    """
+
+    cameras: ClassPreference
+    methods: ClassPreference
+    pool: LogLinearPool
+
+    @classmethod
+    def fit(
+        cls, features: NDArray[np.floating], cameras: NDArray[np.floating], reference: NDArray[np.integer], *,
+        pool: PoolParameters | None = None, delegate: bool = True,
+    ) -> TwoMethodFusion:  # fmt: skip
+        """Fit preferences and pool on test set 1.
+
+        Parameters
+        ----------
+        features : ndarray of shape (n, classes), float
+            Class probabilities of the feature-based method, NaN where it has no label; points in the order of the road.
+        cameras : ndarray of shape (groups, n, classes), float
+            Class probabilities of each camera; NaN where it does not see the point.
+        reference : ndarray of shape (n,), int
+            True labels; points labelled -1 are ignored.
+        pool : PoolParameters, optional
+            Parameters of the log-linear pool.
+        delegate : bool, default True
+            See `ClassPreference`.
+
+        Returns
+        -------
+        TwoMethodFusion
+            The fitted fusion.
+
+        Raises
+        ------
+        DataError
+            If shapes differ or no point is labelled.
+        """
+        n_classes = cameras.shape[2]
+        labels, by_camera = best_labels(features), best_labels(cameras)
+        among = ClassPreference.fit(list(by_camera), reference, n_classes=n_classes, delegate=delegate)
+        images, _ = among.fuse(list(by_camera))
+        both = (images != IGNORE) & (labels != IGNORE)
+        methods = ClassPreference.fit(
+            [labels[both], images[both]], reference[both], n_classes=n_classes, delegate=delegate
+        )
+        learned = LogLinearPool.fit([features, *cameras], reference, parameters=pool)
+        return cls(among, methods, learned)
+
+    def fuse(self, features: NDArray[np.floating], cameras: NDArray[np.floating]) -> FusedLabels:
+        """Fuse the labels of the feature-based method and of the cameras.
+
+        Parameters
+        ----------
+        features : ndarray of shape (n, classes), float
+            Class probabilities of the feature-based method, NaN where it has no label.
+        cameras : ndarray of shape (groups, n, classes), float
+            Class probabilities of each camera; NaN where it does not see the point.
+
+        Returns
+        -------
+        FusedLabels
+            Labels of both rules, and the probabilities of the pool.
+
+        Raises
+        ------
+        DataError
+            If the number of cameras or classes differs from that of test set 1.
+        """
+        images, _ = self.cameras.fuse(list(best_labels(cameras)))
+        rule, _ = self.methods.fuse([best_labels(features), images])
+        probabilities = self.pool.predict_proba([features, *cameras])
+        return FusedLabels(images, rule, probabilities.argmax(axis=1).astype(np.int16), probabilities)
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """Return the fitted state as arrays, for files without code.
+
+        Returns
+        -------
+        dict of str to ndarray
+            F1 scores of cameras and methods, and the coefficients of the pool.
+        """
+        return {
+            "camera_f1": self.cameras.f1,
+            "method_f1": self.methods.f1,
+            "delegate": np.array([self.methods.delegate]),
+            "bias": self.pool.bias,
+            "weights": self.pool.weights,
+            "offsets": self.pool.offsets,
+            "floor": np.array([self.pool.floor]),
+            "penalty": np.array([self.pool.penalty]),
+        }
+
+    @classmethod
+    def from_arrays(cls, arrays: dict[str, NDArray]) -> TwoMethodFusion:
+        """Rebuild a fusion from the arrays of `to_arrays`.
+
+        Parameters
+        ----------
+        arrays : mapping of str to ndarray
+            The arrays.
+
+        Returns
+        -------
+        TwoMethodFusion
+            The fitted fusion.
+        """
+        pool = LogLinearPool(
+            arrays["bias"], arrays["weights"], arrays["offsets"], float(arrays["floor"][0]), float(arrays["penalty"][0])
+        )
+        delegate = bool(arrays["delegate"][0])
+        among, methods = (ClassPreference(arrays[name], delegate) for name in ("camera_f1", "method_f1"))
+        return cls(among, methods, pool)

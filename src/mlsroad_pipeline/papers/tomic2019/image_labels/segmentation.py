@@ -1,0 +1,98 @@
+"""Segmentation of images of any size with a PSPNet. Importing this module imports torch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn import functional
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.models.machines.torch_training import limited_threads
+from mlsroad_pipeline.papers.tomic2019.image_labels.pspnet import network_input
+from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import check_magnifications
+
+
+class Segmenter(Protocol):
+    """Network that scores the pixels of images, such as a `PSPNet`."""
+
+    @property
+    def n_classes(self) -> int:
+        """Number of scores of a pixel."""
+
+    @property
+    def mean(self) -> Sequence[float]:
+        """Mean of the colours."""
+
+    @property
+    def spread(self) -> Sequence[float]:
+        """Standard deviation of the colours."""
+
+    @property
+    def device(self) -> torch.device:
+        """Device that it computes on."""
+
+    def __call__(self, x: Tensor, /) -> tuple[Tensor, Tensor | None]:
+        """Return the log odds of the classes of each pixel first."""
+
+
+def segment_image(
+    network: Segmenter, image: NDArray[np.uint8], *, window: tuple[int, int] | None = None, overlap: float = 1 / 3,
+    flip: bool = False, magnification: float | Sequence[float] = 1.0, n_threads: int = 1,
+) -> NDArray[np.float32]:  # fmt: skip
+    """Return the class probabilities of each pixel."""
+    if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
+        raise DataError(f"an image must have shape (height, width, 3) and be uint8, got {image.shape} {image.dtype}")
+    if not 0 <= overlap < 1:
+        raise ParameterError(f"overlap must be in [0, 1), got {overlap!r}")
+    magnifications = check_magnifications(magnification)
+    height, width = image.shape[:2]
+    rows, columns = (height, width) if window is None else window
+    if min(rows, columns) < 1:
+        raise ParameterError(f"a window's sides must be at least 1 pixel, got {window}")
+    rows, columns = min(rows, height), min(columns, width)
+    total = np.zeros((height, width, network.n_classes), dtype=np.float32)
+    count = np.zeros((height, width, 1), dtype=np.float32)
+    with limited_threads(n_threads):
+        for top in _starts(height, rows, overlap):
+            for left in _starts(width, columns, overlap):
+                part = np.s_[top : top + rows, left : left + columns]
+                total[part] += _probabilities(network, image[part], flip, magnifications)
+                count[part] += 1
+    return total / count
+
+
+def _starts(size: int, window: int, overlap: float) -> list[int]:
+    """Return the starts of windows that cover a side evenly and overlap by at least a share."""
+    step = max(1, int(window * (1 - overlap)))
+    steps = int(np.ceil((size - window) / step))
+    return sorted({round(k * (size - window) / max(steps, 1)) for k in range(steps + 1)})
+
+
+def _probabilities(
+    network: Segmenter, image: NDArray[np.uint8], flip: bool, magnifications: Sequence[float]
+) -> NDArray[np.float32]:  # fmt: skip
+    height, width = image.shape[:2]
+    log_odds = []
+    with torch.inference_mode():
+        pixels = network_input(image[None], mean=network.mean, spread=network.spread).to(network.device)
+        for magnification in magnifications:
+            enlarged = _scaled(pixels, [max(1, round(side * magnification)) for side in (height, width)])
+            log_odds.append(_scaled(network(enlarged)[0], (height, width)))
+            if flip:
+                log_odds.append(_scaled(network(enlarged.flip(3))[0], (height, width)).flip(3))
+        mean = torch.stack([torch.log_softmax(values, dim=1) for values in log_odds]).mean(dim=0)
+        out = torch.softmax(mean, dim=1)
+    probabilities: NDArray[np.float32] = out[0].permute(1, 2, 0).cpu().numpy()
+    return probabilities
+
+
+def _scaled(x: Tensor, size: Sequence[int]) -> Tensor:
+    """Return pixels interpolated to another size; the outer edges of the corner pixels are kept."""
+    if tuple(x.shape[2:]) == tuple(size):
+        return x
+    return functional.interpolate(x, size=tuple(size), mode="bilinear", align_corners=False)

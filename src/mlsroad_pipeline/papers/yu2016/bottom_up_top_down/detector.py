@@ -1,0 +1,176 @@
+"""Bottom-up and top-down descriptors, a baseline of Yu et al. 2016 (V-E): spin images propose, Gaussian images verify.
+
+After Patterson et al. 2008 (ECCV); `docs/methods/detection_baselines.md` lists the assumptions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least, check_positive
+from mlsroad_pipeline.algorithms.features.gaussian_image import align_gaussian_images, compute_gaussian_images
+from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
+from mlsroad_pipeline.papers.shared.detection.detector import detect_by_description, label_described_objects
+from mlsroad_pipeline.papers.shared.detection.parts import relative_centres
+from mlsroad_pipeline.papers.shared.detection.types import Description, Segments, object_bounds
+from mlsroad_pipeline.papers.yu2016.bottom_up_top_down._surfaces import nearest_images, overlap_surfaces
+from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.oriented_points import (
+    OrientedPointParameters,
+    describe_surfaces,
+)
+
+SLUG = "bottom_up_top_down"
+
+_ARRAYS = (
+    "images", "image_kinds", "centres", "normals", "objects", "kinds", "least_shares", "exponents", "thresholds",
+    "geometry",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class BottomUpTopDownParameters:
+    """All parameters of the method."""
+
+    # Oriented points and their spin images
+    surfaces: OrientedPointParameters = field(default_factory=OrientedPointParameters)
+    # Largest number of spin images of a class in the database; that of no wanted class is three times this
+    max_images: int = 500
+    reach: float = 0.5  # Distance beyond which points of two aligned surfaces do not overlap, metres
+    n_steps: int = 2  # Corrections of the alignment by the mean offset of the nearest points
+    n_azimuths: int = 36  # Cells of the Gaussian images in azimuth
+    n_bands: int = 5  # Cells of the Gaussian images in elevation, from horizontal to vertical normals
+    # Candidate thresholds on the share of a class among the nearest spin images, from which an object is a hypothesis.
+    # The best on the training objects is used.
+    least_shares: Sequence[float] = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
+    # Candidate exponents of that share, by which the overlap is multiplied. The best is used; 0 is that of the paper,
+    # in which spin images only propose.
+    exponents: Sequence[float] = (0.0, 0.5, 1.0)
+    max_models: int = 12  # Largest number of models of a class
+    candidates: int = 24  # Number of training objects of a class from which models are selected, drawn at random
+    max_per_class: int = 150  # Largest number of training objects of a class for database and models
+    max_others: int = 600  # Largest number of training objects of no wanted class
+    seed: int = 2016  # Seed of the samples
+
+    def __post_init__(self) -> None:
+        parse_groups(self, surfaces=OrientedPointParameters)
+        for name in ("max_images", "n_bands", "max_models", "candidates", "max_per_class"):
+            check_at_least(getattr(self, name), 1, f"{SLUG}.{name}")
+        for name in ("n_steps", "max_others"):
+            if getattr(self, name) < 0:
+                raise ParameterError(f"{SLUG}.{name} must not be negative, got {getattr(self, name)!r}")
+        check_positive(self.reach, f"{SLUG}.reach")
+        if not self.least_shares or not self.exponents:
+            raise ParameterError(f"{SLUG}.least_shares and {SLUG}.exponents must name at least one value")
+
+
+@dataclass(frozen=True)
+class BottomUpTopDown:
+    """Trained detector: database of spin images, and models of the classes."""
+
+    images: NDArray[np.float32]  # The database
+    image_kinds: NDArray[np.int16]  # Class of each image, -1 for others
+    models: Description  # Description of the models, without their spin images
+    kinds: NDArray[np.int16]  # Class of each model
+    least_shares: NDArray[np.float64]  # See `BottomUpTopDownParameters`; lowest score at which an object is detected
+    exponents: NDArray[np.float64]  # See `BottomUpTopDownParameters`; lowest score at which an object is detected
+    thresholds: NDArray[np.float64]  # See `BottomUpTopDownParameters`; lowest score at which an object is detected
+    geometry: NDArray[np.float64]  # Reach, corrections, azimuths and bands
+
+    def score(self, parts: Description) -> NDArray[np.float32]:
+        """Return the scores of objects: hypotheses by spin images, verified by overlap."""
+        owner = np.full(len(self.images), -1, np.int32)
+        shares = class_shares(parts, self.images, self.image_kinds, owner, n_classes=len(self.thresholds))
+        hypothesis = (shares >= self.least_shares) & (shares > 0)
+        overlap = overlaps(parts, self.models, self.geometry, wanted=hypothesis[:, self.kinds])
+        best = [overlap[:, self.kinds == k].max(axis=1, initial=0.0) for k in range(len(self.thresholds))]
+        return (np.column_stack(best) * hypothesis * shares**self.exponents).astype(np.float32)
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """Return the trained state as plain arrays."""
+        own = {name: self.models[name] for name in ("centres", "normals", "objects")}
+        names = [name for name in _ARRAYS if name not in own]
+        return {**own, **{name: np.asarray(getattr(self, name)) for name in names}}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray], *, intensity: bool = False) -> Self:
+        """Rebuild a detector from its state."""
+        check_arrays(arrays, _ARRAYS, "a bottom-up and top-down detector")
+        own = {name: np.asarray(arrays[name]) for name in ("centres", "normals", "objects")}
+        own |= {"n_objects": np.array(len(arrays["kinds"])), "intensity": np.array(False)}
+        rest = {name: np.asarray(arrays[name]) for name in _ARRAYS if name not in own}
+        return cls(models=own, **rest)
+
+
+def class_shares(
+    parts: Description,
+    images: NDArray[np.float32],
+    kinds: NDArray[np.int16],
+    owner: NDArray[np.int32],
+    *,
+    n_classes: int,
+    n_threads: int = 1,
+) -> NDArray[np.float64]:
+    """Return the share of each object's spin images whose nearest neighbour is of each class."""
+    own = np.ascontiguousarray(parts["images"], dtype=np.float32)
+    if own.shape[1] != images.shape[1]:
+        raise DataError(f"spin images of {own.shape[1]} bins, the database has {images.shape[1]}")
+    nearest = np.empty(len(own), np.int32)
+
+    def work(start: int, stop: int) -> None:
+        nearest_images(own, parts["objects"], images, owner, nearest, start, stop)
+
+    run_in_chunks(work, len(own), n_threads=n_threads)
+    kind = np.where(nearest >= 0, kinds[nearest], -1)
+    n = int(parts["n_objects"])
+    out = np.zeros((n, n_classes))
+    for k in range(n_classes):
+        out[:, k] = np.bincount(parts["objects"][kind == k], minlength=n)
+    return out / np.maximum(np.diff(object_bounds(parts)), 1)[:, None]
+
+
+def overlaps(
+    parts: Description,
+    models: Description,
+    geometry: NDArray[np.float64],
+    *,
+    wanted: NDArray[np.bool_],
+    n_threads: int = 1,
+) -> NDArray[np.float64]:
+    """Align models with objects by their Gaussian images, and measure the overlap of their surfaces."""
+    reach, n_steps, n_azimuths, n_bands = geometry.tolist()
+    bounds, model_bounds = object_bounds(parts), object_bounds(models)
+    ours, theirs = (
+        compute_gaussian_images(surfaces["normals"], at, n_azimuths=int(n_azimuths), n_bands=int(n_bands))
+        for surfaces, at in ((parts, bounds), (models, model_bounds))
+    )
+    turns = align_gaussian_images(ours, theirs)[0] * (2.0 * np.pi / n_azimuths)
+    points, model_points = relative_centres(parts), relative_centres(models)
+    out = np.zeros(wanted.shape)
+
+    def work(start: int, stop: int) -> None:
+        overlap_surfaces(
+            model_points, model_bounds, points, bounds, turns, wanted, reach, int(n_steps), out, start, stop
+        )
+
+    run_in_chunks(work, len(out), n_threads=n_threads)
+    return out
+
+
+def _describe(scene: PointCloud, objects: Segments, stored: Mapping[str, Any]) -> Description:
+    return describe_surfaces(scene, objects, parameters=BottomUpTopDownParameters(**stored[SLUG]).surfaces)
+
+
+detect_scene = partial(detect_by_description, detector=BottomUpTopDown)
+"""Detects the objects of a scene, described by `describe_surfaces`, with a model of this method."""
+
+label_cloud = partial(label_described_objects, describe=_describe, detect=detect_scene)
+"""Labels a cloud; neither intensity nor colour is used."""

@@ -1,0 +1,160 @@
+"""Object matching, a baseline of Yu et al. 2016 (V-E): correspondences between prototypes and candidate objects.
+
+After Yu et al. 2015 (GRSL 12(3)); `docs/methods/detection_baselines.md` lists the assumptions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import pairwise
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least, check_positive
+from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
+from mlsroad_pipeline.algorithms.geometry.neighbors import nearest_neighbors
+from mlsroad_pipeline.papers.shared.detection.detector import detect_by_description, label_described_objects
+from mlsroad_pipeline.papers.shared.detection.parts import describe_parts, descriptors_of, relative_centres
+from mlsroad_pipeline.papers.shared.detection.regions import RegionParameters
+from mlsroad_pipeline.papers.shared.detection.types import Description, Segments, object_bounds
+from mlsroad_pipeline.papers.yu2016.object_matching._correspondence import match_objects
+
+SLUG = "object_matching"
+
+_ARRAYS = ("descriptors", "centres", "objects", "kinds", "thresholds", "geometry")
+
+
+def _coarse_regions() -> RegionParameters:
+    return RegionParameters(voxel_size=0.1, seed_resolution=0.4, normal_radius=0.25, fpfh_radius=0.5)
+
+
+@dataclass(frozen=True)
+class ObjectMatchingParameters:
+    """All parameters of the method."""
+
+    # Supervoxels and their neighbourhoods, the feature points that are matched. The time grows with the square of their
+    # number.
+    regions: RegionParameters = field(default_factory=_coarse_regions)
+    # Weight of the dissimilarity of features, 0 to 1; the remaining weight is that of the geometric distance
+    feature_share: float = 0.5
+    reach: float = 1.0  # Distance at which the geometric cost of a feature point reaches its maximum, metres
+    limit: float = 0.4  # Cost of an unmatched feature point; pairs of higher cost are not matched
+    n_neighbors: int = 6  # Feature points in an affine combination
+    n_turns: int = 12  # Number of rotations about the vertical that are evaluated
+    n_sweeps: int = 2  # Iterations of the correspondences after the first
+    least: float = 0.2  # Least ratio of the numbers of parts of candidate and prototype; below it the similarity is 0
+    max_prototypes: int = 12  # Largest number of prototypes of a class
+    candidates: int = 24  # Number of training objects of a class from which prototypes are selected, drawn at random
+    max_per_class: int = 150  # Largest number of training objects of a class for the choice of prototypes
+    max_others: int = 1000  # Largest number of training objects of no wanted class
+    seed: int = 2016  # Seed of the samples
+
+    def __post_init__(self) -> None:
+        parse_groups(self, regions=RegionParameters)
+        for name in ("n_neighbors", "n_turns", "max_prototypes", "candidates", "max_per_class"):
+            check_at_least(getattr(self, name), 1, f"{SLUG}.{name}")
+        for name in ("n_sweeps", "max_others"):
+            if getattr(self, name) < 0:
+                raise ParameterError(f"{SLUG}.{name} must not be negative, got {getattr(self, name)!r}")
+        for name in ("reach", "limit"):
+            check_positive(getattr(self, name), f"{SLUG}.{name}")
+        for name in ("feature_share", "least"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ParameterError(f"{SLUG}.{name} must be between 0 and 1, got {getattr(self, name)!r}")
+
+
+@dataclass(frozen=True)
+class ObjectMatcher:
+    """Trained object matching: prototypes of the classes."""
+
+    prototypes: Description  # Description of the prototypes
+    kinds: NDArray[np.int16]  # Class of each
+    thresholds: NDArray[np.float64]  # Least similarity at which an object is detected
+    geometry: NDArray[np.float64]  # Feature share, reach, limit, neighbours, turns, sweeps and least ratio
+    intensity: bool  # Whether intensity is used
+
+    def score(self, parts: Description) -> NDArray[np.float32]:
+        """Return the similarity of objects to the prototypes."""
+        similarities = object_similarity(parts, self.prototypes, self.geometry, intensity=self.intensity)
+        out = np.zeros((len(similarities), len(self.thresholds)), np.float32)
+        for k in range(len(self.thresholds)):
+            out[:, k] = similarities[:, self.kinds == k].max(axis=1, initial=0.0)
+        return out
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """Return the trained state as plain arrays."""
+        own = {name: self.prototypes[name] for name in ("descriptors", "centres", "objects")}
+        return {**own, "kinds": self.kinds, "thresholds": self.thresholds, "geometry": self.geometry}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray], *, intensity: bool) -> Self:
+        """Rebuild a matcher from its state."""
+        check_arrays(arrays, _ARRAYS, "an object matcher")
+        own = {name: np.asarray(arrays[name]) for name in ("descriptors", "centres", "objects")}
+        own |= {"n_objects": np.array(len(arrays["kinds"])), "intensity": np.array(intensity)}
+        return cls(own, arrays["kinds"], arrays["thresholds"], arrays["geometry"], intensity)
+
+
+def affine_combinations(
+    centres: NDArray[np.float64], bounds: NDArray[np.int64], n_neighbors: int
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Express each part as an affine combination of its nearest neighbours in the same object."""
+    around = np.empty((len(centres), n_neighbors), np.int64)
+    weights = np.zeros((len(centres), n_neighbors))
+    for first, last in pairwise(bounds):
+        n = int(last - first)
+        k = min(n_neighbors, n - 1)
+        around[first:last] = np.arange(n)[:, None]
+        if k < 1:
+            weights[first:last, 0] = 1.0
+            continue
+        nearest = nearest_neighbors(centres[first:last], k=k + 1)[0].reshape(n, k + 1)
+        others = nearest != np.arange(n)[:, None]
+        others[others.all(axis=1), -1] = False  # coincident parts: the part itself need not be among its nearest
+        near = nearest[others].reshape(n, k)
+        away = centres[first:last][near] - centres[first:last, None]
+        gram = away @ away.transpose(0, 2, 1)
+        gram += (1e-3 * np.trace(gram, axis1=1, axis2=2) + 1e-9)[:, None, None] * np.eye(k)
+        solved = np.linalg.solve(gram, np.ones((n, k, 1)))[..., 0]
+        around[first:last, :k], weights[first:last, :k] = near, solved / solved.sum(axis=1, keepdims=True)
+    return around, weights
+
+
+def object_similarity(
+    parts: Description, prototypes: Description, geometry: NDArray[np.float64], *, intensity: bool, n_threads: int = 1
+) -> NDArray[np.float64]:
+    """Return the similarity of every object to every prototype."""
+    share, reach, limit, n_neighbors, n_turns, n_sweeps, least = geometry.tolist()
+    middle, bounds = relative_centres(prototypes), object_bounds(prototypes)
+    around, weights = affine_combinations(middle, bounds, int(n_neighbors))
+    turns = np.arange(int(n_turns)) * (2.0 * np.pi / int(n_turns))
+    theirs, own = descriptors_of(prototypes, intensity=intensity), descriptors_of(parts, intensity=intensity)
+    centres, own_bounds = relative_centres(parts), object_bounds(parts)
+    out = np.zeros((len(own_bounds) - 1, len(bounds) - 1))
+
+    def work(start: int, stop: int) -> None:
+        match_objects(
+            middle, theirs, bounds, around, weights, centres, own, own_bounds, turns, share, reach, limit,
+            int(n_sweeps), least, out, start, stop,
+        )  # fmt: skip
+
+    run_in_chunks(work, len(out), n_threads=n_threads)
+    return out
+
+
+def _describe(scene: PointCloud, objects: Segments, stored: Mapping[str, Any]) -> Description:
+    return describe_parts(scene, objects, parameters=ObjectMatchingParameters(**stored[SLUG]).regions)
+
+
+detect_scene = partial(detect_by_description, detector=ObjectMatcher)
+"""Detects the objects of a scene, described by `describe_parts`, with a model of this method."""
+
+label_cloud = partial(label_described_objects, describe=_describe, detect=detect_scene)
+"""Labels a cloud; intensity is used where the cloud and the model have it."""

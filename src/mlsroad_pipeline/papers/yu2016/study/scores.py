@@ -1,0 +1,124 @@
+"""Tables of Yu et al. 2016, section V, from counted detections: Tables II to V and Figure 12, with spread."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.metrics.detection import DetectionCounts, count_detections, precision_recall_curve
+from mlsroad_pipeline.papers.shared.studies.tables import paired_interval
+from mlsroad_pipeline.papers.yu2016.study import paper as yu2016_paper
+from mlsroad_pipeline.papers.yu2016.study.runs import StreetDetections
+
+FIGURES = ("recall", "precision", "quality", "f_score")
+
+
+def counts_of(street: StreetDetections, classes: Sequence[int]) -> DetectionCounts:
+    """Return the summed counts of some classes of a street."""
+    tp = fp = fn = 0
+    for k in classes:
+        right = street["right"][street["label"] == k]
+        counts = count_detections(right, max(int(street["n_objects"][k]), int(right.sum())))
+        tp, fp, fn = tp + counts.tp, fp + counts.fp, fn + counts.fn
+    return DetectionCounts(tp, fp, fn)
+
+
+def joined(counts: Sequence[DetectionCounts]) -> DetectionCounts:
+    """Return the sums of counts."""
+    return DetectionCounts(*(sum(getattr(c, name) for c in counts) for name in ("tp", "fp", "fn")))
+
+
+def table_two(streets: Mapping[str, Mapping[str, StreetDetections]], classes: Sequence[str]) -> pd.DataFrame:
+    """Make Table II: objects, true and false detections of each class and survey."""
+    rows = []
+    for survey, each in streets.items():
+        for name, chosen in [*((c, [k]) for k, c in enumerate(classes)), ("all", list(range(len(classes))))]:
+            total = joined([counts_of(street, chosen) for street in each.values()])
+            rows.append((survey, name, total.tp + total.fn, total.tp, total.fp))
+    table = pd.DataFrame(rows, columns=["survey", "class", "objects", "found", "false"])
+    return table.merge(yu2016_paper.table_two(), on=["survey", "class"], how="left")
+
+
+def figures_by_survey(
+    streets: Mapping[str, Mapping[str, Mapping[str, StreetDetections]]], classes: Sequence[int]
+) -> pd.DataFrame:
+    """Score methods per survey over the objects of all test streets, with the standard deviation between streets."""
+    rows: list[tuple[Any, ...]] = []
+    for method, surveys in streets.items():
+        values: dict[str, list[float]] = {name: [] for name in FIGURES}
+        for survey, each in surveys.items():
+            counts = [counts_of(street, classes) for street in each.values()]
+            total = joined(counts)
+            for name in FIGURES:
+                by_street = np.array([getattr(c, name) for c in counts], dtype=np.float64)
+                known = by_street[np.isfinite(by_street)]
+                spread = known.std(ddof=1) if len(known) > 1 else np.nan
+                value = float(getattr(total, name))
+                values[name].append(value)
+                rows.append((survey, method, name, value, spread, total.tp, total.fp, total.fn))
+        rows += [("average", method, name, float(np.mean(v)), np.nan, None, None, None) for name, v in values.items()]
+    return pd.DataFrame(rows, columns=["survey", "method", "metric", "value", "spread", "tp", "fp", "fn"])
+
+
+def paired_differences(
+    streets: Mapping[str, Mapping[str, Mapping[str, StreetDetections]]],
+    classes: Sequence[int],
+    *,
+    reference: str,
+    confidence: float = 0.95,
+) -> pd.DataFrame:
+    """Compare the F-score of every method with that of a reference, street by street."""
+
+    def f_scores(method: str) -> NDArray[np.float64]:
+        each = [street for survey in streets[method].values() for street in survey.values()]
+        return np.array([counts_of(street, classes).f_score for street in each], dtype=np.float64)
+
+    first = f_scores(reference)
+    rows = []
+    for method in streets:
+        if method == reference:
+            continue
+        rows.append((method, *paired_interval(f_scores(method) - first, confidence)))
+    return pd.DataFrame(rows, columns=["method", "difference", "low", "high", "streets"])
+
+
+def pooled_curve(
+    streets: Mapping[str, StreetDetections], thresholds: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return thresholds, precision and recall over all classes; scores are divided by the threshold of their class."""
+    each = list(streets.values())
+    label = np.concatenate([s["curve_label"] for s in each])
+    right = np.concatenate([s["curve_right"] for s in each])
+    score = np.concatenate([s["curve_score"] for s in each])
+    n_objects = sum(np.maximum(s["n_objects"], np.bincount(s["curve_label"][s["curve_right"]].astype(np.int64),
+                    minlength=len(thresholds))).sum() for s in each)  # fmt: skip
+    if n_objects == 0:
+        return np.zeros(0), np.zeros(0), np.zeros(0)
+    return precision_recall_curve(score / np.maximum(thresholds[label], 1e-12), right, int(n_objects))
+
+
+def sensitivity_table(
+    variants: Mapping[str, Mapping[str, StreetDetections]],
+    thresholds: Mapping[str, NDArray[np.float64]],
+    n_classes: int,
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Make the table and the curves of Figure 12."""
+    rows: list[tuple[Any, ...]] = []
+    curves = []
+    for name, streets in variants.items():
+        parameter, _, value = name.partition("=")
+        total = joined([counts_of(street, range(n_classes)) for street in streets.values()])
+        level, precision, recall = pooled_curve(streets, thresholds[name])
+        area = float(np.diff(recall, prepend=0.0) @ precision) if len(level) else np.nan
+        rows.append((parameter, value, *(float(getattr(total, figure)) for figure in FIGURES), area))
+        curves.append(
+            pd.DataFrame(
+                {"parameter": parameter, "setting": value, "threshold": level, "precision": precision, "recall": recall}
+            )
+        )
+    table = pd.DataFrame(rows, columns=["parameter", "setting", *FIGURES, "average_precision"])
+    return table, pd.concat(curves) if curves else pd.DataFrame()

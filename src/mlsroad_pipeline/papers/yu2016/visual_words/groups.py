@@ -1,0 +1,83 @@
+"""Contextual feature groups: a region and its nearest regions (Yu et al. 2016, III-D)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.papers.shared.detection.regions import FeatureRegions
+
+MAX_NEIGHBORS = 5
+"""Largest number of neighbours in a group; m regions have m! matching orders."""
+
+
+@dataclass(frozen=True)
+class ContextualGroups:
+    """Groups of m = k + 1 feature regions, the central region first."""
+
+    descriptors: NDArray[np.float32]  # Descriptors of the regions
+    orientations: NDArray[np.float32]  # Their orientations, unit vectors without a sign
+    scales: NDArray[np.float32]  # Their scales, metres, above zero
+
+    def __post_init__(self) -> None:
+        g, m = self.scales.shape[:2] if self.scales.ndim == 2 else (-1, -1)
+        if self.descriptors.shape[:2] != (g, m) or self.orientations.shape != (g, m, 3) or self.descriptors.ndim != 3:
+            raise DataError(
+                f"groups need descriptors (g, m, d), orientations (g, m, 3) and scales (g, m), got "
+                f"{self.descriptors.shape}, {self.orientations.shape} and {self.scales.shape}"
+            )
+
+    def __len__(self) -> int:
+        """Return the number of groups."""
+        return len(self.scales)
+
+    def select(self, index: NDArray) -> ContextualGroups:
+        """Return some of the groups."""
+        return ContextualGroups(self.descriptors[index], self.orientations[index], self.scales[index])
+
+
+def build_groups(regions: FeatureRegions, *, k: int = 2) -> ContextualGroups:
+    """Group each region with the nearest regions of its object."""
+    if not 0 <= k <= MAX_NEIGHBORS:
+        raise ParameterError(f"k must be between 0 and {MAX_NEIGHBORS}, got {k!r}")
+    members = np.empty((len(regions), k + 1), dtype=np.int64)
+    starts = np.append(np.flatnonzero(np.diff(regions.objects, prepend=-1)), len(regions))
+    for first, stop in pairwise(starts):
+        members[first:stop] = first + _nearest(regions.centres[first:stop], k)
+    return ContextualGroups(regions.descriptors[members], regions.orientations[members], regions.scales[members])
+
+
+def _nearest(centres: NDArray[np.float64], k: int) -> NDArray[np.int64]:
+    """Return each centre and its k nearest others; ties in the order of their indices."""
+    n = len(centres)
+    near = min(k, n - 1)
+    own = np.arange(n)[:, None]
+    if near == 0:
+        return np.repeat(own, k + 1, axis=1)
+    # One neighbour more than needed, to detect a tie at the last place.
+    distance, neighbor = cKDTree(centres).query(centres, k=min(near + 2, n))
+    distance = np.where(neighbor == own, -1.0, np.round(distance, 9))
+    order = np.lexsort((neighbor, distance), axis=1)
+    ranked = np.take_along_axis(neighbor, order, axis=1)[:, : near + 1]
+    repeated = np.resize(np.arange(1, near + 1), k)
+    return np.concatenate([ranked[:, :1], ranked[:, repeated]], axis=1)
+
+
+def join_groups(parts: Sequence[ContextualGroups]) -> ContextualGroups:
+    """Join groups of several scenes or objects."""
+    if not parts:
+        raise DataError("no contextual groups to join")
+    sizes = {part.scales.shape[1] for part in parts}
+    if len(sizes) > 1:
+        raise DataError(f"groups of different sizes cannot be joined: {', '.join(map(str, sorted(sizes)))}")
+    return ContextualGroups(
+        np.concatenate([part.descriptors for part in parts]),
+        np.concatenate([part.orientations for part in parts]),
+        np.concatenate([part.scales for part in parts]),
+    )

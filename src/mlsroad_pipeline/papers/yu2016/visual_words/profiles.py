@@ -1,0 +1,129 @@
+"""Profiles of objects: distribution of voxels over height, distance from the axis, local shape and intensity."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_column
+from mlsroad_pipeline.papers.yu2016.visual_words.surfaces import KINDS, surface_kinds
+
+BANDS = 12
+"""Bands of equal height between the foot and the top of an object."""
+
+RINGS = (0.08, 0.16, 0.26, 0.4, 0.6, 0.85, 1.2, 1.7, 2.4, 3.5, 5.0, np.inf)
+"""Outer radii of rings around an object's axis, metres."""
+
+TONES = 20
+"""Equal steps of intensity over [0, 1]."""
+
+N_PLACES = BANDS * len(RINGS)
+"""Columns of a profile for positions; those for local shapes follow."""
+
+N_BLIND = N_PLACES + BANDS * KINDS
+"""Columns of a profile for positions and local shapes; those for intensities follow."""
+
+N_SHARES = N_BLIND + BANDS * TONES
+"""Columns of a profile."""
+
+_VOXEL = 0.1  # edge of the voxels, which make the profile independent of the point density, metres
+_LEAST = 0.1  # least height of an object, metres
+
+
+def measure_profiles(
+    xyz: NDArray[np.floating], objects: NDArray[np.integer], *, intensity: ArrayLike | None = None
+) -> NDArray[np.float32]:
+    """Measure the distribution of each object's voxels over height, distance from its axis, shape and intensity."""
+    n = int(objects.max(initial=-1)) + 1
+    rows = np.flatnonzero(objects >= 0)
+    values = None if intensity is None else check_column(intensity, len(xyz), "intensity")
+    shares = np.zeros((n, N_SHARES), dtype=np.float32)
+    if len(rows) == 0:
+        return shares
+    bright = np.zeros(len(rows)) if values is None else values[rows].astype(np.float64)
+    places, means, owner, cells = _voxels(xyz[rows].astype(np.float64), objects[rows].astype(np.int64), bright)
+    starts = np.searchsorted(owner, np.arange(n + 1))
+    kinds = surface_kinds(places, cells, starts)
+    axes = np.zeros((n, 2))
+    for k in np.flatnonzero(np.diff(starts)).tolist():
+        axes[k] = np.median(places[starts[k] : starts[k + 1], :2], axis=0)
+    _count(places, kinds, means, starts, axes, np.array(RINGS), shares)
+    return shares if values is not None else without_intensities(shares)
+
+
+def without_intensities(profiles: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return profiles without intensities."""
+    blind = profiles.copy()
+    blind[:, N_BLIND:] = 0.0
+    return blind
+
+
+def _voxels(
+    xyz: NDArray[np.float64], objects: NDArray[np.int64], intensity: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+    """Return centroids, mean intensities, objects and cells (z, y, x) of the voxels of each object."""
+    cell = np.floor((xyz - xyz.min(axis=0)) / _VOXEL).astype(np.int64)
+    span = cell.max(axis=0) + 1
+    names = ((objects * span[2] + cell[:, 2]) * span[1] + cell[:, 1]) * span[0] + cell[:, 0]
+    voxels, owner, counts = np.unique(names, return_inverse=True, return_counts=True)
+    places = np.column_stack([np.bincount(owner, xyz[:, axis]) / counts for axis in range(3)])
+    cells = np.column_stack([voxels // (span[0] * span[1]) % span[2], voxels // span[0] % span[1], voxels % span[0]])
+    return places, np.bincount(owner, intensity) / counts, voxels // (span[0] * span[1] * span[2]), cells
+
+
+@njit(cache=True, nogil=True)
+def _count(
+    places: NDArray[np.float64],
+    kinds: NDArray[np.int64],
+    intensity: NDArray[np.float64],
+    starts: NDArray[np.int64],
+    axes: NDArray[np.float64],
+    rings: NDArray[np.float64],
+    shares: NDArray[np.float32],
+) -> None:
+    """Count the voxels of each object in the columns of its profile."""
+    width, first_kind = len(rings), BANDS * len(rings)
+    first_tone = first_kind + BANDS * KINDS
+    for k in range(len(axes)):
+        first, stop = starts[k], starts[k + 1]
+        if stop == first:
+            continue
+        low, high = places[first:stop, 2].min(), places[first:stop, 2].max()
+        step = max(high - low, _LEAST) / BANDS
+        for i in range(first, stop):
+            band = min(int((places[i, 2] - low) / step), BANDS - 1)
+            away = np.hypot(places[i, 0] - axes[k, 0], places[i, 1] - axes[k, 1])
+            ring = 0
+            while away >= rings[ring] and ring < width - 1:
+                ring += 1
+            tone = min(max(int(intensity[i] * TONES), 0), TONES - 1)
+            shares[k, band * width + ring] += 1.0
+            shares[k, first_kind + band * KINDS + kinds[i]] += 1.0
+            shares[k, first_tone + band * TONES + tone] += 1.0
+        shares[k] /= stop - first
+
+
+def profile_similarity(queries: NDArray[np.floating], objects: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return the similarity of profiles: sum of minima over sum of maxima, as equation 23 for bags."""
+    if queries.shape[1] != objects.shape[1]:
+        raise DataError(f"profiles of {queries.shape[1]} and {objects.shape[1]} shares cannot be compared")
+    return np.asarray(_jaccard(np.ascontiguousarray(queries, np.float64), np.ascontiguousarray(objects, np.float64)))
+
+
+@njit(cache=True, nogil=True)
+def _jaccard(queries: NDArray[np.float64], objects: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the sums of minima over the sums of maxima."""
+    out = np.zeros((len(queries), len(objects)))
+    totals = objects.sum(axis=1)
+    for q in range(len(queries)):
+        filled = np.flatnonzero(queries[q])  # most shares are 0
+        total = queries[q].sum()
+        for b in range(len(objects)):
+            least = 0.0
+            for k in filled:
+                least += min(queries[q, k], objects[b, k])
+            most = total + totals[b] - least
+            out[q, b] = least / most if most > 0.0 else 0.0
+    return out

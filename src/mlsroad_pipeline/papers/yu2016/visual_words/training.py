@@ -1,0 +1,197 @@
+"""Training of vocabulary, queries and thresholds (Yu et al. 2016, sections III and V)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.papers.shared.detection.detector import GEOMETRY, WITH_INTENSITY, DetectionStages
+from mlsroad_pipeline.papers.shared.detection.regions import RegionParameters
+from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters, ObjectClasses
+from mlsroad_pipeline.papers.shared.detection.training import (
+    FittedVariant,
+    bundle_variants,
+    training_keys,
+    training_weights,
+)
+from mlsroad_pipeline.papers.shared.detection.types import Description
+from mlsroad_pipeline.papers.yu2016.visual_words.bags import count_words
+from mlsroad_pipeline.papers.yu2016.visual_words.descriptions import GroupParameters, groups_of, profiles_of
+from mlsroad_pipeline.papers.yu2016.visual_words.detector import VisualWordsDetector
+from mlsroad_pipeline.papers.yu2016.visual_words.groups import join_groups
+from mlsroad_pipeline.papers.yu2016.visual_words.labeller import PRINTED_SLUG, SLUG
+from mlsroad_pipeline.papers.yu2016.visual_words.queries import DetectorParameters
+from mlsroad_pipeline.papers.yu2016.visual_words.sizes import within_any_sizes
+from mlsroad_pipeline.papers.yu2016.visual_words.vocabulary import Vocabulary, VocabularyParameters, build_vocabulary
+
+
+@dataclass(frozen=True)
+class VisualWordsParameters:
+    """All parameters of the method."""
+
+    # Supervoxels and neighbourhoods of the feature regions
+    regions: RegionParameters = field(default_factory=RegionParameters)
+    k: int = 2  # Neighbours in a contextual group (yu2016: 2)
+    vocabulary: VocabularyParameters = field(default_factory=VocabularyParameters)  # Clustering of groups into words
+    detector: DetectorParameters = field(default_factory=DetectorParameters)  # Choice of queries
+    # Whether a second vocabulary and detector are trained without intensity, for surveys that have none. False halves
+    # the training time.
+    without_intensity: bool = True
+
+    def __post_init__(self) -> None:
+        parse_groups(self, regions=RegionParameters, vocabulary=VocabularyParameters, detector=DetectorParameters)
+
+    @property
+    def groups(self) -> GroupParameters:
+        """Parameters of the description of objects."""
+        return GroupParameters(self.regions, self.k)
+
+
+def train_detector(
+    groups: Mapping[str, Description],
+    labels: Mapping[str, ObjectClasses],
+    *,
+    parameters: VisualWordsParameters,
+    stages: DetectionStages,
+    detection: DetectionParameters,
+    scheme: ClassScheme,
+    trained_on: Mapping[str, Any],
+    slug: str = SLUG,
+    n_threads: int = 1,
+) -> ModelBundle:
+    """Train vocabulary, queries and thresholds."""
+    keys = training_keys(labels)
+    intensity = all(bool(groups[key]["intensity"]) for key in keys)
+    variants = [WITH_INTENSITY] if intensity else []
+    if parameters.without_intensity or not intensity:
+        variants.append(GEOMETRY)
+    with ThreadPoolExecutor(min(n_threads, len(variants))) as pool:
+        jobs = [
+            pool.submit(train_variant, [groups[key] for key in keys], [labels[key] for key in keys],
+                        intensity=variant == WITH_INTENSITY, parameters=parameters, detection=detection,
+                        n_threads=n_threads)
+            for variant in variants
+        ]  # fmt: skip
+    fitted = {variant: _fitted(*job.result()) for variant, job in zip(variants, jobs, strict=True)}
+    return bundle_variants(
+        fitted, slug=slug, stages=stages, detection=detection, scheme=scheme,
+        parameters={"groups": asdict(parameters.groups), slug: asdict(parameters)}, trained_on=trained_on,
+    )  # fmt: skip
+
+
+train_printed_detector = partial(train_detector, slug=PRINTED_SLUG)
+"""`train_detector` for the method with the parameters of the paper."""
+
+
+class WordObjects(NamedTuple):
+    """Training objects in words of a vocabulary."""
+
+    counts: csr_array  # Words of the objects
+    labels: NDArray[np.integer]  # Class of each, an index in the wanted classes; -1 for all others
+    sizes: NDArray[np.float32]  # Sizes, see `measure_sizes`
+    profiles: NDArray[np.float32]  # Profiles, see `measure_profiles`
+    scenes: NDArray[np.int64]  # Scene of each, an index
+    weights: NDArray[np.float64]  # Weight of each object in threshold selection, see `training_weights`
+
+
+def train_variant(
+    groups: Sequence[Description],
+    labels: Sequence[ObjectClasses],
+    *,
+    intensity: bool,
+    parameters: VisualWordsParameters,
+    detection: DetectionParameters,
+    n_threads: int = 1,
+) -> tuple[Vocabulary, VisualWordsDetector]:
+    """Train one variant on the objects that the training scenes own."""
+    vocabulary, objects = make_words(
+        groups, labels, intensity=intensity, parameters=parameters, detection=detection, n_threads=n_threads
+    )
+    detector = VisualWordsDetector(detection.classes, parameters=parameters.detector)
+    return vocabulary, detector.fit(
+        objects.counts, objects.labels, sizes=objects.sizes, profiles=objects.profiles, scenes=objects.scenes,
+        weights=objects.weights,
+    )  # fmt: skip
+
+
+def make_words(
+    groups: Sequence[Description],
+    labels: Sequence[ObjectClasses],
+    *,
+    intensity: bool,
+    parameters: VisualWordsParameters,
+    detection: DetectionParameters,
+    n_threads: int = 1,
+) -> tuple[Vocabulary, WordObjects]:
+    """Build the vocabulary of the training scenes, and count its words in the objects that they own.
+
+    Objects whose size no wanted class has are left out.
+    """
+    own = np.concatenate([classes["own"] for classes in labels])
+    label = np.concatenate([classes["label"] for classes in labels])
+    sizes = np.concatenate([described["sizes"] for described in groups])
+    n_objects = [len(classes["own"]) for classes in labels]  # a scene may have none
+    scene = np.repeat(np.arange(len(labels)), n_objects)
+    rows = np.flatnonzero(own & _of_possible_size(sizes, np.where(own, label, IGNORE), detection, parameters.detector))
+    number = np.full(len(own), -1, np.int64)
+    number[rows] = np.arange(len(rows))
+    of_scene = np.split(number, np.cumsum(n_objects)[:-1])
+    of_group = [part[described["objects"]] for part, described in zip(of_scene, groups, strict=True)]
+    parts = [
+        groups_of(described, intensity=intensity).select(np.flatnonzero(part >= 0))
+        for part, described in zip(of_group, groups, strict=True)
+    ]
+    objects = np.concatenate([part[part >= 0] for part in of_group])
+    scenes = np.repeat(np.arange(len(groups)), [len(part) for part in parts])
+    vocabulary, words = build_vocabulary(
+        join_groups(parts), scenes, parameters=parameters.vocabulary, n_threads=n_threads
+    )
+    counts = count_words(words, objects, n_objects=len(rows), stopped=vocabulary.stopped)
+    profiles = np.concatenate([profiles_of(described, intensity=intensity) for described in groups])
+    truth = np.where(label[rows] < 0, IGNORE, label[rows])
+    weights = np.ones(len(own))
+    weights[own] = training_weights(labels, detection.factors)
+    return vocabulary, WordObjects(counts, truth, sizes[rows], profiles[rows], scene[rows], weights[rows])
+
+
+def _of_possible_size(
+    sizes: NDArray[np.float32], label: NDArray, detection: DetectionParameters, parameters: DetectorParameters
+) -> NDArray[np.bool_]:
+    """Return which objects have a size that a wanted class has; all where no other object has."""
+    examples = [sizes[label == k] for k in range(len(detection.classes))]
+    possible = within_any_sizes(sizes, examples, parameters.size_margin)
+    others = label == IGNORE
+    return possible if (possible & others).any() else np.ones(len(sizes), np.bool_)
+
+
+def _fitted(vocabulary: Vocabulary, detector: VisualWordsDetector) -> FittedVariant:
+    """Return arrays and figures of a trained variant."""
+    words, queries = vocabulary.words, detector.queries_
+    arrays: dict[str, NDArray] = {
+        "words.descriptors": words.descriptors,
+        "words.orientations": words.orientations,
+        "words.scales": words.scales,
+        "words.inverse": vocabulary.inverse,
+        "words.stopped": vocabulary.stopped,
+        "words.floor": np.array(vocabulary.floor),
+        **detector.to_arrays(),
+    }
+    facts = {
+        "words": len(vocabulary),
+        "queries": {name: len(of_class.appearance) for name, of_class in queries.items()},
+        "f_scores": detector.f_scores_,
+        "thresholds": {
+            name: of_class.threshold for name, of_class in queries.items() if np.isfinite(of_class.threshold)
+        },
+    }
+    return FittedVariant(arrays, facts)

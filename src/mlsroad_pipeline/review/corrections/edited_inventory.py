@@ -1,0 +1,259 @@
+"""Corrections from a GeoPackage that was edited in another program, such as QGIS."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections import Counter
+from collections.abc import Collection, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import geopandas as gpd
+import numpy as np
+import pandas as pd
+import pyogrio
+import shapely
+from pyproj import CRS
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
+from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
+from mlsroad_pipeline.inventory_files.geopackage import LAYERS
+from mlsroad_pipeline.review.corrections.decisions import Correction
+from mlsroad_pipeline.review.corrections.expected_values import is_other_system
+from mlsroad_pipeline.review.corrections.listed_objects import ListedObjects
+from mlsroad_pipeline.review.corrections.states import STATUS, ObjectState
+
+MOVED = 0.01
+"""Least distance in plan or height at which a base point counts as moved, metres."""
+
+FARTHEST = 20.0
+"""Largest move of a base point, metres."""
+
+_ACTIONS = {status: action for action, status in STATUS.items()}
+_TYPED = ("accepted", "rejected", "changed")
+_TEXT = ("status", "checked_class", "class", "kind")
+
+
+def corrections_of_inventory(
+    path: Path,
+    objects: ListedObjects,
+    states: dict[int, ObjectState],
+    *,
+    classes: Collection[str],
+    system: CRS | None,
+    many_deleted: bool = False,
+) -> list[Correction]:
+    """Return the corrections that an edited GeoPackage holds and the store does not.
+
+    Compared are the layer `objects` and those of the kinds: `status`, `checked_class`, `class` and `kind`, base points,
+    deleted rows (rejected) and new rows (added).
+    """
+    layers = _layers(path, system)
+    listed = objects.table.set_index("object_id")
+    found: dict[tuple[int, bool], Correction] = {}
+    added: list[Correction] = []
+    for layer, frame in layers.items():
+        _check_copy(path, frame, listed)
+        for row in _without_copies(_rows(frame, layer), listed):
+            number = row["object_id"]
+            if number is None or number not in listed.index:
+                added += [] if row["status"] == "added" and row["centre"] is None else [_added(path, row, layer)]
+                continue
+            for correction in _changes(path, row, number, listed.loc[number], states.get(number, {})):
+                other = found.setdefault((number, correction.action == "move_base"), correction)
+                if other != correction:
+                    raise DataError(
+                        f"{path}: object {number} is edited in two ways ({_described(other)}; "
+                        f"{_described(correction)}): edit it in one layer"
+                    )
+    _check_names(path, [*found.values(), *added], {*classes, *listed["class"].astype(str)})
+    deleted = _deleted(layers, listed, states)
+    if len(deleted) > max(len(listed) / 2, 1) and not many_deleted:
+        raise DataError(
+            f"{path} lacks {len(deleted)} of {len(listed)} objects, which would be rejected: is it whole? "
+            "--many-deleted accepts it"
+        )
+    decided = [number for number, _ in found]
+    rejected = [Correction("reject", number) for number in deleted if number not in decided]
+    return [*found.values(), *rejected, *_distinct(added)]
+
+
+def _layers(path: Path, system: CRS | None) -> dict[str, gpd.GeoDataFrame]:
+    if not path.is_file():
+        raise ReadError(f"{path}: no such GeoPackage")
+    try:
+        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as base:
+            base.execute("SELECT table_name FROM gpkg_contents").fetchall()  # GDAL prints errors of its own
+        names = [str(name) for name in pyogrio.list_layers(path)[:, 0]]
+        chosen = [name for name in ("objects", *LAYERS) if name in names]
+        layers = {name: gpd.read_file(path, layer=name) for name in chosen}
+    except (sqlite3.Error, pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, ValueError) as error:
+        raise ReadError(f"{path}: not a GeoPackage: {' '.join(str(error).split())}") from error
+    if not layers:
+        raise ReadError(f"{path} has none of the layers objects, {', '.join(LAYERS)}: it is no inventory of mlsroad")
+    for name, frame in layers.items():
+        if not isinstance(frame, gpd.GeoDataFrame):
+            raise ReadError(f"{path}: layer {name!r} has no geometry: it is no inventory of mlsroad")
+        if is_other_system(frame.crs, system):
+            raise DataError(
+                f"{path}: layer {name!r} is in {frame.crs.name}, the inventory in {system.name if system else ''}: "
+                "save the copy in the system of the inventory"
+            )
+        for column in ("object_id", "kind", "x", "y", "z"):
+            if column not in frame:
+                raise ReadError(f"{path}: layer {name!r} has no field {column!r}")
+    return layers
+
+
+def _check_copy(path: Path, frame: gpd.GeoDataFrame, listed: pd.DataFrame) -> None:
+    """Check that rows of equal numbers have the places of the inventory in their fields x and y."""
+    known = frame[frame["object_id"].isin(listed.index)]
+    if known.empty:
+        return
+    there = listed.loc[known["object_id"].astype("int64"), ["x", "y"]].to_numpy(dtype=np.float64)
+    apart = np.abs(known[["x", "y"]].to_numpy(dtype=np.float64) - there).max(axis=1)
+    if (apart > MOVED).mean() > 0.1:
+        number = int(known["object_id"].to_numpy()[int(np.argmax(apart))])
+        raise DataError(
+            f"{path} is no copy of this inventory (object {number} is another one): the survey was labelled again; "
+            "edit the present inventory"
+        )
+
+
+def _rows(frame: gpd.GeoDataFrame, layer: str) -> list[dict[str, Any]]:
+    shapes = frame.geometry.to_numpy()
+    rows = []
+    for values, shape in zip(frame.drop(columns=frame.geometry.name).to_dict("records"), shapes, strict=True):
+        row = {name: None if pd.isna(value) else value for name, value in values.items()}
+        row = {**row, **{name: str(row.get(name) or "").strip() for name in _TEXT}}
+        row["object_id"] = None if row["object_id"] in (None, 0) else int(row["object_id"])
+        row["place"] = None if layer == "vehicles" or shape is None else _place(shape)
+        row["centre"] = None if shape is None or shape.is_empty else _centre(shape)
+        rows.append(row)
+    return rows
+
+
+def _without_copies(rows: list[dict[str, Any]], listed: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return rows in which a number occurs once, nearest to the object; copied rows are new objects."""
+    counts = Counter(row["object_id"] for row in rows if row["object_id"] in listed.index)
+    for number in [number for number, count in counts.items() if count > 1]:
+        own = [row for row in rows if row["object_id"] == number]
+        base = [listed.loc[number, axis] for axis in "xy"]
+        nearest = min(own, key=lambda row: np.inf if row["centre"] is None else _apart(row["centre"][:2], base))
+        for row in own:
+            if row is not nearest:
+                row["object_id"] = None
+    return rows
+
+
+def _centre(shape: Any) -> tuple[float, float, float | None]:
+    heights = shapely.get_coordinates(shape, include_z=True)[:, 2]
+    centre = shape.centroid
+    return float(centre.x), float(centre.y), None if np.isnan(heights).any() else float(heights.mean())
+
+
+def _place(shape: Any) -> tuple[float, float, float | None] | None:
+    if shape.geom_type != "Point" or shape.is_empty:
+        return None
+    coordinates = shapely.get_coordinates(shape, include_z=True)[0]
+    height = float(coordinates[2])
+    return float(coordinates[0]), float(coordinates[1]), None if np.isnan(height) else height
+
+
+def _changes(path: Path, row: dict[str, Any], number: int, listed: pd.Series, state: ObjectState) -> list[Correction]:
+    """Return the corrections of one row: the decision about the object, and its base."""
+    changes = []
+    status, given = row["status"].lower(), row["checked_class"]
+    before, known = state.get("status", ""), state.get("checked_class", "")
+    if status and status not in (*_ACTIONS, "added"):
+        raise DataError(f"{path}: unknown status {row['status']!r} of object {number}: use {', '.join(_TYPED)}")
+    written = {name: _text(listed.get(name)) for name in ("status", "checked_class")}
+    named = next((n for n in (row["class"], row["kind"]) if n and n not in (listed["class"], listed["kind"])), "")
+    if given and given not in (written["checked_class"], str(listed["class"]), str(listed["kind"])):
+        named = given
+    if named:
+        changes += [] if named == known else [_of_class(number, named)]
+    elif status in (written["status"], before):
+        pass
+    elif status in ("accepted", "rejected"):
+        changes.append(Correction("accept" if status == "accepted" else "reject", number))
+    elif status == "changed":
+        raise DataError(f"{path}: object {number} has the status changed without another checked_class: name its class")
+    if row["place"] is not None:
+        x, y, z = row["place"]
+        place = [x, y, float(listed["z"]) if z is None else z]
+        is_edited = _apart(place, [listed[axis] for axis in "xyz"]) > MOVED
+        if is_edited and _apart(place, [state.get(axis, listed[axis]) for axis in "xyz"]) > MOVED:
+            apart = _apart(place[:2], [listed[axis] for axis in "xy"])
+            if apart > FARTHEST:
+                raise DataError(
+                    f"{path}: object {number} was moved by {apart:.0f} m, allowed are {FARTHEST:.0f} m: "
+                    "delete its row and add one"
+                )
+            changes.append(Correction("move_base", number, payload=dict(zip("xyz", place, strict=True))))
+    return changes
+
+
+def _text(value: Any) -> str:
+    return "" if pd.isna(value) else str(value)
+
+
+def _apart(place: Sequence[Any], other: Sequence[Any]) -> float:
+    return float(np.abs(np.asarray(place, np.float64) - np.asarray(other, np.float64)).max())
+
+
+def _of_class(number: int, name: str) -> Correction:
+    return (
+        Correction("other_kind", number, kind=name)
+        if name in KINDS
+        else Correction("other_kind", number, payload={"class": name})
+    )
+
+
+def _added(path: Path, row: dict[str, Any], layer: str) -> Correction:
+    kind = row["kind"] or LAYERS.get(layer, "")
+    if kind not in KINDS:
+        raise DataError(f"{path}: an added row of layer {layer!r} has the kind {kind!r}: use {', '.join(KINDS)}")
+    if row["centre"] is None:
+        raise DataError(f"{path}: an added row of layer {layer!r} has no geometry: draw its point or delete it")
+    x, y, z = row["centre"]
+    given = {"class": row["class"]} if row["class"] else {}
+    return Correction("add", kind=kind, payload={"x": x, "y": y, "z": 0.0 if z is None else z, **given})
+
+
+def _check_names(path: Path, corrections: Sequence[Correction], known: set[str]) -> None:
+    """Raise DataError for a correction that gives an unknown class."""
+    for correction in corrections:
+        name = correction.checked_class
+        if name and name not in known:
+            where = "an added row" if correction.object_id is None else f"object {correction.object_id}"
+            raise DataError(f"{path}: unknown class {name!r} of {where}: use one of {', '.join(sorted(known))}")
+
+
+def _distinct(added: list[Correction]) -> list[Correction]:
+    kept: dict[tuple[float, float, str | None], Correction] = {}
+    for correction in added:
+        kept.setdefault((correction.payload["x"], correction.payload["y"], correction.kind), correction)
+    return list(kept.values())
+
+
+def _deleted(layers: dict[str, gpd.GeoDataFrame], listed: pd.DataFrame, states: dict[int, ObjectState]) -> list[int]:
+    """Return the objects that a layer lacks and that are not yet rejected or merged into another one."""
+    gone = []
+    present = {name: set(frame["object_id"].dropna().astype("int64")) for name, frame in layers.items()}
+    drawn = set().union(*(present[name] for name in LAYERS if name in present))  # an object of a changed kind moves
+    of_kind = {kind: layer for layer, kind in LAYERS.items()}
+    for number, kind in zip(listed.index.tolist(), listed["kind"].astype(str), strict=True):
+        state: ObjectState = states.get(number, {})
+        if state.get("status") == "rejected" or "merged_into" in state:
+            continue
+        is_listed = "objects" not in present or number in present["objects"]
+        is_drawn = of_kind.get(kind, "") not in present or number in drawn
+        if not (is_listed and is_drawn):
+            gone.append(number)
+    return gone
+
+
+def _described(correction: Correction) -> str:
+    return f"{correction.action} {correction.checked_class}".strip()

@@ -1,0 +1,136 @@
+"""Models that learn from corrections: boosted trees, pools with such trees, and any other labeller of points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
+from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import (
+    Answer,
+    ContinuationParameters,
+    Replay,
+    Scored,
+)
+from mlsroad_pipeline.algorithms.models.boosted_trees.continuation import continue_training
+from mlsroad_pipeline.algorithms.models.boosted_trees.corrected import labeller_of, learn_corrections, voxel_scores
+from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import parameters_of
+from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees
+from mlsroad_pipeline.algorithms.models.pool.labeller import SLUG as POOL
+from mlsroad_pipeline.algorithms.models.pool.labeller import TREES, members_of, with_trees
+from mlsroad_pipeline.model_store.replay import read_replay
+from mlsroad_pipeline.model_store.shipped_models import load_shipped
+from mlsroad_pipeline.review.corrections.tiles import Tile
+
+GENERAL = "general"
+"""Shipped trees whose thresholds, and whose training voxels, other labellers learn with."""
+
+
+class Learner(Protocol):
+    """A model that learns: ground filter and edge of the voxels of its tiles, and the training."""
+
+    ground: GroundParameters
+    voxel_size: float
+
+    def scores(self, tile: Tile) -> NDArray[np.float64]:
+        """Return the scores of the voxels of a tile, of no column if the training computes them."""
+
+    def learned(
+        self,
+        answers: Sequence[Answer],
+        survey: Scored,
+        *,
+        parameters: ContinuationParameters | None,
+        learned_from: Mapping[str, Any],
+    ) -> ModelBundle:
+        """Return the model with what the answers teach."""
+
+
+def learner_of(bundle: ModelBundle) -> Learner:
+    """Return a model as one that learns; trees continue where their training voxels are at hand."""
+    general = load_shipped(GENERAL)
+    has_replay = list(bundle.metadata["classes"]) == list(general.metadata["classes"])
+    return TreeLearner(bundle) if bundle.slug in (SLUG, POOL) and has_replay else CorrectedLearner(bundle, general)
+
+
+class TreeLearner:
+    """Boosted trees, alone or in a pool: their own boosting goes on."""
+
+    def __init__(self, bundle: ModelBundle) -> None:
+        self._bundle = bundle
+        self._trees = members_of(bundle)[TREES] if bundle.slug == POOL else bundle
+        self._replay = read_replay(self._trees)
+        self.ground = GroundParameters(**self._trees.metadata["parameters"]["ground"])
+        self.voxel_size = parameters_of(self._trees).voxel_size
+
+    def scores(self, tile: Tile) -> NDArray[np.float64]:
+        """Return no scores: the training computes them from the features."""
+        return np.zeros((len(tile.voxels.values), 0))
+
+    def learned(
+        self,
+        answers: Sequence[Answer],
+        survey: Scored,
+        *,
+        parameters: ContinuationParameters | None,
+        learned_from: Mapping[str, Any],
+    ) -> ModelBundle:
+        """Return the trees with further ones; in a pool, the pool with them."""
+        trees = continue_training(
+            self._trees, answers, survey.values, self._replay, parameters=parameters, learned_from=learned_from
+        )
+        return with_trees(self._bundle, trees) if self._bundle.slug == POOL else trees
+
+
+class CorrectedLearner:
+    """Any other labeller: boosted trees are added that correct its probabilities."""
+
+    def __init__(self, bundle: ModelBundle, general: ModelBundle) -> None:
+        self._bundle, self._general = bundle, general
+        self._trees = BoostedTrees.from_arrays(general.arrays)
+        self.ground = GroundParameters(**labeller_of(bundle).metadata.get("parameters", {}).get("ground", {}))
+        self.voxel_size = parameters_of(general).voxel_size
+
+    def scores(self, tile: Tile) -> NDArray[np.float64]:
+        """Return the logarithms of the labeller's mean probabilities in each voxel."""
+        described = tile.scene.with_columns(ground=tile.ground, height=tile.height)
+        return voxel_scores(self._bundle, described, tile.voxels.owner, len(tile.voxels.values))
+
+    def learned(
+        self,
+        answers: Sequence[Answer],
+        survey: Scored,
+        *,
+        parameters: ContinuationParameters | None,
+        learned_from: Mapping[str, Any],
+    ) -> ModelBundle:
+        """Return the labeller with trees that correct it."""
+        return learn_corrections(
+            self._bundle,
+            answers,
+            survey,
+            self._replayed(),
+            trees=self._trees,
+            voxel_size=self.voxel_size,
+            parameters=parameters,
+            learned_from=learned_from,
+        )
+
+    def _replayed(self) -> tuple[Replay, Scored]:
+        """Return the training voxels of the shipped trees with their scores; none for a model with other classes.
+
+        The labeller's scores of these voxels are unknown, because their points are not kept.
+        """
+        classes = self._bundle.metadata["classes"]
+        if list(classes) != list(self._general.metadata["classes"]):
+            none = np.zeros((0, self._trees.n_features), np.float32)
+            return Replay(none, np.zeros((0, len(classes)), np.bool_)), Scored(none, np.zeros((0, len(classes))))
+        replay = read_replay(self._general)
+        values = replay.values.astype(np.float32)
+        arrays = self._general.arrays
+        return replay, Scored(values, self._trees.scores(values) / arrays["temperature"] + arrays["offsets"])

@@ -1,0 +1,115 @@
+"""State of each object after all decisions in force."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TypedDict
+
+from mlsroad_pipeline.review.corrections.decisions import Anchor, Decision, named_objects
+from mlsroad_pipeline.review.corrections.listed_objects import ListedObjects
+
+STATUS = {
+    "accept": "accepted",
+    "reject": "rejected",
+    "other_kind": "changed",
+    "merge": "merged",
+    "split": "split",
+    "move_base": "moved",
+}
+"""Action to the value of the column `status`."""
+
+
+class ObjectState(TypedDict, total=False):
+    """Decisions about an object."""
+
+    # A value of `STATUS`; an object that was moved and then accepted is accepted. The object that others were merged
+    # into is `merged`; those others have `merged_into`.
+    status: str
+    # Class or kind that the user gave; that of the inventory for an accepted object; empty for a rejected one
+    checked_class: str
+    checked_kind: str  # Kind that the user gave, else that of the inventory
+    x: float  # Base that the user gave; missing if it was not moved
+    y: float  # Base that the user gave; missing if it was not moved
+    z: float  # Base that the user gave; missing if it was not moved
+    merged_into: int  # Number of the object that it belongs to
+    decision: int  # Identifier of the last decision
+    who: str  # User and time of the last decision
+    made: str  # User and time of the last decision
+
+
+@dataclass(frozen=True)
+class States:
+    """Result of the decisions in force."""
+
+    of_objects: dict[int, ObjectState] = field(default_factory=dict)  # State of objects of the present inventory
+    # Decisions about objects that the present inventory does not have
+    unmatched: list[Decision] = field(default_factory=list)
+    painted: list[Decision] = field(default_factory=list)  # Painted points, in order
+    added: list[Decision] = field(default_factory=list)  # Objects that were missing
+
+
+def fold_states(decisions: Sequence[Decision], objects: ListedObjects) -> States:
+    """Return the state of each object of an inventory after the decisions in force."""
+    states = States()
+    present = _present_numbers(decisions, objects)
+    kinds = dict(zip(objects.table["object_id"].tolist(), objects.table["kind"].astype(str).tolist(), strict=True))
+    names = dict(zip(objects.table["object_id"].tolist(), objects.table["class"].astype(str).tolist(), strict=True))
+    for decision in decisions:
+        action = decision.correction.action
+        if action == "paint":
+            states.painted.append(decision)
+        elif action == "add":
+            states.added.append(decision)
+        else:
+            numbers = [present.get((decision.identifier, number)) for number in named_objects(decision.correction)]
+            own = numbers[0]
+            if own is None:
+                states.unmatched.append(decision)
+                continue
+            _apply(states.of_objects, decision, own, (kinds.get(own, ""), names.get(own, "")))
+            for other in numbers[1:]:
+                if other is not None and other != own:
+                    _apply(states.of_objects, decision, other, (kinds.get(other, ""), names.get(other, "")))
+                    states.of_objects[other]["merged_into"] = own
+    return states
+
+
+def _apply(states: dict[int, ObjectState], decision: Decision, number: int, listed: tuple[str, str]) -> None:
+    given, action = decision.correction, decision.correction.action
+    state = states.setdefault(number, {"status": "", "checked_class": listed[1], "checked_kind": listed[0]})
+    state["decision"], state["who"], state["made"] = decision.identifier, decision.who, decision.made
+    if action == "move_base":
+        state["x"], state["y"], state["z"] = (float(given.payload[axis]) for axis in "xyz")
+        state["status"] = state["status"] or STATUS[action]
+        return
+    state["status"] = STATUS[action]
+    state.pop("merged_into", None)
+    if action == "reject":
+        state["checked_class"] = str(given.payload.get("class", ""))
+    elif action == "other_kind":
+        state["checked_class"], state["checked_kind"] = given.checked_class, given.kind or listed[0]
+    else:
+        state["checked_class"] = str(given.payload.get("class") or state["checked_class"] or listed[1])
+
+
+def _present_numbers(decisions: Sequence[Decision], objects: ListedObjects) -> dict[tuple[int, int], int | None]:
+    """Return the present number of each object that a decision names, by identifier and number then.
+
+    Decisions about the same object of the same inventory are searched together.
+    """
+    groups: dict[tuple[str, int], int] = {}
+    anchors: dict[int, list[tuple[int, Anchor, str]]] = {}
+    members: list[tuple[tuple[int, int], int]] = []
+    for decision in decisions:
+        given = decision.correction.kind or ""
+        for number in named_objects(decision.correction):
+            anchor = decision.anchors.get(number)
+            if anchor is None:
+                continue
+            key = groups.setdefault((anchor.inventory, number), len(groups))
+            before = anchors.setdefault(key, [])
+            before.append((number, anchor, given or (before[-1][2] if before else "")))
+            members.append(((decision.identifier, number), key))
+    found = objects.find(anchors)
+    return {member: found[key] for member, key in members}

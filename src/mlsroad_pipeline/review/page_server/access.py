@@ -1,0 +1,119 @@
+"""Access to the page: one-time token, session cookie, checks of host and origin, headers of all answers."""
+
+from __future__ import annotations
+
+import hmac
+import secrets
+from collections.abc import Awaitable, Callable, Mapping
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+POLICY = "; ".join(
+    (
+        "default-src 'none'",
+        "script-src 'self'",
+        "style-src 'self'",
+        "img-src 'self' data: blob:",
+        "connect-src 'self'",
+        "frame-ancestors 'none'",
+        "base-uri 'none'",
+        "form-action 'none'",
+    )
+)
+"""Content security policy of the page: nothing inline, no `eval`, nothing from the network."""
+
+HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "X-Frame-Options": "DENY",
+}
+UNKNOWN = "Open the address that `mlsroad open` printed. It is valid once: start the command again for another.\n"
+METHODS = ("GET", "HEAD", "POST")
+LARGEST_BODY = 1 << 20
+"""Largest body of a request, bytes."""
+
+
+class Guard:
+    """ASGI application that passes only requests of the page itself."""
+
+    def __init__(self, app: ASGIApp, *, port: int, token: str) -> None:
+        self._app = app
+        self._hosts = (f"127.0.0.1:{port}", f"localhost:{port}")
+        self._origins = tuple(f"http://{host}" for host in self._hosts)
+        self._cookie = f"mlsroad_{port}"
+        self._token: str | None = token
+        self._session = secrets.token_urlsafe(32)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request, or refuse it."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        if scope["type"] != "http":  # no websocket is served
+            return
+        request = Request(scope)
+        refused = self._foreign(scope["method"], request.headers)
+        if refused is not None:
+            await PlainTextResponse(refused, 403)(scope, receive, _with_headers(send, {}))
+            return
+        granted = self._exchange(request)
+        if not granted and not self._known(request.cookies):
+            await PlainTextResponse(UNKNOWN, 401)(scope, receive, _with_headers(send, {}))
+            return
+        cookie = f"{self._cookie}={self._session}; Path=/; HttpOnly; SameSite=Strict"
+        await self._app(scope, receive, _with_headers(send, {"set-cookie": cookie} if granted else {}))
+
+    def _foreign(self, method: str, headers: Headers) -> str | None:
+        """Return why a request does not come from the page, None if it may."""
+        if headers.get("host") not in self._hosts:
+            return "This host name is not served.\n"
+        origin = headers.get("origin")
+        if origin is not None and origin not in self._origins:
+            return "Requests of other pages are refused.\n"
+        if headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
+            return "Requests of other pages are refused.\n"
+        if method not in METHODS:
+            return "This method is not served.\n"
+        return _unfit(headers) if method == "POST" else None
+
+    def _exchange(self, request: Request) -> bool:
+        given = request.query_params.get("token")
+        if self._token is None or given is None or request.url.path != "/":
+            return False
+        if not hmac.compare_digest(given.encode(), self._token.encode()):
+            return False
+        self._token = None
+        return True
+
+    def _known(self, cookies: Mapping[str, str]) -> bool:
+        return hmac.compare_digest(cookies.get(self._cookie, "").encode(), self._session.encode())
+
+
+def _unfit(headers: Headers) -> str | None:
+    """Return why a change is refused, None if it is not."""
+    if "origin" not in headers or headers.get("content-type", "").partition(";")[0] != "application/json":
+        return "A change needs an origin and JSON.\n"
+    length = headers.get("content-length", "")
+    if not length.isdigit() or int(length) > LARGEST_BODY:
+        return "The body of the request is too large, or its length is missing.\n"
+    return None
+
+
+def _with_headers(send: Send, more: Mapping[str, str]) -> Callable[[Message], Awaitable[None]]:
+    async def with_headers(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = MutableHeaders(scope=message)
+            for name, value in HEADERS.items():
+                headers[name] = value
+            headers.setdefault("Content-Security-Policy", POLICY)
+            headers.setdefault("Cache-Control", "no-store")
+            for name, value in more.items():
+                headers.append(name, value)
+        await send(message)
+
+    return with_headers

@@ -1,0 +1,287 @@
+"""Survey that the page shows: the answers to its requests as JSON, and chunks of points."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
+from mlsroad_pipeline.review.page_server.first_picture import FirstPicture, first_picture
+from mlsroad_pipeline.review.page_server.output_folder import REPORT, OutputFolder
+from mlsroad_pipeline.review.page_server.selection import Painted, brushed, cluster
+from mlsroad_pipeline.review.page_server.tile_cache import TileCache
+
+if TYPE_CHECKING:
+    from mlsroad_pipeline.review.corrections import Correction, CorrectionStore
+    from mlsroad_pipeline.review.page_server.point_groups import PointGroups
+
+# The corrections need pandas and SciPy, a second of imports that the first picture does not wait for.
+
+
+_FIRST_WAIT = 4.0  # longest wait for a browser that requests the first picture, seconds
+
+
+class ServedSurvey:
+    """A survey as the page shows it; its methods are called from several threads."""
+
+    def __init__(self, output: OutputFolder, *, user: str) -> None:
+        if not output.clouds.n_points:
+            raise ReadError(f"{output.path}: the labelled files hold no points, there is nothing to show")
+        self.output, self.user = output, user
+        self.tiles = TileCache(output.path, output.cloud_names)
+        self._guard, self._reading, self._grouping = threading.Lock(), threading.Lock(), threading.Lock()
+        self._first: FirstPicture | None = None
+        self._store: CorrectionStore | None = None
+        self._objects = ""
+        self._groups: PointGroups | None = None
+        self.given = threading.Event()
+
+    @property
+    def first(self) -> FirstPicture:
+        """Sample of the points."""
+        with self._reading:
+            if self._first is None:
+                self._first = self.tiles.kept_picture() or first_picture(self.output.clouds)
+            return self._first
+
+    @property
+    def store(self) -> CorrectionStore:
+        """Decisions of the output folder."""
+        from mlsroad_pipeline.review.corrections import open_corrections  # noqa: PLC0415
+
+        with self._guard:
+            if self._store is None:
+                self._store = open_corrections(self.output.path)
+                self._objects = self._store.objects().digest
+            return self._store
+
+    def _check_current(self) -> None:
+        """Raise ReadError if the survey has been labelled again: numbers of points and objects are others now."""
+        if self.store.objects().digest != self._objects or self.tiles.status()["state"] == "stale":
+            raise ReadError("the survey was labelled again since the page was opened: end the page and open it again")
+
+    def prepare(self) -> None:
+        """Start to read the sample, to build the tiles and to open the decisions, in a thread."""
+        threading.Thread(target=self._prepare, daemon=True).start()
+
+    def _prepare(self) -> None:
+        try:
+            _ = self.first
+            self.given.wait(_FIRST_WAIT)  # the picture comes first, also where processors are busy
+            self.tiles.keep_picture(self.first)
+            self.tiles.start()
+            _ = self.store
+        except Exception as error:  # such as a full disk; the page shows it
+            self.tiles.fail(one_line(error))
+
+    def close(self) -> None:
+        """End what was started."""
+        self.tiles.stop()
+        if self._store is not None:
+            self._store.close()
+
+    def survey(self, picture: FirstPicture | None = None) -> dict[str, Any]:
+        """Return what does not change while the page is open; `picture` replaces the sample of the points."""
+        output = self.output
+        return {
+            "name": output.name,
+            "folder": output.path.name,
+            "user": self.user,
+            "n_points": output.clouds.n_points,
+            "origin": output.clouds.origin.tolist(),
+            "files": [[file.name, file.first, file.header.n_points] for file in output.clouds.files],
+            "classes": {str(code): name for code, name in sorted(output.class_names().items())},
+            "objects": output.objects(),
+            "footprints": output.footprints(),
+            "path": output.path_vertices(),
+            "lines": output.lines(),
+            "photos": output.photos(),
+            "report": (output.path / REPORT).is_file(),
+            "warnings": output.run["summary"].get("warnings", []),
+            "first": (picture or self.first).facts,
+        }
+
+    def corrections(self, *, points: bool = True) -> dict[str, Any]:
+        """Return the states of the objects and the decisions in force, with the painted points unless left out."""
+        states = self.store.states()
+        files = {file.name: file for file in self.output.clouds.files} if points else {}
+        painted = [
+            {
+                "id": decision.identifier,
+                "class": decision.correction.payload["class"],
+                "rows": [file.first + row for row in decision.correction.payload["points"]],
+            }
+            for decision in states.painted
+            if (file := files.get(decision.correction.payload["file"])) is not None
+            and decision.correction.paints(file.name, file.header.n_points)
+        ]
+        decisions = [
+            {
+                "id": decision.identifier,
+                "made": decision.made,
+                "who": decision.who,
+                "action": decision.correction.action,
+                "object_id": decision.correction.object_id,
+                "what": _described(decision.correction),
+            }
+            for decision in self.store.current()
+        ]
+        added = [
+            {"id": decision.identifier, "kind": decision.correction.kind, **decision.correction.payload}
+            for decision in states.added
+        ]
+        states_of = {str(number): dict(state) for number, state in states.of_objects.items()}
+        return {"states": states_of, "painted": painted, "decisions": decisions, "added": added}
+
+    def queue(self, number: int) -> list[dict[str, Any]]:
+        """Return the objects to look at first."""
+        from mlsroad_pipeline.review.corrections import review_order  # noqa: PLC0415
+
+        return review_order(self.store.objects().rows(), self.store.object_states(), number)
+
+    def point_groups(self, number: int) -> list[dict[str, Any]]:
+        """Return the groups of points to look at first; none while the tiles are not finished."""
+        if self.tiles.index() is None:
+            return []
+        self._check_current()
+        return [dict(group) for group in self._point_groups().first(number, self._paintings())]
+
+    def _point_groups(self) -> PointGroups:
+        """Return the groups of the points, found at the first request."""
+        from mlsroad_pipeline.review.page_server.point_groups import PointGroups  # noqa: PLC0415  # SciPy
+
+        index = self.tiles.index()
+        if index is None:
+            raise ReadError("the points are still being prepared: paint when that is finished")
+        with self._grouping:
+            if self._groups is None:
+                self._groups = PointGroups(index)
+            return self._groups
+
+    def leave_out(self, wanted: dict[str, Any]) -> dict[str, Any]:
+        """Leave a group out of the list while the page is open, or take it back."""
+        self._point_groups().leave_out(_places(wanted.get("places"))[0], back=bool(wanted.get("back")))
+        return {}
+
+    def group(self, wanted: dict[str, Any]) -> dict[str, Any]:
+        """Return the rows of the points of a group."""
+        return {"rows": self._selected({**wanted, "group": True}).tolist()}
+
+    def decide(self, wanted: dict[str, Any]) -> dict[str, Any]:
+        """Write a decision and return its identifier; it is on the disk when this returns."""
+        from mlsroad_pipeline.review.corrections import Correction  # noqa: PLC0415
+
+        correction = Correction(
+            str(wanted.get("action")), wanted.get("object_id"), wanted.get("kind"), wanted.get("payload") or {}
+        )
+        if correction.action == "paint":
+            raise ParameterError("points are painted by a selection")
+        self._check_current()
+        return {"ids": [self.store.add(correction, who=self.user)]}
+
+    def undo(self, wanted: dict[str, Any]) -> dict[str, Any]:
+        """Take decisions back."""
+        identifiers = wanted.get("ids")
+        if not isinstance(identifiers, list) or not all(type(identifier) is int for identifier in identifiers):
+            raise ParameterError("ids must be a list of numbers of decisions")
+        for identifier in identifiers:
+            self.store.undo(identifier, who=self.user)
+        return {}
+
+    def paint(self, wanted: dict[str, Any]) -> dict[str, Any]:
+        """Write the class of the points that a stroke or a click selects, and return their rows."""
+        name = wanted.get("class")
+        if name not in self._codes():
+            raise ParameterError(f"{name!r} is no class of the survey")
+        rows = self._selected(wanted)
+        if not len(rows):
+            return {"ids": [], "rows": []}
+        return {"ids": self.store.add_all(self._strokes(rows, str(name)), who=self.user), "rows": rows.tolist()}
+
+    def _selected(self, wanted: dict[str, Any]) -> NDArray[np.uint32]:
+        """Return the rows of the points that a stroke, a click on a cluster or a group selects."""
+        index = self.tiles.index()
+        if index is None:
+            raise ReadError("the points are still being prepared: paint when that is finished")
+        self._check_current()
+        places, only, painted = _places(wanted.get("places")), _only(wanted.get("only")), self._paintings()
+        if not (wanted.get("cluster") or wanted.get("group")):
+            return brushed(index, places, _radius(wanted.get("radius")), only, painted)
+        if only is None:
+            raise ParameterError("a cluster needs the class of its points (only)")
+        if wanted.get("group"):
+            return self._point_groups().rows(places[0], only, painted)
+        return cluster(index, places[0], only, painted)
+
+    def _paintings(self) -> Painted:
+        """Return the points that strokes in force have painted."""
+        codes = self._codes()
+        return Painted.of((rows, codes.get(text, 0)) for rows, text in self._painted())
+
+    def _codes(self) -> dict[str, int]:
+        """Return the code of each class name, the least where several have the name."""
+        return {text: code for code, text in sorted(self.output.class_names().items(), reverse=True)}
+
+    def _painted(self) -> Iterator[tuple[NDArray[np.int64], str]]:
+        """Yield the rows and the class of each stroke in force, in order."""
+        files = {file.name: file for file in self.output.clouds.files}
+        for decision in self.store.current():
+            given = decision.correction
+            file = files.get(given.payload["file"]) if given.action == "paint" else None
+            if file is not None and given.paints(file.name, file.header.n_points):
+                yield np.asarray(given.payload["points"], dtype=np.int64) + file.first, given.payload["class"]
+
+    def _strokes(self, rows: np.ndarray, name: str) -> list[Correction]:
+        """Return one decision per file for painted rows."""
+        from mlsroad_pipeline.review.corrections import Correction  # noqa: PLC0415
+
+        corrections = []
+        for file in self.output.clouds.files:
+            own = rows[(rows >= file.first) & (rows < file.first + file.header.n_points)]
+            if len(own):
+                points = (own.astype(np.int64) - file.first).tolist()
+                payload = {"file": file.name, "points": points, "class": name, "n_points": file.header.n_points}
+                corrections.append(Correction("paint", payload=payload))
+        return corrections
+
+
+def _places(value: object) -> np.ndarray:
+    try:
+        places = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DataError("places must be numbers x, y, z") from error
+    if places.ndim != 2 or places.shape[1] != 3 or not 1 <= len(places) <= 200 or not np.isfinite(places).all():
+        raise DataError("places must be 1 to 200 finite x, y, z")
+    return places
+
+
+def _radius(value: object) -> float:
+    if not isinstance(value, int | float) or isinstance(value, bool) or not 0.01 <= value <= 5.0:
+        raise ParameterError(f"the radius of the brush must be 0.01 m to 5 m, got {value!r}")
+    return float(value)
+
+
+def _only(value: object) -> int | None:
+    if value is not None and (not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= 255):
+        raise ParameterError(f"only must be a class code from 0 to 255, got {value!r}")
+    return value
+
+
+def _described(correction: Correction) -> str:
+    """Return what a decision is about, in a few words."""
+    if correction.action == "paint":
+        return f"{len(correction.payload['points']):,} points: {correction.payload['class']}"
+    if correction.action == "merge":
+        return "with " + ", ".join(map(str, correction.payload["objects"]))
+    return correction.checked_class
+
+
+def one_line(error: Exception) -> str:
+    """Return the message of an error in one line; of the system's errors the file and the reason."""
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return " ".join(str(error).split()) or type(error).__name__

@@ -1,1 +1,0 @@
-"""Experiments of the papers: parameters, plans, worker functions, tables, figures and reports."""

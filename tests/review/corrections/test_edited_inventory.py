@@ -1,0 +1,173 @@
+"""Corrections that come back from a GeoPackage edited in another program: statuses, classes, places, rows."""
+
+import shutil
+import sqlite3
+from contextlib import closing
+
+import geopandas as gpd
+import pyogrio
+import pytest
+import shapely
+from helpers.corrected import object_rows, write_inventory
+from typer.testing import CliRunner
+
+from mlsroad_pipeline.commands.app import app
+from mlsroad_pipeline.review.corrections import Correction, open_corrections
+
+
+@pytest.fixture(scope="module")
+def labelled(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("labelled")
+    write_inventory(folder, object_rows())
+    return folder
+
+
+@pytest.fixture
+def folder(labelled, tmp_path):
+    shutil.copytree(labelled, tmp_path / "out")
+    shutil.copy(labelled / "inventory.gpkg", tmp_path / "edited.gpkg")
+    return tmp_path / "out"
+
+
+def edit(folder, layer, change):
+    """Edit a layer of the copy as GDAL and QGIS do: read, change, write in its place."""
+    path = folder.parent / "edited.gpkg"
+    frame = change(gpd.read_file(path, layer=layer))
+    pyogrio.write_dataframe(frame, path, layer=layer, driver="GPKG")
+    return path
+
+
+def run(*arguments):
+    result = CliRunner().invoke(app, ["corrections", *map(str, arguments)])
+    return result.exit_code, " ".join(result.output.split())
+
+
+def with_copy(frame, **changes):
+    """Return a layer with a copy of its first row, as pasted in QGIS."""
+    copy = frame.iloc[:1].assign(**{"geometry": [shapely.Point(490.0, 880.0, 11.0)], **changes})
+    both = gpd.pd.concat([part.astype({"object_id": "object"}) for part in (frame, copy)])
+    return gpd.GeoDataFrame(both, crs=frame.crs).astype({"object_id": "Int64"})
+
+
+def states(folder):
+    with open_corrections(folder) as store:
+        return {n: (s["status"], s["checked_class"]) for n, s in store.object_states().items()}
+
+
+def test_edits_of_several_layers_come_back_once(folder):
+    def poles(frame):
+        frame.loc[frame["object_id"] == 1, "status"] = "accepted"
+        frame.loc[frame["object_id"] == 2, "checked_class"] = "sign"
+        frame.loc[frame["object_id"] == 1, "geometry"] = shapely.Point(500.5, 900.0, 12.0)
+        return frame
+
+    edit(folder, "poles", poles)
+    edit(folder, "trees", lambda frame: frame[:0])
+    path = edit(folder, "objects", lambda frame: frame.assign(kind=frame["kind"].replace("vehicle", "tree")))
+    code, said = run("import", path, folder, "--who", "ann")
+    assert (code, "5 new corrections" in said) == (0, True), said
+    assert states(folder) == {
+        1: ("accepted", "pole"), 2: ("changed", "sign"), 4: ("rejected", ""), 5: ("changed", "tree"),
+    }  # fmt: skip
+    with open_corrections(folder) as store:
+        assert store.object_states()[1]["x"] == 500.5
+        assert {decision.who for decision in store.current()} == {"ann"}
+    assert "0 new corrections" in run("import", path, folder)[1]
+
+
+def test_new_rows_are_added_objects_and_the_export_holds_them(folder):
+    path = edit(folder, "objects", lambda frame: with_copy(frame, object_id=None))
+    edit(folder, "signs", lambda frame: frame[:0])
+    assert "2 new corrections" in run("import", path, folder)[1]
+    assert "0 new corrections" in run("import", path, folder)[1]
+    code, said = run("export", folder)
+    assert (code, "5 of 5 objects" in said) == (0, True), said
+    table = gpd.read_file(folder / "corrected.gpkg", layer="objects").set_index("object_id")
+    assert sorted(table.index) == [1, 2, 4, 5, 6]
+    assert (table.loc[6, "status"], table.loc[6, "x"], table.loc[6, "kind"]) == ("added", 490.0, "pole")
+    assert "exists: name another file" in run("export", folder)[1]
+    assert run("export", folder, "--overwrite", "--keep-rejected")[0] == 0
+
+
+def test_the_export_has_added_vehicles_and_the_classes_that_users_gave(folder):
+    with open_corrections(folder) as store:
+        store.add(Correction("add", kind="vehicle", payload={"x": 510.0, "y": 905.0, "z": 12.0}), who="a")
+        store.add(Correction("other_kind", 1, kind="sign"), who="a")
+        store.add(Correction("other_kind", 4, payload={"class": "low vegetation"}), who="a")
+    code, said = run("export", folder)
+    assert code == 0, said
+    table = gpd.read_file(folder / "corrected.gpkg", layer="objects").set_index("object_id")
+    kept = {n: (table.loc[n, "class"], table.loc[n, "kind"]) for n in (1, 2, 4, 6)}
+    assert kept == {1: ("sign", "sign"), 2: ("pole", "pole"), 4: ("low vegetation", "tree"), 6: ("vehicle", "vehicle")}
+    vehicles = gpd.read_file(folder / "corrected.gpkg", layer="vehicles").set_index("object_id").geometry
+    assert vehicles[6] is None and vehicles[5].area == pytest.approx(2.0)
+    assert "0 new corrections" in run("import", folder / "corrected.gpkg", folder)[1]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda f: f.assign(status="fine"), "unknown status 'fine' of object 1: use accepted, rejected, changed"),
+        (lambda f: f.assign(status="changed"), "status changed without another checked_class"),
+        (lambda f: f.assign(x=f["x"] + 5), "is no copy of this inventory"),
+        (lambda f: f[:1], "lacks 4 of 5 objects"),
+        (lambda f: f.to_crs("EPSG:25833"), "is in ETRS89 / UTM zone 33N, the inventory in ETRS89 / UTM zone 32N"),
+        (lambda f: f.set_geometry(f.translate(xoff=30.0)), "object 1 was moved by 30 m, allowed are 20 m"),
+        (lambda f: f.assign(kind="Tree"), "unknown class 'Tree' of object 1: use one of pole, sign, tree, vehicle"),
+        (lambda f: f.assign(checked_class="lamp-post"), "unknown class 'lamp-post' of object 1"),
+        (lambda f: with_copy(f, object_id=None, kind=None), "an added row of layer 'objects' has the kind ''"),
+        (lambda f: with_copy(f, kind="bollard"), "has the kind 'bollard': use pole, sign, vehicle, tree"),
+        (lambda f: f.drop(columns="kind"), "layer 'objects' has no field 'kind'"),
+    ],
+)
+def test_edits_that_cannot_be_understood_are_one_line(folder, change, message):
+    code, said = run("import", edit(folder, "objects", change), folder)
+    assert (code, message in said) == (1, True), said
+    assert states(folder) == {}
+
+
+def test_a_pasted_feature_is_an_added_object(folder):
+    path = edit(folder, "objects", with_copy)
+    pyogrio.write_dataframe(
+        with_copy(gpd.read_file(path, layer="vehicles"), geometry=[shapely.box(485, 880, 487, 884)]),
+        path, layer="vehicles", driver="GPKG",
+    )  # fmt: skip
+    assert "2 new corrections" in run("import", path, folder)[1]
+    with open_corrections(folder) as store:
+        added = [decision.correction for decision in store.states().added]
+    assert [(a.kind, a.payload["x"], a.payload["y"]) for a in added] == [("pole", 490, 880), ("vehicle", 486, 882)]
+
+
+def test_a_layer_without_geometry_is_one_line(folder):
+    path = folder.parent / "edited.gpkg"
+    table = gpd.pd.DataFrame(gpd.read_file(path, layer="poles").drop(columns="geometry"))
+    pyogrio.write_dataframe(table, path, layer="poles", driver="GPKG")
+    code, said = run("import", path, folder)
+    assert (code, "layer 'poles' has no geometry" in said) == (1, True), said
+
+
+def test_layers_that_contradict_each_other_are_one_line(folder):
+    edit(folder, "objects", lambda frame: frame.assign(status=["accepted", None, None, None, None]))
+    path = edit(folder, "poles", lambda frame: frame.assign(status=["rejected", None]))
+    assert "object 1 is edited in two ways (accept; reject)" in run("import", path, folder)[1]
+
+
+def test_damaged_and_foreign_files_are_one_line(folder):
+    path = folder.parent / "edited.gpkg"
+    path.write_bytes(b"no database" * 99)
+    assert "not a GeoPackage" in run("import", path, folder)[1]
+    path.unlink()
+    with closing(sqlite3.connect(path)) as base, base:
+        base.execute("CREATE TABLE other (x)")
+    code, said = run("import", path, folder)
+    assert (code, "edited.gpkg" in said) == (1, True)
+    assert "read from .gpkg, .laz and .las" in run("import", folder / "inventory.parquet", folder)[1]
+
+
+def test_list_prints_each_decision_and_whether_it_matches(folder):
+    assert "has no corrections" in run("list", folder)[1]
+    path = edit(folder, "objects", lambda frame: frame.assign(status=["accepted", None, None, None, "rejected"]))
+    run("import", path, folder, "--who", "ann")
+    write_inventory(folder, object_rows()[:3])
+    code, said = run("list", folder)
+    assert (code, "2 decisions, 1 match no object" in said, "ann" in said) == (0, True, True), said
