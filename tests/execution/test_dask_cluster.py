@@ -7,10 +7,12 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
+import psutil
 import pytest
 from distributed import Client
-from helpers.store import make_points
+from helpers.store import make_points, tree_digest
 from kedro.io import DatasetError
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
@@ -96,6 +98,49 @@ def test_no_worker_then_other_sources_then_a_lost_scheduler(tmp_path, scheduler,
         worker.wait()
     store_at(tmp_path / "s", backend="sequential").save(TASKS)
     assert store.exists()
+
+
+@pytest.fixture
+def cluster(scheduler):
+    """Address of a scheduler with two workers, whose nannies replace them."""
+    _, address = scheduler
+    options = ("--nthreads", "1", "--nworkers", "2", "--no-dashboard", "--host", "127.0.0.1")
+    workers = started("dask_worker", address, *options)
+    try:
+        yield address
+    finally:
+        for process in [*psutil.Process(workers.pid).children(recursive=True), workers]:
+            process.kill()
+        workers.wait()
+
+
+def test_a_killed_worker_is_replaced_and_the_bytes_are_the_same(tmp_path, cluster):
+    store_at(tmp_path / "here", backend="sequential").save(TASKS)
+    with Client(cluster, set_as_default=False) as client:
+        client.wait_for_workers(2, timeout=60)
+        killed = min(client.run(os.getpid).values())
+        timer = threading.Timer(0.5, os.kill, [killed, signal.SIGKILL])
+        timer.start()
+        store_at(tmp_path / "there", backend="dask", scheduler=cluster).save(TASKS)
+        timer.join()
+        client.wait_for_workers(2, timeout=60)
+        assert killed not in client.run(os.getpid).values()
+    assert tree_digest(tmp_path / "there") == tree_digest(tmp_path / "here")
+
+
+def test_label_on_a_cluster_writes_the_bytes_of_processes(tmp_path, cluster):
+    def mlsroad(*words):
+        command = [Path(sys.executable).with_name("mlsroad"), *words]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=600)
+        assert done.returncode == 0, done.stderr
+
+    mlsroad("simulate", "--preset", "tiny", "--length", "20", "--params", "with_images=false")
+    for name, options in {"here": ["backend=loky"], "there": ["backend=dask", f"scheduler={cluster}"]}.items():
+        params = [word for option in options for word in ("--params", f"execution.{option}")]
+        mlsroad("label", "street", "-o", name, *params)
+    here, there = (tree_digest(tmp_path / name) for name in ("here", "there"))
+    clouds = [name for name in here if name.endswith(".laz")]
+    assert clouds and all(there[name] == here[name] for name in clouds)
 
 
 def test_a_worker_without_the_folder_is_named(tmp_path):
