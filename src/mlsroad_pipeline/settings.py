@@ -10,13 +10,11 @@ if is_label(sys.argv):
 from omegaconf.resolvers import oc
 
 from mlsroad_pipeline.config import ParameterConfigLoader
-from mlsroad_pipeline.hooks.closing_lines import ClosingLinesHooks
 from mlsroad_pipeline.hooks.default_pipeline import DefaultPipelineHooks
 from mlsroad_pipeline.hooks.label_run import LabelRunHooks
-from mlsroad_pipeline.hooks.library_warnings import silence
 from mlsroad_pipeline.hooks.mlflow_run import MlflowDetailsHooks
-from mlsroad_pipeline.hooks.plain_logs import install
-from mlsroad_pipeline.hooks.progress import ProgressHooks
+from mlsroad_pipeline.hooks.plain_logs import install, silence
+from mlsroad_pipeline.hooks.progress import ClosingLinesHooks, ProgressHooks
 from mlsroad_pipeline.hooks.stage_costs import StageCostsHooks
 
 silence()

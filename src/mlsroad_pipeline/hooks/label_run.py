@@ -16,7 +16,7 @@ from mlsroad_pipeline.execution.backends import end_processes
 from mlsroad_pipeline.execution.output_lock import release_output
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.run_identity import run_folder, run_settings
-from mlsroad_pipeline.hooks.data_fingerprint import source_files
+from mlsroad_pipeline.hooks.run_details import source_files
 from mlsroad_pipeline.pipelines.composition import create_pipeline
 
 logger = logging.getLogger(__name__)
