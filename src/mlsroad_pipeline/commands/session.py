@@ -1,7 +1,7 @@
 """Run of a pipeline from the command `mlsroad`, inside a project or in any other folder.
 
-`kedro run` loads every installed plugin, and with kedro-mlflow also MLflow, which takes 3 s. This session loads
-kedro-mlflow only where a run is tracked, and no other plugin.
+Kedro's session loads every installed plugin, and with kedro-mlflow also MLflow: 2.0 s of processor time. This session
+loads kedro-mlflow only where a run is tracked, and no other plugin.
 """
 
 from __future__ import annotations
@@ -108,7 +108,10 @@ def _context(name: str, parameters: Mapping[str, Any], place: Place, hooks: Any)
     from kedro.framework.project import pipelines, settings
 
     class RunContext(KedroContext):
-        """Context with the parameters that the pipeline takes and whole sections; Kedro's has every single value."""
+        """Context with the parameters that the pipeline takes and whole sections.
+
+        Kedro's has every single value, which takes 0.6 s of processor time in place of 0.1 s.
+        """
 
         def _get_parameters(self) -> dict[str, Any]:
             taken = pipelines[name].inputs()
@@ -157,19 +160,9 @@ def _tracking_hooks(place: Place) -> list[Any]:
 
 
 def _hook_manager(hooks: list[Any]) -> Any:
-    from kedro.framework.hooks import specs
-    from kedro.framework.hooks.markers import HOOK_NAMESPACE
-    from pluggy import PluginManager
+    from kedro.framework.hooks import _create_hook_manager
 
-    manager = PluginManager(HOOK_NAMESPACE)
-    for spec in (
-        specs.NodeSpecs,
-        specs.PipelineSpecs,
-        specs.DataCatalogSpecs,
-        specs.DatasetSpecs,
-        specs.KedroContextSpecs,
-    ):
-        manager.add_hookspecs(spec)
+    manager = _create_hook_manager()
     for hook in hooks:
         manager.register(hook)
     return manager

@@ -37,7 +37,7 @@ class LabelRunHooks:
     @hook_impl(trylast=True)
     def after_context_created(self, context: KedroContext) -> None:
         """Replace the pipeline if its run is finished and unchanged; restore it for another run of this process."""
-        if pipelines._requested_pipelines != [LABEL]:  # another command
+        if set(pipelines) != {LABEL}:  # another command: the registry has the requested pipelines alone
             return
         if self._replaced:
             pipelines[LABEL] = create_pipeline(LABEL)
