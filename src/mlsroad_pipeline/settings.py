@@ -2,7 +2,7 @@
 
 import sys
 
-from mlsroad_pipeline.label.early_start import is_label, start_workers
+from mlsroad_pipeline.hooks.early_start import is_label, start_workers
 
 if is_label(sys.argv):
     start_workers()  # before the imports below; the module has the measured gain

@@ -84,7 +84,6 @@ def label(  # typer reads the options from the signature
     from mlsroad_pipeline.commands.console import Stages, collected_warnings, error_console, output_console
     from mlsroad_pipeline.commands.errors import one_line_errors
     from mlsroad_pipeline.commands.session import configure, find_place, kernels_compiled, run_pipeline
-    from mlsroad_pipeline.label.early_start import start_workers
 
     begin = time.perf_counter()
     options: dict[str, Any] = {"method": method, "model": model, "crs": crs, "copc": copc or None}
@@ -100,8 +99,6 @@ def label(  # typer reads the options from the signature
             parameters["execution"] = {"n_workers": workers}
         parameters = merged(parameters, changed)
         place = find_place()
-        if parameters.get("execution", {}).get("backend", "loky") == "loky":
-            start_workers()
         configure(place)
         if not kernels_compiled():
             error_console().print("First run: compiling the kernels takes about a minute.")

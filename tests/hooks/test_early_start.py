@@ -1,4 +1,4 @@
-"""Early start of the workers of `label`: which commands of Kedro start them, and that the stages run in them."""
+"""Early start of the workers of `label`: which commands start them, and that the stages run in them."""
 
 import os
 import subprocess
@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from mlsroad_pipeline.label.early_start import is_label
+from mlsroad_pipeline.hooks.early_start import is_label
 
 
 @pytest.mark.parametrize(
@@ -20,6 +20,9 @@ from mlsroad_pipeline.label.early_start import is_label
         (["kedro", "run", "--pipelines=label", "--params=execution.backend=loky"], True),
         (["kedro", "run", "--pipelines=label", "--params=execution.backend=threading"], False),
         (["kedro", "run", "--pipelines=label", "--params=execution.backend=dask,execution.scheduler=tcp://h:1"], False),
+        (["/venv/bin/mlsroad", "label", "a.laz", "--workers", "2"], True),
+        (["mlsroad", "label", "a.laz", "--params", "execution.backend=sequential"], False),
+        (["mlsroad", "inspect", "label"], False),
         (["kedro", "run", "--pipelines=labels"], False),
         (["kedro", "run", "--params=label.survey=label"], False),
         (["kedro", "catalog", "list", "--pipelines=label"], False),
@@ -34,7 +37,7 @@ def test_only_label_with_processes_starts_them(arguments, expected):
 
 SCRIPT = """
 import gc, os, sys
-from mlsroad_pipeline.label.early_start import start_workers
+from mlsroad_pipeline.hooks.early_start import start_workers
 
 def loaded(number):
     kernels = sys.modules["mlsroad_pipeline.label.warm_up"].extract_objects.__module__ in sys.modules

@@ -17,13 +17,13 @@ _OTHER_BACKEND = re.compile(r"execution\.backend=(?!loky)")
 
 
 def is_label(arguments: Sequence[str]) -> bool:
-    """Return whether a command line of Kedro runs `label` in processes; Kedro calls no hook before its long imports."""
-    # /usr/bin/kedro, "python -m kedro" or mlsroad_pipeline/__main__.py
+    """Return whether a command line runs `label` in processes; Kedro calls no hook before its long imports."""
+    # /usr/bin/kedro, "python -m kedro", mlsroad_pipeline/__main__.py or mlsroad
     program = set(re.split(r"[\s/\\]+", arguments[0])) if arguments else set()
-    if "mlsroad_pipeline" not in program and not ("kedro" in program and "run" in arguments):
-        return False
     line = " ".join(arguments)
-    return _PIPELINE.search(line) is not None and _OTHER_BACKEND.search(line) is None
+    is_kedro = "mlsroad_pipeline" in program or ("kedro" in program and "run" in arguments)
+    runs = (is_kedro and _PIPELINE.search(line)) or ("mlsroad" in program and arguments[1:2] == ["label"])
+    return bool(runs) and _OTHER_BACKEND.search(line) is None
 
 
 def start_workers() -> None:
