@@ -111,7 +111,7 @@ def _serve(listener: int, alive: int, driver: int, load_kernels: Callable[[], ob
     try:
         ctypes.CDLL(None).prctl(_END_WITH_PARENT, signal.SIGKILL)
         if os.getppid() != driver:
-            return
+            os._exit(1)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         sys.excepthook = sys.__excepthook__
         for logger in (logging.root, *map(logging.getLogger, logging.root.manager.loggerDict)):
