@@ -252,7 +252,8 @@ def stage_seconds(log: str) -> dict[str, float]:
 
 def configured(group: str, environment: str | None = None) -> dict[str, Any]:
     """Return a group of parameters as an environment has it; None is the base."""
-    base = yaml.safe_load((CONF / f"base/parameters_{group}.yml").read_text(encoding="utf-8"))[group]
+    files = map(yaml.safe_load, (path.read_text(encoding="utf-8") for path in (CONF / "base").glob("parameters_*.yml")))
+    base = next(groups[group] for groups in files if group in groups)
     if environment is None:
         return dict(base)
     own = yaml.safe_load((CONF / environment / "parameters.yml").read_text(encoding="utf-8")).get(group, {})

@@ -23,7 +23,7 @@ from mlsroad_pipeline.algorithms.features.supervoxel_features import compute_sup
 from mlsroad_pipeline.algorithms.geometry.cell_grid import build_cell_grids
 from mlsroad_pipeline.algorithms.geometry.neighbors import radius_neighbors
 from mlsroad_pipeline.algorithms.models.machines.flat_forest import FlatForest
-from mlsroad_pipeline.papers.tomic2019.detrended_forest.labelling import nearest_supervoxels
+from mlsroad_pipeline.papers.tomic2019.detrended_forest.labeller import nearest_supervoxels
 
 RADIUS = 0.3
 

@@ -9,7 +9,7 @@ from judge_streets import SCHEME, Street, true_objects
 from mlsroad_pipeline.algorithms.geometry.assignment import assign_one_to_one
 from mlsroad_pipeline.algorithms.inventory.objects.candidate_labels import candidate_rules
 from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import CandidateScene, find_candidate_table
-from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectJudge
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectClassifier
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.algorithms.inventory.scoring.object_matching import REACH
 
@@ -23,12 +23,12 @@ def scene_of(street: Street) -> CandidateScene:
     return CandidateScene(street.local, street.origin, street.height, street.evidence, street.instance)
 
 
-def find_candidate_rows(street: Street, judge: ObjectJudge) -> pd.DataFrame:
+def find_candidate_rows(street: Street, judge: ObjectClassifier) -> pd.DataFrame:
     """Return the candidates of a street with their features."""
     return find_candidate_table(scene_of(street), RULES, judge).assign(street=street.name)
 
 
-def candidate_table(street: Street, judge: ObjectJudge) -> pd.DataFrame:
+def candidate_table(street: Street, judge: ObjectClassifier) -> pd.DataFrame:
     """Return the candidates of a simulated street with their features and truth."""
     return _with_truth(find_candidate_rows(street, judge), true_objects(street))
 

@@ -41,7 +41,7 @@ from mlsroad_pipeline.algorithms.models.labelling import label_softly
 from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.model_store.bundle_files import load_bundle
 from mlsroad_pipeline.model_store.shipped_models import FOLDER as MODELS
-from mlsroad_pipeline.papers.shared.evaluation.labelling import coarse_labels
+from mlsroad_pipeline.papers.shared.evaluation import coarse_labels
 from mlsroad_pipeline.simulation import simulate_survey
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 from mlsroad_pipeline.simulation.parameters.variety import expanded_surveys

@@ -29,6 +29,7 @@ from typing import Any
 import numpy as np
 import yaml
 from _common import CONF, REPOSITORY, configured, configured_scheme, parser
+from mlsroad_pipeline.pipelines.boosted_trees.nodes import load_lightgbm
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
@@ -60,7 +61,6 @@ from mlsroad_pipeline.model_store.replay import read_replay
 from mlsroad_pipeline.model_store.shipped_models import load_shipped
 from mlsroad_pipeline.papers.comparison.recordings.scoring import unmixed
 from mlsroad_pipeline.papers.comparison.recordings.sources import Source, sources_of
-from mlsroad_pipeline.pipelines.boosted_trees.nodes import load_lightgbm
 
 SCENES = "data/03_primary/recordings/recordings_study/scenes"
 VOXELS = "data/05_model_input/general/boosted_trees/training_set"

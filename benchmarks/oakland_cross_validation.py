@@ -34,7 +34,7 @@ from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.labeller import label_scene
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import ForestParameters, fit, training_rows
-from mlsroad_pipeline.pipelines.boosted_trees.nodes import load_lightgbm
+from mlsroad_pipeline.pipelines.boosted_trees import load_lightgbm
 
 ENVIRONMENT = "oakland"
 SUFFIX = ".xyz_label_conf.gz"

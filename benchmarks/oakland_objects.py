@@ -26,7 +26,7 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.geometry.assignment import assign_one_to_one
 from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import FEATURE_COLUMNS
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import ClassEvidence, group_shares
-from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectJudge
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectClassifier
 from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import (
     describe_scene,
     parameters_of,
@@ -34,7 +34,7 @@ from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import (
 )
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.stages import find_ground
-from mlsroad_pipeline.model_store.object_judges import shipped_judge
+from mlsroad_pipeline.model_store.object_classifiers import shipped_classifier
 
 REACH = {"pole": 0.5, "sign": 0.5, "vehicle": 2.0}
 LEAST_SCORE = 0.4
@@ -65,7 +65,7 @@ def with_truth(candidates: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
     return candidates.assign(true=true)
 
 
-def shipped_scores(candidates: pd.DataFrame, judge: ObjectJudge) -> np.ndarray:
+def shipped_scores(candidates: pd.DataFrame, judge: ObjectClassifier) -> np.ndarray:
     """Return the scores of the shipped judge."""
     scores = np.zeros(len(candidates))
     for kind in candidates["kind"].unique():
@@ -75,7 +75,7 @@ def shipped_scores(candidates: pd.DataFrame, judge: ObjectJudge) -> np.ndarray:
 
 
 def learned_scores(
-    candidates: pd.DataFrame, simulated: pd.DataFrame, judge: ObjectJudge, weight: float
+    candidates: pd.DataFrame, simulated: pd.DataFrame, judge: ObjectClassifier, weight: float
 ) -> np.ndarray:  # fmt: skip
     """Return the scores of judges that learn from simulated streets and from the other blocks."""
     scores = shipped_scores(candidates, judge)
@@ -115,7 +115,7 @@ def main() -> None:
     arguments.add_argument("--weight", type=float, default=10.0)
     options = arguments.parse_args()
     clouds = read_blocks(files_of(options.folder))
-    truth, judge, trial = pd.read_csv(options.folder / "objects.csv"), shipped_judge(), trees_trial(clouds, SCHEME)
+    truth, judge, trial = pd.read_csv(options.folder / "objects.csv"), shipped_classifier(), trees_trial(clouds, SCHEME)
     found = []
     for name, cloud in clouds.items():
         bundle = trial.train([rows for other, rows in trial.samples.items() if other != name], 2026)

@@ -50,15 +50,15 @@ from judge_streets import (
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.inventory.objects.candidate_labels import raised_labels
 from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import FEATURE_COLUMNS
-from mlsroad_pipeline.algorithms.inventory.objects.classifier_continuation import JudgedCandidates
+from mlsroad_pipeline.algorithms.inventory.objects.classifier_continuation import LabelledCandidates
 from mlsroad_pipeline.algorithms.inventory.objects.classifying import NEITHER, POLE, STEM, TRUNK
-from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectJudge
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectClassifier
 from mlsroad_pipeline.algorithms.inventory.objects.object_features import FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.stem_features import STEM_FEATURES, find_scene_stems
 from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees
 from mlsroad_pipeline.model_store.bundle_files import load_bundle
-from mlsroad_pipeline.model_store.object_judges import CARD, FOLDER, JUDGE, write_judge_replay
+from mlsroad_pipeline.model_store.object_classifiers import CARD, CLASSIFIER, FOLDER, write_candidate_replay
 from mlsroad_pipeline.model_store.shipped_models import FOLDER as MODELS
 
 FOLDS = 5
@@ -143,7 +143,7 @@ def medians(values: np.ndarray) -> np.ndarray:
     return out
 
 
-def stem_judge(stems: pd.DataFrame) -> ObjectJudge:
+def stem_judge(stems: pd.DataFrame) -> ObjectClassifier:
     """Train the judge of stems, and print its scores on folds that it was not trained on."""
     table, target = stems[list(STEM_FEATURES)], stems["target"].to_numpy()
     scores = held_out_scores(table, target, stems["street"], STEM)
@@ -155,7 +155,9 @@ def stem_judge(stems: pd.DataFrame) -> ObjectJudge:
         line = {"classifier": STEM, "class": name, "stems": len(target)}
         print(json.dumps(line | {k: round(float(v), 3) for k, v in figures.items()}), flush=True)
     typical = medians(table.to_numpy(np.float32))
-    return ObjectJudge({STEM: STEM_FEATURES}, {STEM: fit(table, target, STEM)}, {STEM: (1.0, 0.0)}, {STEM: typical})
+    return ObjectClassifier(
+        {STEM: STEM_FEATURES}, {STEM: fit(table, target, STEM)}, {STEM: (1.0, 0.0)}, {STEM: typical}
+    )
 
 
 def learned_rows(candidates: pd.DataFrame, kind: str) -> pd.DataFrame:
@@ -165,8 +167,8 @@ def learned_rows(candidates: pd.DataFrame, kind: str) -> pd.DataFrame:
 
 
 def kind_judge(
-    candidates: pd.DataFrame, judge: ObjectJudge, n_true: dict[str, dict[str, int]]
-) -> tuple[ObjectJudge, dict[str, dict[str, dict[str, float]]]]:
+    candidates: pd.DataFrame, judge: ObjectClassifier, n_true: dict[str, dict[str, int]]
+) -> tuple[ObjectClassifier, dict[str, dict[str, dict[str, float]]]]:
     """Add the judges of the kinds; return also the figures of held-out streets by group of variants and kind."""
     parts = [dict(value) for value in (judge.features, judge.trees, judge.calibration, judge.typical)]
     figures: dict[str, dict[str, dict[str, float]]] = {group: {} for group in GROUPS_OF_VARIANTS}
@@ -186,7 +188,7 @@ def kind_judge(
                 continue
             figures[group][kind] = held_out_figures(held[mine], sum(n_true[v].get(kind, 0) for v in variants))
             print(json.dumps({"classifier": kind, "streets": group, **figures[group][kind]}), flush=True)
-    return ObjectJudge(*parts), figures
+    return ObjectClassifier(*parts), figures
 
 
 def held_out_figures(rows: pd.DataFrame, n_true: int) -> dict[str, float]:
@@ -208,13 +210,15 @@ def held_out_figures(rows: pd.DataFrame, n_true: int) -> dict[str, float]:
     return {k: round(float(v), 3) for k, v in {**figures, "calibration_error": error}.items()}
 
 
-def replay_of(candidates: pd.DataFrame) -> dict[str, JudgedCandidates]:
+def replay_of(candidates: pd.DataFrame) -> dict[str, LabelledCandidates]:
     """Draw the candidates of each kind that `mlsroad learn` replays."""
     found = {}
     for kind in KINDS:
         rows = learned_rows(candidates, kind)
         drawn = rows.sample(min(REPLAYED, len(rows)), random_state=2026)
-        found[kind] = JudgedCandidates(drawn[list(FEATURE_COLUMNS)].to_numpy(np.float32), drawn["true"].to_numpy(bool))
+        found[kind] = LabelledCandidates(
+            drawn[list(FEATURE_COLUMNS)].to_numpy(np.float32), drawn["true"].to_numpy(bool)
+        )
     return found
 
 
@@ -270,7 +274,7 @@ def tables(names: list[str], folders: Folders, what: str, make: Any, *, cut: boo
             yield pd.read_parquet(path)
 
 
-def stem_version(judge: ObjectJudge) -> str:
+def stem_version(judge: ObjectClassifier) -> str:
     """Return a digest of the trees that classify stems, on which the candidates depend."""
     arrays = judge.trees[STEM].to_arrays().values()
     return hashlib.sha256(b"".join(np.ascontiguousarray(values).tobytes() for values in arrays)).hexdigest()[:8]
@@ -309,14 +313,14 @@ def main() -> None:
     found = [table for table in tables(names, folders, what, lambda s: candidate_table(s, judge)) if len(table)]
     candidates = pd.concat(found, ignore_index=True)
     judge, figures = kind_judge(candidates, judge, count_true(names, folders))
-    np.savez_compressed(folders.labelled / JUDGE, **judge.to_arrays())
+    np.savez_compressed(folders.labelled / CLASSIFIER, **judge.to_arrays())
     if options.write:
         FOLDER.mkdir(exist_ok=True)
-        (FOLDER / JUDGE).write_bytes((folders.labelled / JUDGE).read_bytes())
-        write_judge_replay(replay_of(candidates))
+        (FOLDER / CLASSIFIER).write_bytes((folders.labelled / CLASSIFIER).read_bytes())
+        write_candidate_replay(replay_of(candidates))
         used = candidates["street"].nunique()
         (FOLDER / CARD).write_text(card(figures, used, len(names), options), encoding="utf-8")
-        print(f"written: {FOLDER / JUDGE}, {FOLDER / CARD}")
+        print(f"written: {FOLDER / CLASSIFIER}, {FOLDER / CARD}")
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scor
 from mlsroad_pipeline.algorithms.models.bundle import bundle_scheme
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.model_store.shipped_models import load_shipped
-from mlsroad_pipeline.papers.shared.evaluation.labelling import coarse_labels
+from mlsroad_pipeline.papers.shared.evaluation import coarse_labels
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.labeller import label_scene
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import ForestParameters, fit, training_rows
 from mlsroad_pipeline.simulation import simulate_survey

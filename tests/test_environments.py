@@ -56,6 +56,16 @@ def test_rue_madame_is_read_with_classes_and_objects(project, tmp_path):
     assert {code: found[code] for code in names} == {code: TAXONOMY[name] for code, name in names.items()}
 
 
+def test_methods_of_the_environment_printed_have_the_values_of_the_variants_as_printed(project):
+    with session_of(project, env="printed") as session:
+        context = session.load_context()
+        parameters, catalog = context.params, context.catalog
+    for name in ("patch_graph", "patch_graph_mrf", "visual_words", "jointnet"):
+        assert parameters[name] == parameters[f"{name}_printed"], name
+        assert str(catalog.get(f"{name}.scores")._filepath).endswith(f"data/08_reporting/printed/scores/{name}.csv")
+    assert parameters["segmentation"].method == "normalized_cut_printed"
+
+
 @pytest.mark.parametrize("env", ["rue_madame", "oakland", "semantickitti"])
 def test_absent_recording_says_where_it_is_to_be_had(project, tmp_path, env):
     parameters = parameters_of(project, env, tmp_path / "absent")

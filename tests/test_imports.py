@@ -63,7 +63,7 @@ def test_what_labels_a_survey_loads_nothing_heavy_that_it_does_not_use(module):
 
 
 def test_algorithms_load_no_orchestration_by_way_of_another_package():
-    loaded = loaded_by("import mlsroad_pipeline.label.scene, mlsroad_pipeline.papers.shared.evaluation.labelling")
+    loaded = loaded_by("import mlsroad_pipeline.label.scene, mlsroad_pipeline.papers.shared.evaluation")
     assert sorted(ORCHESTRATION & loaded) == []
 
 

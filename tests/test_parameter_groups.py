@@ -6,7 +6,7 @@ import inspect
 import re
 
 import pytest
-from helpers.conf import CONF, base
+from helpers.conf import CONF, base, base_groups
 from helpers.yaml_files import read_yaml
 from numpydoc.docscrape import ClassDoc
 
@@ -77,8 +77,7 @@ def default_of(field):
 
 
 def test_every_group_of_parameters_is_known_here():
-    groups = {path.stem.removeprefix("parameters_") for path in (CONF / "base").glob("parameters_*.yml")}
-    assert groups == set(TYPED) | TREES
+    assert set(base_groups()) == set(TYPED) | TREES
 
 
 @pytest.mark.parametrize("group", TYPED)

@@ -1,12 +1,19 @@
-"""Terminal output of `mlsroad`."""
+"""Terminal output of `mlsroad`, and errors in one line."""
 
+import errno
 import io
 
 import pytest
+import typer
+from kedro.io import DatasetError
+from kedro.validation import ParameterValidationError
 from rich.console import Console
 
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.commands import console
-from mlsroad_pipeline.commands.console import Stages, survey_progress
+from mlsroad_pipeline.commands.console import Stages, describe, one_line_errors, survey_progress
+from mlsroad_pipeline.commands.options import expanded
+from mlsroad_pipeline.execution.task import SceneError, SceneFailure
 
 
 @pytest.fixture
@@ -44,3 +51,97 @@ def test_a_simulation_in_a_log_file_has_lines_in_metres(clock):
             clock[0] = seconds
             move(distance)
     assert out.getvalue() == "Simulating: 20 of 60 m, about 60 s left\n"
+
+
+def caused(error, cause):
+    try:
+        raise error from cause
+    except type(error) as raised:
+        return raised
+
+
+def test_the_projects_own_error_is_shown_and_not_what_kedro_wraps_it_in():
+    own = ReadError("/data/a.las: header ends after 3 bytes")
+    assert describe(caused(DatasetError("Failed while loading\n'label'"), own)) == str(own)
+
+
+def test_a_failed_stage_names_its_first_scenes():
+    failures = tuple(SceneFailure(f"s{i}", f"/data/{i}.laz", f"cause\n{i}") for i in range(5))
+    text = describe(caused(DatasetError("store"), SceneError("results", failures, 9)))
+    assert "\n" not in text
+    assert text.endswith("; and 2 more scenes")
+    assert [f"/data/{i}.laz" in text for i in range(5)] == [True, True, True, False, False]
+
+
+def test_an_own_error_that_names_its_file_stands_alone():
+    source = "/data/empty.laz"
+    own = SceneFailure("survey.empty_laz", source, f"ReadError: {source} is empty (0 bytes)")
+    assert describe(SceneError("files", (own,), 1)) == f"{source} is empty (0 bytes)"
+    elsewhere = SceneFailure("survey.empty_laz", source, "ReadError: no point is left")
+    foreign = SceneFailure("survey.empty_laz", source, f"ValueError: {source} (las.py:3, in read)")
+    for failure in (elsewhere, foreign):
+        assert describe(SceneError("files", (failure,), 1)) == str(failure)
+
+
+def test_an_error_of_the_system_names_the_file():
+    full = OSError(errno.ENOSPC, "No space left on device", "/out/a.laz")
+    assert describe(caused(RuntimeError("writer"), full)).startswith("/out/a.laz: No space left on device: free some")
+
+
+def test_a_refused_parameter_is_shown_without_what_kedro_wraps_it_in():
+    text = "- Parameter 'label': Failed to instantiate LabelParameters for parameter 'label': label.copc must be true"
+    assert describe(ParameterValidationError(text)) == "label.copc must be true"
+
+
+def test_a_working_folder_that_is_gone_is_named(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    tmp_path.rmdir()
+    with pytest.raises(SystemExit), one_line_errors(verbose=False):
+        pass
+    assert "the working folder does not exist any more" in capsys.readouterr().err
+
+
+def test_colons_of_a_name_are_no_emoji(capsys):
+    with pytest.raises(SystemExit), one_line_errors(verbose=False):
+        raise ReadError("a:x:b.las is empty")
+    assert "a:x:b.las" in capsys.readouterr().err
+
+
+def test_a_wrong_command_line_is_left_to_typer():
+    with pytest.raises(typer.BadParameter), one_line_errors(verbose=False):
+        expanded([""])
+
+
+def test_any_other_error_names_its_type_and_how_to_see_more():
+    assert describe(KeyError("run")) == "KeyError: 'run' (--verbose shows the traceback)"
+    assert describe(ValueError()) == "ValueError: no message (--verbose shows the traceback)"
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "text"),
+    [
+        (ParameterError("label.crs 'x' is no system"), 1, "Error: label.crs 'x' is no system"),
+        (KeyboardInterrupt(), 130, "Interrupted. The same command continues from here."),
+    ],
+)
+def test_the_exit_code_and_the_line(capsys, error, code, text):
+    with pytest.raises(SystemExit) as ended, one_line_errors(verbose=False):
+        raise error
+    assert ended.value.code == code
+    assert capsys.readouterr().err.strip() == text
+
+
+def test_verbose_prints_the_traceback_first(capsys):
+    with pytest.raises(SystemExit), one_line_errors(verbose=True):
+        raise ParameterError("bad")
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert lines[0].startswith("Traceback")
+    assert lines[-1] == "Error: bad"
+
+
+def test_no_password_and_no_control_character_is_shown():
+    foreign = RuntimeError("request to https://ann:secret@registry/api failed with \x1b[31mtoken=abc")
+    text = describe(foreign)
+    assert "secret" not in text and "abc" not in text and "\x1b" not in text
+    assert "https://ann:***@registry/api failed with \\x1b[31mtoken=***" in text
+    assert describe(ReadError("/data/a\x1b[2J\nb.laz: is empty")) == "/data/a\\x1b[2J b.laz: is empty"

@@ -259,7 +259,7 @@ def test_a_closed_standard_output_is_no_error(folder):
 
 def test_learn_continues_the_model_and_keeps_the_corrections(forked, labelled, folder, tmp_path):
     """Accept, reject and paint, learn, label again: the decisions stand in the new inventory."""
-    from mlsroad_pipeline.model_store.object_judges import shipped_judge
+    from mlsroad_pipeline.model_store.object_classifiers import shipped_classifier
     from mlsroad_pipeline.review.corrections import Correction, open_corrections
 
     assert labelled.returncode == 0
@@ -279,10 +279,10 @@ def test_learn_continues_the_model_and_keeps_the_corrections(forked, labelled, f
     (model,) = (out / "models").iterdir()
     metadata = json.loads((model / "model.json").read_text())["metadata"]
     assert metadata["learned"][0]["parent"]["name"] == "pool"
-    with np.load(model / "arrays.npz") as arrays:  # the judge of objects has learned from the accepted object
+    with np.load(model / "arrays.npz") as arrays:  # the object classifier has learned from the accepted object
         kind = str(table.loc[table["object_id"] == sure[-1], "kind"].item())
         n_trees = len(arrays[f"object_judge/{kind}/n_leaves"])
-    assert n_trees > len(shipped_judge().trees[kind])
+    assert n_trees > len(shipped_classifier().trees[kind])
     objects = geopandas.read_file(out / "inventory.gpkg", layer="objects")
     assert set(objects["model_version"]) == {model.name}
     assert (objects["status"] == "accepted").sum() == 1
@@ -324,8 +324,8 @@ def test_a_model_of_another_method_learns_with_trees_that_correct_it(labelled, f
     assert (before[painted] == after[painted]).mean() < 0.5 < (before == after).mean()
 
 
-def test_added_objects_alone_train_the_judge(labelled, folder, tmp_path):
-    from mlsroad_pipeline.model_store.object_judges import judge_of, shipped_judge
+def test_added_objects_alone_train_the_object_classifier(labelled, folder, tmp_path):
+    from mlsroad_pipeline.model_store.object_classifiers import classifier_of, shipped_classifier
     from mlsroad_pipeline.model_store.shipped_models import load_shipped
     from mlsroad_pipeline.review.corrections import Correction, open_corrections
     from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
@@ -344,4 +344,4 @@ def test_added_objects_alone_train_the_judge(labelled, folder, tmp_path):
     assert n_answers == 1 and model.metadata["learned"][-1]["added_objects"] == 1
     assert len(model.arrays["leaf"]) == len(general.arrays["leaf"])  # no points, so the labels stay
     kind = str(best["kind"])
-    assert len(judge_of(model).trees[kind]) > len(shipped_judge().trees[kind])
+    assert len(classifier_of(model).trees[kind]) > len(shipped_classifier().trees[kind])

@@ -64,7 +64,7 @@ def test_a_parameter_without_a_name_or_a_value_is_an_error(text):
 
 @pytest.mark.parametrize("value", ["{", "'", "*x", "!!python/object:os.system", "@x"])
 def test_a_value_that_is_no_yaml_is_a_wrong_command_line(value):
-    with pytest.raises(typer.BadParameter, match="is no YAML value"):
+    with pytest.raises(typer.BadParameter, match="is not a YAML value"):
         nested([f"label.scheme={value}"])
 
 

@@ -9,11 +9,8 @@ import pytest
 from kedro.io import DatasetError
 
 from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
-from mlsroad_pipeline.datasets.figure_dataset import FigureDataset
-from mlsroad_pipeline.datasets.html_report_dataset import HtmlReportDataset
-from mlsroad_pipeline.datasets.metric_series_dataset import MetricSeriesDataset
-from mlsroad_pipeline.datasets.scores_dataset import ScoresDataset
-from mlsroad_pipeline.reporting.figures.training import oob_figure
+from mlsroad_pipeline.datasets.report_files import FigureDataset, HtmlReportDataset, MetricSeriesDataset, ScoresDataset
+from mlsroad_pipeline.reporting.figures import oob_figure
 
 
 @pytest.fixture
@@ -43,7 +40,7 @@ def test_scores_on_disk_keep_the_contract(table, tmp_path):
 def test_the_next_save_removes_the_part_of_a_killed_one(table, tmp_path):
     path = tmp_path / "m.csv"
     script = (
-        "import os, sys; from mlsroad_pipeline.datasets.scores_dataset import ScoresDataset\n"
+        "import os, sys; from mlsroad_pipeline.datasets.report_files import ScoresDataset\n"
         "os.replace = lambda *_: os.kill(os.getpid(), 9)\n"
         "ScoresDataset(filepath=sys.argv[1]).write_bytes(b'half')"
     )
@@ -59,7 +56,7 @@ def test_broken_scores_are_refused_on_both_ways_and_named(table, tmp_path):
     with pytest.raises(DatasetError, match=r"m.csv: unknown metric 'accuracy'"):
         dataset.save(table.assign(metric="accuracy"))
     assert not dataset.exists()
-    for text, message in (("", "no table of scores"), ("a,b\n1,2\n", "columns must be"), ("a\n1,2,3\n", "m.csv")):
+    for text, message in (("", "not a table of scores"), ("a,b\n1,2\n", "columns must be"), ("a\n1,2,3\n", "m.csv")):
         (tmp_path / "m.csv").write_text(text)
         with pytest.raises(DatasetError, match=message):
             dataset.load()
@@ -76,7 +73,7 @@ def test_series_come_back_and_others_are_refused(tmp_path):
         with pytest.raises(DatasetError, match=r"objective.csv: needs a column of integer steps"):
             dataset.save(wrong)
     (tmp_path / "objective.csv").write_text("")
-    with pytest.raises(DatasetError, match=r"objective.csv: no table of metrics by step"):
+    with pytest.raises(DatasetError, match=r"objective.csv: not a table of metrics by step"):
         dataset.load()
 
 
@@ -129,7 +126,7 @@ def test_what_is_no_figure_is_refused(data, tmp_path):
 
 def test_a_file_that_is_no_picture_is_named(tmp_path):
     (tmp_path / "a.png").write_text("no")
-    with pytest.raises(DatasetError, match=r"a.png is no picture"):
+    with pytest.raises(DatasetError, match=r"a.png is not a picture"):
         FigureDataset(filepath=str(tmp_path / "a.png")).load()
 
 

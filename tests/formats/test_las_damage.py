@@ -53,7 +53,7 @@ def test_truncated_las_says_how_many_points_are_left(tmp_path, rng):
     path = tmp_path / "cut.las"
     make_las(path, rng, version="1.2", point_format=3, n=20, extras=False)
     path.write_bytes(path.read_bytes()[: -34 * 3 - 1])
-    with pytest.raises(ReadError, match=r"cut\.las is truncated: its header states 20 points, it holds 16"):
+    with pytest.raises(ReadError, match=r"cut\.las .* 20 points.* 16$"):
         read(path)
 
 
@@ -83,14 +83,14 @@ def test_damaged_chunk_table_is_not_believed(tmp_path, laz, n_threads):
     points = int.from_bytes(laz[96:100], "little")
     table = int.from_bytes(laz[points : points + 8], "little")
     path.write_bytes(laz[: table + 4] + b"\xff\xff\xff\x7f" + laz[table + 8 :])
-    with pytest.raises(ReadError, match=r"bad\.laz is damaged: 2147483647 chunks in \d+ bytes of points"):
+    with pytest.raises(ReadError, match=r"bad\.laz .*2147483647 chunks"):
         read(path, n_threads)
 
 
 def test_laz_without_its_record(tmp_path, laz):
     path = tmp_path / "bad.laz"
     path.write_bytes(laz.replace(b"laszip encoded", b"laszip decoded"))
-    with pytest.raises(ReadError, match=r"bad\.laz is damaged: .* no LASzip record"):
+    with pytest.raises(ReadError, match=r"bad\.laz .*no LASzip record"):
         read(path)
 
 

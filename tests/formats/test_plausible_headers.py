@@ -40,10 +40,10 @@ def records_of(dtype="f8"):
 
 def test_a_property_that_the_header_lacks(tmp_path):
     ply(tmp_path / "a.ply", [f"property double {name}" for name in "xyz"], records_of())
-    with pytest.raises(ReadError, match=r"a\.ply.*points of 24 bytes, it holds 28 for each of 200.*lacks a property"):
+    with pytest.raises(ReadError, match=r"a\.ply.* 24 .* 28 .* 200.*property"):
         notes(tmp_path / "a.ply")
     pcd(tmp_path / "a.pcd", records_of(), FIELDS="x y z", SIZE="8 8 8", TYPE="F F F", COUNT="1 1 1")
-    with pytest.raises(ReadError, match=r"a\.pcd.*it holds 28 for each of 200.*lacks a field"):
+    with pytest.raises(ReadError, match=r"a\.pcd.* 28 .* 200.*field"):
         notes(tmp_path / "a.pcd")
 
 
@@ -60,7 +60,7 @@ def test_whole_points_behind_the_stated_ones_are_no_missing_property(tmp_path):
     records["q"] = XYZ[:, 0] / 7
     records = np.concatenate([records, records[:100]])
     ply(path, lines[:3], records)
-    with pytest.raises(ReadError, match="it holds 32 for each of 300 points: the header lacks a property"):
+    with pytest.raises(ReadError, match=" 32 .* 300 .*lacks a property"):
         notes(path)
     ply(path, lines, records)
     path.write_bytes(path.read_bytes().replace(b"vertex 300", b"vertex 200"))
@@ -84,7 +84,7 @@ def test_lines_of_a_pcd(tmp_path):
     pcd(path, records_of())
     data = path.read_bytes()
     path.write_bytes(data.replace(b"SIZE", b"FIELDS z y x q\nSIZE"))
-    with pytest.raises(ReadError, match=r"a\.pcd, line 3: a second FIELDS: 'FIELDS z y x q'"):
+    with pytest.raises(ReadError, match=r"a\.pcd, line 3: .*'FIELDS z"):
         notes(path)
     head, _, tail = data.partition(b"DATA binary\n")
     path.write_bytes(head.replace(b"VERSION 0.7\n", b"").replace(b" ", b"\t") + b"DATA binary\n" + tail)
@@ -210,7 +210,7 @@ def test_other_units_in_names_need_an_option(tmp_path, names, option, more):
 def test_two_columns_with_units_for_one_coordinate(tmp_path):
     path = tmp_path / "a.csv"
     table(path, "Easting (m),Northing (m),Height (m),Easting (ft)", XYZ[:, 0] / 0.3048)
-    with pytest.raises(DataError, match=r"'Easting \(m\)' and 'Easting \(ft\)' may be x; set columns"):
+    with pytest.raises(DataError, match=r"'Easting \(m\)' and .*set columns"):
         notes(path)
     placed = ReadOptions(columns={"x": "Easting (m)"})
     np.testing.assert_allclose(get_format(path).read(path, placed).world_xyz(), XYZ, rtol=0, atol=6e-4)

@@ -41,9 +41,7 @@ def test_records_of_five_numbers_are_no_kitti(tmp_path, rng):
     n = 400
     records = np.column_stack([rng.normal(size=(n, 3)) * 20, rng.integers(0, 255, n), rng.integers(0, 32, n)])
     records.astype("<f4").tofile(path)
-    with pytest.raises(
-        ReadError, match=r"a\.bin has records of five numbers \(x, y, z, intensity, ring, as in nuScenes\)"
-    ):
+    with pytest.raises(ReadError, match=r"a\.bin .*ring, as in nuScenes"):
         get_format(path).read(path, DEFAULT)
     np.column_stack([rng.normal(size=(n, 3)) * 20, rng.random(n)]).astype("<f4").tofile(path)
     assert len(get_format(path).read(path, DEFAULT)) == n

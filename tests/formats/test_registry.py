@@ -61,7 +61,7 @@ def test_missing_folder_unreadable(tmp_path):
     locked.chmod(0)
     if os.access(locked, os.R_OK):
         pytest.skip("this user may read everything")
-    with pytest.raises(ReadError, match=r"locked\.las cannot be read: Permission denied"):
+    with pytest.raises(ReadError, match=r"locked\.las .*Permission"):
         get_format(locked)
 
 
@@ -73,7 +73,7 @@ def test_denied_by_the_system(tmp_path, monkeypatch):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(type(path), "open", denied)
-    with pytest.raises(ReadError, match=r"locked\.las cannot be read: Permission denied"):
+    with pytest.raises(ReadError, match=r"locked\.las .*Permission"):
         get_format(path)
 
 

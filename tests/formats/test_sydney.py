@@ -75,7 +75,7 @@ def test_written_back_bit_for_bit(tmp_path, rng):
         SYDNEY.write(tmp_path / "x.bin", cloud.without_columns(["range"]), WriteOptions())
     with pytest.raises(DataError, match="cannot hold label"):
         SYDNEY.write(tmp_path / "x.bin", cloud.with_columns(label=cloud["pid"]), WriteOptions())
-    with pytest.raises(DataError, match=r"pid 3000000000 to 3000000000 does not fit"):
+    with pytest.raises(DataError, match="pid 3000000000 to 3000000000"):
         SYDNEY.write(tmp_path / "x.bin", cloud.with_columns(pid=np.full(200, 3_000_000_000)), WriteOptions())
 
 
@@ -95,12 +95,12 @@ def test_damage_is_named(tmp_path, rng):
     binary, text = write_both(tmp_path, make_records(rng, 40))
     whole = binary.read_bytes()
     binary.write_bytes(whole[: 16 * 34 + 16])
-    with pytest.raises(ReadError, match=r"tree\.3\.270\.bin is truncated: 560 bytes, no multiple of the 34"):
+    with pytest.raises(ReadError, match=r"270\.bin .* 560 bytes.* 34 "):
         get_format(binary).read(binary, DEFAULT)
     text.write_text(text.read_text()[:-30])
-    with pytest.raises(ReadError, match=r"tree\.3\.270\.csv is damaged: .*Expected 9 columns"):
+    with pytest.raises(ReadError, match=r"270\.csv .*Expected 9"):
         get_format(text).read(text, DEFAULT)
-    with pytest.raises(ReadError, match="is not named .*so its class is unknown"):
+    with pytest.raises(ReadError, match="is not named .*class"):
         object_class("street.bin")
 
 

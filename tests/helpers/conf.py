@@ -11,8 +11,13 @@ from mlsroad_pipeline.cli import run
 CONF = REPOSITORY / "conf"
 
 
+def base_groups():
+    """Return the groups of parameters of the base environment; a variant of a method is in the file of the method."""
+    return {name: group for path in (CONF / "base").glob("parameters_*.yml") for name, group in read_yaml(path).items()}
+
+
 def base(group):
-    return read_yaml(CONF / f"base/parameters_{group}.yml")[group]
+    return base_groups()[group]
 
 
 def context_of(project, env, **parameters):

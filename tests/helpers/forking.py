@@ -16,10 +16,10 @@ from typing import Any
 
 LOADED = (
     "mlsroad_pipeline.commands.session",
-    "mlsroad_pipeline.commands.errors",
+    "mlsroad_pipeline.commands.console",
     "mlsroad_pipeline.label.warm_up",
     "mlsroad_pipeline.pipelines.label.pipeline",
-    "mlsroad_pipeline.pipelines.inspect.pipeline",
+    "mlsroad_pipeline.pipelines.inspect",
     "kedro.framework.context",
     "kedro.runner",
 )

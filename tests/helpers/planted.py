@@ -8,25 +8,27 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
 from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages
-from mlsroad_pipeline.papers.shared.detection.parts import describe_parts
+from mlsroad_pipeline.papers.shared.detection.regions import describe_parts
 from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters
 from mlsroad_pipeline.papers.yu2016.bottom_up_top_down import detector as bottom_up_top_down
-from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.detector import BottomUpTopDownParameters
+from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.detector import (
+    BottomUpTopDownParameters,
+    train_bottom_up_top_down,
+)
 from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.oriented_points import (
     OrientedPointParameters,
     describe_surfaces,
 )
-from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.training import train_bottom_up_top_down
 from mlsroad_pipeline.papers.yu2016.hough_forest import detector as hough_forest
 from mlsroad_pipeline.papers.yu2016.hough_forest.detector import (
     HoughForestParameters,
+    train_hough_forest,
 )
-from mlsroad_pipeline.papers.yu2016.hough_forest.training import train_hough_forest
 from mlsroad_pipeline.papers.yu2016.object_matching import detector as object_matching
 from mlsroad_pipeline.papers.yu2016.object_matching.detector import (
     ObjectMatchingParameters,
+    train_object_matching,
 )
-from mlsroad_pipeline.papers.yu2016.object_matching.training import train_object_matching
 
 SCHEME = ClassScheme(
     "test", ("pole", "car", "other"), (("light_pole",), ("car",), ("tree",)), ("unlabelled",), (64, 66, 1)

@@ -84,13 +84,13 @@ FILES = {
     """,
     "conf/base/catalog.yml": """
         scores:
-          type: mlsroad_pipeline.datasets.scores_dataset.ScoresDataset
+          type: mlsroad_pipeline.datasets.report_files.ScoresDataset
           filepath: data/scores/demo.csv
         picture:
-          type: mlsroad_pipeline.datasets.figure_dataset.FigureDataset
+          type: mlsroad_pipeline.datasets.report_files.FigureDataset
           filepath: data/demo_birds_eye.png
         report:
-          type: mlsroad_pipeline.datasets.html_report_dataset.HtmlReportDataset
+          type: mlsroad_pipeline.datasets.report_files.HtmlReportDataset
           filepath: data/report.html
         model:
           type: mlsroad_pipeline.datasets.model_registry_dataset.RegisteredModelDataset

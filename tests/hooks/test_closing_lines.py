@@ -6,8 +6,7 @@ import numpy as np
 from kedro.io import DataCatalog
 
 from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
-from mlsroad_pipeline.datasets.html_report_dataset import HtmlReportDataset
-from mlsroad_pipeline.datasets.scores_dataset import ScoresDataset
+from mlsroad_pipeline.datasets.report_files import HtmlReportDataset, ScoresDataset
 from mlsroad_pipeline.hooks.progress import MOST_METHODS, ClosingLinesHooks
 
 

@@ -12,7 +12,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.label.checks import _check_exports, check_file, check_whole_numbers
-from mlsroad_pipeline.label.targets import planned_paths
+from mlsroad_pipeline.label.runs import planned_paths
 from mlsroad_pipeline.label.writer import write_labelled
 from mlsroad_pipeline.surveys.files import Survey
 from mlsroad_pipeline.surveys.parameters import LabelParameters

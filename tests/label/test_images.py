@@ -14,7 +14,7 @@ from mlsroad_pipeline.algorithms.models.members import member, with_members
 from mlsroad_pipeline.algorithms.scenes.binning import BinnedCloud
 from mlsroad_pipeline.algorithms.scenes.corridor import MainAxis
 from mlsroad_pipeline.algorithms.scenes.spans import SceneSpan
-from mlsroad_pipeline.label import scene_with_images
+from mlsroad_pipeline.label import images
 from mlsroad_pipeline.label.images import images_of_survey, images_to_label, views_of_scene
 from mlsroad_pipeline.surveys.files import SurveyFile
 from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan
@@ -81,13 +81,13 @@ def test_members_come_back_as_they_were_and_the_first_prepares_the_scenes(fusion
 
 def test_images_lie_beside_the_points_of_their_drive(survey, fusion, network, caplog):
     found = images_to_label(plan_of(survey, "north", "south"), fusion, "calibration.json")
-    assert list(found.drives) == ["survey.north"] and found.cameras == ("back", "front") and found.reach == 25.0
-    assert len(found.drives["survey.north"]) == 10
+    assert list(found.passes) == ["survey.north"] and found.cameras == ("back", "front") and found.reach == 25.0
+    assert len(found.passes["survey.north"]) == 10
     assert "beside the points of south: its points have the labels of the features alone" in caplog.text
     everywhere = images_to_label(plan_of(survey, "south"), network, str(survey / "north" / "calibration.json"))
-    assert list(everywhere.drives) == ["survey.south"]
+    assert list(everywhere.passes) == ["survey.south"]
     forest = bundle("detrended_forest")
-    assert images_to_label(plan_of(survey, "north"), forest, "calibration.json").drives == {}
+    assert images_to_label(plan_of(survey, "north"), forest, "calibration.json").passes == {}
 
 
 def test_a_survey_without_images_is_an_error_for_images_alone_and_a_warning_for_the_fusion(
@@ -97,7 +97,7 @@ def test_a_survey_without_images_is_an_error_for_images_alone_and_a_warning_for_
         images_to_label(plan_of(survey, "south"), network, "calibration.json")
     with pytest.raises(ReadError, match="needs images"):
         images_to_label(plan_of(survey, "north"), network, None)
-    assert images_to_label(plan_of(survey, "south"), fusion, "calibration.json").drives == {}
+    assert images_to_label(plan_of(survey, "south"), fusion, "calibration.json").passes == {}
     assert "No images (calibration.json) beside the points of south: " in caplog.text
 
 
@@ -132,7 +132,7 @@ def test_pictures_and_cameras_that_do_not_fit_are_named_before_any_work(survey, 
 
 def test_cameras_on_the_vehicle_take_its_poses_where_they_cover_the_images(survey, network):
     calibration, track = (survey / "north" / name for name in ("calibration.json", "trajectory.csv"))
-    fixed = images_to_label(plan_of(survey, "north"), network, "calibration.json").drives["survey.north"]
+    fixed = images_to_label(plan_of(survey, "north"), network, "calibration.json").passes["survey.north"]
     told = json.loads(calibration.read_text())
     mounted = {key: told["images"][0][key] for key in ("K", "distortion", "width", "height", "R")}
     told["cameras"] = {key: {**mounted, "t": (-np.array(AXES) @ [0.0, 0, 2]).tolist()} for key in CAMERAS}
@@ -143,7 +143,7 @@ def test_cameras_on_the_vehicle_take_its_poses_where_they_cover_the_images(surve
     rows = "".join(f"{k},{500 + 10 * k},0,0,0,0,0\n" for k in range(10))
     track.write_text("gps_time,x,y,z,roll,pitch,heading\n" + rows)
     plan = plan_of(survey, "north", trajectory=str(track))
-    carried = images_to_label(plan, network, "calibration.json").drives["survey.north"]
+    carried = images_to_label(plan, network, "calibration.json").passes["survey.north"]
     for one, other in zip(fixed, carried, strict=True):
         np.testing.assert_allclose(one.camera.centre, other.camera.centre, atol=1e-9)
     track.write_text("gps_time,x,y,z,roll,pitch,heading\n" + "".join(rows.splitlines(keepends=True)[:8]))
@@ -152,7 +152,7 @@ def test_cameras_on_the_vehicle_take_its_poses_where_they_cover_the_images(surve
 
 
 def test_images_within_reach_of_a_scene_are_chosen(survey, network):
-    images = images_to_label(plan_of(survey, "north"), network, "calibration.json").drives["survey.north"]
+    images = images_to_label(plan_of(survey, "north"), network, "calibration.json").passes["survey.north"]
     axis = MainAxis(np.array([540.0, 0.0]), np.array([1.0, 0.0]))  # station 0 is x = 540, the images stand from 500
     span = SceneSpan("s", 5, 10, 3, 12, 1, 1)  # stations 10 to 20 in bins of 2 m
     near = views_of_scene(span, images, axis, bin_length=2.0, reach=15.0)
@@ -165,11 +165,11 @@ def test_points_around_are_those_before_and_behind_the_buffers(monkeypatch):
     cloud = PointCloud(xyz, {}, np.array([7.0, 0, 0]))
     piece = BinnedCloud(cloud, np.arange(40, dtype=np.int32), np.arange(41, dtype=np.int64)).to_arrays()
     span = SceneSpan("s", 15, 20, 13, 22, 5, 9)
-    found = scene_with_images.points_around([piece], span, 6, np.array([5.0, 0, 0]))
+    found = images.points_around([piece], span, 6, np.array([5.0, 0, 0]))
     assert found.dtype == np.float32 and (found[:, 0] - 2).tolist() == [9, 10, 11, 12, 22, 23, 24, 25]
-    monkeypatch.setattr(scene_with_images, "MAX_OCCLUDERS", 4)
-    assert (scene_with_images.points_around([piece], span, 6, cloud.origin)[:, 0]).tolist() == [9, 11, 22, 24]
-    assert scene_with_images.points_around([piece], span, 0, cloud.origin).shape == (0, 3)
+    monkeypatch.setattr(images, "MAX_OCCLUDERS", 4)
+    assert (images.points_around([piece], span, 6, cloud.origin)[:, 0]).tolist() == [9, 11, 22, 24]
+    assert images.points_around([piece], span, 0, cloud.origin).shape == (0, 3)
 
 
 def test_objects_without_photos_are_reported_with_the_folder_of_their_points(survey, caplog):

@@ -48,5 +48,5 @@ def test_sections_of_several_drives_are_refused_before_any_work(tmp_path):
         (tmp_path / name / "a.xyz").write_text("0 0 0\n1 1 1\n2 2 2\n")
     given = LabelParameters(str(tmp_path), str(tmp_path / "out"), sections="s.csv")
     plan = plan_labelling(given, IngestParameters())
-    with pytest.raises(ParameterError, match=r"stations of one path, but the survey has 2 drives \(.*north, .*south\)"):
+    with pytest.raises(ParameterError, match=r"stations of one path, but the survey has 2 passes \(.*north, .*south\)"):
         check_headers(plan, given)

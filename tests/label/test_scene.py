@@ -14,8 +14,8 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import join_markings
 from mlsroad_pipeline.algorithms.inventory.objects.sightings import visit_columns
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.label.output_codes import output_codes, point_codes
 from mlsroad_pipeline.label.scene import LabelSettings, label_new_scene, object_rules
+from mlsroad_pipeline.label.written_file import output_codes, point_codes
 
 MODULE = "mlsroad_pipeline.algorithms.planted_for_labelling"
 SCHEME = ClassScheme.from_config(

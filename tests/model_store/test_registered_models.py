@@ -10,8 +10,7 @@ import pytest
 from helpers.wiring import empty_store
 
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.label.models.choice import load_choice
-from mlsroad_pipeline.label.models.selection import choose_model
+from mlsroad_pipeline.label.model_choice import choose_model, load_choice
 from mlsroad_pipeline.model_store.registered_models import MlflowStore, configured_store
 from mlsroad_pipeline.model_store.registration import register_bundle
 
@@ -73,8 +72,8 @@ def test_process_without_tracking_has_no_store_and_imports_no_mlflow():
     code = (
         "import sys\n"
         "from mlsroad_pipeline.model_store.registered_models import configured_store\n"
-        "from mlsroad_pipeline.label.models.choice import load_choice\n"
-        "from mlsroad_pipeline.label.models.selection import choose_model\n"
+        "from mlsroad_pipeline.label.model_choice import load_choice\n"
+        "from mlsroad_pipeline.label.model_choice import choose_model\n"
         "assert configured_store() is None\n"
         "print(load_choice(choose_model()).slug, 'mlflow' in sys.modules)"
     )

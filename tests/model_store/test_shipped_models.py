@@ -15,12 +15,12 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import model_source
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.model_store import shipped_models as module
-from mlsroad_pipeline.model_store.model_cards import model_card
 from mlsroad_pipeline.model_store.shipped_entry import ShippedParameters
 from mlsroad_pipeline.model_store.shipped_models import (
     CARD,
     FOLDER,
     load_shipped,
+    model_card,
     save_entry,
     save_shipped,
     shipped_models,

@@ -229,7 +229,7 @@ def test_classes_of_a_coarser_scheme_are_written_as_private_codes(label_project,
         ({"survey": "nowhere.laz"}, r"nowhere\.laz does not exist"),
         (
             {"method": "hough"},
-            r"label\.method 'hough' is no method \(methods: detrended_forest, patch_graph, .*hough_forest",
+            r"unknown label\.method 'hough' \(known: detrended_forest, patch_graph, .*hough_forest",
         ),
         (
             {"model": 99},

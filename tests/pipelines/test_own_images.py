@@ -15,8 +15,7 @@ from PIL import Image as Picture
 from mlsroad_pipeline.algorithms.cameras.projection import project_points
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.model_store.registration import load_registered_bundle
-from mlsroad_pipeline.papers.tomic2019.image_labels.segmentation import segment_image
-from mlsroad_pipeline.papers.tomic2019.image_labels.segmenters import network_of
+from mlsroad_pipeline.papers.tomic2019.image_labels.segmentation import network_of, segment_image
 from mlsroad_pipeline.surveys.camera_files import read_images
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]

@@ -13,9 +13,8 @@ from conftest import REPOSITORY
 from mlsroad_pipeline.algorithms.cameras.camera import Camera
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError, ParameterError, ReadError
-from mlsroad_pipeline.surveys.class_maps import read_class_map
 from mlsroad_pipeline.surveys.images import PosedImage, SurveyImages
-from mlsroad_pipeline.surveys.masks import MaskLegend, masks_of_drives, read_mask
+from mlsroad_pipeline.surveys.masks import MaskLegend, masks_of_passes, read_class_map, read_mask
 
 CAMERA = Camera([[5.0, 0, 2], [0, 5.0, 1.5], [0, 0, 1]], None, np.eye(3), np.zeros(3), 5, 4)
 NUMBERS = np.array([[0, 13, 5, 255, 10]] * 4, dtype=np.uint8)
@@ -169,17 +168,17 @@ def test_masks_lie_in_one_folder_or_beside_the_pictures_of_each_drive(tmp_path):
         (tmp_path / name / "segmented").mkdir(parents=True)
         Picture.fromarray(NUMBERS).save(tmp_path / name / "segmented" / "i0.png")
     both = {name: drive(tmp_path / name, "i0") for name in ("north", "south")}
-    found = masks_of_drives(both, "segmented")
+    found = masks_of_passes(both, "segmented")
     assert [str(images[0].path.relative_to(tmp_path)) for images in found.values()] == [
         "north/segmented/i0.png",
         "south/segmented/i0.png",
     ]
     shared = str(tmp_path / "north" / "segmented")
-    assert masks_of_drives({"north": both["north"]}, shared)["north"][0].path.name == "i0.png"
-    with pytest.raises(ReadError, match=r"image 'i0' occurs in drives north and south"):
-        masks_of_drives(both, shared)
+    assert masks_of_passes({"north": both["north"]}, shared)["north"][0].path.name == "i0.png"
+    with pytest.raises(ReadError, match=r"image 'i0' occurs in passes north and south"):
+        masks_of_passes(both, shared)
     with pytest.raises(ReadError, match=r"north/segmented: no mask of image 'i1': neither i1\.png nor i1\.npz"):
-        masks_of_drives({"north": drive(tmp_path / "north", "i0", "i1")}, "segmented")
+        masks_of_passes({"north": drive(tmp_path / "north", "i0", "i1")}, "segmented")
 
 
 def test_names_with_folders_have_masks_in_the_same_folders(tmp_path):
@@ -188,11 +187,11 @@ def test_names_with_folders_have_masks_in_the_same_folders(tmp_path):
         Picture.fromarray(NUMBERS).save(tmp_path / "segmented" / camera / "0001.5.png")
     images = drive(tmp_path, "front/0001.5", "rear/0001.5")
     for folder in ("segmented", str(tmp_path / "segmented")):
-        found = masks_of_drives({"north": images}, folder)["north"]
+        found = masks_of_passes({"north": images}, folder)["north"]
         assert [str(i.path.relative_to(tmp_path)) for i in found] == [f"segmented/{i.name}.png" for i in images]
     Picture.fromarray(NUMBERS).save(tmp_path / "segmented" / "a.png")
     with pytest.raises(ReadError, match=r"segmented/a\.png: is the mask of both images 'a\.jpg' and 'a\.png'"):
-        masks_of_drives({"north": drive(tmp_path, "a.jpg", "a.png")}, "segmented")
+        masks_of_passes({"north": drive(tmp_path, "a.jpg", "a.png")}, "segmented")
 
 
 def test_class_maps_are_read_from_csv_and_yaml(tmp_path, scheme):
@@ -233,7 +232,7 @@ def test_the_home_folder_is_expanded(tmp_path, monkeypatch, scheme):
     monkeypatch.setenv("HOME", str(tmp_path))
     (tmp_path / "m").mkdir()
     Picture.fromarray(NUMBERS).save(tmp_path / "m" / "i0.png")
-    found = masks_of_drives({"d": drive(tmp_path / "d", "i0")}, "~/m")["d"]
+    found = masks_of_passes({"d": drive(tmp_path / "d", "i0")}, "~/m")["d"]
     assert [image.path for image in found] == [tmp_path / "m" / "i0.png"]
     (tmp_path / "c.csv").write_text("number,class\n0,road\n")
     assert read_class_map("~/c.csv", scheme).source == str(tmp_path / "c.csv")

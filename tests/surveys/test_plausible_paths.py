@@ -14,7 +14,7 @@ from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.config import ParameterConfigLoader
 from mlsroad_pipeline.execution.path_parameters import check_paths, with_text_of_paths
 from mlsroad_pipeline.formats.options import ReadOptions
-from mlsroad_pipeline.label.targets import planned_paths
+from mlsroad_pipeline.label.runs import planned_paths
 from mlsroad_pipeline.surveys.files import Survey, SurveyFile
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import plan_labelling, plan_survey

@@ -1,4 +1,7 @@
+"""Simulated surveys on disk, and their progress in the log or from a worker process."""
+
 import json
+import logging
 
 import laspy
 import numpy as np
@@ -9,18 +12,18 @@ from references.simulator import brown_conrady
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.pipelines.simulate.nodes import simulate_surveys
+from mlsroad_pipeline.pipelines.simulate import simulate_surveys
 from mlsroad_pipeline.simulation import simulate_survey
 from mlsroad_pipeline.simulation.furnishing.blocks import PASS_INSTANCES
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 from mlsroad_pipeline.simulation.street.drive import PAUSE
-from mlsroad_pipeline.surveys.range_images import RangeImage
+from mlsroad_pipeline.surveys import simulated
 from mlsroad_pipeline.surveys.simulated import (
     SurveyFiles,
     configured_survey,
     write_simulated_survey,
 )
-from mlsroad_pipeline.surveys.simulated_frames import semantic_kitti_codes
+from mlsroad_pipeline.surveys.simulated_scans import RangeImage, semantic_kitti_codes
 
 CONFIG = {
     "preset": "hdl64", "seed": 3, "length": 10.0, "speed": 8.0, "pulse_rate": 15_000.0, "max_range": 40.0,
@@ -219,7 +222,7 @@ def test_one_survey_alone_and_its_files_are_announced(tmp_path):
         "survey_000.laz", "survey_001.laz", "survey_002.laz", "trajectory.csv",
     ]  # fmt: skip
     assert set(simulate_surveys({"enabled": True, "only": "b", "surveys": surveys}, Roots)) == {"b"}
-    with pytest.raises(ParameterError, match="simulation.only 'x' is none of a, b, c"):
+    with pytest.raises(ParameterError, match=r"unknown simulation.only 'x' \(known: a, b, c\)"):
         simulate_surveys({"enabled": True, "only": "x", "surveys": surveys}, Roots)
 
 
@@ -231,3 +234,20 @@ def test_bad_layouts_are_named(tmp_path):
     tiny = simulation_parameters({"preset": "tiny"})
     with pytest.raises(ParameterError, match="frames need a scanner with an upright axis, 'vmx450' has none"):
         write_simulated_survey(parameters=tiny, folder=str(tmp_path / "x"), n_threads=1, files=SurveyFiles(frames=True))
+
+
+def test_simulated_distance_is_reported_in_the_log_and_from_a_worker(monkeypatch, caplog, capsys):
+    times = iter([0.0, 1.0, 20.0, 21.0, 40.0, 60.0])
+    monkeypatch.setattr(simulated.time, "monotonic", lambda: next(times))
+    caplog.set_level(logging.INFO, "mlsroad_pipeline")
+    report = simulated.distance_lines("avenue", 100.0)
+    for distance in (5.0, 25.0, 26.0, 50.0, 100.0):
+        report(distance)
+    assert [r.getMessage() for r in caplog.records] == [
+        "avenue: 25 of 100 m, about 60 s left",
+        "avenue: 50 of 100 m, about 40 s left",
+    ]
+    times = iter([0.0, 20.0])
+    caplog.set_level(logging.WARNING, "mlsroad_pipeline")
+    simulated.distance_lines("avenue", 100.0)(50.0)
+    assert capsys.readouterr().err == "avenue: 50 of 100 m, about 20 s left\n"

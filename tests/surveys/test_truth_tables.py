@@ -31,13 +31,13 @@ def test_a_table_of_a_user(tmp_path):
     ("text", "said"),
     [
         ("kind,x\npole,1\n", "needs the column y .has kind, x."),
-        ("kind,x,y\npole,here,2\n", "column x has 'here' in row 1: it is no number"),
+        ("kind,x,y\npole,here,2\n", "column x has 'here' in row 1: it is not a number"),
         ("kind,x,y\npole,1,2\npole,,2\n", "column x has an empty cell in row 2"),
         ("kind,x,y,counted\npole,1,2,perhaps\n", "column counted has 'perhaps' in row 1: write true or false"),
         ("kind,x,y\npole,1,2\nlamp,3,4\n", "column kind has 'lamp' in row 2: kinds are pole, sign, vehicle, tree"),
-        ("kind;x;y\npole;1,5;2\nsign;x;3\n", "column x has 'x' in row 2: it is no number"),
+        ("kind;x;y\npole;1,5;2\nsign;x;3\n", "column x has 'x' in row 2: it is not a number"),
         ("kind,x,y\n", "the table has no true objects"),
-        ("", "no table of true objects"),
+        ("", "not a table of true objects"),
     ],
 )
 def test_a_wrong_table_is_one_error_with_file_and_value(tmp_path, text, said):

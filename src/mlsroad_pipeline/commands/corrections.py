@@ -29,8 +29,7 @@ def _user() -> str:
 def list_corrections(out: Out, verbose: Verbose = False) -> None:
     """List the decisions about a labelled survey, and those that match no object any more."""
     from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-    from mlsroad_pipeline.commands.console import count_table, output_console
-    from mlsroad_pipeline.commands.errors import one_line_errors
+    from mlsroad_pipeline.commands.console import count_table, one_line_errors, output_console
     from mlsroad_pipeline.review.corrections import has_corrections, open_corrections
     from mlsroad_pipeline.review.corrections.answers import files_of, unmatched_strokes
 
@@ -88,11 +87,9 @@ def import_corrections(
 ) -> None:
     """Import corrections from an inventory or a labelled file that was edited in another program."""
     from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-    from mlsroad_pipeline.commands.console import output_console
-    from mlsroad_pipeline.commands.errors import one_line_errors
+    from mlsroad_pipeline.commands.console import one_line_errors, output_console
     from mlsroad_pipeline.review.corrections import open_corrections
-    from mlsroad_pipeline.review.corrections.edited_inventory import corrections_of_inventory
-    from mlsroad_pipeline.review.corrections.expected_values import known_names, system_of
+    from mlsroad_pipeline.review.corrections.edited_inventory import corrections_of_inventory, known_names, system_of
 
     with one_line_errors(verbose=verbose):
         path, folder = Path(expanded([edited])[0]), Path(results_folder(expanded([out])[0]))
@@ -136,7 +133,9 @@ def _edited_points(path: Path, folder: Path, file: str | None, store: Correction
 
     output = LabelledOutput.at(folder)
     clouds = output.clouds()
-    named = [name for name in clouds if file in (name, Path(name).name) or (file is None and _alike(path, name))]
+    named = [
+        name for name in clouds if file in (name, Path(name).name) or (file is None and Path(name).stem == path.stem)
+    ]
     if len(named) != 1:
         raise ParameterError(
             f"{path}: name the labelled file that it is a copy of with --file, one of {', '.join(clouds)}"
@@ -147,10 +146,6 @@ def _edited_points(path: Path, folder: Path, file: str | None, store: Correction
     painted = painted_before(name, store.states().painted, names, clouds[name])
     found, matched = corrections_of_points(path, clouds[name], name, names, painted)
     return found, f", points matched {matched}"
-
-
-def _alike(path: Path, name: str) -> bool:
-    return Path(name).stem == path.stem
 
 
 @corrections.command("export")
@@ -168,8 +163,7 @@ def export_corrections(
 ) -> None:
     """Write the inventory with all corrections: moved bases, checked classes, without rejected objects."""
     from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
-    from mlsroad_pipeline.commands.console import output_console
-    from mlsroad_pipeline.commands.errors import one_line_errors
+    from mlsroad_pipeline.commands.console import one_line_errors, output_console
     from mlsroad_pipeline.review.corrections import open_corrections
     from mlsroad_pipeline.review.corrections.inventory_columns import write_corrected
 

@@ -23,8 +23,7 @@ from mlsroad_pipeline.commands.options import (
 def inspect(files: Surveys, output: Output = None, params: Params = None, verbose: Verbose = False) -> None:
     """Report the quality of point clouds: extent, density, attributes, coordinate system, gaps, warnings."""
     from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-    from mlsroad_pipeline.commands.console import collected_warnings, output_console
-    from mlsroad_pipeline.commands.errors import one_line_errors
+    from mlsroad_pipeline.commands.console import collected_warnings, one_line_errors, output_console
     from mlsroad_pipeline.commands.session import configure, find_place, run_pipeline
 
     changed = nested(params or [], given={"inspect.survey": "FILE", "inspect.output": "--output"})

@@ -41,16 +41,14 @@ REPEATED = "repeat_label_summary"
 """Node that runs in place of all others where the results of the same run are there and unchanged."""
 
 
-def _methods() -> list[str]:
-    return list(METHODS)
-
-
 def label(  # typer reads the options from the signature
     files: Surveys,
     output: Output = None,
     method: Annotated[
         str | None,
-        typer.Option(help="Method of a registered model, such as patch_graph_mrf.", autocompletion=_methods),
+        typer.Option(
+            help="Method of a registered model, such as patch_graph_mrf.", autocompletion=lambda: list(METHODS)
+        ),
     ] = None,
     model: Annotated[
         str | None, typer.Option(help="Shipped model by name, or version or alias of a registered one.")
@@ -81,8 +79,13 @@ def label(  # typer reads the options from the signature
     Writes every point with a classification and a confidence as LAZ, the objects as GeoPackage and GeoParquet, and a
     report. A killed run continues with the same command.
     """
-    from mlsroad_pipeline.commands.console import Stages, collected_warnings, error_console, output_console
-    from mlsroad_pipeline.commands.errors import one_line_errors
+    from mlsroad_pipeline.commands.console import (
+        Stages,
+        collected_warnings,
+        error_console,
+        one_line_errors,
+        output_console,
+    )
     from mlsroad_pipeline.commands.session import configure, find_place, kernels_compiled, run_pipeline
 
     begin = time.perf_counter()

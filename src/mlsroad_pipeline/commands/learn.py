@@ -33,8 +33,7 @@ def learn(
     The model that labelled the surveys continues its training. The new model is registered in MLflow,
     or written into the first folder where no store is configured.
     """
-    from mlsroad_pipeline.commands.console import error_console, output_console
-    from mlsroad_pipeline.commands.errors import one_line_errors
+    from mlsroad_pipeline.commands.console import error_console, one_line_errors, output_console
     from mlsroad_pipeline.commands.session import configure, find_place
     from mlsroad_pipeline.execution.output_lock import lock_output, release_output
     from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
@@ -66,7 +65,7 @@ def _learn_and_store(outputs: list[LabelledOutput], place: Place, *, verbose: bo
     """Learn from outputs, store the new model, print its name and the warnings; return the options that use it."""
     from mlsroad_pipeline.commands.console import collected_warnings, error_console, output_console
     from mlsroad_pipeline.commands.session import STORE
-    from mlsroad_pipeline.review.corrections.learned_models import register_learned, write_learned
+    from mlsroad_pipeline.review.corrections.learners import register_learned, write_learned
     from mlsroad_pipeline.review.corrections.learning import learn_from
 
     bundle, parent = _one_model(outputs, place)
@@ -90,8 +89,7 @@ def _one_model(outputs: list[LabelledOutput], place: Place) -> tuple[ModelBundle
     """Return the model that labelled all outputs, and its name and version."""
     from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
     from mlsroad_pipeline.commands.session import model_store
-    from mlsroad_pipeline.label.models.choice import load_choice
-    from mlsroad_pipeline.label.models.selection import choose_model
+    from mlsroad_pipeline.label.model_choice import choose_model, load_choice
     from mlsroad_pipeline.review.corrections.learning import check_learnable
 
     for output in outputs:

@@ -9,7 +9,7 @@ import typer
 from mlsroad_pipeline.commands.options import Verbose
 
 if TYPE_CHECKING:
-    from mlsroad_pipeline.label.models.available import AvailableModel
+    from mlsroad_pipeline.label.model_choice import AvailableModel
 
 
 def models(
@@ -18,11 +18,9 @@ def models(
     verbose: Verbose = False,
 ) -> None:
     """List the models: trained on what, scores, licence; then the one that label takes, and why."""
-    from mlsroad_pipeline.commands.console import collected_warnings, output_console, print_warnings
-    from mlsroad_pipeline.commands.errors import one_line_errors
+    from mlsroad_pipeline.commands.console import collected_warnings, one_line_errors, output_console, print_warnings
     from mlsroad_pipeline.commands.session import find_place, model_store
-    from mlsroad_pipeline.label.models.available import available_models
-    from mlsroad_pipeline.label.models.selection import choose_model
+    from mlsroad_pipeline.label.model_choice import available_models, choose_model
 
     console = output_console()
     with one_line_errors(verbose=verbose):

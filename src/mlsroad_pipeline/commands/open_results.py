@@ -24,7 +24,9 @@ def open_results(
     export: Annotated[
         str | None,
         typer.Option(
-            "--export", metavar="FILE.html", help="Write a page to send, to look at only: at most a million points."
+            "--export",
+            metavar="FILE.html",
+            help="Write one self-contained HTML file, to look at only: at most a million points.",
         ),
     ] = None,
     user: Annotated[
@@ -36,7 +38,7 @@ def open_results(
     Starts a server that only this computer reaches, and the browser. Decisions are kept in corrections.sqlite in the
     folder. A folder without labelled points has a report alone, which is opened.
     """
-    from mlsroad_pipeline.commands.errors import one_line_errors
+    from mlsroad_pipeline.commands.console import one_line_errors
 
     with one_line_errors(verbose=False):
         place = Path(expanded([results])[0])

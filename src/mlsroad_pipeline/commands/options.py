@@ -42,7 +42,7 @@ Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print the log, a
 def expanded(places: Sequence[str]) -> list[str]:
     """Return places as absolute paths; ``~`` is the home folder."""
     if "" in places:
-        raise typer.BadParameter("an empty name is no file or folder: is a variable of the shell unset?")
+        raise typer.BadParameter("the name of a file or folder is empty: is a variable of the shell unset?")
     return [os.path.abspath(local_path(os.path.expanduser(place), "FILE or FOLDER")) for place in places]
 
 
@@ -131,7 +131,7 @@ def nested(pairs: Sequence[str], *, given: Mapping[str, str] | None = None) -> d
             OmegaConf.from_dotlist([pair])
         except (YAMLError, OmegaConfBaseException) as error:
             reason = " ".join(str(error).split())
-            raise typer.BadParameter(f"{pair!r} is no YAML value: {reason}", param_hint="--params") from error
+            raise typer.BadParameter(f"{pair!r} is not a YAML value: {reason}", param_hint="--params") from error
     values = OmegaConf.to_container(OmegaConf.from_dotlist(list(pairs)), resolve=False)
     assert isinstance(values, dict)
     if joined := _key_with_value(values):

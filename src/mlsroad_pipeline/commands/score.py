@@ -52,8 +52,7 @@ def score(  # typer reads the options from the signature
 
     Writes tables, a JSON file and a page with pictures of the worst objects.
     """
-    from mlsroad_pipeline.commands.console import collected_warnings, output_console, print_warnings
-    from mlsroad_pipeline.commands.errors import one_line_errors
+    from mlsroad_pipeline.commands.console import collected_warnings, one_line_errors, output_console, print_warnings
     from mlsroad_pipeline.commands.session import configure, find_place, run_pipeline
 
     given = {"score.inventory": "INVENTORY", "score.truth": "--truth", "score.output": "--output"}

@@ -57,7 +57,7 @@ def model_store(place: Place) -> Any:
     """Return the registered models of a place, or None where runs are not tracked."""
     if not place.tracked:
         return None
-    from mlsroad_pipeline.label.models.available import registered_models_at
+    from mlsroad_pipeline.label.model_choice import registered_models_at
 
     return registered_models_at(os.environ.get("MLFLOW_TRACKING_URI") or f"sqlite:///{place.folder / STORE}")
 

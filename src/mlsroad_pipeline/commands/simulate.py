@@ -31,7 +31,7 @@ def simulate(
     verbose: Verbose = False,
 ) -> None:
     """Simulate the survey of a street: points with labels, trajectory, images and a list of objects."""
-    from mlsroad_pipeline.commands.errors import one_line_errors
+    from mlsroad_pipeline.commands.console import one_line_errors
 
     config: dict[str, Any] = {"preset": preset, "seed": seed, **({} if length is None else {"length": length})}
     with one_line_errors(verbose=verbose):

@@ -11,8 +11,7 @@ import pandas as pd
 from kedro.io import AbstractDataset
 
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.model_store.model_notes import describe_version
-from mlsroad_pipeline.model_store.registration import load_registered_bundle, register_bundle
+from mlsroad_pipeline.model_store.registration import describe_version, load_registered_bundle, register_bundle
 
 LOGGER = logging.getLogger(__name__)
 

@@ -18,121 +18,45 @@ __all__ = ["FileInfo", "PointFormat", "ReadOptions", "WriteOptions"]
 
 @dataclass(frozen=True)
 class FileInfo:
-    """Description of a file from its header, without reading its points.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    format : str
-        Name of its format.
-    n_points : int
-        Number of points.
-    columns : mapping of str to dtype
-        Columns of the result of `read`, after renaming, with their types there.
-    origin : ndarray of shape (3,), float64
-        World coordinates in metres of the local zero that every range of this file is read relative to.
-    crs : str or None
-        Coordinate reference system as WKT.
-    bounds : ndarray of shape (2, 3) or None
-        Minimum and maximum world coordinates in metres, where the header has them.
-    details : mapping
-        Format-specific details, such as a LAS file's version, point format, scale, offset, creation date, time type.
-    notes : tuple of str
-        One sentence per guess and repair of the reader that a user should know of.
-    """
+    """Description of a file from its header, without reading its points."""
 
     path: Path
-    format: str
+    format: str  # name of its format
     n_points: int
-    columns: Mapping[str, np.dtype]
-    origin: NDArray[np.float64]
-    crs: str | None = None
-    bounds: NDArray[np.float64] | None = None
-    details: Mapping[str, Any] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    columns: Mapping[str, np.dtype]  # columns of the result of `read`, after renaming, with their types there
+    origin: NDArray[np.float64]  # local zero of every range of the file in world coordinates, metres
+    crs: str | None = None  # coordinate reference system as WKT
+    bounds: NDArray[np.float64] | None = None  # (2, 3): minimum and maximum in metres, where the header has them
+    details: Mapping[str, Any] = field(default_factory=dict)  # others of the format, such as the version of a LAS file
+    notes: tuple[str, ...] = ()  # one sentence per guess and repair of the reader that a user should know of
 
 
 class PointFormat(Protocol):
-    """A point cloud format; each has a module and an entry in `registry.FORMATS`.
+    """A point cloud format; each has a module and an entry in `registry.FORMATS`."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the format in messages.
-    extensions : tuple of str
-        File name endings in lower case, with the dot; compound ones (``.txt.gz``) are allowed.
-    signatures : tuple of bytes
-        First bytes of such files; empty where the format has none.
-    """
-
-    name: str
-    extensions: tuple[str, ...]
-    signatures: tuple[bytes, ...]
+    name: str  # in messages
+    extensions: tuple[str, ...]  # file name endings in lower case, with the dot; ``.txt.gz`` is one, too
+    signatures: tuple[bytes, ...]  # first bytes of such files; empty where the format has none
 
     def recognises(self, path: Path, head: bytes) -> bool:
-        """Return whether the content of a file identifies this format.
+        """Return whether the first bytes of a file are those of this format.
 
-        Parameters
-        ----------
-        path : Path
-            The file.
-        head : bytes
-            Its first bytes.
-
-        Returns
-        -------
-        bool
-            Whether it begins with one of the signatures. Formats without signatures examine the content or the name.
+        Formats without signatures examine the content or the name.
         """
         del path
         return head.startswith(self.signatures) if self.signatures else False
 
     def info(self, path: Path, options: ReadOptions) -> FileInfo:
-        """Return the description of the file; raise `ReadError` where it is not of this format or is damaged.
-
-        Parameters
-        ----------
-        path : Path
-            The file.
-        options : ReadOptions
-            Options of reading.
-
-        Returns
-        -------
-        FileInfo
-            Its description.
-        """
+        """Return the description of the file; raise `ReadError` where it is not of this format or is damaged."""
         ...
 
     def read(self, path: Path, options: ReadOptions, *, start: int = 0, stop: int | None = None) -> PointCloud:
         """Return rows `start` to `stop` (None: the end; clipped to the file) with their columns, in file order.
 
-        Parameters
-        ----------
-        path : Path
-            The file.
-        options : ReadOptions
-            Options of reading.
-        start, stop : int
-            First row and the row after the last.
-
-        Returns
-        -------
-        PointCloud
-            The points.
+        `ReadError` for damaged files, `MissingColumnError` if a mapped column is not in the file, `DataError` if a
+        value is outside its domain.
         """
         ...
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
-        """Write the cloud; the file appears whole or not at all.
-
-        Parameters
-        ----------
-        path : Path
-            The file to write.
-        cloud : PointCloud
-            The points.
-        options : WriteOptions
-            Options of writing.
-        """
+        """Write the cloud; the file appears whole or not at all."""

@@ -13,6 +13,7 @@ from mlsroad_pipeline.formats.files import log_once
 from mlsroad_pipeline.formats.options import UNITS
 from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES
 
+# Standard name to its names in other programs, in lower case.
 ALIASES: dict[str, tuple[str, ...]] = {
     "x": ("//x", "px", "easting", "east", "x_m", "point x", "x coord", "x coordinate"),
     "y": ("py", "northing", "north", "y_m", "point y", "y coord", "y coordinate"),
@@ -24,11 +25,8 @@ ALIASES: dict[str, tuple[str, ...]] = {
     "gps_time": ("scalar_gpstime", "gpstime", "timestamp", "gps time", "gps_seconds"),
     "label": ("scalar_label", "semantic"),
 }
-"""Standard name to its names in other programs, in lower case."""
-
-JOINED = ("rgb", "rgb16")
-"""Columns that are made of several; a column of a file with such a name is not one of them."""
-
+JOINED = ("rgb", "rgb16")  # columns that are made of several; a column of a file with such a name is not one of them
+# Units of `UNITS` to their names in brackets, in lower case.
 LENGTHS: dict[str, tuple[str, ...]] = {
     "metre": ("m", "metre", "metres", "meter", "meters"),
     "millimetre": ("mm", "millimetre", "millimetres", "millimeter", "millimeters"),
@@ -38,22 +36,16 @@ LENGTHS: dict[str, tuple[str, ...]] = {
     "us_survey_foot": ("us ft", "usft", "us-ft", "ftus", "us survey foot", "us survey feet"),
     "inch": ("in", "inch", "inches"),
 }
-"""Units of `UNITS` to their names in brackets, in lower case."""
-
+# Seconds to names of units in brackets.
 TIMES: dict[float, tuple[str, ...]] = {
     1.0: ("s", "sec", "second", "seconds"),
     1e-3: ("ms", "millisecond", "milliseconds"),
     1e-6: ("us", "\u00b5s", "\u03bcs", "microsecond", "microseconds"),
     1e-9: ("ns", "nanosecond", "nanoseconds"),
 }
-"""Seconds to names of units in brackets."""
-
-RATIOS = ("db", "%", "-")
-"""Units of intensities, which need no conversion."""
-
+RATIOS = ("db", "%", "-")  # units of intensities, which need no conversion
+# Relative tolerance within which two units of length are equal: names rarely state which foot is meant.
 SAME_FOOT = 1e-5
-"""Relative tolerance within which two units of length are equal: names rarely state which foot is meant."""
-
 UNIT = re.compile(r"(?<=\S)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$")
 
 
@@ -91,45 +83,16 @@ def _meaning(name: str) -> _Meaning | None:
 
 
 def names_coordinates(names: Sequence[str]) -> bool:
-    """Return whether x, y and z are among names.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names of columns, in any spelling that `resolve_columns` reads.
-
-    Returns
-    -------
-    bool
-        True if all three are.
-    """
+    """Return whether x, y and z are among names."""
     meanings = [_meaning(name) for name in names]
     return set(COORDINATES) <= {meaning.standard for meaning in meanings if meaning is not None}
 
 
 def resolve_columns(file_names: Sequence[str], options: ReadOptions, source: Path) -> dict[str, str]:
-    """Assign standard names to the columns of a file.
+    """Return standard name to name in the file for its columns; `red`, `green` and `blue` are the parts of `rgb`.
 
-    Parameters
-    ----------
-    file_names : sequence of str
-        Names of the file's columns, in their order.
-    options : ReadOptions
-        Its `columns`, `only`, and units that follow from the system already (`crs_units.with_units`).
-    source : Path
-        File name in messages.
-
-    Returns
-    -------
-    dict of str to str
-        Standard name to name in the file; `red`, `green` and `blue` are the parts of `rgb`.
-
-    Raises
-    ------
-    MissingColumnError
-        If a mapped or selected column, or a coordinate, is not in the file.
-    DataError
-        If two names with units may be the same coordinate, or a name states a unit other than the one that is read.
+    `MissingColumnError` if a mapped or selected column, or a coordinate, is missing; `DataError` if two names with
+    units may be the same coordinate, or a name states another unit than the one that is read.
     """
     chosen = _mapped(file_names, options, source)
     mapped, taken = set(chosen), set(chosen.values())

@@ -13,32 +13,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
-from typing import IO, Any, BinaryIO, cast
+from typing import IO, BinaryIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
-from mlsroad_pipeline.formats.expansion import check_expansion
-from mlsroad_pipeline.formats.files import FileKey, atomic_file, file_key
+from mlsroad_pipeline.formats.files import FileKey, atomic_file, check_expansion, file_key
 
 GZIP, SUFFIX = b"\x1f\x8b", ".gz"
 BLOCK = 1 << 24
 
 
 class Content:
-    """Random access to the bytes of a file; a gzip-compressed one is decompressed into an unnamed temporary file.
-
-    Parameters
-    ----------
-    path : Path
-        The file; gzip-compressed if it begins with the gzip signature.
-
-    Raises
-    ------
-    ReadError
-        If the gzip-compressed data are damaged or truncated, or the disk is too full to decompress them.
-    """
+    """Random access to the bytes of a file; a gzip-compressed one is decompressed into an unnamed temporary file."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.packed = path, is_packed(path)
@@ -47,96 +35,24 @@ class Content:
         weakref.finalize(self, os.close, self._descriptor)
 
     def read(self, n_bytes: int, at: int = 0) -> bytes:
-        """Return up to `n_bytes` from byte offset `at`.
-
-        Parameters
-        ----------
-        n_bytes : int
-            Number of bytes.
-        at : int, default 0
-            Byte offset of the first.
-
-        Returns
-        -------
-        bytes
-            The bytes; fewer at the end.
-        """
+        """Return up to `n_bytes` from byte offset `at`; fewer at the end."""
         return os.pread(self._descriptor, n_bytes, at)
 
     def records(self, dtype: np.dtype, at: int, count: int) -> NDArray:
-        """Return a memory-mapped view of records.
-
-        Parameters
-        ----------
-        dtype : dtype
-            Type of a record.
-        at : int
-            Byte offset of the first.
-        count : int
-            Number of records; all lie inside the file.
-
-        Returns
-        -------
-        ndarray of shape (count,)
-            The records, read only.
-        """
+        """Return a memory-mapped, read-only view of `count` records from byte offset `at`; all lie inside the file."""
         if not count * dtype.itemsize:
             return np.empty(count, dtype)
         with os.fdopen(os.dup(self._descriptor), "rb") as stream:
             return np.memmap(cast(IO[bytes], stream), dtype=dtype, mode="r", offset=at, shape=(count,))
 
     def stream(self) -> io.BufferedReader:
-        """Return a new stream over the bytes, to be closed by the caller.
-
-        Returns
-        -------
-        binary stream
-            At the first byte.
-        """
-        return io.BufferedReader(_Unpacked(self)) if self.packed else self.path.open("rb")
-
-
-class _Unpacked(io.RawIOBase):
-    """Stream with its own position on shared content."""
-
-    def __init__(self, content: Content) -> None:
-        self._content, self._at = content, 0
-
-    def readable(self) -> bool:
-        return True
-
-    def seekable(self) -> bool:
-        return True
-
-    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
-        self._at = offset + {io.SEEK_SET: 0, io.SEEK_CUR: self._at, io.SEEK_END: self._content.size}[whence]
-        return self._at
-
-    def readinto(self, buffer: Any) -> int:
-        data = self._content.read(len(buffer), self._at)
-        buffer[: len(data)] = data
-        self._at += len(data)
-        return len(data)
+        """Return a new stream over the bytes, to be closed by the caller."""
+        path = Path(f"/proc/self/fd/{self._descriptor}") if self.packed else self.path
+        return path.open("rb")  # opened anew: each stream has a position of its own
 
 
 def open_content(path: Path) -> Content:
-    """Open a file, or return it from the cache of the files opened last.
-
-    Parameters
-    ----------
-    path : Path
-        An existing file.
-
-    Returns
-    -------
-    Content
-        Its bytes, decompressed once as long as the file does not change.
-
-    Raises
-    ------
-    ReadError
-        If it is gzip-compressed and damaged.
-    """
+    """Return a file opened for random access; the last four are cached as long as they do not change."""
     return _content(file_key(path))
 
 
@@ -164,42 +80,13 @@ def _unpack(path: Path) -> int:
 
 
 def is_packed(path: Path) -> bool:
-    """Return whether a file begins with the gzip signature.
-
-    Parameters
-    ----------
-    path : Path
-        An existing file.
-
-    Returns
-    -------
-    bool
-        True if it does.
-    """
+    """Return whether a file begins with the gzip signature."""
     with path.open("rb") as stream:
         return stream.read(len(GZIP)) == GZIP
 
 
 def first_bytes(path: Path, n_bytes: int) -> bytes:
-    """Return the first bytes of a file, decompressed where it is gzip; the rest is not read.
-
-    Parameters
-    ----------
-    path : Path
-        An existing file.
-    n_bytes : int
-        Number of bytes.
-
-    Returns
-    -------
-    bytes
-        The bytes; fewer if the file is shorter.
-
-    Raises
-    ------
-    ReadError
-        If it is gzip-compressed and damaged.
-    """
+    """Return the first bytes of a file, decompressed where it is gzip; `ReadError` where that is damaged."""
     try:
         with gzip.open(path, "rb") if is_packed(path) else path.open("rb") as stream:
             return stream.read(n_bytes)
@@ -208,70 +95,24 @@ def first_bytes(path: Path, n_bytes: int) -> bytes:
 
 
 def with_packed(*extensions: str) -> tuple[str, ...]:
-    """Return file name endings and the same with ``.gz`` appended.
-
-    Parameters
-    ----------
-    *extensions : str
-        File name endings, with the dot.
-
-    Returns
-    -------
-    tuple of str
-        Both.
-    """
+    """Return file name endings and the same with ``.gz`` appended."""
     return (*extensions, *(extension + SUFFIX for extension in extensions))
 
 
 def unpacked_name(path: Path) -> str:
-    """Return a file's name without ``.gz``.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    str
-        ``street.xyz`` of ``street.xyz.gz``.
-    """
+    """Return a file's name without ``.gz``."""
     return path.name[: -len(SUFFIX)] if path.name.lower().endswith(SUFFIX) else path.name
 
 
 def refuse_packed(path: Path, form: str) -> None:
-    """Refuse gzip for a format that is not written sequentially.
-
-    Parameters
-    ----------
-    path : Path
-        The file to write.
-    form : str
-        Name of its format.
-
-    Raises
-    ------
-    DataError
-        If the file's name ends in ``.gz``.
-    """
+    """Raise `DataError` if a file name ends in ``.gz``, for a format that is not written sequentially."""
     if path.name.lower().endswith(SUFFIX):
         raise DataError(f"{path}: {form} is not written as gzip; leave out {SUFFIX}")
 
 
 @contextmanager
 def output_file(path: Path) -> Iterator[BinaryIO]:
-    """Yield a stream whose content becomes `path` when the block ends, compressed where the name ends in ``.gz``.
-
-    Parameters
-    ----------
-    path : Path
-        The file to write; see `atomic_file`.
-
-    Yields
-    ------
-    binary stream
-        Open for writing.
-    """
+    """Yield a stream whose content becomes `path` when the block ends, compressed where the name ends in ``.gz``."""
     with atomic_file(path) as stream:
         if not path.name.lower().endswith(SUFFIX):
             yield stream

@@ -18,25 +18,7 @@ LARGEST = 1 << 20
 
 
 def parse_crs(crs: str, *, option: str = "crs") -> str:
-    """Return a coordinate reference system as WKT.
-
-    Parameters
-    ----------
-    crs : str
-        WKT, PROJ or an authority's code.
-    option : str, default "crs"
-        Name of the option in messages.
-
-    Returns
-    -------
-    str
-        Its WKT.
-
-    Raises
-    ------
-    ParameterError
-        If PROJ cannot parse it.
-    """
+    """Return WKT, PROJ or an authority's code as WKT; `ParameterError` with the name of the option if PROJ fails."""
     try:
         return str(pyproj.CRS.from_user_input(crs).to_wkt())
     except pyproj.exceptions.CRSError as error:
@@ -47,25 +29,21 @@ def parse_crs(crs: str, *, option: str = "crs") -> str:
 
 
 @lru_cache(maxsize=64)
+def parsed_crs(crs: str) -> pyproj.CRS | None:
+    """Return a system by its WKT or code; None where PROJ cannot parse it."""
+    try:
+        return pyproj.CRS.from_user_input(crs)
+    except pyproj.exceptions.CRSError:
+        return None
+
+
+@lru_cache(maxsize=64)
 def is_same_crs(one: str, other: str) -> bool:
-    """Return whether two systems are equal, whatever their names and the order of their axes.
-
-    Parameters
-    ----------
-    one, other : str
-        The systems as WKT.
-
-    Returns
-    -------
-    bool
-        False where the texts differ and PROJ cannot parse one of them.
-    """
+    """Return whether two systems are equal, whatever their names and the order of their axes; False if PROJ fails."""
     if one == other:
         return True
-    try:
-        return bool(pyproj.CRS.from_user_input(one).equals(pyproj.CRS.from_user_input(other), ignore_axis_order=True))
-    except pyproj.exceptions.CRSError:
-        return False
+    first, second = parsed_crs(one), parsed_crs(other)
+    return first is not None and second is not None and bool(first.equals(second, ignore_axis_order=True))
 
 
 def _stem(path: Path) -> str:
@@ -74,18 +52,7 @@ def _stem(path: Path) -> str:
 
 
 def sidecar_crs(path: Path) -> str | None:
-    """Return the CRS of the ``.prj`` file beside a file.
-
-    Parameters
-    ----------
-    path : Path
-        The file, ``street.xyz.gz`` say; its sidecar is ``street.prj``.
-
-    Returns
-    -------
-    str or None
-        Its WKT; None without a sidecar, or where PROJ cannot parse it, which is logged.
-    """
+    """Return the WKT of the ``.prj`` file beside a file; None without one, or if PROJ cannot parse it (logged)."""
     beside = next((p for e in (SIDECAR, SIDECAR.upper()) if (p := path.with_name(_stem(path) + e)).is_file()), None)
     return None if beside is None else _sidecar(file_key(beside))
 
@@ -94,25 +61,16 @@ def sidecar_crs(path: Path) -> str | None:
 def _sidecar(key: FileKey) -> str | None:
     with Path(key[0]).open("rb") as stream:
         text = stream.read(LARGEST).decode("utf-8-sig", "replace").strip()
-    try:
-        crs = str(pyproj.CRS.from_user_input(text).to_wkt())
-    except pyproj.exceptions.CRSError:
+    system = parsed_crs(text)
+    if system is None:
         log_once(key[0], f"holds no coordinate reference system that PROJ can parse: {text[:60]!r}")
         return None
-    log_once(key[0], f"holds the coordinate reference system {pyproj.CRS.from_wkt(crs).name}")
-    return crs
+    log_once(key[0], f"holds the coordinate reference system {system.name}")
+    return str(system.to_wkt())
 
 
 def write_sidecar(path: Path, crs: str | None) -> None:
-    """Write a CRS beside a file whose format holds none.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    crs : str or None
-        WKT; None writes nothing.
-    """
+    """Write a CRS as WKT beside a file whose format holds none; None writes nothing."""
     if crs:
         with atomic_file(path.with_name(_stem(path) + SIDECAR)) as stream:
             stream.write(crs.encode() + b"\n")
@@ -120,40 +78,16 @@ def write_sidecar(path: Path, crs: str | None) -> None:
 
 @lru_cache(maxsize=64)
 def is_geographic(crs: str | None) -> bool:
-    """Return whether a system has coordinates in degrees.
-
-    Parameters
-    ----------
-    crs : str or None
-        The system as WKT.
-
-    Returns
-    -------
-    bool
-        False where there is none or PROJ cannot parse it.
-    """
-    try:
-        return crs is not None and bool(pyproj.CRS.from_user_input(crs).is_geographic)
-    except pyproj.exceptions.CRSError:
-        return False
+    """Return whether a system has coordinates in degrees; False without one, or if PROJ cannot parse it."""
+    system = None if crs is None else parsed_crs(crs)
+    return system is not None and bool(system.is_geographic)
 
 
 def place_outside(crs: str, x: float, y: float, *, margin: float = 15.0) -> str | None:
-    """Return longitude and latitude of a place if they lie outside the area that a system is defined for.
+    """Return longitude and latitude of a place, in metres, that lies outside the area of a system as WKT.
 
-    Parameters
-    ----------
-    crs : str
-        The system as WKT.
-    x, y : float
-        Easting and northing of the place, metres.
-    margin : float, default 15.0
-        Distance beyond the area that is accepted, degrees; Norway is mapped in one zone up to 13 degrees beyond it.
-
-    Returns
-    -------
-    str or None
-        The place; None if it lies inside, or the area is unknown.
+    ``margin`` is the accepted distance beyond the area in degrees: Norway is mapped in one zone up to 13 degrees beyond
+    it. None if the place lies inside, or the area is unknown.
     """
     try:
         system = pyproj.CRS.from_user_input(crs)
@@ -174,30 +108,11 @@ def place_outside(crs: str, x: float, y: float, *, margin: float = 15.0) -> str 
 def reproject(
     world: NDArray[np.float64], source: str | None, target: str, *, name: Path
 ) -> tuple[NDArray[np.float64], str]:
-    """Transform coordinates from one system to another.
+    """Transform world coordinates of shape (n, 3) from one system as WKT to another, as WKT or a code.
 
-    Parameters
-    ----------
-    world : ndarray of shape (n, 3)
-        World coordinates: easting, northing and height in metres, or longitude, latitude in degrees and height.
-    source : str or None
-        Their system as WKT.
-    target : str
-        Target system: WKT or a code.
-    name : Path
-        File name in messages.
-
-    Returns
-    -------
-    xyz : ndarray of shape (n, 3), float64
-        The coordinates; heights change where both systems have them.
-    crs : str
-        The target as WKT.
-
-    Raises
-    ------
-    DataError
-        If the file states no system, or a point lies where the target is not defined.
+    The results are float64 in metres, or degrees and height, and the target as WKT; heights change where both systems
+    have them. `DataError`, which names the file, without a source system, or for points where the target is not
+    defined.
     """
     wkt = parse_crs(target)
     if source is None:

@@ -12,51 +12,26 @@ import numpy as np
 import pyproj
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.formats.crs import parse_crs, sidecar_crs
+from mlsroad_pipeline.formats.crs import parse_crs, parsed_crs, sidecar_crs
 from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions
 
-ANGLES = re.compile(r"degree|radian|gr?ad|arc|\bgon\b|centesimal", re.IGNORECASE)
-"""Names of units of angles."""
-
-SAME_UNIT = 1e-7
-"""Relative tolerance within which two units are equal: a foot and a US survey foot differ by 2e-6."""
+ANGLES = re.compile(r"degree|radian|gr?ad|arc|\bgon\b|centesimal", re.IGNORECASE)  # names of units of angles
+SAME_UNIT = 1e-7  # relative tolerance within which two units are equal: a foot and a US survey foot differ by 2e-6
 
 
 class CrsUnits(NamedTuple):
-    """Units of a system.
+    """Units of a system."""
 
-    Attributes
-    ----------
-    kind : str
-        ``"projected"``, ``"geographic"`` (degrees), ``"geocentric"`` or ``"other"``.
-    flat : tuple of str and float
-        Name of the unit of x and y, and its length in metres (its size in radians for degrees).
-    height : tuple of str and float, or None
-        Those of the heights; None where the system has none.
-    """
-
-    kind: str
-    flat: tuple[str, float]
-    height: tuple[str, float] | None
+    kind: str  # ``"projected"``, ``"geographic"`` (degrees), ``"geocentric"`` or ``"other"``
+    flat: tuple[str, float]  # name of the unit of x and y, and its length in metres (its size in radians for degrees)
+    height: tuple[str, float] | None  # those of the heights; None where the system has none
 
 
 @lru_cache(maxsize=64)
 def crs_units(crs: str) -> CrsUnits | None:
-    """Return the units of a system.
-
-    Parameters
-    ----------
-    crs : str
-        The system as WKT.
-
-    Returns
-    -------
-    CrsUnits or None
-        Its units; None where PROJ cannot parse it, or it has heights only.
-    """
-    try:
-        system = pyproj.CRS.from_user_input(crs)
-    except pyproj.exceptions.CRSError:
+    """Return the units of a system as WKT; None where PROJ cannot parse it, or it has heights only."""
+    system = parsed_crs(crs)
+    if system is None:
         return None
     axes = [(axis.direction, axis.unit_name, axis.unit_conversion_factor) for axis in system.axis_info]
     heights = [(name, factor) for direction, name, factor in axes if direction in ("up", "down")]
@@ -69,26 +44,10 @@ def crs_units(crs: str) -> CrsUnits | None:
 
 
 def with_units(options: ReadOptions, crs: str | None, source: Path) -> ReadOptions:
-    """Return options whose units are numbers: those of the coordinate reference system where the options refer to it.
+    """Return options with numbers for units: those of the coordinate reference system where the options refer to it.
 
-    Parameters
-    ----------
-    options : ReadOptions
-        Options of reading.
-    crs : str or None
-        The file's own system as WKT; the option `crs` takes precedence over it, and it over a sidecar.
-    source : Path
-        The file.
-
-    Returns
-    -------
-    ReadOptions
-        Options whose `units` are set; heights without a unit of their own have that of x and y.
-
-    Raises
-    ------
-    DataError
-        If the system states a unit of no length.
+    The `crs` of the options takes precedence over the file's, which is given as WKT, and that over a sidecar. Heights
+    without a unit of their own have that of x and y. `DataError` if the system states a unit that is not a length.
     """
     if options.units != BY_CRS:
         return options
@@ -108,18 +67,7 @@ def with_units(options: ReadOptions, crs: str | None, source: Path) -> ReadOptio
 
 
 def auto_note(options: ReadOptions, crs: str | None, source: Path) -> str:
-    """Return a sentence on the conversion to metres.
-
-    Parameters
-    ----------
-    options, crs, source
-        Arguments of `with_units`.
-
-    Returns
-    -------
-    str
-        The sentence; empty if the options set the units or there is no conversion.
-    """
+    """Return a sentence on the conversion to metres; empty if the options set the units or nothing is converted."""
     if options.units != BY_CRS:
         return ""
     flat, _, height = with_units(options, crs, source).factors.tolist()
@@ -136,21 +84,9 @@ def auto_note(options: ReadOptions, crs: str | None, source: Path) -> str:
 
 @lru_cache(maxsize=64)
 def in_metres(crs: str, flat: float, height: float | None = None) -> str:
-    """Return the system of coordinates that were converted from its units to metres.
+    """Return the system of coordinates that were converted to metres by factors of x and y, and of heights.
 
-    Parameters
-    ----------
-    crs : str
-        The system as WKT.
-    flat : float
-        Factor of the conversion of x and y.
-    height : float, optional
-        Factor of the conversion of the heights; None is that of x and y.
-
-    Returns
-    -------
-    str
-        The same projection and heights in metres, without the code; the system itself where its units are others.
+    It has the same projection and heights in metres, without the code; the system itself where its units are others.
     """
     height = flat if height is None else height
     if (flat == 1.0 and height == 1.0) or crs_units(crs) is None:

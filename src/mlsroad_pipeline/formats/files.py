@@ -20,31 +20,12 @@ from mlsroad_pipeline.algorithms.core.plain_text import printable
 
 logger = logging.getLogger(__name__)
 
-LAZ_CHUNK = 50_000
-"""Points of a chunk in LAZ files that LASzip, lazrs and PDAL write."""
-
-FileKey = tuple[str, int, int]
-"""Path, size and modification time: the key of cached properties of a file."""
+LAZ_CHUNK = 50_000  # points of a chunk in LAZ files that LASzip, lazrs and PDAL write
+FileKey = tuple[str, int, int]  # path, size and modification time: the key of cached properties of a file
 
 
 def check_file(path: str | Path) -> Path:
-    """Return the path of a file that exists, is readable and not empty.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Returns
-    -------
-    Path
-        The same path.
-
-    Raises
-    ------
-    ReadError
-        If it is missing, a folder, empty, or may not be read.
-    """
+    """Return the path of a file that exists, is readable and not empty; raise `ReadError` otherwise."""
     path = Path(path)
     if path.is_dir():
         raise ReadError(f"{path} is a folder, not a file")
@@ -60,22 +41,9 @@ def check_file(path: str | Path) -> Path:
 
 
 def spread_starts(n_points: int, runs: int, size: int) -> list[int]:
-    """Choose the first rows of runs that are spread evenly over a file.
+    """Return the first rows of ``runs`` runs of ``size`` points that are spread evenly over a file, ascending.
 
-    Parameters
-    ----------
-    n_points : int
-        Points of the file.
-    runs : int
-        Number of runs.
-    size : int
-        Points of a run.
-
-    Returns
-    -------
-    list of int
-        First rows, ascending, fewer in small files. In large ones they are first points of chunks of LAZ, which can be
-        decompressed from their first point only.
+    In large files they are first points of LAZ chunks, which can be decompressed from there only.
     """
     starts = np.linspace(0, max(n_points - size, 0), runs).astype(np.int64)
     if n_points >= runs * LAZ_CHUNK:
@@ -84,55 +52,26 @@ def spread_starts(n_points: int, runs: int, size: int) -> list[int]:
 
 
 def file_key(path: Path) -> FileKey:
-    """Return the cache key of a file's present content.
-
-    Parameters
-    ----------
-    path : Path
-        An existing file.
-
-    Returns
-    -------
-    tuple of str, int, int
-        Path, size in bytes and modification time in nanoseconds.
-    """
+    """Return the cache key of a file's present content: path, bytes and modification time in nanoseconds."""
     status = path.stat()
     return str(path), status.st_size, status.st_mtime_ns
 
 
 @lru_cache(maxsize=4096)
 def log_once(source: str, text: str) -> None:
-    """Log a note about a file, once per note.
-
-    Parameters
-    ----------
-    source : str
-        The file.
-    text : str
-        Text of the note.
-    """
+    """Log a note about a file, once per note."""
     logger.info("%s: %s", source, text)
 
 
+# Errors that content raises whose types, keys or sizes are others than its reader takes for granted.
 WRONG = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RuntimeError)
-"""Errors that content raises whose types, keys or sizes are others than its reader takes for granted."""
 
 
 @contextmanager
 def named_errors(path: str | Path, what: str) -> Iterator[None]:
-    """Turn the errors that damaged content raises inside the block into a `ReadError` of one line that names the file.
+    """Turn the errors that damaged content raises inside the block into a one-line `ReadError` that names the file.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file that is read, or its folder.
-    what : str
-        What it should be, such as "a table of poses".
-
-    Raises
-    ------
-    ReadError
-        For each of `WRONG`, numbers that overflow, and errors of this package that do not name the file in one line.
+    ``what`` is what the file, or its folder, should be, such as "a table of poses".
     """
     try:
         with np.errstate(over="raise", invalid="raise", divide="raise"):
@@ -150,16 +89,8 @@ def named_errors(path: str | Path, what: str) -> Iterator[None]:
 def atomic_file(path: Path) -> Iterator[BinaryIO]:
     """Yield a stream whose content becomes `path` when the block ends and is discarded when it raises.
 
-    Parameters
-    ----------
-    path : Path
-        The file to write; its folder is made where it is missing.
-
-    Yields
-    ------
-    binary stream
-        Open for writing and reading, in the same folder under a temporary name. Unfinished files of killed processes
-        for the same path are removed.
+    The temporary file is in the same folder, which is made if it is missing. Unfinished files of killed processes for
+    the same path are removed.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -209,26 +140,26 @@ def _remove_parts_of_killed_runs(path: Path) -> None:
 
 
 def clip_range(start: int, stop: int | None, n_points: int) -> tuple[int, int]:
-    """Return a row range inside a file.
+    """Return ``start`` and ``stop`` (None: the end) clipped to ``n_points`` rows.
 
-    Parameters
-    ----------
-    start, stop : int
-        First row and the row after the last; None is the end. Clipped to the end.
-    n_points : int
-        Number of rows.
-
-    Returns
-    -------
-    tuple of int
-        The range, with ``0 <= start <= stop <= n_points``.
-
-    Raises
-    ------
-    ValueError
-        If `start` is negative or `stop` is before `start`.
+    Raises `ValueError` if ``start`` is negative or ``stop`` is before it.
     """
     end = max(start, n_points) if stop is None else stop
     if start < 0 or end < start:
         raise ValueError(f"row range must satisfy 0 <= start <= stop, got {start}..{stop}")
     return min(start, n_points), min(end, n_points)
+
+
+LARGEST_RATIO = 200  # largest ratio of unpacked to packed bytes; recordings reach about 30
+ALLOWED = 1 << 28  # unpacked bytes that any file may have
+
+
+def check_expansion(path: Path, unpacked: int, packed: int) -> None:
+    """Raise `ReadError` for a file that unpacks to far more than a recording does.
+
+    That is more than `ALLOWED` bytes and more than `LARGEST_RATIO` times its packed size.
+    """
+    if unpacked > max(ALLOWED, LARGEST_RATIO * packed):
+        raise ReadError(
+            f"{path} is damaged or made to fill the memory: its {packed} bytes would become {unpacked} or more"
+        )

@@ -15,11 +15,8 @@ from mlsroad_pipeline.formats.files import atomic_file, check_file
 from mlsroad_pipeline.formats.tables import PointTable, TableFormat
 
 RECORD = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
-PROBED, FARTHEST = 1000, 1e4
-"""Number of records that are examined, and largest plausible coordinate in metres."""
-
-LABEL_BITS = 16
-"""The lower 16 bits of a label are its class, the upper 16 its instance."""
+PROBED, FARTHEST = 1000, 1e4  # number of records that are examined, and largest plausible coordinate in metres
+LABEL_BITS = 16  # the lower 16 bits of a label are its class, the upper 16 its instance
 
 
 class KittiFormat(TableFormat):
@@ -34,13 +31,7 @@ class KittiFormat(TableFormat):
     signatures: tuple[bytes, ...] = ()
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
-        """Open a scan: x, y, z, `intensity` and, with labels, `label` uint16 and `instance` int32.
-
-        Raises
-        ------
-        ReadError
-            If the size is no multiple of 16, or the labels are of another count.
-        """
+        """Open a scan: x, y, z, `intensity` and, with labels, `label` uint16 and `instance` int32."""
         del options
         scan = _scan(path)
         table = {name: scan[name] for name in RECORD.names or ()}
@@ -57,11 +48,6 @@ class KittiFormat(TableFormat):
         """Write a scan and, where the cloud has `label`, its ``.label`` beside it.
 
         The format holds x, y, z as float32, intensity, label and instance, and nothing else.
-
-        Raises
-        ------
-        DataError
-            If the cloud has a column that the format cannot hold, or labels that 16 bits cannot.
         """
         path = Path(path)
         lost = sorted(set(cloud.columns) - {"intensity", "label", "instance"})
@@ -107,18 +93,7 @@ def _has_rings(path: Path) -> bool:
 
 
 def label_path(path: Path) -> Path | None:
-    """Return the labels of a scan.
-
-    Parameters
-    ----------
-    path : Path
-        The ``.bin`` file.
-
-    Returns
-    -------
-    Path or None
-        The ``.label`` file beside it or in ``../labels``; None where there is none.
-    """
+    """Return the ``.label`` file beside a scan or in ``../labels``; None where there is none."""
     candidates = (path.with_suffix(".label"), path.parent.parent / "labels" / f"{path.stem}.label")
     return next((candidate for candidate in candidates if candidate.is_file()), None)
 
@@ -137,27 +112,7 @@ def _packed(labels: Path, n_points: int, path: Path) -> NDArray[np.uint32]:
 
 
 def read_labels(labels: Path, n_points: int, path: Path) -> NDArray[np.uint16]:
-    """Read the classes of a ``.label`` file that lies apart from its scan.
-
-    Parameters
-    ----------
-    labels : Path
-        The ``.label`` file.
-    n_points : int
-        Points of the scan.
-    path : Path
-        The scan, for messages.
-
-    Returns
-    -------
-    ndarray of uint16, shape (n_points,)
-        Class of each point.
-
-    Raises
-    ------
-    ReadError
-        If the file is missing or has another number of labels.
-    """
+    """Return the classes (uint16) of a ``.label`` file that lies apart from its scan ``path``."""
     return (_packed(labels, n_points, path) & (2**LABEL_BITS - 1)).astype(np.uint16)
 
 
@@ -169,22 +124,7 @@ def _column(table: dict[str, NDArray], name: str, start: int, stop: int) -> NDAr
 
 
 def write_labels(path: Path, labels: NDArray, instances: NDArray | None) -> None:
-    """Write a ``.label`` file.
-
-    Parameters
-    ----------
-    path : Path
-        The file to write.
-    labels : ndarray of int, shape (n,)
-        Classes, 0 to 65535.
-    instances : ndarray of int, shape (n,), or None
-        Instances, 0 to 65535; None is 0.
-
-    Raises
-    ------
-    DataError
-        If a class or an instance does not fit into 16 bits.
-    """
+    """Write a ``.label`` file of classes and instances (None: 0); `DataError` for values outside 0 to 65535."""
     parts = [("label", labels), ("instance", np.zeros(len(labels), np.int32) if instances is None else instances)]
     for name, values in parts:
         if len(values) and not 0 <= values.min() <= values.max() < 2**LABEL_BITS:

@@ -9,26 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 CLASS, CONFIDENCE, OBJECT = "classification", "confidence", "object_id"
-RESULTS = (CLASS, CONFIDENCE, OBJECT)
-"""Columns of the result, in the order of `PointLabels`."""
+RESULTS = (CLASS, CONFIDENCE, OBJECT)  # columns of the result, in the order of `PointLabels`
 
 
 class PointLabels(NamedTuple):
-    """Results of consecutive points.
+    """Results of consecutive points."""
 
-    Parameters
-    ----------
-    codes : ndarray of uint8, shape (n,)
-        LAS classes.
-    confidence : ndarray of float32, shape (n,)
-        Confidences of the classes, 0 to 1.
-    object_id : ndarray of uint32, shape (n,)
-        Numbers of the objects in the inventory, 0 for none.
-    """
-
-    codes: NDArray[np.uint8]
-    confidence: NDArray[np.float32]
-    object_id: NDArray[np.uint32]
+    codes: NDArray[np.uint8]  # LAS classes
+    confidence: NDArray[np.float32]  # confidences of the classes, 0 to 1
+    object_id: NDArray[np.uint32]  # numbers of the objects in the inventory, 0 for none
 
     def columns(self) -> dict[str, NDArray]:
         """Return the results by the names of `RESULTS`, in that order."""
@@ -36,20 +25,7 @@ class PointLabels(NamedTuple):
 
 
 def kept_name(name: str, taken: Sequence[str]) -> str:
-    """Return a new name for an input column whose name is reserved for the result.
-
-    Parameters
-    ----------
-    name : str
-        The column's name.
-    taken : sequence of str
-        All names of the input.
-
-    Returns
-    -------
-    str
-        The name with ``original_`` prefixed, repeatedly if needed to be unique.
-    """
+    """Return a new name for an input column whose name is reserved for the result, unique among the ``taken`` names."""
     free = f"original_{name}"
     while free in taken:
         free = f"original_{free}"

@@ -18,31 +18,22 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
-from mlsroad_pipeline.formats.expansion import check_expansion
-from mlsroad_pipeline.formats.files import FileKey, atomic_file, file_key
+from mlsroad_pipeline.formats.files import FileKey, atomic_file, check_expansion, file_key
 from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES
 from mlsroad_pipeline.formats.tables import PointTable, TableFormat
 
+# Arrays whose first three columns have names, in lower case.
 VECTORS = {
     **dict.fromkeys(("xyz", "points", "point", "positions", "pos", "coord", "coords", "coordinates"), COORDINATES),
     **dict.fromkeys(("rgb", "color", "colors", "colour", "colours"), COLOURS),
 }
-"""Arrays whose first three columns have names, in lower case."""
-
-TIME_UNITS = ("W", "D", "h", "m", "s", "ms", "us", "ns")
-"""Units of times of NumPy that have a fixed length."""
-
+TIME_UNITS = ("W", "D", "h", "m", "s", "ms", "us", "ns")  # units of times of NumPy that have a fixed length
 CRS = "crs"
-LARGEST_RATIO = 1100
-"""Maximum compression ratio of Deflate, about 1,032 to 1: an entry above it is damaged."""
-
+LARGEST_RATIO = 1100  # maximum compression ratio of Deflate, about 1,032 to 1: an entry above it is damaged
 DAMAGE = (ValueError, EOFError, OSError, struct.error, zipfile.BadZipFile, zlib.error)
+# Errors raised for a damaged header of an archive entry or an array.
 MANGLED = (SyntaxError, tokenize.TokenError, KeyError, TypeError, RuntimeError)
-"""Errors raised for a damaged header of an archive entry or an array."""
-
-LARGEST_WIDTH = 32
-"""Largest number of columns of an array of coordinates and attributes with few points."""
-
+LARGEST_WIDTH = 32  # largest number of columns of an array of coordinates and attributes with few points
 EPOCH = (1980, 1, 1, 0, 0, 0)
 
 logger = logging.getLogger(__name__)
@@ -71,24 +62,12 @@ class NpzFormat(TableFormat):
             return stream.read(min(length, 1 << 12)).endswith(b".npy")
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
-        """Open a file; its arrays are held in memory.
-
-        Raises
-        ------
-        ReadError
-            If it is not an archive of arrays, or damaged.
-        """
+        """Open a file; its arrays are held in memory."""
         del options
         return _open(file_key(path))
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
-        """Write a cloud: ``xyz`` (world coordinates, float64), one array per column and, where there is one, ``crs``.
-
-        Raises
-        ------
-        DataError
-            If the file is named ``.npy``, or a column is named like the coordinates or the CRS.
-        """
+        """Write ``xyz`` (world coordinates, float64), one array per column and, where there is one, ``crs``."""
         path = Path(path)
         taken = sorted({"xyz", CRS} & set(cloud.columns))
         if path.suffix.lower() != ".npz" or taken:
@@ -99,10 +78,15 @@ class NpzFormat(TableFormat):
             arrays[CRS] = np.array(cloud.crs)
         with atomic_file(path) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
             for name, values in arrays.items():
-                entry = zipfile.ZipInfo(f"{name}.npy", EPOCH)  # no date: same points, same bytes
-                entry.compress_type = zipfile.ZIP_DEFLATED
-                with archive.open(entry, "w", force_zip64=True) as target:
+                with archive.open(archive_entry(f"{name}.npy"), "w", force_zip64=True) as target:
                     np.lib.format.write_array(target, np.asarray(values, order="C"), allow_pickle=False)
+
+
+def archive_entry(name: str) -> zipfile.ZipInfo:
+    """Return a compressed entry of an archive without a date, so that the same points give the same bytes."""
+    entry = zipfile.ZipInfo(name, EPOCH)
+    entry.compress_type = zipfile.ZIP_DEFLATED
+    return entry
 
 
 @lru_cache(maxsize=1)

@@ -51,23 +51,7 @@ class _Configured:
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any] | None) -> Self:
-        """Build options from a configuration mapping.
-
-        Parameters
-        ----------
-        config : mapping or None
-            Parameter names to values; None and {} give the defaults.
-
-        Returns
-        -------
-        ReadOptions or WriteOptions
-            The options.
-
-        Raises
-        ------
-        ParameterError
-            If a key is unknown or a value outside its domain.
-        """
+        """Build options from parameter names and values; `ParameterError` for an unknown name or a wrong value."""
         known = [f.name for f in fields(cls)]  # type: ignore[arg-type]  # every subclass is a dataclass
         unknown = sorted(set(config or {}) - set(known))
         if unknown:
@@ -152,11 +136,6 @@ class ReadOptions(_Configured):
     intensity_range : sequence of two floats, optional
         Values of the file that become 0 and 1; others are clipped. It takes precedence over `intensity_scale`. None
         takes the minimum and maximum of the file where it has negative intensities.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain.
     """
 
     columns: Mapping[str, Any] = field(default_factory=dict)
@@ -236,11 +215,6 @@ class WriteOptions(_Configured):
         Text: digits after the point of coordinates (0.0001 m is finer than any mobile scanner).
     n_threads : int, default 1
         Threads that may compress LAZ (more than 1: as many as the machine has); the bytes do not depend on it.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain.
     """
 
     like: str | Path = "source"

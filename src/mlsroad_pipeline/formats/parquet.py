@@ -16,27 +16,18 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
-from mlsroad_pipeline.formats.expansion import check_expansion
-from mlsroad_pipeline.formats.files import FileKey, atomic_file, file_key
-from mlsroad_pipeline.formats.flat_table import scalar_columns
+from mlsroad_pipeline.formats.files import FileKey, atomic_file, check_expansion, file_key
 from mlsroad_pipeline.formats.standard_columns import COLOURS
-from mlsroad_pipeline.formats.tables import PointTable, TableFormat
+from mlsroad_pipeline.formats.tables import PointTable, TableFormat, scalar_columns
 
-GROUP = 1 << 18
-"""Rows of a row group, the smallest unit of reading."""
-
+GROUP = 1 << 18  # rows of a row group, the smallest unit of reading
 CRS_KEY = b"crs"
-VECTORS = {"rgb": COLOURS, "xyz": ("x", "y", "z")}
-"""Names of the parts of vectors that have names; others are numbered."""
-
+VECTORS = {"rgb": COLOURS, "xyz": ("x", "y", "z")}  # names of the parts of vectors that have names; others are numbered
 logger = logging.getLogger(__name__)
 
 
-PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
-"""Units of times in a second."""
-
-DAY = 86_400.0
-"""Seconds of a day."""
+PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}  # units of times in a second
+DAY = 86_400.0  # seconds of a day
 
 
 @dataclass(frozen=True)
@@ -61,13 +52,7 @@ class ParquetFormat(TableFormat):
     signatures: tuple[bytes, ...] = (b"PAR1",)
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
-        """Open a file.
-
-        Raises
-        ------
-        ReadError
-            If it is not Parquet or damaged.
-        """
+        """Open a file."""
         del options
         return _open(file_key(path))
 

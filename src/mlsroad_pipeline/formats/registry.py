@@ -36,52 +36,19 @@ FOREIGN = {
 
 
 def known_extensions() -> tuple[str, ...]:
-    """Return the file name endings of all formats.
-
-    Returns
-    -------
-    tuple of str
-        Lower case, with the dot, sorted.
-    """
+    """Return the file name endings of all formats: lower case, with the dot, sorted."""
     return tuple(sorted({extension for entry in FORMATS for extension in entry.extensions}))
 
 
 def format_of_name(path: str | Path) -> PointFormat | None:
-    """Return the format of a file's extension.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file, which need not exist.
-
-    Returns
-    -------
-    PointFormat or None
-        The format with the longest matching extension.
-    """
+    """Return the format with the longest ending that a file name has, or None; the file need not exist."""
     name = Path(path).name.lower()
     matches = [(len(e), entry) for entry in FORMATS for e in entry.extensions if name.endswith(e)]
     return max(matches, key=lambda match: match[0])[1] if matches else None  # of several, the first of FORMATS
 
 
 def get_format(path: str | Path) -> PointFormat:
-    """Return the format of an existing file.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Returns
-    -------
-    PointFormat
-        The format of its first bytes, or else of its name.
-
-    Raises
-    ------
-    ReadError
-        If the file cannot be opened, if its content is of another format than its name, or if both are unknown.
-    """
+    """Return the format of an existing file: of its first bytes, else of its name; `ReadError` if they disagree."""
     path = check_file(path)
     packed, named = is_packed(path), format_of_name(path)
     if packed and named is not None and not path.name.lower().endswith(GZIP_SUFFIX):

@@ -29,40 +29,18 @@ RECORD = np.dtype(
         *(("azimuth", "<f4"), ("range", "<f4"), ("pid", "<i4")),
     ]
 )
+# Columns that are read: the time is in seconds, all others are unchanged.
 NAMES = ("gps_time", *(RECORD.names or ())[1:])
-"""Columns that are read: the time is in seconds, all others are unchanged."""
-
 MICRO = 1e-6
+# Microseconds since 1970 of the years 1990 and 2100: times outside are invalid.
 EARLIEST, LATEST = 631_152_000_000_000, 4_102_444_800_000_000
-"""Microseconds since 1970 of the years 1990 and 2100: times outside are invalid."""
-
-PROBED = 64
-"""Records whose ranges are compared with their coordinates."""
-
-RANGE_SLACK = 0.05
-"""Metres that a range may differ from the length of its vector, by the calibration of the lasers."""
-
+PROBED = 64  # records whose ranges are compared with their coordinates
+RANGE_SLACK = 0.05  # metres that a range may differ from the length of its vector, by the calibration of the lasers
 TIME_TEXT = re.compile(rb"\d{8}T\d{6}(\.\d{1,6})?,")
 
 
 def object_class(path: str | Path) -> str:
-    """Return the class of an object: the first part of its file's name.
-
-    Parameters
-    ----------
-    path : str or Path
-        A file named ``<class>.<instance>.<scan>.bin`` or ``.csv``.
-
-    Returns
-    -------
-    str
-        The class, such as ``traffic_sign``.
-
-    Raises
-    ------
-    ReadError
-        If the file name differs from this pattern.
-    """
+    """Return the class of an object: the first part of its file's name, ``<class>.<instance>.<scan>.bin``."""
     parts = Path(path).name.split(".")
     if len(parts) < 4 or not parts[0] or not all(part.isdigit() for part in parts[1:3]):
         raise ReadError(f"{path} is not named <class>.<instance>.<scan>.bin, so its class is unknown")
@@ -96,13 +74,7 @@ class SydneyFormat(TableFormat):
         return bool((near & (records["t"] > EARLIEST) & (records["t"] < LATEST)).mean() > 0.5)
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
-        """Open a file of objects.
-
-        Raises
-        ------
-        ReadError
-            If its size is not a whole number of records.
-        """
+        """Open a file of objects."""
         del options
         if path.suffix.lower() == ".csv":
             table = _text_records(file_key(path))
@@ -123,15 +95,7 @@ class SydneyFormat(TableFormat):
         return PointTable(NAMES, len(records), rows)
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
-        """Write packed records.
-
-        Raises
-        ------
-        MissingColumnError
-            If the cloud lacks one of the columns.
-        DataError
-            If it has others, which the records cannot hold, or a value does not fit its field.
-        """
+        """Write packed records."""
         columns = [name for name in NAMES if name not in "xyz"]
         lost = sorted(set(cloud.columns) - set(columns))
         if lost:

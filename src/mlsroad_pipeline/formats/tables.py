@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -19,100 +19,78 @@ from mlsroad_pipeline.formats.column_names import resolve_columns
 from mlsroad_pipeline.formats.content import open_content
 from mlsroad_pipeline.formats.crs_units import auto_note, with_units
 from mlsroad_pipeline.formats.files import FileKey, check_file, clip_range, file_key
-from mlsroad_pipeline.formats.flat_table import flat_cloud
-from mlsroad_pipeline.formats.precision import StoredCoordinates, step_note
-from mlsroad_pipeline.formats.standard_columns import COORDINATES
+from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES, check_finite, origin_near, standard_cloud
+
+# Function of a range of rows that returns their coordinates as stored.
+StoredCoordinates = Callable[[int, int], Sequence[NDArray]]
+LARGEST_STEP = 0.01  # largest distance of neighbouring numbers, in metres, that causes no warning
+SAMPLES, SAMPLE = 5, 200  # number and length of the runs of points whose coordinates are compared with their type
+
+
+def step_note(rows: StoredCoordinates, n_points: int, factors: NDArray[np.float64]) -> str:
+    """Return a sentence on coordinates that are too large for the type that they are stored in.
+
+    ``rows`` returns x, y and z of a range of rows as stored, ``factors`` convert them to metres. Empty where
+    neighbouring numbers are less than `LARGEST_STEP` apart at half of the sampled points.
+    """
+    if not any(_is_narrow(values) for values in rows(0, min(1, n_points))):
+        return ""
+    starts = sorted({round(part * max(n_points - SAMPLE, 0)) for part in np.linspace(0, 1, SAMPLES)})
+    parts = [rows(start, min(start + SAMPLE, n_points)) for start in starts]
+    steps = {}
+    for columns, factor in zip(zip(*parts, strict=True), factors, strict=True):
+        values = np.concatenate(columns)
+        values = values[np.isfinite(values)]
+        if _is_narrow(values) and len(values):
+            with np.errstate(over="ignore"):
+                step = float(np.median(np.abs(np.spacing(values)))) * float(factor)
+            steps[step] = 8 * values.dtype.itemsize
+    step = max(steps, default=0.0)
+    if not LARGEST_STEP < step < np.inf:
+        return ""
+    return (
+        f"coordinates are stored as floats of {steps[step]} bits in steps of {step:g} m, too coarse for objects: "
+        "export them with 64 bits, or relative to an offset"
+    )
+
+
+def _is_narrow(values: NDArray) -> bool:
+    return values.dtype.kind == "f" and values.dtype.itemsize < 8
+
 
 logger = logging.getLogger(__name__)
 
 CHUNK = 1_000_000
-LEAST_RECORDS = 100
-"""Smallest number of points whose bytes are compared with the length of a file."""
-
-COMPARED = 1 << 16
-"""Least number of bytes whose repetition shows the size of a record."""
-
+LEAST_RECORDS = 100  # smallest number of points whose bytes are compared with the length of a file
+COMPARED = 1 << 16  # least number of bytes whose repetition shows the size of a record
+# Minima and maxima of columns of a file under given options.
 _EXTREMES: dict[tuple[FileKey, tuple[str, ...], tuple[object, ...]], tuple[float, float]] = {}
-"""Minima and maxima of columns of a file under given options."""
 
 
 @dataclass(frozen=True)
 class PointTable:
-    """An open file as a table.
+    """An open file as a table."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Its columns, each with one value per point.
-    n_points : int
-        Number of rows.
-    rows : callable
-        ``rows(names, start, stop)`` returns these columns of a range of rows, each of shape (stop - start,), as
-        stored in the file.
-    crs : str, optional
-        Its CRS as WKT.
-    details : mapping
-        Content of `FileInfo.details`.
-    notes : tuple of str
-        One sentence per repair of the reader.
-    guess : mapping of str to Any
-        Detected mapping of unnamed columns, as in `ReadOptions.columns`; used where that is not set.
-    stored : tuple of callable and int
-        Coordinates in the type of the file, where `rows` returns others: for each part of the file, a function of a
-        range of its rows, and their number.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # columns, each with one value per point
     n_points: int
-    rows: Callable[[Sequence[str], int, int], Mapping[str, NDArray]]
-    crs: str | None = None
-    details: Mapping[str, Any] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    guess: Mapping[str, Any] = field(default_factory=dict)
+    rows: Callable[[Sequence[str], int, int], Mapping[str, NDArray]]  # columns of rows start to stop, as stored
+    crs: str | None = None  # CRS as WKT
+    details: Mapping[str, Any] = field(default_factory=dict)  # content of `FileInfo.details`
+    notes: tuple[str, ...] = ()  # one sentence per repair of the reader
+    guess: Mapping[str, Any] = field(default_factory=dict)  # `ReadOptions.columns` of unnamed columns, where not set
+    # Coordinates in the type of the file, where `rows` returns others: per part, a function of rows, and their number.
     stored: tuple[tuple[StoredCoordinates, int], ...] = ()
 
 
 class TableFormat(PointFormat):
-    """A format whose files are tables; a subclass opens and writes them.
-
-    Attributes
-    ----------
-    name, extensions, signatures
-        See `PointFormat`.
-    """
+    """A format whose files are tables; a subclass opens and writes them."""
 
     @abstractmethod
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
-        """Open a file.
-
-        Parameters
-        ----------
-        path : Path
-            An existing file that is not empty.
-        options : ReadOptions
-            Options of reading.
-
-        Returns
-        -------
-        PointTable
-            Its columns.
-
-        Raises
-        ------
-        ReadError
-            If it is not of this format or damaged.
-        """
+        """Open a file."""
 
     def info(self, path: Path, options: ReadOptions) -> FileInfo:
-        """Return the description of a file.
-
-        Raises
-        ------
-        ReadError
-            If the file is not of this format or damaged.
-        MissingColumnError
-            If a mapped column is not in the file.
-        """
+        """Return the description of a file."""
         path = check_file(path)
         table = self.open_table(path, options)
         notes = [*table.notes, auto_note(options, table.crs, path)]
@@ -125,29 +103,13 @@ class TableFormat(PointFormat):
         )
 
     def read(self, path: Path, options: ReadOptions, *, start: int = 0, stop: int | None = None) -> PointCloud:
-        """Read a range of rows.
-
-        Raises
-        ------
-        ReadError
-            If the file is not of this format, truncated or damaged.
-        MissingColumnError
-            If a mapped column is not in the file.
-        DataError
-            If a value is outside its domain.
-        """
+        """Read a range of rows."""
         path = check_file(path)
         table = self.open_table(path, options)
         return self._cloud(table, path, options, *clip_range(start, stop, table.n_points))
 
     def _cloud(
-        self,
-        table: PointTable,
-        path: Path,
-        options: ReadOptions,
-        start: int,
-        stop: int,
-        notes: list[str] | None = None,
+        self, table: PointTable, path: Path, options: ReadOptions, start: int, stop: int, notes: list[str] | None = None
     ) -> PointCloud:
         options = with_units(options, table.crs, path)
         if table.guess and not options.columns:
@@ -199,24 +161,20 @@ def _stored(table: PointTable, names: Mapping[str, str], start: int, stop: int) 
     return [part[names[axis]] for axis in COORDINATES]
 
 
+def truncated(path: Path, stated: int, have: int) -> ReadError:
+    """Return the error for a file with fewer points than its header states."""
+    return ReadError(f"{path} is truncated: its header states {stated} points, it holds {have}")
+
+
+def left_over(stated: int, more: int, what: str) -> tuple[str, ...]:
+    """Return a sentence on rows or bytes behind the stated points, if there are any."""
+    return (f"its header states {stated} points, {more} more {what} follow: they are not read",) * (more > 0)
+
+
 def check_record_size(path: Path, begin: int, n_points: int, size: int, column: str) -> None:
-    """Raise an error for a header without one of its columns, whose points would be read from wrong places.
+    """Raise `ReadError` for a header without one of its columns, whose points would be read from wrong places.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    begin : int
-        Byte offset of the points.
-    n_points, size : int
-        Number of points and bytes of a point that its header states.
-    column : str
-        Name of a column in the terms of the format.
-
-    Raises
-    ------
-    ReadError
-        If the bytes behind these points are the same small number for each point, and are not points of `size` bytes.
+    That is so if the bytes behind the stated points are the same small number for each point, and are not such points.
     """
     file = open_content(path)
     more = file.size - begin - n_points * size
@@ -236,20 +194,7 @@ def _repeated(data: NDArray[np.uint8], size: int) -> float:
 
 
 def with_points_only(table: PointTable, path: Path) -> PointTable:
-    """Leave out rows whose three coordinates are NaN: beams that did not return.
-
-    Parameters
-    ----------
-    table : PointTable
-        The table of the file.
-    path : Path
-        File name in the log.
-
-    Returns
-    -------
-    PointTable
-        The same table where there are none; else one without them, in the same order. Their number is logged.
-    """
+    """Leave out rows whose three coordinates are NaN (beams that did not return); their number is logged."""
     if not set(COORDINATES) <= set(table.names):
         return table
     returned = []
@@ -277,3 +222,66 @@ def with_points_only(table: PointTable, path: Path) -> PointTable:
         return {name: values[index - begin] for name, values in part.items()}
 
     return replace(table, n_points=len(kept), rows=rows, details={**table.details, "without_return": n_lost})
+
+
+def flat_cloud(
+    raw: Mapping[str, NDArray],
+    *,
+    first: Mapping[str, NDArray],
+    options: ReadOptions,
+    source: Path,
+    start: int,
+    extremes: Callable[[Sequence[str]], tuple[float, float]],
+    crs: str | None = None,
+    notes: list[str] | None = None,
+) -> PointCloud:
+    """Build a point cloud from scalar columns of a range of a file, relative to a round point near its first.
+
+    ``raw`` has columns by standard name, ``first`` those of the file's first row, ``start`` is the row of the first
+    point. `DataError` for a coordinate that is NaN or infinite, or a value outside its domain.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):  # NaN and overflows raise below
+        corner = [float(first[name][0]) if len(first[name]) else 0.0 for name in COORDINATES]
+        origin = origin_near(np.array(corner) * options.factors)
+        xyz = np.empty((len(raw["x"]), 3))
+        for axis, name in enumerate(COORDINATES):
+            if options.factors[axis] == 1.0:
+                xyz[:, axis] = raw[name]
+            else:
+                np.multiply(raw[name], options.factors[axis], out=xyz[:, axis], dtype=np.float64)
+        check_finite(xyz, source=source, start=start)
+        if origin.any():
+            xyz -= origin
+        columns = {name: values for name, values in raw.items() if name not in COORDINATES}
+        return standard_cloud(
+            *(columns, xyz),
+            options=options,
+            source=source,
+            origin=origin,
+            crs=crs,
+            anchor=np.array(corner) * options.factors,
+            extremes=extremes,
+            notes=notes,
+        )
+
+
+def scalar_columns(cloud: PointCloud, metres: float) -> dict[str, NDArray]:
+    """Return a cloud as scalar columns in a file's unit, world coordinates (float64) first.
+
+    Colours are split into red, green and blue; other columns of several values are numbered.
+    """
+    world = cloud.world_xyz() / metres
+    columns: dict[str, NDArray] = {name: world[:, axis] for axis, name in enumerate(COORDINATES)}
+    for name, values in cloud.columns.items():
+        if values.ndim == 1:
+            columns[name] = values
+            continue
+        parts = COLOURS if name == "rgb" else [f"{name}_{i}" for i in range(values.shape[1])]
+        columns.update({part: values[:, i] for i, part in enumerate(parts)})
+    return columns
+
+
+def parts_of(cloud: PointCloud) -> Iterator[PointCloud]:
+    """Yield consecutive parts of a cloud of up to `CHUNK` points."""
+    for begin in range(0, len(cloud), CHUNK):
+        yield cloud.select(np.arange(begin, min(begin + CHUNK, len(cloud))))

@@ -14,8 +14,7 @@ from kedro.io import CatalogProtocol
 from kedro.pipeline import Pipeline
 from kedro.pipeline.node import Node
 
-from mlsroad_pipeline.datasets.html_report_dataset import HtmlReportDataset
-from mlsroad_pipeline.datasets.scores_dataset import ScoresDataset
+from mlsroad_pipeline.datasets.report_files import HtmlReportDataset, ScoresDataset
 from mlsroad_pipeline.hooks.stage_costs import save_rows
 
 logger = logging.getLogger(__name__)

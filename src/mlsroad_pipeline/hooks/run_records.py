@@ -18,13 +18,15 @@ from kedro.pipeline import Pipeline
 from mlflow.entities import LoggedModelInput, Run, RunTag
 
 from mlsroad_pipeline.algorithms.models.methods import METHODS
-from mlsroad_pipeline.datasets.figure_dataset import FigureDataset
-from mlsroad_pipeline.datasets.html_report_dataset import HtmlReportDataset
 from mlsroad_pipeline.datasets.inventory_dataset import RoadInventoryDataset
-from mlsroad_pipeline.datasets.metric_series_dataset import MetricSeriesDataset
 from mlsroad_pipeline.datasets.model_registry_dataset import RegisteredModelDataset
-from mlsroad_pipeline.datasets.report_file import ReportFileDataset
-from mlsroad_pipeline.datasets.scores_dataset import ScoresDataset
+from mlsroad_pipeline.datasets.report_files import (
+    FigureDataset,
+    HtmlReportDataset,
+    MetricSeriesDataset,
+    ReportFileDataset,
+    ScoresDataset,
+)
 from mlsroad_pipeline.execution.scratch import scratch_folder
 from mlsroad_pipeline.hooks.interrupted_runs import PROCESS, this_process
 from mlsroad_pipeline.hooks.method_runs import (

@@ -1,7 +1,12 @@
-"""Road inventory of a survey: its table, and the geometries that both file formats write."""
+"""Road inventory of a survey: its table, the geometries of its files, and files that are written whole."""
 
 from __future__ import annotations
 
+import errno
+import filecmp
+import shutil
+import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +20,8 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS, OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+from mlsroad_pipeline.execution.scratch import scratch_folder
+from mlsroad_pipeline.formats.files import atomic_file
 
 MAY_LACK = ("facing_from", "status", "checked_class", "reasons", "method", "model_version")
 """Text columns whose empty values are NULL in files."""
@@ -117,3 +124,24 @@ def vehicle_boxes(objects: pd.DataFrame) -> np.ndarray:
     boxes: np.ndarray = np.full(len(rings), None, dtype=object)
     boxes[measured] = shapely.polygons(rings[measured])
     return boxes
+
+
+def write_whole(folder: Path, write: Callable[[Path], None]) -> list[Path]:
+    """Write files by a function of a folder, each whole or not at all.
+
+    The function writes into two folders for temporary files. If the files are equal, they are copied to their place.
+    """
+    with tempfile.TemporaryDirectory(dir=scratch_folder()) as place:
+        first, second = Path(place, "first"), Path(place, "second")
+        for twin in (first, second):
+            twin.mkdir()
+            write(twin)
+        names = sorted(path.name for path in first.iterdir())
+        if names != sorted(path.name for path in second.iterdir()) or any(
+            not filecmp.cmp(first / name, second / name, shallow=False) for name in names
+        ):
+            raise OSError(errno.EIO, f"GDAL did not write all of {', '.join(names)} below {place}", str(folder))
+        for name in names:
+            with (first / name).open("rb") as source, atomic_file(folder / name) as stream:
+                shutil.copyfileobj(source, stream)
+    return [folder / name for name in names]

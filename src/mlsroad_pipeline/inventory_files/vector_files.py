@@ -29,8 +29,8 @@ from mlsroad_pipeline.inventory_files.road_inventory import (
     line_attributes,
     line_shapes,
     vehicle_boxes,
+    write_whole,
 )
-from mlsroad_pipeline.inventory_files.whole_files import write_whole
 
 logger = logging.getLogger(__name__)
 
@@ -96,27 +96,17 @@ def write_csv(inventory: RoadInventory, folder: Path) -> list[Path]:
     with atomic_file(types) as stream:
         stream.write((",".join(f'"{CSV_TYPES[FIELDS[str(name)].dtype]}"' for name in columns) + "\n").encode())
     written = [target, types, *write_prj(crs, target.with_suffix(".prj"))]
-    return [*written, *_write_sections(inventory, folder), *_write_lines(inventory, folder)]
+    written += _write_table(inventory.sections, folder / "sections.csv")
+    return [*written, *_write_table(inventory.lines, folder / "lines.csv")]
 
 
-def _write_lines(inventory: RoadInventory, folder: Path) -> list[Path]:
-    """Write the lines as ``lines.csv`` (WKT), if there is a table of them."""
-    if inventory.lines is None:
+def _write_table(table: pd.DataFrame | None, path: Path) -> list[Path]:
+    """Write a table as CSV, if there is one."""
+    if table is None:
         return []
-    target = folder / "lines.csv"
-    with atomic_file(target) as stream:
-        stream.write(inventory.lines.to_csv(index=False, lineterminator="\n").encode())
-    return [target]
-
-
-def _write_sections(inventory: RoadInventory, folder: Path) -> list[Path]:
-    """Write the objects per section of the road as ``sections.csv``, if there are sections."""
-    if inventory.sections is None:
-        return []
-    target = folder / "sections.csv"
-    with atomic_file(target) as stream:
-        stream.write(without_formulas(inventory.sections).to_csv(index=False, lineterminator="\n").encode())
-    return [target]
+    with atomic_file(path) as stream:
+        stream.write(without_formulas(table).to_csv(index=False, lineterminator="\n").encode())
+    return [path]
 
 
 def to_wgs84(crs: CRS | None, source: str) -> Transformer:
@@ -213,16 +203,12 @@ def _short(columns: pd.DataFrame, path: Path) -> pd.DataFrame:
         table[name] = table[name].astype("Int64")
     n_cut = 0
     for name in (name for name in table if name in FIELDS and FIELDS[name].dtype == "str"):
-        text = [None if value is None else _cut(value) for value in table[name]]
+        text = [None if v is None else v.encode()[:TEXT_BYTES].decode("utf-8", "ignore") for v in table[name]]
         n_cut += sum(new != old for new, old in zip(text, table[name], strict=True))
         table[name] = pd.Series(text, dtype=object, index=table.index)
     if n_cut:
         logger.warning("%s: %d texts are cut to %d bytes, the limit of a Shapefile", path, n_cut, TEXT_BYTES)
     return table.rename(columns=short_name)
-
-
-def _cut(text: str) -> str:
-    return text.encode()[:TEXT_BYTES].decode("utf-8", "ignore")
 
 
 def write_shapefile(inventory: RoadInventory, folder: Path) -> list[Path]:

@@ -45,10 +45,10 @@ HIGH = 2000.0
 
 def check_headers(plan: SurveyPlan, parameters: LabelParameters) -> None:
     """Check from the headers, before any point is read, that the results of all files can be written."""
-    drives = plan.drives()
-    if parameters.sections is not None and len(drives) > 1:
+    passes = plan.passes()
+    if parameters.sections is not None and len(passes) > 1:
         raise ParameterError(
-            f"label.sections has stations of one path, but the survey has {len(drives)} drives ({_some(drives)}): "
+            f"label.sections has stations of one path, but the survey has {len(passes)} passes ({_some(passes)}): "
             "label them one at a time, or leave it out"
         )
     for file in plan.files:
@@ -56,8 +56,8 @@ def check_headers(plan: SurveyPlan, parameters: LabelParameters) -> None:
             check_header(file.source.path, plan.options, copc=parameters.copc)
 
 
-def _some(drives: Mapping[str, Sequence[PlannedFile]]) -> str:
-    names = [str(Path(files[0].source.path).parent) for files in drives.values()]
+def _some(passes: Mapping[str, Sequence[PlannedFile]]) -> str:
+    names = [str(Path(files[0].source.path).parent) for files in passes.values()]
     return ", ".join(names[:2]) + (", ..." if len(names) > 2 else "")
 
 

@@ -17,7 +17,7 @@ def check_device(bundle: ModelBundle) -> None:
     """Raise ParameterError for a device that is missing, and warn of a GPU that fails; workers print no warnings."""
     for source, device in _devices(bundle):
         if source == "onnx":
-            METHODS[_IMAGES].function(".segmenters:segmenter_of")(
+            METHODS[_IMAGES].function(".segmentation:segmenter_of")(
                 bundle if bundle.slug == _IMAGES else member(bundle, _IMAGES)
             )
         elif source != "masks" and (device == "cuda" or not version("torch").endswith("+cpu")):

@@ -1,9 +1,9 @@
-"""Inventory of a survey to label."""
+"""Inventory of a survey to label, and its copies in the formats of `label.export`."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +20,14 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.scenes.corridor import corridor_from_arrays
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.task import Deferred, SceneTask
 from mlsroad_pipeline.formats.files import WRONG
+from mlsroad_pipeline.inventory_files.exports import EXPORTS
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, line_vertices
 from mlsroad_pipeline.label.joined_objects import join_objects
 from mlsroad_pipeline.model_store.bundle_files import ModelFile
-from mlsroad_pipeline.model_store.object_judges import judge_digest
+from mlsroad_pipeline.model_store.object_classifiers import classifier_digest
 from mlsroad_pipeline.review.corrections.inventory_columns import corrected_table
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import SurveyPlan
@@ -36,9 +38,9 @@ OBJECTS = "inventory"
 """Key of the joined objects in their store."""
 
 
-def scenes_of(drive: str, results: SceneCollection) -> list[str]:
-    """Return the keys of a drive's scenes."""
-    return [key for key in results if SceneKey.parse(key).parent == drive]
+def scenes_of(pass_key: str, results: SceneCollection) -> list[str]:
+    """Return the keys of a pass's scenes."""
+    return [key for key in results if SceneKey.parse(key).parent == pass_key]
 
 
 def objects_task(
@@ -51,9 +53,9 @@ def objects_task(
 ) -> SceneTask:
     """Return the task that joins the objects of all scenes of a survey."""
     bundle = model.load()
-    drives = {drive: scenes_of(drive, results) for drive in plan.drives()}
+    passes = {pass_key: scenes_of(pass_key, results) for pass_key in plan.passes()}
     parts: dict[str, Any] = {
-        name: {drive: Deferred(tuple(stored[key] for key in keys)) for drive, keys in drives.items()}
+        name: {pass_key: Deferred(tuple(stored[key] for key in keys)) for pass_key, keys in passes.items()}
         for name in ("objects", "fragments", "evidence", "kerbs", "wires", "markings")
         for stored in [results.part(name)]
     }
@@ -63,11 +65,11 @@ def objects_task(
     version = f"{source['name']} {source['version']}".strip() if "source" in source else ""
     return SceneTask(
         join_objects,
-        {"corridors": {drive: corridors[drive] for drive in drives}, **parts, "model": model},
+        {"corridors": {pass_key: corridors[pass_key] for pass_key in passes}, **parts, "model": model},
         {
             "rules": dict(rules),
             "labels": labels,
-            "judge": judge_digest(),
+            "classifier": classifier_digest(),
             "least_score": parameters.least_score,
             "least_kerb": parameters.least_kerb,
             "least_marking": parameters.least_marking,
@@ -124,8 +126,8 @@ def inventory_of(
 
     Decisions of an earlier inventory in the output folder are transferred.
     """
-    drives = list(plan.drives())
-    corridor = corridor_from_arrays(corridors[drives[0]].load()) if len(drives) == 1 else None
+    passes = list(plan.passes())
+    corridor = corridor_from_arrays(corridors[passes[0]].load()) if len(passes) == 1 else None
     trajectory = corridor if isinstance(corridor, Trajectory) else None
     objects = corrected_table(joined.part("objects")[OBJECTS].load(), output)
     given = None if parameters.sections is None else read_sections(Path(parameters.sections))
@@ -151,5 +153,15 @@ def read_sections(path: Path) -> pd.DataFrame:
                 table[name] = pd.to_numeric(table[name]).astype(np.float64)
         section_table(pd.DataFrame({"kind": [], "station": []}), 0.0, sections=table)
     except (OSError, DataError, *WRONG) as error:  # the errors of pandas are values
-        raise ReadError(f"{path}: no table of road sections: {' '.join(str(error).split())}") from error
+        raise ReadError(f"{path}: not a table of road sections: {' '.join(str(error).split())}") from error
     return table
+
+
+def export_inventory(inventory: RoadInventory, formats: Sequence[str], run: RunFolder) -> list[str]:
+    """Write an inventory in several formats, move the files to their places and return their paths."""
+    folder = run.staged(run.output / "inventory").parent
+    folder.mkdir(parents=True, exist_ok=True)
+    written: list[str] = []
+    for name in formats:
+        written += [str(run.publish(path)) for path in EXPORTS[name].write(inventory, folder)]
+    return list(dict.fromkeys(written))

@@ -16,22 +16,22 @@ from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import j
 from mlsroad_pipeline.algorithms.inventory.lines.wires import join_wires
 from mlsroad_pipeline.algorithms.inventory.objects.extraction import SceneObjects
 from mlsroad_pipeline.algorithms.inventory.objects.merging import MergedObjects, merge_scenes
-from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectJudge
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectClassifier
 from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.objects.sightings import Sightings, with_sightings
-from mlsroad_pipeline.algorithms.inventory.passes import are_comparable, join_drive_lines, join_drive_objects
+from mlsroad_pipeline.algorithms.inventory.passes import are_comparable, join_pass_lines, join_pass_objects
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.scenes.corridor import CorridorArrays, corridor_from_arrays
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.execution.task import StoredResult
-from mlsroad_pipeline.label.point_labels import ObjectClasses
-from mlsroad_pipeline.model_store.object_judges import judge_of
+from mlsroad_pipeline.label.written_file import ObjectClasses
+from mlsroad_pipeline.model_store.object_classifiers import classifier_of
 
-_MOST_FILES = 1 << 24  # of a drive
+_MOST_FILES = 1 << 24  # of a pass
 
 
 class _StoredObjects(Sequence[SceneObjects]):
-    """Objects of the scenes of a drive, loaded one scene at a time."""
+    """Objects of the scenes of a pass, loaded one scene at a time."""
 
     def __init__(
         self, objects: Sequence[StoredResult], fragments: Sequence[StoredResult], evidence: Sequence[StoredResult]
@@ -57,7 +57,7 @@ class _StoredObjects(Sequence[SceneObjects]):
 class JoinedObjects(TypedDict):
     """Objects of a survey, their numbers in each scene (see `merging.MergedObjects`), and their classes.
 
-    `lines` are the kerbs, wires and markings of all drives.
+    `lines` are the kerbs, wires and markings of all passes.
     """
 
     objects: pd.DataFrame
@@ -66,9 +66,9 @@ class JoinedObjects(TypedDict):
     lines: pd.DataFrame
 
 
-def _sightings(stored: Sequence[StoredResult], drives: Sequence[str]) -> Iterator[Sightings]:
-    """Yield the sightings of scenes; files are numbered per drive, and get different numbers in different drives."""
-    first = {drive: i * _MOST_FILES for i, drive in enumerate(drives)}
+def _sightings(stored: Sequence[StoredResult], passes: Sequence[str]) -> Iterator[Sightings]:
+    """Yield the sightings of scenes; files are numbered per pass, and get different numbers in different passes."""
+    first = {pass_key: i * _MOST_FILES for i, pass_key in enumerate(passes)}
     for result in stored:
         table = result.load()
         files = table["file"].astype(np.int64) + first[SceneKey.parse(result.key).parent]
@@ -88,7 +88,7 @@ def join_objects(
     *,
     rules: Mapping[str, ObjectRule],
     labels: Mapping[str, int],
-    judge: str,
+    classifier: str,
     least_score: float,
     least_kerb: float,
     least_marking: float,
@@ -97,16 +97,18 @@ def join_objects(
     join_drives: bool | None,
 ) -> JoinedObjects:
     """Join the objects of all scenes of a survey into one table; `labels` are the classes of the model by name."""
-    drives, lines = [], []
-    for drive, arrays in corridors.items():
+    passes, lines = [], []
+    for pass_key, arrays in corridors.items():
         corridor = corridor_from_arrays(arrays)
-        scenes = _StoredObjects(objects[drive], fragments[drive], evidence[drive])
+        scenes = _StoredObjects(objects[pass_key], fragments[pass_key], evidence[pass_key])
         trajectory = corridor if isinstance(corridor, Trajectory) else None
-        drives.append((scenes, trajectory))
-        stored = kerbs[drive], wires[drive], markings[drive]
-        lines.append(_lines_of_drive(*stored, trajectory, least_kerb=least_kerb, least_marking=least_marking))
-    scorer = judge_of(model) if judge else None
-    joined, numbers = join_inventories(drives, rules, judge=scorer, least_score=least_score, join_drives=join_drives)
+        passes.append((scenes, trajectory))
+        stored = kerbs[pass_key], wires[pass_key], markings[pass_key]
+        lines.append(_lines_of_pass(*stored, trajectory, least_kerb=least_kerb, least_marking=least_marking))
+    scorer = classifier_of(model) if classifier else None
+    joined, numbers = join_inventories(
+        passes, rules, classifier=scorer, least_score=least_score, join_drives=join_drives
+    )
     table = with_sightings(joined, numbers, _sightings(sightings, list(corridors)))
     classes: ObjectClasses = {
         "label": np.append(0, table["class"].map(labels)).astype(np.uint8),
@@ -118,11 +120,11 @@ def join_objects(
         "objects": table,
         "numbers": numbers,
         "classes": classes,
-        "lines": join_drive_lines(lines, comparable=comparable),
+        "lines": join_pass_lines(lines, comparable=comparable),
     }
 
 
-def _lines_of_drive(
+def _lines_of_pass(
     kerbs: Sequence[StoredResult],
     wires: Sequence[StoredResult],
     markings: Sequence[StoredResult],
@@ -131,7 +133,7 @@ def _lines_of_drive(
     least_kerb: float,
     least_marking: float,
 ) -> pd.DataFrame:
-    """Return the kerbs, wires and markings of a drive; shorter kerbs and markings are left out, metres."""
+    """Return the kerbs, wires and markings of a pass; shorter kerbs and markings are left out, metres."""
     kerb_lines = join_kerbs([stored.load() for stored in kerbs], trajectory, least_length=least_kerb)
     wire_lines = join_wires([stored.load() for stored in wires], trajectory)
     stripes = [stored.load() for stored in markings]
@@ -140,21 +142,21 @@ def _lines_of_drive(
 
 
 def join_inventories(
-    drives: Sequence[tuple[Sequence[SceneObjects], Trajectory | None]],
+    passes: Sequence[tuple[Sequence[SceneObjects], Trajectory | None]],
     rules: Mapping[str, ObjectRule],
     *,
-    judge: ObjectJudge | None = None,
+    classifier: ObjectClassifier | None = None,
     least_score: float = 0.0,
     join_drives: bool | None = None,
 ) -> MergedObjects:
-    """Merge the objects of all scenes of several drives into one table; objects of a lower score are left out.
+    """Merge the objects of all scenes of several passes into one table; objects of a lower score are left out.
 
-    `join_drives`: whether objects of two drives can be one; None decides by their coordinates.
+    `join_drives`: whether objects of two passes can be one; None decides by their coordinates.
     """
     found = [
-        merge_scenes(scenes, classes=rules, trajectory=trajectory, judge=judge, least_score=least_score)
-        for scenes, trajectory in drives
+        merge_scenes(scenes, classes=rules, trajectory=trajectory, classifier=classifier, least_score=least_score)
+        for scenes, trajectory in passes
     ]
-    tables = [drive.objects for drive in found]
+    tables = [merged.objects for merged in found]
     comparable = are_comparable(tables) if join_drives is None else join_drives
-    return join_drive_objects(found, comparable=comparable)
+    return join_pass_objects(found, comparable=comparable)

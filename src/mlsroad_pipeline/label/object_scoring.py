@@ -15,9 +15,6 @@ import shapely
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.algorithms.inventory.scoring.object_matching import (
-    FALSE,
-    MISSED,
-    RIGHT,
     MatchedObjects,
     match_objects,
 )
@@ -67,7 +64,7 @@ class ScoreParameters:
         for name in ("recall_only", "least_points", "reach"):
             for kind in getattr(self, name):
                 if kind not in KINDS:
-                    raise ParameterError(f"score.{name}: {kind!r} is no kind of object (kinds: {', '.join(KINDS)})")
+                    raise ParameterError(f"score.{name}: unknown kind {kind!r} (known: {', '.join(KINDS)})")
         if not 0 <= self.least_score <= 1:
             raise ParameterError(f"score.least_score must be in 0 to 1, got {self.least_score}")
 
@@ -177,54 +174,3 @@ def score_record(scored: ScoredInventory, parameters: ScoreParameters) -> dict[s
         "scores": records(scored.scores),
         "measures": records(scored.measures),
     }
-
-
-class Case(NamedTuple):
-    """Object to be shown: a text, its place, and whether it is listed or true."""
-
-    text: str
-    x: float
-    y: float
-    z: float
-    size: float
-    listed: bool
-    true: tuple[float, float] | None = None
-
-
-def worst_cases(scored: ScoredInventory, *, most: int = 6) -> dict[str, list[Case]]:
-    """Return, by kind and outcome, the false objects with the highest scores, missed ones and the largest errors."""
-    objects, truth = scored.matched.objects, scored.matched.truth
-    cases: dict[str, list[Case]] = {}
-    for kind in sorted(set(objects["kind"]) | set(truth["kind"])):
-        mine, own = objects[objects["kind"] == kind], truth[truth["kind"] == kind]
-        false = mine[mine["outcome"] == FALSE].sort_values("score", ascending=False, kind="stable").head(most)
-        missed = own[own["outcome"] == MISSED]
-        if "points" in missed:
-            missed = missed.sort_values("points", ascending=False, kind="stable")
-        far = mine[mine["outcome"] == RIGHT].sort_values("distance", ascending=False, kind="stable").head(most // 2)
-        cases |= {
-            f"{kind}: false, highest scores": [_listed_case(row) for row in false.to_dict("records")],
-            f"{kind}: missed": [_missed_case(row) for row in missed.head(most).to_dict("records")],
-            f"{kind}: right, largest errors of position": [
-                _listed_case(row, truth.iloc[int(row["true_row"])]) for row in far.to_dict("records")
-            ],
-        }
-    return {name: found for name, found in cases.items() if found}
-
-
-def _listed_case(row: Mapping[str, Any], true: pd.Series | None = None) -> Case:
-    other = f", is a {row['true_kind']}" if row["true_kind"] else ""
-    error = "" if true is None else f", {row['distance']:.2f} m off"
-    text = f"{row['object_id']} {row['class']}, score {row['score']:.2f}, {row['height']:.1f} m high{other}{error}"
-    place = None if true is None else (float(true["x"]), float(true["y"]))
-    return Case(text, row["x"], row["y"], row["z"], max(row["height"], 2.0), True, place)
-
-
-def _missed_case(row: Mapping[str, Any]) -> Case:
-    known = {name: row.get(name) for name in ("height", "points", "z")}
-    high = "" if pd.isna(known["height"]) else f", {known['height']:.1f} m high"
-    points = "" if pd.isna(known["points"]) else f", {int(known['points'])} points"
-    number = row.get("name", row.get("id", ""))
-    size = 3.0 if pd.isna(known["height"]) else max(float(known["height"]), 2.0)
-    z = np.nan if known["z"] is None else float(known["z"])
-    return Case(f"{number}{high}{points}".strip(", "), row["x"], row["y"], z, size, False, (row["x"], row["y"]))

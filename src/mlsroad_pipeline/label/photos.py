@@ -143,14 +143,14 @@ def _photos(objects: pd.DataFrame, images: SurveyImages) -> Iterator[tuple[dict[
                 yield dict(zip(COLUMNS, line, strict=True)), crop(picture, view.outline, colour)
 
 
-def write_photos(objects: pd.DataFrame, drives: Mapping[str, SurveyImages], run: RunFolder) -> str:
-    """Write the photos of the objects of all drives with images, and return the path of their table."""
+def write_photos(objects: pd.DataFrame, passes: Mapping[str, SurveyImages], run: RunFolder) -> str:
+    """Write the photos of the objects of all passes with images, and return the path of their table."""
     folder = run.staged(run.output / FOLDER / "photo").parent
     folder.mkdir(parents=True, exist_ok=True)
     lines: list[dict[str, object]] = []
-    drive = objects["scene"].map(lambda scene: SceneKey.parse(scene).parent)
-    for name, images in drives.items():
-        for line, content in _photos(objects[drive == name], images):
+    keys = objects["scene"].map(lambda scene: SceneKey.parse(scene).parent)
+    for name, images in passes.items():
+        for line, content in _photos(objects[keys == name], images):
             _write(folder / str(line["photo"]), content)
             run.publish(folder / str(line["photo"]))
             lines.append(line)

@@ -1,9 +1,11 @@
-"""Sections of the report of `label`."""
+"""Sections, map and pictures of the report of `label`."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from shlex import quote
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -15,24 +17,114 @@ from mlsroad_pipeline.algorithms.inventory.objects.measures import EXTENT
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
 from mlsroad_pipeline.algorithms.models.methods import needs_images
+from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, line_vertices
 from mlsroad_pipeline.label.confidence import confidence_table
-from mlsroad_pipeline.label.report_pictures import ReportPictures
-from mlsroad_pipeline.label.scene import LabelCounts
+from mlsroad_pipeline.label.scene import LabelCounts, PictureSample
 from mlsroad_pipeline.label.summary import class_counts, segmentation_source, summed_counts, written_clouds
 from mlsroad_pipeline.label.written_file import WrittenFile
-from mlsroad_pipeline.reporting.html.gallery import GallerySection
-from mlsroad_pipeline.reporting.html.object_map import ObjectMapSection, shown_objects
-from mlsroad_pipeline.reporting.html.object_table import ObjectTableSection
-from mlsroad_pipeline.reporting.html.report import Section
-from mlsroad_pipeline.reporting.html.sections import (
+from mlsroad_pipeline.reporting.clouds.pictures import (
+    MapFrame,
+    map_frame,
+    object_picture,
+    overview_picture,
+    scene_pictures,
+)
+from mlsroad_pipeline.reporting.html.objects import ObjectMapSection, ObjectTableSection, shown_objects
+from mlsroad_pipeline.reporting.html.report import (
     DistributionSection,
     FactsSection,
+    GallerySection,
+    Picture,
     SceneSection,
+    Section,
     TableSection,
     WarningsSection,
 )
 from mlsroad_pipeline.surveys.parameters import LabelParameters
+
+FRAME_POINTS = 500
+"""Points of each scene that the frame of the map is computed from."""
+
+
+class ReportPictures(NamedTuple):
+    """Frame of the map, its background, pictures of the scene with most objects, and pictures of single objects."""
+
+    frame: MapFrame
+    background: NDArray[np.uint8] | None
+    scene: dict[str, NDArray[np.uint8]]
+    objects: dict[str, list[Picture]]
+
+
+def report_pictures(results: SceneCollection, inventory: RoadInventory, palette: NDArray[np.uint8]) -> ReportPictures:
+    """Return the map and the pictures; scenes are read one at a time by each of three threads."""
+    samples, objects = results.part("sample"), inventory.objects
+    points = np.concatenate([_some(samples[key].load()) for key in samples])
+    path = np.zeros((0, 2)) if inventory.trajectory is None else inventory.trajectory.xyz[:, :2]
+    frame = map_frame(points, np.concatenate([objects[["x", "y"]].to_numpy(), path]))
+    if not len(points):
+        return ReportPictures(frame, None, {}, {})
+    with ThreadPoolExecutor(2) as pool:
+        scene = pool.submit(_busiest, samples, objects, palette)
+        extremes = pool.submit(_extremes, samples, objects, palette)
+        background = overview_picture(_cores(samples), palette, frame)
+        return ReportPictures(frame, background, scene.result(), extremes.result())
+
+
+def _some(sample: PictureSample) -> NDArray[np.float64]:
+    rows = np.flatnonzero(sample["core"])
+    rows = rows[:: max(1, len(rows) // FRAME_POINTS)]
+    return sample["xyz"][rows, :2].astype(np.float64) + sample["origin"][:2]
+
+
+def _cores(samples: SceneCollection) -> Iterator[tuple[NDArray[np.float64], NDArray[np.integer]]]:
+    for handle in samples.values():
+        sample = handle.load()
+        yield sample["xyz"][sample["core"]].astype(np.float64) + sample["origin"], sample["label"][sample["core"]]
+
+
+def _busiest(
+    samples: SceneCollection, objects: pd.DataFrame, palette: NDArray[np.uint8]
+) -> dict[str, NDArray[np.uint8]]:
+    """Return pictures of the scene with most objects."""
+    counts = objects["scene"].value_counts().reindex(list(samples), fill_value=0)
+    key = str(counts.index[int(counts.to_numpy().argmax())])
+    sample = samples[key].load()
+    if len(sample["xyz"]) < 2:
+        return {}
+    above, side = scene_pictures(sample["xyz"].astype(np.float64), sample["label"], palette)
+    which = "" if len(samples) == 1 else f"Part of the survey{' with most objects' if len(objects) else ''}, "
+    captions = (f"{which}from above.", f"{which}from the side: what lies beyond its middle.")
+    return {text[0].upper() + text[1:]: picture for text, picture in zip(captions, (above, side), strict=True)}
+
+
+def _extremes(samples: SceneCollection, objects: pd.DataFrame, palette: NDArray[np.uint8]) -> dict[str, list[Picture]]:
+    """Return a picture of the most and of the least certain object of each kind."""
+    shown: dict[str, list[Picture]] = {}
+    for kind, rows in objects[objects["scene"].isin(list(samples))].groupby("kind", sort=True):
+        ordered = rows.sort_values(["score", "object_id"], ascending=[False, True], kind="stable")
+        ends = (
+            {"most certain": ordered.iloc[0], "least certain": ordered.iloc[-1]}
+            if len(rows) > 1
+            else {"only one": ordered.iloc[0]}
+        )
+        shown[str(kind)] = [
+            Picture(
+                _picture(row, samples[row["scene"]].load(), palette),
+                f"{text}: {row['object_id']} {row['class']}, score {row['score']:.2f}, {row['height']:.1f} m high",
+            )
+            for text, row in ends.items()
+        ]
+    return shown
+
+
+def _picture(row: pd.Series, sample: PictureSample, palette: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    reach = float(np.clip(0.7 * max(row["height"], row["width"]), 2.0, 9.0))
+    place = np.array([row["x"], row["y"], 0.0]) - sample["origin"]
+    near = np.abs(sample["xyz"][:, :2] - place[:2]).max(axis=1) <= reach
+    xyz = (sample["xyz"][near].astype(np.float64) - place).astype(np.float32)
+    return object_picture(xyz, palette[sample["label"][near]], reach=reach, bottom=float(row["z"]))
+
 
 _NOT_LISTED = (*EXTENT, "scene", "method", "model_version", "footprint")
 """Columns of the inventory that the report omits."""
@@ -79,7 +171,11 @@ def label_report_sections(
     facts |= _seen_by_cameras(bundle, counts)
     return [
         *_map_and_pictures(inventory, pictures, scheme),
-        *_sections_of_the_road(inventory),
+        *(
+            []
+            if inventory.sections is None
+            else [TableSection("Sections of the road", inventory.sections, SECTION_NOTE)]
+        ),
         FactsSection("Run", facts),
         WarningsSection("Warnings", list(warnings)),
         DistributionSection("Classes", class_counts(bundle, total), scheme=scheme),
@@ -109,13 +205,6 @@ def _lines_by_kind(inventory: RoadInventory) -> dict[str, list[NDArray[np.float6
     if inventory.lines is None:
         return {}
     return {str(kind): [xyz[:, :2] for xyz in line_vertices(lines)] for kind, lines in inventory.lines.groupby("kind")}
-
-
-def _sections_of_the_road(inventory: RoadInventory) -> list[Section]:
-    """Return the table of objects per section of the road; none without a single trajectory."""
-    if inventory.sections is None:
-        return []
-    return [TableSection("Sections of the road", inventory.sections, SECTION_NOTE)]
 
 
 def _object_table(objects: pd.DataFrame, pictures: ReportPictures) -> ObjectTableSection:

@@ -1,18 +1,27 @@
-"""Warnings about the results of `label`."""
+"""Warnings about the results of `label`, and about surveys that differ from the training data of a model."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import ground_classes
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.methods import needs_images
+from mlsroad_pipeline.algorithms.quality.scene_facts import scene_facts
+from mlsroad_pipeline.algorithms.quality.training_facts import median_facts, unusual_facts
+from mlsroad_pipeline.algorithms.scenes.joining import join_pieces
+from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters, OutlierParameters
+from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.label.confidence import confidence_table, confidence_warnings, ground_warnings
 from mlsroad_pipeline.label.images import effect_without_images
 from mlsroad_pipeline.label.scene import LabelCounts
 from mlsroad_pipeline.label.summary import summed_counts
 from mlsroad_pipeline.label.written_file import WrittenFile
+from mlsroad_pipeline.surveys.plan import SurveyPlan, plan_pass
 
 
 def label_warnings(
@@ -28,8 +37,48 @@ def label_warnings(
 
 
 def image_warnings(bundle: ModelBundle, counts: Mapping[str, LabelCounts]) -> list[str]:
-    """Return a warning for drives without images, for methods that use images."""
+    """Return a warning for passes without images, for methods that use images."""
     without = list(dict.fromkeys(SceneKey.parse(key).parent for key, scene in counts.items() if "seen" not in scene))
     if not needs_images(bundle.slug) or not without:
         return []
     return [f"There are no images for {', '.join(without)}: {effect_without_images(bundle)}."]
+
+
+N_SCENES = 3
+"""Number of scenes of the sample."""
+
+
+def facts_of_pieces(plan: SurveyPlan, pieces: SceneCollection, ingest: IngestParameters) -> dict[str, float]:
+    """Return the medians of the facts of scenes at equal steps, of a survey that has been read and cut."""
+    points, bins = pieces.part("points", mapped=True), pieces.load_all("bins")
+    scenes = [scene for pass_key in plan.passes() for scene in plan_pass(pass_key, plan, bins, ingest)]
+    n = min(N_SCENES, len(scenes))
+    chosen = [scenes[(2 * k + 1) * len(scenes) // (2 * n)] for k in range(n)]
+    unfiltered = OutlierParameters(enabled=False)
+    return median_facts(
+        [
+            scene_facts(
+                join_pieces([_needed(points[key].load()) for key in scene.pieces], scene.span, unfiltered, scene.source)
+            )
+            for scene in chosen
+        ]
+    )
+
+
+def _needed(piece: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """Return a stored piece without the columns that no fact depends on."""
+    kept = {f"column.{name}" for name in ("file", "row", "intensity")}
+    return {name: piece[name] for name in piece if name in kept or not name.startswith("column.")}
+
+
+def unusual_properties(bundle: ModelBundle, facts: Mapping[str, float]) -> list[str]:
+    """Return one sentence per property of a survey that is outside the range of the training data of a model."""
+    try:
+        return unusual_facts(facts, bundle.metadata.get("training_facts", {}))
+    except DataError as error:
+        raise DataError(f"the model of {bundle.slug} is damaged: {error}") from error
+
+
+def unusual_warnings(properties: Sequence[str]) -> list[str]:
+    """Return a warning for each unusual property."""
+    return [f"The survey differs from the training data: {sentence}." for sentence in properties]

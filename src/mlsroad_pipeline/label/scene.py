@@ -14,6 +14,7 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
+from mlsroad_pipeline.algorithms.geometry.thinning import first_in_cells
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import ground_classes, kerb_steps, no_steps
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.steps import StepLimits
 from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import (
@@ -26,7 +27,7 @@ from mlsroad_pipeline.algorithms.inventory.lines.wires import wire_points, wire_
 from mlsroad_pipeline.algorithms.inventory.objects.candidate_labels import candidate_rules
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import ClassEvidence, evidence_of_soft_labels
 from mlsroad_pipeline.algorithms.inventory.objects.extraction import SceneObjects, extract_objects
-from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectJudge
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectClassifier
 from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.objects.sightings import sightings_of_scene
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
@@ -36,8 +37,35 @@ from mlsroad_pipeline.algorithms.scenes.parameters import OutlierParameters
 from mlsroad_pipeline.algorithms.scenes.spans import SceneSpan
 from mlsroad_pipeline.algorithms.stages import find_ground, inliers
 from mlsroad_pipeline.label.confidence import count_confidences
-from mlsroad_pipeline.label.picture_sample import PictureSample, scene_sample
-from mlsroad_pipeline.model_store.object_judges import judge_of
+from mlsroad_pipeline.model_store.object_classifiers import classifier_of
+
+VOXEL = 0.1
+"""Edge length of the voxels that keep one point each, metres."""
+MOST_POINTS = 150_000
+"""Largest number of points of a scene; of more voxels, evenly spaced ones are kept."""
+
+
+class PictureSample(TypedDict):
+    """Points of a scene and its buffers, relative to `origin`: label (-1 without a class), whether in the core."""
+
+    xyz: NDArray[np.float32]
+    origin: NDArray[np.float64]
+    label: NDArray[np.int16]
+    core: NDArray[np.bool_]
+
+
+def scene_sample(
+    xyz: NDArray[np.floating], origin: NDArray[np.float64], label: NDArray[np.integer], core: NDArray[np.bool_]
+) -> PictureSample:
+    """Return the first point of each voxel, in the order of the scene."""
+    first = first_in_cells(xyz, VOXEL)
+    kept = first[:: max(1, -(-len(first) // MOST_POINTS))]
+    return {
+        "xyz": xyz[kept].astype(np.float32),
+        "origin": np.asarray(origin, dtype=np.float64),
+        "label": label[kept].astype(np.int16),
+        "core": core[kept],
+    }
 
 
 @dataclass(frozen=True)
@@ -50,9 +78,9 @@ class LabelSettings:
     ground: GroundParameters = field(default_factory=GroundParameters)
     # Parameters of the statistical outlier filter
     outliers: OutlierParameters = field(default_factory=OutlierParameters)
-    # SHA256 of the judge of the package, which gives the scores unless the model has one of its own; empty: the score
-    # is the mean confidence
-    judge: str = ""
+    # SHA256 of the object classifier of the package, which gives the scores unless the model has one of its own; empty:
+    # the score is the mean confidence
+    classifier: str = ""
     kerbs: StepLimits | None = None  # Limits of a kerb's step; None finds no kerbs
     # Least contrast of a marking, standard deviations of the road; None finds no markings
     least_contrast: float | None = None
@@ -121,8 +149,8 @@ def label_new_scene(
     scene, ground, soft = _without_context(scene, ground, soft)
     label, height, core, scheme = soft.labels, ground["height"], scene["core"], bundle_scheme(bundle)
     evidence = evidence_of_soft_labels(*soft, scheme=scheme)
-    judge = judge_of(bundle) if settings.judge else None
-    extracted = _objects(scene, soft, evidence, settings.rules, judge, height=height, name=name)
+    classifier = classifier_of(bundle) if settings.classifier else None
+    extracted = _objects(scene, soft, evidence, settings.rules, classifier, height=height, name=name)
     n_classes = len(settings.codes)
     return {
         "labels": _core_labels(scene, soft, extracted.part, n_classes),
@@ -218,7 +246,7 @@ def _objects(
     soft: SoftLabels,
     evidence: ClassEvidence,
     rules: Mapping[str, ObjectRule],
-    judge: ObjectJudge | None,
+    classifier: ObjectClassifier | None,
     *,
     height: NDArray[np.float32],
     name: str,
@@ -235,7 +263,7 @@ def _objects(
         height_above_ground=np.where(known, height, np.float32(0)) if some else height if known.any() else None,
         scene=name,
         evidence=evidence,
-        judge=judge,
+        classifier=classifier,
     )
 
 

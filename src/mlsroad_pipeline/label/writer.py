@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
@@ -97,7 +97,8 @@ def write_labelled(
             survey = _other_source(source, form, options)
         header = with_class_names(survey.header, class_names or {})
         writer = RecordWriter(stream, header, compress=True, n_threads=n_threads)
-        for start, stop in _ranges(survey.n_points, chunk_size):
+        for start in range(0, survey.n_points, chunk_size):
+            stop = min(start + chunk_size, survey.n_points)
             _write_range(survey, writer, sinks, labels_of, (start, stop))
             if progress is not None:
                 progress(stop - start)
@@ -110,11 +111,6 @@ def _with_crs(header: LasHeader, crs: str | None, *, assign: bool) -> LasHeader:
     if crs is None or (not assign and read_crs(header) is not None):
         return header
     return with_assigned_crs(header, crs) if assign else with_wkt(header, crs)
-
-
-def _ranges(n_points: int, size: int) -> Iterator[tuple[int, int]]:
-    for start in range(0, n_points, size):
-        yield start, min(start + size, n_points)
 
 
 def _write_range(

@@ -61,7 +61,7 @@ def _load_bundle(source: Path) -> ModelBundle:
         content = json.loads((source / _JSON).read_text(encoding="utf-8"))
         arrays = map_arrays(source / _ARRAYS)
     except FileNotFoundError as error:
-        raise ReadError(f"{source} is no model: {Path(error.filename).name} is missing") from error
+        raise ReadError(f"{source} is not a model: {Path(error.filename).name} is missing") from error
     except (ValueError, OSError, EOFError, KeyError, struct.error, zipfile.BadZipFile, zlib.error) as error:
         raise ReadError(f"{source}: the model's files are damaged: {error}") from error
     if not isinstance(content, dict) or not isinstance(content.get("metadata"), dict):

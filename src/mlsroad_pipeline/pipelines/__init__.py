@@ -1,1 +1,1 @@
-"""The wiring edge: one folder per pipeline, thin."""
+"""Kedro pipelines: one module each, without array arithmetic."""

@@ -12,7 +12,10 @@ from mlsroad_pipeline import pipelines
 from mlsroad_pipeline.algorithms.models.methods import METHODS, methods_of, trained_methods
 
 _OF_TASK = {"labelling": "patch_labellers", "detection": "detectors", "recognition": "recognisers"}
-"""Modules with the pipelines of methods that have no folder of their own."""
+"""Modules with the pipelines of methods that have no module of their own."""
+
+_NO_PIPELINES = {*_OF_TASK.values(), "composition", "per_scene", "schemes", "study", "training_facts"}
+"""Modules beside the pipelines; every other module of the package is a pipeline of its name."""
 
 _NAMESPACES = {
     "simulate": "survey",
@@ -37,18 +40,18 @@ def all_parts() -> tuple[str, ...]:
     return (*shared, "recognition", *methods_of("labelling", needs_images=True), "compare")
 
 
-def _folders() -> set[str]:
-    return {module.name for module in iter_modules(pipelines.__path__) if module.ispkg}
+def _modules() -> set[str]:
+    return {module.name for module in iter_modules(pipelines.__path__)} - _NO_PIPELINES
 
 
 def pipeline_names() -> list[str]:
     """Return the names of all pipelines."""
-    return sorted(_folders() | set(trained_methods()))
+    return sorted(_modules() | set(trained_methods()))
 
 
 def create_pipeline(name: str) -> Pipeline:
-    """Return a pipeline: that of its folder or, for a method without one, that of its task."""
-    own = name in _folders()
+    """Return a pipeline: that of its module or, for a method without one, that of its task."""
+    own = name in _modules()
     module = import_module(f"{pipelines.__name__}.{name if own else _OF_TASK[METHODS[name].task]}")
     created: Pipeline = module.create_pipeline() if own else module.create_pipeline(name)
     return created

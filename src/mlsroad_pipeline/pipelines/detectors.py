@@ -28,22 +28,17 @@ def create_pipeline(slug: str) -> Pipeline:
     stages = (f"params:{name}" for name in ("ground_removal", "segmentation", "detection", "survey", "classes"))
     return Pipeline(
         [
-            Node(
-                _description(method),
-                inputs=["scenes", "objects", own],
-                outputs=described,
-                name=f"describe_objects_of_{slug}",
-            ),
+            Node(_description(method), ["scenes", "objects", own], described, name=f"describe_objects_of_{slug}"),
             Node(
                 _training(method),
-                inputs=[described, "object_classes", own, *stages],
-                outputs=[model, f"{slug}.registered_model"],
+                [described, "object_classes", own, *stages],
+                [model, f"{slug}.registered_model"],
                 name=f"train_{slug}",
             ),
             Node(
                 PerScene(detect_objects, keys=held_out_keys),
-                inputs={"parts": described, "bundle": model},
-                outputs=f"{slug}.detections",
+                {"parts": described, "bundle": model},
+                f"{slug}.detections",
                 name=f"detect_by_{slug}",
             ),
         ]
@@ -54,11 +49,7 @@ def _description(method: Method) -> Callable[..., dict[str, SceneTask]]:
     """Return the node function that describes the objects of each scene."""
     kind: Any = method.load("parameters")
 
-    def describe_objects(
-        scenes: SceneCollection,
-        objects: SceneCollection,
-        parameters: kind,
-    ) -> dict[str, SceneTask]:
+    def describe_objects(scenes: SceneCollection, objects: SceneCollection, parameters: kind) -> dict[str, SceneTask]:
         """Create one task per scene."""
         fixed = {"parameters": getattr(parameters, method.description)}
         return scene_tasks(scenes, method.load("describe"), {"scene": scenes, "objects": objects}, fixed)

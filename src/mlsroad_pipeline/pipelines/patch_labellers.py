@@ -24,7 +24,7 @@ from mlsroad_pipeline.papers.shared.patches.training import PatchTraining, join_
 from mlsroad_pipeline.papers.shared.patches.types import PatchStages
 from mlsroad_pipeline.pipelines.per_scene import PerScene, fix_arguments
 from mlsroad_pipeline.pipelines.schemes import training_scheme
-from mlsroad_pipeline.reporting.figures.training import objective_figure
+from mlsroad_pipeline.reporting.figures import objective_figure
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import held_out_keys
 
@@ -63,10 +63,7 @@ def gathering() -> Node:
     """Return the node that gathers the training scenes; the pipelines of all methods share it."""
     parameters = (f"params:{name}" for name in ("ground_removal", "patches", "survey", "classes"))
     return Node(
-        gather_training,
-        inputs=["patches", "patch_labels", *parameters],
-        outputs="patch_training",
-        name="gather_patch_training",
+        gather_training, ["patches", "patch_labels", *parameters], "patch_training", name="gather_patch_training"
     )
 
 
@@ -89,11 +86,7 @@ def fit_refinement(
 ) -> tuple[ModelBundle, ModelBundle]:
     """Choose the parameters of the Markov random field by cross-validation."""
     bundle = METHODS[slug].load("train")(
-        training.load(),
-        graph.load(),
-        graph_parameters=graph_parameters,
-        parameters=parameters,
-        n_threads=cpu_count(),
+        training.load(), graph.load(), graph_parameters=graph_parameters, parameters=parameters, n_threads=cpu_count()
     )
     return bundle, bundle
 
@@ -102,10 +95,7 @@ def _training(method: Method) -> Callable[..., tuple[ModelBundle, ModelBundle]]:
     """Return the node function that trains a method; it returns the model for workers and for the registry."""
     kind: Any = method.load("parameters")
 
-    def train_method(
-        training: TrainingScenes,
-        parameters: kind,
-    ) -> tuple[ModelBundle, ModelBundle]:
+    def train_method(training: TrainingScenes, parameters: kind) -> tuple[ModelBundle, ModelBundle]:
         """Train the method on the training scenes."""
         bundle = method.load("train")(training.load(), parameters=parameters, n_threads=cpu_count())
         return bundle, bundle
@@ -128,8 +118,8 @@ def _training_node(slug: str) -> Node:
         train = _training(method)
     return Node(
         train,
-        inputs=["patch_training", f"params:{slug}", *more_inputs],
-        outputs=[f"{slug}.model", f"{slug}.registered_model", *more_outputs],
+        ["patch_training", f"params:{slug}", *more_inputs],
+        [f"{slug}.model", f"{slug}.registered_model", *more_outputs],
         name=f"train_{slug}",
     )
 
@@ -143,8 +133,8 @@ def create_pipeline(slug: str) -> Pipeline:
             _training_node(slug),
             Node(
                 label,
-                inputs={"scene": "scenes", "patches": "patches", "bundle": f"{slug}.model"},
-                outputs=f"{slug}.labels",
+                {"scene": "scenes", "patches": "patches", "bundle": f"{slug}.model"},
+                f"{slug}.labels",
                 name=f"label_by_{slug}",
             ),
         ]

@@ -30,14 +30,14 @@ def create_pipeline(slug: str) -> Pipeline:
         [
             Node(
                 _training(slug),
-                inputs=["object_sets", own, "params:recognition", *stages],
-                outputs=[f"{slug}.model", f"{slug}.registered_model"],
+                ["object_sets", own, "params:recognition", *stages],
+                [f"{slug}.model", f"{slug}.registered_model"],
                 name=f"train_{slug}",
             ),
             Node(
                 fix_arguments(recognise_sets, method=slug),
-                inputs=["object_sets", f"{slug}.model", own, "params:recognition", "params:classes"],
-                outputs=f"{slug}.recognitions",
+                ["object_sets", f"{slug}.model", own, "params:recognition", "params:classes"],
+                f"{slug}.recognitions",
                 name=f"recognise_with_{slug}",
             ),
         ]

@@ -66,7 +66,7 @@ def study_pipeline(
     tables = entries(*report.tables.names())
     return Pipeline(
         [
-            Node(plan, inputs=groups, outputs=f"{study}.plan", name=f"plan_{study}"),
+            Node(plan, groups, f"{study}.plan", name=f"plan_{study}"),
             *(Node(s.tasks, entries("plan", *s.inputs), *entries(s.output), name=s.name) for s in stages),
             Node(tabulate_study, entries("plan", *report.results), tables, name=f"tabulate_{study}"),
             Node(report_study, [*entries("plan"), *tables, *entries(*report.shown)], figures, name=f"report_{study}"),

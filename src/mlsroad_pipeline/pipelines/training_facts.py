@@ -20,7 +20,7 @@ FACTS = "training_facts"
 def describing() -> Node:
     """Return the node that describes the training scenes; the pipelines of labellers share it."""
     describe = PerScene(stored_facts, keys=training_keys)
-    return Node(describe, inputs={"cloud": "scenes"}, outputs=FACTS, name="describe_training_scenes")
+    return Node(describe, {"cloud": "scenes"}, FACTS, name="describe_training_scenes")
 
 
 def with_training_facts(bundle: ModelBundle, *scenes: SceneCollection) -> ModelBundle:

@@ -7,8 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from mlsroad_pipeline.reporting.html.report import Section
-from mlsroad_pipeline.reporting.html.sections import FactsSection, FiguresSection, TableSection
+from mlsroad_pipeline.reporting.html.report import FactsSection, FiguresSection, Section, TableSection
 
 TASK_TITLES = {
     "comparison": ("Labelling methods", "Means over the classes that occur in the split."),

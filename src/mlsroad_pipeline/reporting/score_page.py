@@ -1,14 +1,39 @@
-"""Page with the scores of an inventory."""
+"""Page with the scores of an inventory, with its precision-recall curves."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
 import pandas as pd
+from matplotlib.figure import Figure
 
-from mlsroad_pipeline.reporting.figures.object_scores import precision_recall_figure
-from mlsroad_pipeline.reporting.html.gallery import GallerySection, Picture
-from mlsroad_pipeline.reporting.html.report import FactsSection, FiguresSection, Section, TableSection, build_report
+from mlsroad_pipeline.reporting.figures import GRID, SERIES, empty_figure, tidy_axes
+from mlsroad_pipeline.reporting.html.report import (
+    FactsSection,
+    FiguresSection,
+    GallerySection,
+    Picture,
+    Section,
+    TableSection,
+    build_report,
+)
+
+
+def precision_recall_figure(curve: pd.DataFrame) -> Figure:
+    """Draw precision over recall by kind, from all listed objects (dot) to those with the highest score."""
+    figure = empty_figure(5.6, 4.2)
+    axes = figure.add_subplot()
+    for number, (kind, rows) in enumerate(curve.groupby("kind", sort=True)):
+        colour = SERIES[number % len(SERIES)]
+        axes.plot(rows["recall"], rows["precision"], color=colour, lw=1.6, label=str(kind))
+        axes.plot(rows["recall"].iloc[0], rows["precision"].iloc[0], "o", color=colour, ms=5)
+    axes.set(xlim=(0, 1.02), ylim=(0, 1.02), xlabel="Recall", ylabel="Precision")
+    axes.grid(color=GRID)
+    if not curve.empty:
+        axes.legend(frameon=False, fontsize=8, loc="lower left")
+    tidy_axes(axes)
+    return figure
+
 
 NOTE = (
     "From above, north up, and from the south. A red cross marks the listed object, a blue circle the true one. "

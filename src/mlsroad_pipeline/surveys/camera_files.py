@@ -53,7 +53,9 @@ def _read_images(source: Path, images: str | Path | None, trajectory: str | Path
     repeated = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
     if repeated:
         raise ReadError(f"{source}: image {repeated[0]!r} occurs more than once")
-    return SurveyImages(_in_order(_georeferenced(images_read, trajectory, source, origin)), origin, str(source))
+    placed = _georeferenced(images_read, trajectory, source, origin)
+    ordered = sorted(placed, key=lambda image: (image.time, image.name))
+    return SurveyImages(tuple(ordered), origin, str(source))
 
 
 def read_poses(path: str | Path, *, max_gap: float = 1.0) -> PoseTrack:
@@ -219,10 +221,6 @@ def _georeferenced(
     for image, rotation, place in zip(mounted, rotations, places - origin, strict=True):
         fixed.append(PosedImage(image.name, image.group, image.time, image.camera.carried(rotation, place), image.path))
     return fixed
-
-
-def _in_order(images: list[PosedImage]) -> tuple[PosedImage, ...]:
-    return tuple(sorted(images, key=lambda image: (image.time, image.name)))
 
 
 def _kitti_matrices(path: Path) -> dict[str, list[float]]:

@@ -14,8 +14,13 @@ from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart, check_splits_along, check_splits_sectors
 from mlsroad_pipeline.formats.content import first_bytes
 from mlsroad_pipeline.formats.registry import format_of_name
-from mlsroad_pipeline.surveys.discovery import broken_links, find_point_files, find_split_files
-from mlsroad_pipeline.surveys.probing import copies_beside, no_points_reason
+from mlsroad_pipeline.surveys.discovery import (
+    broken_links,
+    copies_beside,
+    find_point_files,
+    find_split_files,
+    no_points_reason,
+)
 
 RESULTS = ".mlsroad"
 """Folder that marks an output folder of `label`: `execution.run_identity.STATE`."""
@@ -40,7 +45,7 @@ class SurveyFile:
 
     path: str  # Path of the file
     name: str  # Path below the root of the survey, with forward slashes
-    folder: str  # Folder below the root; the files of a folder are one drive and are cut together
+    folder: str  # Folder below the root; the files of a folder are one pass and are cut together
     trajectory: str | None  # Path of the trajectory beside the file
 
 

@@ -36,9 +36,8 @@ from mlsroad_pipeline.surveys.files import Survey
 from mlsroad_pipeline.surveys.reading import SAMPLE_RUNS as TIME_RUNS
 from mlsroad_pipeline.surveys.reading import SAMPLE_SIZE as TIME_SIZE
 from mlsroad_pipeline.surveys.reading import has_whole_numbers, options_in_use, replaced_crs, time_notes
-from mlsroad_pipeline.surveys.sbet import coverage_note, distance_note, in_weeks_of
 from mlsroad_pipeline.surveys.survey_warnings import SurveyFacts, file_warnings, survey_warnings
-from mlsroad_pipeline.surveys.trajectory_files import read_trajectory
+from mlsroad_pipeline.surveys.trajectory_files import coverage_note, distance_note, in_weeks_of, read_trajectory
 
 logger = logging.getLogger(__name__)
 
@@ -163,18 +162,15 @@ def inspect_file(
         trajectory="beside" if trajectory is not None else "none" if wanted else "off",
         constant=constant_columns(columns),
         columns=tuple(columns),
-        whole_numbers=_whole_numbers(form, info, options),
+        whole_numbers=has_whole_numbers(
+            form.read(info.path, replace(options, only=(), coding=None), stop=SAMPLE_RUNS * SAMPLE_SIZE)
+        ),
         in_metres=bool((options.factors == 1.0).all()),
         stated_crs=replaced_crs(form, path, options),
         notes=(*info.notes, *time_notes(_sample(form, info, options, columns))),
         bounds=info.bounds,
     )
     return FileInspection(name, info, picture, _facts(name, info, quality, columns, lines), overview, more)
-
-
-def _whole_numbers(form: PointFormat, info: FileInfo, options: ReadOptions) -> bool:
-    only = replace(options, only=(), coding=None)
-    return has_whole_numbers(form.read(info.path, only, stop=SAMPLE_RUNS * SAMPLE_SIZE))
 
 
 def _sample(

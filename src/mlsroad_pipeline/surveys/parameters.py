@@ -65,7 +65,7 @@ def _formats(given: object) -> tuple[str, ...]:
     named = {name.strip().lower() for name in names} - {""}
     unknown = sorted(named - set(EXPORT_FORMATS))
     if unknown:
-        raise ParameterError(f"label.export {unknown[0]!r} is no format (formats: {', '.join(EXPORT_FORMATS)})")
+        raise ParameterError(f"unknown format {unknown[0]!r} in label.export (known: {', '.join(EXPORT_FORMATS)})")
     return tuple(name for name in EXPORT_FORMATS if name in named)
 
 
@@ -91,7 +91,7 @@ class LabelParameters:
     # Least score of a listed object, 0 to 1. Larger lists fewer objects, of which more are right; 0 lists all
     # candidates.
     least_score: float = 0.4
-    # Whether an object or a line that several drives (folders of files) recorded is listed once. None does so where all
+    # Whether an object or a line that several passes (folders of files) recorded is listed once. None does so where all
     # coordinates are farther than 10 km from the origin; those of single scans are of the scanner.
     join_drives: bool | None = None
     # Changes of the limits of kerbs: `StepLimits`, and `least_length` in metres. None finds no kerbs.

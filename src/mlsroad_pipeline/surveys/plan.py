@@ -1,4 +1,4 @@
-"""Plan of a run: files to read, read options, keys in the stores."""
+"""Plan of a run: files to read, read options, keys in the stores, ranges of rows, scenes."""
 
 from __future__ import annotations
 
@@ -8,15 +8,23 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.scene_key import TRAIN, SceneKey
+from mlsroad_pipeline.algorithms.scenes.binning import BinCounts
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
+from mlsroad_pipeline.algorithms.scenes.spans import SceneSpan, plan_scenes
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart, split_config
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.surveys.files import Survey, SurveyFile, check_name, files_to_label
 from mlsroad_pipeline.surveys.parameters import LabelParameters, SurveyParameters
+
+if TYPE_CHECKING:
+    from mlsroad_pipeline.surveys.reading import FileFacts
 
 _LONGEST_KEY = 120
 """Longest key of a file or folder without its split, characters; of longer ones a digest replaces the end."""
@@ -24,12 +32,12 @@ _LONGEST_KEY = 120
 
 @dataclass(frozen=True)
 class PlannedFile:
-    """A file with its split, its drive and its key."""
+    """A file with its split, its pass and its key."""
 
     key: str  # Key of the file in the stores (`SceneKey`)
     split: str  # Name of its split
-    number: int  # Index among the files of its drive
-    drive: str  # Key of the drive, whose files are cut together
+    number: int  # Index among the files of its pass
+    pass_key: str  # Key of the pass, whose files are cut together
     source: SurveyFile  # The file
     part: SplitPart  # Part of the file that belongs to the split
 
@@ -43,24 +51,24 @@ class SurveyPlan:
     labels: bool  # Whether labels are read
     skipped: Mapping[str, str] = field(default_factory=dict)  # Name of each file that is left out to the reason
 
-    def drives(self) -> dict[str, list[PlannedFile]]:
-        """Return the files of each drive by its key."""
-        drives: dict[str, list[PlannedFile]] = {}
+    def passes(self) -> dict[str, list[PlannedFile]]:
+        """Return the files of each pass by its key."""
+        passes: dict[str, list[PlannedFile]] = {}
         for file in self.files:
-            drives.setdefault(file.drive, []).append(file)
-        return drives
+            passes.setdefault(file.pass_key, []).append(file)
+        return passes
 
 
 def trajectory_beside(files: Sequence[PlannedFile]) -> str | None:
-    """Return the path of the trajectory of a drive, or None."""
+    """Return the path of the trajectory of a pass, or None."""
     return next((file.source.trajectory for file in files if file.source.trajectory), None)
 
 
-def estimated_drives(plan: SurveyPlan, ingest: IngestParameters) -> set[str]:
-    """Return the keys of the drives whose trajectory is estimated from the points."""
+def estimated_passes(plan: SurveyPlan, ingest: IngestParameters) -> set[str]:
+    """Return the keys of the passes whose trajectory is estimated from the points."""
     if ingest.cut != "along" or not ingest.estimate_trajectory:
         return set()
-    return {drive for drive, files in plan.drives().items() if trajectory_beside(files) is None}
+    return {pass_key for pass_key, files in plan.passes().items() if trajectory_beside(files) is None}
 
 
 def _store_key(split: str, source: str) -> str:
@@ -87,10 +95,10 @@ def plan_survey(
         for source in files:
             check_name(source.path)
             key = _store_key(split, source.name)
-            drive = key if ingest.cut == "file" else _store_key(split, source.folder)
-            number = count.get(drive, 0)
-            count[drive] = number + 1
-            planned.append(PlannedFile(key, split, number, drive, source, parts.get(split, SplitPart())))
+            pass_key = key if ingest.cut == "file" else _store_key(split, source.folder)
+            number = count.get(pass_key, 0)
+            count[pass_key] = number + 1
+            planned.append(PlannedFile(key, split, number, pass_key, source, parts.get(split, SplitPart())))
     for key, n_files in Counter(file.key for file in planned).items():
         if n_files > 1:
             same = ", ".join(file.source.name for file in planned if file.key == key)
@@ -143,8 +151,107 @@ def held_out_keys(keys: Iterable[str]) -> list[str]:
 
 
 def middle_scenes(keys: Sequence[str], *, n_scenes: int = 3) -> list[str]:
-    """Return neighbouring scenes from the middle of the last drive."""
-    drive = SceneKey.parse(keys[-1]).parent
-    scenes = [key for key in keys if SceneKey.parse(key).parent == drive]
+    """Return neighbouring scenes from the middle of the last pass."""
+    pass_key = SceneKey.parse(keys[-1]).parent
+    scenes = [key for key in keys if SceneKey.parse(key).parent == pass_key]
     first = max(0, (len(scenes) - n_scenes) // 2)
     return scenes[first : first + n_scenes]
+
+
+MESSAGE_FILES = 3
+"""Largest number of files that a message names for a scene."""
+
+
+@dataclass(frozen=True)
+class RangeOfRows:
+    """Consecutive rows of a file."""
+
+    file: PlannedFile  # The file
+    start: int  # First row and the row after the last one
+    stop: int  # First row and the row after the last one
+    n_total: int  # Number of points of the whole file
+    constant: tuple[str, ...]  # Columns with a single value in the whole file; they are not read
+
+    @property
+    def key(self) -> str:
+        """Key of the range in the stores."""
+        return str(SceneKey.parse(self.file.key)._replace(part=f"{self.start:012d}"))
+
+    def parameters(self, plan: SurveyPlan, ingest: IngestParameters) -> dict[str, Any]:
+        """Return the parameters of `reading.read_and_cut`."""
+        return {
+            "options": plan.options,
+            "labels": plan.labels,
+            "along": ingest.cut == "along",
+            "part": self.file.part,
+            "start": self.start,
+            "stop": self.stop,
+            "n_total": self.n_total,
+            "file": self.file.number,
+            "bin_length": ingest.bin_length,
+            "time_gap": ingest.time_gap,
+            "constant": self.constant,
+        }
+
+
+def cut_ranges(plan: SurveyPlan, info: Mapping[str, FileFacts], ingest: IngestParameters) -> list[RangeOfRows]:
+    """Divide the files of a survey into ranges of rows."""
+    ranges = []
+    for file in plan.files:
+        n_points = int(info[file.key]["n_points"][0])
+        for start in range(0, n_points, ingest.range_points):
+            stop = min(start + ingest.range_points, n_points)
+            ranges.append(RangeOfRows(file, start, stop, n_points, tuple(info[file.key]["constant"].tolist())))
+    return ranges
+
+
+@dataclass(frozen=True)
+class PlannedScene:
+    """A scene and the pieces that it is assembled from."""
+
+    key: str  # Key of the scene in the stores
+    span: SceneSpan  # Bins of core and buffers
+    pieces: tuple[str, ...]  # Keys of the ranges with points in its core, its buffers or its context
+    source: str  # Name in messages: the files that its points come from, and the name of the span
+
+
+def plan_pass(
+    pass_key: str, plan: SurveyPlan, bins: Mapping[str, BinCounts], ingest: IngestParameters
+) -> list[PlannedScene]:
+    """Plan the scenes of a pass from the bins of its ranges."""
+    files = {file.key: file.source.name for file in plan.files if file.pass_key == pass_key}
+    own = {key: part for key, part in bins.items() if SceneKey.parse(key).parent in files}
+    histogram: dict[int, int] = {}
+    for part in own.values():
+        for number, count in zip(part["bins"].tolist(), part["counts"].tolist(), strict=True):
+            histogram[number] = histogram.get(number, 0) + count
+    whole = ingest.cut == "file"
+    spans = plan_scenes(
+        histogram,
+        scene_length=ingest.bin_length if whole else ingest.scene_length,
+        buffer=0.0 if whole else ingest.buffer,
+        context=0.0 if whole else ingest.context,
+        bin_length=ingest.bin_length,
+        max_points=ingest.max_points,
+    )
+    scenes = []
+    for span in spans:
+        key = str(SceneKey.parse(pass_key)._replace(part=span.id))
+        scenes.append(_planned(key, span, pieces_between(*span.reach, own), files))
+    return scenes
+
+
+def _planned(key: str, span: SceneSpan, pieces: tuple[str, ...], files: Mapping[str, str]) -> PlannedScene:
+    names = list(dict.fromkeys(files[SceneKey.parse(piece).parent] for piece in pieces))
+    more = f" and {len(names) - MESSAGE_FILES} more files" if len(names) > MESSAGE_FILES else ""
+    return PlannedScene(key, span, pieces, f"{', '.join(names[:MESSAGE_FILES])}{more} ({span.id})")
+
+
+def pieces_between(first: int, stop: int, bins: Mapping[str, BinCounts]) -> tuple[str, ...]:
+    """Return the keys of the ranges with points in the bins `first` to `stop`."""
+
+    def holds(numbers: NDArray) -> bool:
+        low, high = np.searchsorted(numbers, [first, stop])
+        return bool(high > low)
+
+    return tuple(key for key, part in bins.items() if holds(part["bins"]))

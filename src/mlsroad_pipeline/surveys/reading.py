@@ -1,4 +1,4 @@
-"""Tasks of the ingest: describe a file, find the corridor of a drive, read and cut a range of rows."""
+"""Tasks of the ingest: describe a file, find the corridor of a pass, read and cut a range of rows."""
 
 from __future__ import annotations
 
@@ -31,9 +31,8 @@ from mlsroad_pipeline.formats.crs_units import with_units
 from mlsroad_pipeline.formats.files import spread_starts
 from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
-from mlsroad_pipeline.surveys.sbet import coverage_note, distance_note, in_weeks_of
 from mlsroad_pipeline.surveys.time_windows import read_time_windows
-from mlsroad_pipeline.surveys.trajectory_files import read_trajectory
+from mlsroad_pipeline.surveys.trajectory_files import coverage_note, distance_note, in_weeks_of, read_trajectory
 
 SAMPLE_RUNS, SAMPLE_SIZE = 16, 256
 """Number and length of the evenly spaced runs of points that make a sample of a file."""
@@ -137,8 +136,8 @@ class FileDescription(TypedDict):
     windows: PointCloud
 
 
-class DriveCorridor(CorridorArrays):
-    """Corridor of a drive, with a note for the log."""
+class PassCorridor(CorridorArrays):
+    """Corridor of a pass, with a note for the log."""
 
     note: NotRequired[NDArray[np.str_]]
 
@@ -192,8 +191,8 @@ def find_corridor(
     trajectory: str | None,
     along: bool,
     factors: NDArray[np.float64] | None = None,
-) -> DriveCorridor:
-    """Return the corridor of a drive as arrays, with a note for the log; `factors` turn a trajectory into metres."""
+) -> PassCorridor:
+    """Return the corridor of a pass as arrays, with a note for the log; `factors` turn a trajectory into metres."""
     other = next((sample for sample in samples if sample.crs != samples[0].crs), None)
     if other is not None:
         raise DataError(
@@ -218,8 +217,8 @@ def find_corridor(
     return _with_note(estimated, f"{estimated.source}: {estimated.length:.0f} m of trajectory")
 
 
-def _with_note(corridor: Corridor, note: str = "") -> DriveCorridor:
-    arrays: DriveCorridor = {**corridor_to_arrays(corridor)}
+def _with_note(corridor: Corridor, note: str = "") -> PassCorridor:
+    arrays: PassCorridor = {**corridor_to_arrays(corridor)}
     if note:
         arrays["note"] = np.array(note)
     return arrays

@@ -1,9 +1,12 @@
-"""Simulated surveys on disk, as a survey is delivered: LAZ, trajectory, images with calibration, and the truth."""
+"""Simulated surveys on disk, as delivered: LAZ, trajectory, images with calibration, and the truth."""
 
 from __future__ import annotations
 
 import json
+import logging
 import shutil
+import sys
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,9 +27,40 @@ from mlsroad_pipeline.simulation.cameras.cameras import Image
 from mlsroad_pipeline.simulation.parameters.presets import LAYOUT, PRESETS, SimulationParameters, simulation_parameters
 from mlsroad_pipeline.simulation.parameters.variety import expanded_surveys
 from mlsroad_pipeline.simulation.runtime.survey import SurveyPieces
-from mlsroad_pipeline.surveys.distance_lines import distance_lines
-from mlsroad_pipeline.surveys.range_images import RangeImage, range_image
-from mlsroad_pipeline.surveys.simulated_frames import FrameWriter
+from mlsroad_pipeline.surveys.simulated_scans import FrameWriter, RangeImage, range_image
+
+SHARE_OF_ESTIMATE = 0.05
+"""Share of the length from which on the time left is estimated; the first metres include the start."""
+
+LOG_INTERVAL = 15.0
+"""Seconds between two lines."""
+
+logger = logging.getLogger(__name__)
+
+
+def distance_lines(name: str, length: float) -> Callable[[float], None]:
+    """Return a function that reports a distance out of a length in metres, with an estimate of the time left.
+
+    A line is written every `LOG_INTERVAL` seconds: to the log or, in a worker process, which has none, to stderr.
+    """
+    start = last = time.monotonic()
+
+    def report(distance: float) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last < LOG_INTERVAL or not 0 < distance < length:
+            return
+        last = now
+        left = (now - start) / distance * (length - distance)
+        estimate = f", about {left:.0f} s left" if distance >= SHARE_OF_ESTIMATE * length else ""
+        line = f"{name}: {distance:.0f} of {length:.0f} m{estimate}"
+        if logger.isEnabledFor(logging.INFO):
+            logger.info(line)
+        else:
+            sys.stderr.write(f"{line}\n")
+
+    return report
+
 
 POINTS, TRAJECTORY = "survey.laz", "trajectory.csv"
 
@@ -46,7 +80,7 @@ def selected_surveys(simulation: Mapping[str, Any]) -> dict[str, Mapping[str, An
         return {}
     surveys = expanded_surveys({only: described[only]} if only in described else described)
     if only not in (None, *described, *surveys):
-        raise ParameterError(f"simulation.only {only!r} is none of {', '.join(surveys)}")
+        raise ParameterError(f"unknown simulation.only {only!r} (known: {', '.join(surveys)})")
     wanted = surveys if only is None or only in described else {only: surveys[only]}
     return {name: config for name, config in wanted.items() if config is not None}
 

@@ -1,20 +1,24 @@
-"""Warnings on a survey, the same for `inspect` and `label`: from facts of its files to one line per cause."""
+"""Warnings on a survey, the same for `inspect` and `label`: one line per cause."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.quality.places import count_places
 from mlsroad_pipeline.algorithms.quality.report import QualityReport
 from mlsroad_pipeline.formats.crs import is_geographic, place_outside
 from mlsroad_pipeline.formats.crs_units import SAME_UNIT, crs_units
+from mlsroad_pipeline.surveys.plan import SurveyPlan, trajectory_beside
+from mlsroad_pipeline.surveys.reading import FileFacts
 
 BYTE = 255.5 / 65535
 """Bound of the intensities of a LAS file that uses 8 of its 16 bits, after scaling to [0, 1]."""
@@ -35,6 +39,8 @@ AS_POINTS = (
     "is named as a trajectory and read as points; if it is a trajectory, set trajectory (label.trajectory) to its name"
 )
 """Warning on a file that is named as a trajectory beside other files."""
+
+NO_TRAJECTORY = "no trajectory: scenes follow the times of the points where possible, else the main axis"
 
 
 @dataclass(frozen=True)
@@ -66,7 +72,7 @@ def file_warnings(facts: SurveyFacts) -> list[str]:
     of_quality = [text.removeprefix(prefix) for text in facts.quality.warnings() if skipped not in text]
     return [
         *_crs_warnings(facts),
-        *_trajectory_warnings(facts),
+        *([NO_TRAJECTORY] if facts.trajectory == "none" else []),
         *of_quality,
         *_value_warnings(facts),
         *facts.notes,
@@ -127,12 +133,6 @@ def _place_warnings(facts: SurveyFacts) -> list[str]:
         f"its points lie outside the area of {crs_label(facts.crs)}, at {place}: a wrong system, or x and y exchanged"
         " (read.columns)"
     ]
-
-
-def _trajectory_warnings(facts: SurveyFacts) -> list[str]:
-    if facts.trajectory != "none":
-        return []
-    return ["no trajectory: scenes follow the times of the points where possible, else the main axis"]
 
 
 def _value_warnings(facts: SurveyFacts) -> list[str]:
@@ -231,3 +231,66 @@ def gather(rows: Sequence[tuple[str, str]], n_files: int) -> list[tuple[str, str
         (found[0][0] if len(found) == 1 else f"{len(found)} of {n_files} files, the first {found[0][0]}", found[0][1])
         for found in causes.values()
     ]
+
+
+MissingOf = Callable[[Sequence[str]], Sequence[str]]
+"""Function from the columns of a file to those that a model was trained with and the file lacks."""
+
+
+def constant_warnings(plan: SurveyPlan, info: Mapping[str, FileFacts]) -> list[tuple[str, str]]:
+    """Return a warning per column with a single value, for a comparison; `label` has them among the others."""
+    if not plan.labels:
+        return []
+    rows = [(f.source.name, name) for f in plan.files for name in info[f.key]["constant"].tolist()]
+    constant = [(file, f"column {name} has a single value and is not used") for file, name in rows]
+    return gather(constant, len(plan.files))
+
+
+def plan_warnings(
+    plan: SurveyPlan,
+    quality: pd.DataFrame,
+    info: Mapping[str, FileFacts],
+    notes: Mapping[str, str],
+    *,
+    trajectory: bool,
+    missing_of: MissingOf,
+) -> list[str]:
+    """Return the warnings on a survey to label, one per cause."""
+    rows: list[dict[str, Any]] = [{str(key): value for key, value in row.items()} for row in quality.to_dict("records")]
+    reports = {str(row["source"]): QualityReport.from_row(row) for row in rows}
+    beside = {pass_key: trajectory_beside(files) is not None for pass_key, files in plan.passes().items()}
+    facts, lacking = [], {}
+    for file in plan.files:
+        name, described = file.source.name, info[file.key]
+        absent = missing_of(reports[name].present)
+        if absent:
+            lacking[name] = [
+                f"has no {' and no '.join(absent)}, which the model was trained with: accuracy may be lower"
+            ]
+        reported = {*absent, *described["constant"].tolist()}
+        report = replace(reports[name], missing=tuple(c for c in reports[name].missing if c not in reported))
+        state = "beside" if beside[file.pass_key] else "none" if trajectory else "off"
+        note = notes.get(file.pass_key, "") if file.number == 0 and beside[file.pass_key] else ""
+        facts.append(_survey_facts(report, described, state, note, in_metres=bool((plan.options.factors == 1.0).all())))
+    return [f"{name}: {text}" for name, text in survey_warnings(facts, plan.skipped, lacking)]
+
+
+def _survey_facts(
+    report: QualityReport, described: FileFacts, trajectory: str, note: str, *, in_metres: bool
+) -> SurveyFacts:
+    return SurveyFacts(
+        report,
+        _text(described["crs"]) or None,
+        _text(described["form"]),
+        trajectory=trajectory,
+        constant=tuple(described["constant"].tolist()),
+        whole_numbers=bool(described["whole_numbers"][0]),
+        in_metres=in_metres,
+        stated_crs=_text(described["stated_crs"]) or None,
+        notes=(*described["notes"].tolist(), *([note] if note else [])),
+        bounds=described["bounds"],
+    )
+
+
+def _text(value: NDArray) -> str:
+    return str(value[0])

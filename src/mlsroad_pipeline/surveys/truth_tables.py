@@ -71,7 +71,7 @@ def _read_truth(place: Path) -> Truth:
         table = pd.read_csv(place, sep=";" if spreadsheet else ",")
         table = _without_decimal_commas(table) if spreadsheet else table
     except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
-        raise ReadError(f"{place}: no table of true objects: {' '.join(str(error).split())}") from error
+        raise ReadError(f"{place}: not a table of true objects: {' '.join(str(error).split())}") from error
     if {"instance", "label", "box_x", "moving"} <= set(table):
         return Truth(_typed(_simulated(table), place), None, "simulated")
     if {"position.x", "dimensions.x", "yaw"} <= set(table):
@@ -100,7 +100,7 @@ def _typed(table: pd.DataFrame, place: Path) -> pd.DataFrame:
     _check(table["kind"], ~kinds.isin(KINDS), place, f"kinds are {', '.join(KINDS)}")
     for name in (name for name in _NUMBERS if name in table):
         values = pd.to_numeric(table[name], errors="coerce")
-        _check(table[name], values.isna() & table[name].notna(), place, "it is no number")
+        _check(table[name], values.isna() & table[name].notna(), place, "it is not a number")
         if name in ("x", "y"):
             _check(table[name], ~np.isfinite(values), place, "a place needs x and y")
         table = table.assign(**{name: values.astype(np.float64)})

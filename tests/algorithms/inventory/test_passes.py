@@ -8,7 +8,7 @@ import shapely
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS, line_row, line_table
 from mlsroad_pipeline.algorithms.inventory.objects.merging import MergedObjects
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS, OBJECT_FIELDS
-from mlsroad_pipeline.algorithms.inventory.passes import are_comparable, join_drive_lines, join_drive_objects
+from mlsroad_pipeline.algorithms.inventory.passes import are_comparable, join_pass_lines, join_pass_objects
 
 EAST, NORTH = 389_000.0, 5_819_000.0
 
@@ -34,7 +34,7 @@ def test_an_object_of_two_drives_is_listed_once_with_the_points_of_both():
     second = drive(
         "b", ("pole", 50.0, 0.0, 0.8, 40, 0), ("pole", 0.3, 0.0, 0.9, 300, 0), ("sign", 0.3, 0.2, 0.7, 30, 2)
     )
-    table, numbers = join_drive_objects([first, second], comparable=True)
+    table, numbers = join_pass_objects([first, second], comparable=True)
     assert table["object_id"].tolist() == [1, 2, 3, 4]
     assert table["kind"].tolist() == ["pole", "tree", "pole", "sign"]
     one = table.iloc[0]
@@ -49,16 +49,16 @@ def test_an_object_of_two_drives_is_listed_once_with_the_points_of_both():
 def test_objects_of_other_kinds_or_farther_away_stay_apart():
     first = drive("a", ("pole", 0.0, 0.0, 0.6, 100, 0))
     second = drive("b", ("sign", 0.0, 0.0, 0.8, 40, 0), ("pole", 0.6, 0.0, 0.9, 300, 0))
-    table, numbers = join_drive_objects([first, second], comparable=True)
+    table, numbers = join_pass_objects([first, second], comparable=True)
     assert len(table) == 3 and numbers["b"].tolist() == [0, 2, 3]
     same = drive("c", ("pole", 0.0, 0.0, 0.6, 100, 0))
-    assert len(join_drive_objects([first, same], comparable=False).objects) == 2
+    assert len(join_pass_objects([first, same], comparable=False).objects) == 2
 
 
 def test_drives_without_objects_change_nothing():
     first, none = drive("a", ("pole", 0.0, 0.0, 0.6, 100, 0)), drive("b")
     for order in ([first, none], [none, first]):
-        table, numbers = join_drive_objects(order, comparable=True)
+        table, numbers = join_pass_objects(order, comparable=True)
         assert table["object_id"].tolist() == [1] and numbers["a"].tolist() == [0, 1] and numbers["b"].tolist() == [0]
 
 
@@ -79,7 +79,7 @@ def lines(*places):
 def test_a_line_of_two_drives_is_listed_once_and_continued():
     first = lines(("kerb", 0.0, 10.0, 0.0))
     second = lines(("kerb", 5.0, 20.0, 0.2), ("kerb", 0.0, 9.0, 0.3), ("wire", 0.0, 9.0, 0.0), ("kerb", 0.0, 9.0, 3.0))
-    table = join_drive_lines([first, second], comparable=True)
+    table = join_pass_lines([first, second], comparable=True)
     assert list(table.columns) == list(LINE_FIELDS) and table["line_id"].tolist() == [1, 2, 3, 4]
     assert table["kind"].tolist() == ["kerb", "kerb", "kerb", "wire"]
     found = sorted(table.loc[table["kind"] == "kerb", "length"])
@@ -87,5 +87,5 @@ def test_a_line_of_two_drives_is_listed_once_and_continued():
     rest = table[(table["kind"] == "kerb") & table["length"].between(9.1, 9.9)].iloc[0]
     z = shapely.get_coordinates(shapely.from_wkt(rest["line"]), include_z=True)[:, 2]
     assert rest["height"] == 0.12 and z.tolist() == pytest.approx([5.364, 6.0], abs=0.01)
-    assert len(join_drive_lines([first, second], comparable=False)) == 5
-    assert len(join_drive_lines([first.iloc[:0], first.iloc[:0]], comparable=True)) == 0
+    assert len(join_pass_lines([first, second], comparable=False)) == 5
+    assert len(join_pass_lines([first.iloc[:0], first.iloc[:0]], comparable=True)) == 0

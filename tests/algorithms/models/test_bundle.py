@@ -77,7 +77,7 @@ def test_attributes_that_a_survey_lacks_are_told(bundle):
 
 
 def test_damaged_files_are_named(bundle, tmp_path):
-    with pytest.raises(ReadError, match=r"is no model: model.json is missing"):
+    with pytest.raises(ReadError, match=r"is not a model: model.json is missing"):
         load_bundle(tmp_path)
     save_bundle(bundle, tmp_path)
     arrays, content = (tmp_path / "arrays.npz").read_bytes(), json.loads((tmp_path / "model.json").read_text())

@@ -52,6 +52,8 @@ def test_second_eigenvector_is_the_exact_one(n, rng):
     assert eigenvalue == pytest.approx(values[-2], abs=1e-8)
     cosine = abs(y @ vectors[:, -2]) / np.linalg.norm(y) / np.linalg.norm(vectors[:, -2])
     assert cosine > 1 - 1e-6
+    # A start parallel to the first eigenvector is replaced.
+    assert second_eigenvector(weights, degree, np.ones(n))[1] == pytest.approx(values[-2], abs=1e-8)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -180,12 +180,12 @@ def test_damage_is_named(tmp_path, rng):
     assert len(E57.read(path, DEFAULT)) == 200
     whole = path.read_bytes()
     path.write_bytes(whole[:-1024])
-    with pytest.raises(ReadError, match=r"a\.e57 is truncated: its header states \d+ bytes"):
+    with pytest.raises(ReadError, match=r"a\.e57 .* states \d+ bytes"):
         E57.read(path, DEFAULT)
     flipped = bytearray(whole)
     flipped[1500] ^= 4
     path.write_bytes(flipped)
-    with pytest.raises(ReadError, match=r"a\.e57 is damaged: the checksum of the page at byte 1024 is wrong"):
+    with pytest.raises(ReadError, match=r"a\.e57 .*checksum.* byte 1024"):
         E57.read(path, DEFAULT)
     for prototype, count, message in [
         (FLOATS, 201, r"states 201 points, its field cartesianX holds 200"),

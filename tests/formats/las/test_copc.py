@@ -83,7 +83,7 @@ def test_empty_and_unfit(tmp_path, rng):
     with laspy.CopcReader.open(tmp_path / "one.copc.laz") as reader:
         assert len(reader.query()) == 1
     make_las(tmp_path / "wave.las", rng, point_format=9)
-    with pytest.raises(DataError, match=r"wave\.las has points of format 9 with waveforms, which COPC cannot hold"):
+    with pytest.raises(DataError, match=r"wave\.las .*format 9 .*COPC"):
         write_copc(tmp_path / "wave.las", tmp_path / "wave.copc.laz")
     with pytest.raises(DataError, match=r"is named \.copc\.laz"):
         write_copc(tmp_path / "none.las", tmp_path / "b.laz")

@@ -152,7 +152,7 @@ def test_colours_beyond_the_sampled_depth_are_refused(tmp_path, rng):
     las.red[:], las.green[:], las.blue[:] = 9, 9, 9
     las.red[4000] = 300  # between two samples
     las.write(str(path))
-    with pytest.raises(DataError, match=r"a\.las: colour value 300 .* set rgb_bits: 16"):
+    with pytest.raises(DataError, match=r"a\.las.* 300 .*rgb_bits: 16"):
         LAS.read(path, DEFAULT)
 
 
@@ -169,7 +169,7 @@ def test_intensity_rules(tmp_path, rng):
     half = LAS.read(path, ReadOptions(intensity_scale="max"), start=8)["intensity"]
     np.testing.assert_allclose(half, values[8:] / 2000, rtol=1e-7)
     np.testing.assert_allclose(LAS.read(path, ReadOptions(intensity_scale=4000))["intensity"], values / 4000, rtol=1e-7)
-    with pytest.raises(DataError, match=r"a\.las: intensities \d+ to 2000 divided by 10 leave \[0, 1\]"):
+    with pytest.raises(DataError, match=r"a\.las: .* 2000 .* 10 leave"):
         LAS.read(path, ReadOptions(intensity_scale=10))
 
 
@@ -244,14 +244,14 @@ def test_what_does_not_fit_is_refused(tmp_path, rng):
     make_las(path, rng, version="1.2", point_format=3)
     cloud = LAS.read(path, DEFAULT)
     full = cloud.with_columns(classification=np.full(300, 64, np.uint8))
-    with pytest.raises(DataError, match=r"classification 64 does not fit point format 3, which holds 0 to 31"):
+    with pytest.raises(DataError, match="classification 64 .*0 to 31"):
         LAS.write(tmp_path / "b.las", full, WriteOptions())
     assert not list(tmp_path.glob("*b.las*"))
-    with pytest.raises(DataError, match=r"X .* does not fit the file's int32 field"):
+    with pytest.raises(DataError, match="X .* int32"):
         LAS.write(tmp_path / "b.las", replace(cloud, origin=cloud.origin + 1e9), WriteOptions())
-    with pytest.raises(DataError, match=r"user_data has fractions, such as 0\.5"):
+    with pytest.raises(DataError, match=r"user_data .* 0\.5"):
         LAS.write(tmp_path / "b.las", cloud.with_columns(user_data=np.full(300, 0.5)), WriteOptions())
-    with pytest.raises(DataError, match=r"column 'wide' .* cannot be stored in LAS"):
+    with pytest.raises(DataError, match="column 'wide'"):
         LAS.write(tmp_path / "b.las", cloud.with_columns(wide=np.zeros((300, 5))), WriteOptions())
     with pytest.raises(DataError, match=r"is longer than the 32 bytes"):
         LAS.write(tmp_path / "b.las", cloud.with_columns(**{"n" * 33: np.zeros(300)}), WriteOptions())
@@ -321,5 +321,5 @@ def test_absurd_scales_are_damage(tmp_path, rng, scale):
     data = bytearray((tmp_path / "a.las").read_bytes())
     struct.pack_into("<d", data, 139, scale)
     (tmp_path / "a.las").write_bytes(data)
-    with pytest.raises(ReadError, match=r"a\.las is damaged: scale \[0\.001, .*\], offset"):
+    with pytest.raises(ReadError, match=r"a\.las .*scale \[0\.001, .*offset"):
         LAS.info(tmp_path / "a.las", DEFAULT)

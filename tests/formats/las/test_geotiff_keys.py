@@ -124,10 +124,10 @@ def test_what_is_not_understood_is_no_system_and_is_told(tmp_path, rng, caplog, 
 def test_damaged_keys():
     directory, doubles, _ = records({3072: 32767, 3075: 1, 3080: 9.0, 2048: 4258})
     for end in range(8, len(directory)):
-        with pytest.raises(DataError, match="their directory of 4 keys is cut"):
+        with pytest.raises(DataError, match="directory of 4 keys"):
             GeotiffKeys.parse(directory[:end], doubles, b"")
     assert 3080 not in GeotiffKeys.parse(directory, doubles[:7], b"").values
-    with pytest.raises(DataError, match="their directory of 0 keys is cut"):
+    with pytest.raises(DataError, match="directory of 0 keys"):
         GeotiffKeys.parse(b"", b"", b"")
 
 
@@ -143,7 +143,7 @@ def test_a_reprojected_old_file_gets_keys_of_its_new_system(tmp_path, rng, targe
     assert written.header.version.minor == 2 and written.header.parse_crs() is not None
     assert {vlr.record_id for vlr in written.header.vlrs if vlr.user_id == "LASF_Projection"} == {34735}
     lonely = LAS.read(tmp_path / "a.las", ReadOptions(reproject="+proj=tmerc +lon_0=9.3 +ellps=GRS80"))
-    with pytest.raises(DataError, match=r"b\.las: the LAS 1\.2 header .*has no EPSG code\); write with like: none"):
+    with pytest.raises(DataError, match=r"b\.las.* 1\.2 .*like: none"):
         LAS.write(tmp_path / "b.las", lonely, WriteOptions())
 
 

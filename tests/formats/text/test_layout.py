@@ -92,7 +92,7 @@ def test_units_of_times(tmp_path):
     path.write_text("x,y,z,gps_time\n1,2,3,85462112\n4,5,6,85462152\n")
     cloud = TEXT.read(path, ReadOptions(time_scale=1e-3, time_offset=604_800.0))
     np.testing.assert_allclose(cloud["gps_time"], [604_800 + 85_462.112, 604_800 + 85_462.152], rtol=0, atol=1e-6)
-    with pytest.raises(ParameterError, match=r"time_scale must be a finite number > 0"):
+    with pytest.raises(ParameterError, match="time_scale must be .* > 0"):
         ReadOptions(time_scale=0)
 
 

@@ -6,11 +6,11 @@ from references.detectors import peak_of_circles
 from scipy.spatial import cKDTree
 from sklearn.tree import DecisionTreeClassifier
 
-from mlsroad_pipeline.papers.shared.detection.parts import relative_centres
-from mlsroad_pipeline.papers.shared.detection.sampling import select_objects
+from mlsroad_pipeline.papers.shared.detection.regions import relative_centres
+from mlsroad_pipeline.papers.shared.detection.training import select_objects
 from mlsroad_pipeline.papers.shared.detection.types import object_bounds
-from mlsroad_pipeline.papers.yu2016.bottom_up_top_down._surfaces import nearest_images, spread_evenly
 from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.detector import overlaps
+from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.oriented_points import nearest_images, spread_evenly
 from mlsroad_pipeline.papers.yu2016.hough_forest._trees import N_DIRECTIONS, grow_tree
 from mlsroad_pipeline.papers.yu2016.hough_forest.detector import (
     HoughForest,

@@ -18,14 +18,14 @@ from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
-from mlsroad_pipeline.papers.shared.detection.sampling import TrainingObjects
+from mlsroad_pipeline.papers.shared.detection.training import TrainingObjects
 from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.detector import BottomUpTopDownParameters
 from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.oriented_points import OrientedPointParameters
 from mlsroad_pipeline.papers.yu2016.hough_forest.detector import (
     HoughForest,
     HoughForestParameters,
+    fit_hough_forest,
 )
-from mlsroad_pipeline.papers.yu2016.hough_forest.training import fit_hough_forest
 from mlsroad_pipeline.papers.yu2016.object_matching.detector import (
     ObjectMatchingParameters,
 )

@@ -107,7 +107,6 @@ def test_shading_darkens_what_lies_behind_an_edge_and_nothing_else():
     assert (shade[:, 20] < 0.8).all()
     assert (shade[:, :20] == 1).all()
     assert (shade[:, 30:] == 1).all()
-    assert (depth_shading(depth, PLAIN, strength=0.0) == 1).all()
 
 
 def test_flat_colours_are_kept_and_oversampling_averages():
@@ -142,7 +141,6 @@ def test_no_points_give_the_background():
         (lambda: nearest_points(np.zeros((1, 3)), PLAIN, splat_metres=0), ParameterError, "splat_metres"),
         (lambda: nearest_points(np.zeros((1, 3)), PLAIN, largest_splat=0), ParameterError, "largest_splat"),
         (lambda: close_gaps(np.zeros((1, 1), int), np.zeros((1, 1), np.float32), reach=-1), ParameterError, "reach"),
-        (lambda: depth_shading(np.zeros((1, 1), np.float32), PLAIN, strength=-1), ParameterError, "strength"),
         (lambda: render_points(np.zeros((1, 3)), np.zeros((1, 3)), PLAIN), DataError, "colours must be uint8"),
         (lambda: render_points(np.zeros((1, 3)), np.zeros((2, 3), np.uint8), PLAIN), DataError, r"shape \(1, 3\)"),
         (

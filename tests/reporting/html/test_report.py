@@ -13,17 +13,18 @@ from PIL import Image
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.palette import COLOURS
-from mlsroad_pipeline.reporting.figures.training import oob_figure
-from mlsroad_pipeline.reporting.html.gallery import GallerySection
-from mlsroad_pipeline.reporting.html.object_table import ObjectTableSection
-from mlsroad_pipeline.reporting.html.parts import data_uri, figure_pixels
+from mlsroad_pipeline.reporting.figures import oob_figure
+from mlsroad_pipeline.reporting.html.objects import ObjectTableSection
 from mlsroad_pipeline.reporting.html.report import (
     DistributionSection,
     FactsSection,
     FiguresSection,
+    GallerySection,
     TableSection,
     WarningsSection,
     build_report,
+    data_uri,
+    figure_pixels,
 )
 
 EVIL = "<script>alert('x')</script>\"&"

@@ -109,7 +109,7 @@ def test_the_export_has_added_vehicles_and_the_classes_that_users_gave(folder):
     [
         (lambda f: f.assign(status="fine"), "unknown status 'fine' of object 1: use accepted, rejected, changed"),
         (lambda f: f.assign(status="changed"), "status changed without another checked_class"),
-        (lambda f: f.assign(x=f["x"] + 5), "is no copy of this inventory"),
+        (lambda f: f.assign(x=f["x"] + 5), "is not a copy of this inventory"),
         (lambda f: f[:1], "lacks 4 of 5 objects"),
         (lambda f: f.to_crs("EPSG:25833"), "is in ETRS89 / UTM zone 33N, the inventory in ETRS89 / UTM zone 32N"),
         (lambda f: f.set_geometry(f.translate(xoff=30.0)), "object 1 was moved by 30 m, allowed are 20 m"),

@@ -86,7 +86,7 @@ def test_files_that_are_no_copies_are_one_line(folder):
         las.x = las.x + 1.0
 
     code, said = run(edited(folder, shifted), folder)
-    assert (code, "400 of 400 points are none of" in said) == (1, True), said
+    assert (code, "400 of 400 points are not in" in said) == (1, True), said
 
     def strange(las):
         las.classification[3] = 77

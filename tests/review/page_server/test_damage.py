@@ -9,9 +9,9 @@ from helpers.page_output import FILES, write_laz, write_output
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.review.page_server.export import ExportError, _photos, export_page
-from mlsroad_pipeline.review.page_server.lock import page_lock
 from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
 from mlsroad_pipeline.review.page_server.served_survey import ServedSurvey
+from mlsroad_pipeline.review.page_server.tile_cache import page_lock
 
 
 def test_damaged_inventories_are_named(tmp_path):

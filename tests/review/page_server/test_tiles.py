@@ -11,12 +11,17 @@ from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.review.page_server.cloud_files import CloudFiles
-from mlsroad_pipeline.review.page_server.first_picture import first_picture
 from mlsroad_pipeline.review.page_server.selection import brushed, cluster
-from mlsroad_pipeline.review.page_server.tile_building import NoSpaceError, build_tiles, cube_edge, unfinished
+from mlsroad_pipeline.review.page_server.tile_building import (
+    LARGEST,
+    NoSpaceError,
+    build_tiles,
+    cube_edge,
+    nodes_of_cube,
+    unfinished,
+)
 from mlsroad_pipeline.review.page_server.tile_cache import TileCache
-from mlsroad_pipeline.review.page_server.tile_format import LEVELS, TileIndex, spacing
-from mlsroad_pipeline.review.page_server.tile_levels import LARGEST, nodes_of_cube
+from mlsroad_pipeline.review.page_server.tile_format import LEVELS, TileIndex, first_picture, spacing
 
 
 @pytest.fixture(scope="module")

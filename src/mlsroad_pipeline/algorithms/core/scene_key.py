@@ -1,4 +1,4 @@
-"""Keys of scenes, drives, files and ranges of rows in the stores."""
+"""Keys of scenes, passes, files and ranges of rows in the stores."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ TRAIN = "train"
 
 
 class SceneKey(NamedTuple):
-    """Key in a store: ``split.drive`` and ``split.file``; ``split.drive.scene`` and ``split.file.first_row``.
+    """Key in a store: ``split.pass`` and ``split.file``; ``split.pass.scene`` and ``split.file.first_row``.
 
-    No part holds a dot. Where files are not cut together, a drive is one file and has the file's key.
+    No part holds a dot. Where files are not cut together, a pass is one file and has the file's key.
     """
 
     split: str  # Name of the split; ``survey`` in `label`
-    source: str = ""  # Name of the drive or file within the split
-    part: str = ""  # Name of the scene on its drive, or first row of the range in its file
+    source: str = ""  # Name of the pass or file within the split
+    part: str = ""  # Name of the scene on its pass, or first row of the range in its file
 
     @classmethod
     def parse(cls, key: str) -> SceneKey:
@@ -32,7 +32,7 @@ class SceneKey(NamedTuple):
 
     @property
     def parent(self) -> str:
-        """Key of the drive that a scene is on, or of the file that holds a range of rows."""
+        """Key of the pass that a scene is on, or of the file that holds a range of rows."""
         return str(self._replace(part=""))
 
 

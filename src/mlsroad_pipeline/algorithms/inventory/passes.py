@@ -1,7 +1,7 @@
-"""One inventory of several drives: an object or a line that two drives recorded is listed once.
+"""One inventory of several passes: an object or a line that two passes recorded is listed once.
 
-Objects of one kind that lie within a small distance of each other in two drives are one object, one to one. It has the
-measures of the drive with the higher score, and the points of both. Of a line that an earlier drive has too, the rest
+Objects of one kind that lie within a small distance of each other in two passes are one object, one to one. It has the
+measures of the pass with the higher score, and the points of both. Of a line that an earlier pass has too, the rest
 is kept.
 """
 
@@ -20,17 +20,17 @@ from mlsroad_pipeline.algorithms.inventory.objects.merging import MergedObjects
 from mlsroad_pipeline.algorithms.inventory.objects.table import OBJECT_FIELDS
 
 SAME_OBJECT = {"pole": 0.5, "sign": 0.5, "tree": 1.0, "vehicle": 1.5}
-"""Kind to the largest distance in plan of the places of one object in two drives, metres."""
+"""Kind to the largest distance in plan of the places of one object in two passes, metres."""
 
 SAME_LINE = {"kerb": 0.5, "wire": 0.3}
 OTHER_LINE = 0.25
-"""Largest distance in plan of one line in two drives, metres; `OTHER_LINE` is that of markings."""
+"""Largest distance in plan of one line in two passes, metres; `OTHER_LINE` is that of markings."""
 
 LEAST_REST = 1.0
 """Shortest rest of a line that is listed, metres."""
 
 FAR = 10_000.0
-"""Least absolute coordinate of an object by which the places of several drives are taken for comparable, metres."""
+"""Least absolute coordinate of an object by which the places of several passes are taken for comparable, metres."""
 
 
 def are_comparable(tables: Sequence[pd.DataFrame]) -> bool:
@@ -39,13 +39,13 @@ def are_comparable(tables: Sequence[pd.DataFrame]) -> bool:
     return bool((np.abs(places).max(axis=1) >= FAR).all()) if len(places) else False
 
 
-def join_drive_objects(drives: Sequence[MergedObjects], *, comparable: bool) -> MergedObjects:
-    """Join the objects of several drives."""
-    joined = drives[0].objects
-    numbers = dict(drives[0].numbers)
+def join_pass_objects(passes: Sequence[MergedObjects], *, comparable: bool) -> MergedObjects:
+    """Join the objects of several passes."""
+    joined = passes[0].objects
+    numbers = dict(passes[0].numbers)
     none = np.zeros(0, np.int64)
-    for drive in drives[1:]:
-        own = drive.objects
+    for one_pass in passes[1:]:
+        own = one_pass.objects
         first, second = _pairs(joined, own) if comparable else (none, none)
         new = np.setdiff1d(np.arange(len(own)), second)
         number = np.zeros(1 + len(own), np.uint32)
@@ -57,7 +57,7 @@ def join_drive_objects(drives: Sequence[MergedObjects], *, comparable: bool) -> 
         filled = [table for table in (rest, merged, own.iloc[new]) if len(table)]
         if filled:
             joined = pd.concat(filled, ignore_index=True).sort_values("object_id", kind="stable", ignore_index=True)
-        numbers |= {scene: number[parts] for scene, parts in drive.numbers.items()}
+        numbers |= {scene: number[parts] for scene, parts in one_pass.numbers.items()}
     return MergedObjects(joined[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS), numbers)
 
 
@@ -91,19 +91,19 @@ def _merged(first: pd.DataFrame, second: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def join_drive_lines(drives: Sequence[pd.DataFrame], *, comparable: bool) -> pd.DataFrame:
-    """Join the lines of several drives."""
+def join_pass_lines(passes: Sequence[pd.DataFrame], *, comparable: bool) -> pd.DataFrame:
+    """Join the lines of several passes."""
     if not comparable:
-        return numbered(drives)
-    kept = [drives[0]]
-    for table in drives[1:]:
-        before = pd.concat([own for own in kept if len(own)], ignore_index=True) if any(map(len, kept)) else drives[0]
+        return numbered(passes)
+    kept = [passes[0]]
+    for table in passes[1:]:
+        before = pd.concat([own for own in kept if len(own)], ignore_index=True) if any(map(len, kept)) else passes[0]
         kept += [_rest(own, before[before["kind"] == kind]) for kind, own in table.groupby("kind", sort=True)]
     return numbered(kept)
 
 
 def _rest(own: pd.DataFrame, before: pd.DataFrame) -> pd.DataFrame:
-    """Return the lines of one kind without what lies beside lines of earlier drives."""
+    """Return the lines of one kind without what lies beside lines of earlier passes."""
     reach = SAME_LINE.get(str(own["kind"].iloc[0]), OTHER_LINE)
     lines = shapely.from_wkt(own["line"].to_numpy())
     known = shapely.from_wkt(before["line"].to_numpy())

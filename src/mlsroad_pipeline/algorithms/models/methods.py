@@ -158,7 +158,7 @@ def load_place(place: str) -> Any:
 _JOINTNET_FOLDER = "papers.luo2019.jointnet"
 _JOINTNET, _JOINTNET_PARAMETERS = ".recogniser:JointNetRecogniser", ".parameters:JointNetParameters"
 _DESCRIPTORS = "papers.shared.recognition.descriptor_machine:DescriptorParameters"
-_PARTS = "papers.shared.detection.parts:describe_parts"
+_PARTS = "papers.shared.detection.regions:describe_parts"
 
 _TABLE = (
     Method(
@@ -223,26 +223,26 @@ _TABLE = (
         "visual_words", "detection", "papers.yu2016.visual_words",
         ".training:VisualWordsParameters", ".labeller:detect_scene",
         ".training:train_detector", ".labeller:label_cloud",
-        describe=".descriptions:describe_objects", description="groups", described="groups",
+        describe=".groups:describe_objects", description="groups", described="groups",
     ),
     Method(
         "visual_words_printed", "detection", "papers.yu2016.visual_words", ".training:VisualWordsParameters",
         ".labeller:detect_scene", ".training:train_printed_detector", ".labeller:label_cloud",
-        describe=".descriptions:describe_objects", description="groups", described="groups",
+        describe=".groups:describe_objects", description="groups", described="groups",
     ),
     Method(
         "hough_forest", "detection", "papers.yu2016.hough_forest", ".detector:HoughForestParameters",
-        ".detector:detect_scene", ".training:train_hough_forest", ".detector:label_cloud",
+        ".detector:detect_scene", ".detector:train_hough_forest", ".detector:label_cloud",
         describe=_PARTS, description="regions",
     ),
     Method(
         "object_matching", "detection", "papers.yu2016.object_matching", ".detector:ObjectMatchingParameters",
-        ".detector:detect_scene", ".training:train_object_matching", ".detector:label_cloud",
+        ".detector:detect_scene", ".detector:train_object_matching", ".detector:label_cloud",
         describe=_PARTS, description="regions",
     ),
     Method(
         "bottom_up_top_down", "detection", "papers.yu2016.bottom_up_top_down", ".detector:BottomUpTopDownParameters",
-        ".detector:detect_scene", ".training:train_bottom_up_top_down", ".detector:label_cloud",
+        ".detector:detect_scene", ".detector:train_bottom_up_top_down", ".detector:label_cloud",
         describe=".oriented_points:describe_surfaces", description="surfaces",
     ),
     Method("jointnet", "recognition", _JOINTNET_FOLDER, _JOINTNET_PARAMETERS, _JOINTNET, uses_intensity=True),

@@ -91,7 +91,7 @@ def second_eigenvector(
     q = start * root
     q -= (q @ first) * first
     if np.sqrt(q @ q) < 1e-12 * np.sqrt(n):  # the initial guess is parallel to the first eigenvector
-        q = (-1.0) ** np.arange(n)
+        q[:] = (-1.0) ** np.arange(n)
         q -= (q @ first) * first
     basis[0] = q / np.sqrt(q @ q)
     used = 1

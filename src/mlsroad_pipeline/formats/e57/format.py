@@ -3,28 +3,36 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping, Sequence
-from functools import lru_cache
+import struct
+import uuid
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
+from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
-import pyproj
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.content import refuse_packed, with_packed
-from mlsroad_pipeline.formats.e57.pages import E57Pages
-from mlsroad_pipeline.formats.e57.scans import NAMESPACE, E57Scan, parse_xml, read_scans
-from mlsroad_pipeline.formats.e57.values import read_field
-from mlsroad_pipeline.formats.e57.writer import write_e57
+from mlsroad_pipeline.formats.crs import parsed_crs
+from mlsroad_pipeline.formats.e57.pages import CONTENT, HEADER, PAGE, SIGNATURE, E57Pages, pack_pages
+from mlsroad_pipeline.formats.e57.scans import (
+    COMPRESSED_VECTOR,
+    DATA_PACKET,
+    NAMESPACE,
+    SECTION,
+    E57Scan,
+    parse_xml,
+    read_field,
+    read_scans,
+)
 from mlsroad_pipeline.formats.files import FileKey, atomic_file, file_key, spread_starts
-from mlsroad_pipeline.formats.flat_table import scalar_columns
-from mlsroad_pipeline.formats.intensity import FULL, ORIGINAL
-from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES
-from mlsroad_pipeline.formats.tables import PointTable, TableFormat
+from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES, FULL, ORIGINAL
+from mlsroad_pipeline.formats.tables import PointTable, TableFormat, scalar_columns
 
 CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
@@ -32,9 +40,8 @@ INVALID = ("cartesianInvalidState", "sphericalInvalidState")
 NAMES = {"colorRed": "red", "colorGreen": "green", "colorBlue": "blue", "timeStamp": "gps_time"}
 SCAN = "scan"
 CHUNK = 1_000_000
+# Number and length of the runs of points whose intensities are compared with the stated limits.
 SAMPLES, SAMPLE_SIZE = 8, 2000
-"""Number and length of the runs of points whose intensities are compared with the stated limits."""
-
 logger = logging.getLogger(__name__)
 
 
@@ -52,24 +59,13 @@ class E57Format(TableFormat):
     signatures: tuple[bytes, ...] = (b"ASTM-E57",)
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
-        """Open a file; stated limits of intensity apply where `intensity_scale` is ``"dtype"``.
-
-        Raises
-        ------
-        ReadError
-            If it is not E57, truncated or damaged.
-        """
+        """Open a file; stated limits of intensity apply where `intensity_scale` is ``"dtype"``."""
         return _open(file_key(path), options.intensity_scale in ("dtype", "auto"))
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
         """Write a cloud as one scan without a pose, coordinates in float64, in metres.
 
         Columns outside the standard keep their names.
-
-        Raises
-        ------
-        DataError
-            If a column cannot be stored, or the file is named as gzip.
         """
         refuse_packed(Path(path), self.name)
         own = dict(zip(COORDINATES, CARTESIAN, strict=True)) | {name: key for key, name in NAMES.items()}
@@ -86,8 +82,8 @@ class _Scan:
         self._fields = {field.name: field for field in scan.fields if field.kind != "String"}
         self._last: tuple[tuple[int, int], NDArray[np.float64]] = ((-1, -1), np.empty((0, 3)))
         self._kept = self._valid()
+        self.n_records = scan.n_points
         self.n_points = scan.n_points if self._kept is None else len(self._kept)
-        self.n_invalid = scan.n_points - self.n_points
         self.notes = [*scan.notes]
         self._widened = False
         self._intensities = self._intensity_limits()
@@ -108,11 +104,14 @@ class _Scan:
         """Return the coordinates of a range of the valid points in the type of the file; none where they are angles."""
         if not set(CARTESIAN) <= self._fields.keys():
             return []
+        return [self._of_kept(partial(self._raw, name), start, stop) for name in CARTESIAN]
+
+    def _of_kept(self, read: Callable[[int, int], NDArray], start: int, stop: int) -> NDArray:
+        """Return the values of a range of the valid points from a function of a range of records."""
         if self._kept is None:
-            return [self._raw(name, start, stop) for name in CARTESIAN]
+            return read(start, stop)
         index = self._kept[start:stop]
-        begin, end = (int(index[0]), int(index[-1]) + 1) if len(index) else (0, 0)
-        return [self._raw(name, begin, end)[index - begin] for name in CARTESIAN]
+        return read(int(index[0]), int(index[-1]) + 1)[index - index[0]] if len(index) else read(0, 0)
 
     def _raw(self, name: str, start: int, stop: int) -> NDArray:
         return read_field(self._pages, self._scan, name, start, stop)
@@ -133,12 +132,7 @@ class _Scan:
 
     def column(self, name: str, start: int, stop: int) -> NDArray:
         """Return a column for a range of the valid points."""
-        if self._kept is None:
-            return self._column(name, start, stop)
-        index = self._kept[start:stop]
-        if not len(index):
-            return self._column(name, 0, 0)
-        return self._column(name, int(index[0]), int(index[-1]) + 1)[index - index[0]]
+        return self._of_kept(partial(self._column, name), start, stop)
 
     def _column(self, name: str, start: int, stop: int) -> NDArray:
         if name in COORDINATES:
@@ -227,10 +221,10 @@ def _open(key: FileKey, limits: bool) -> PointTable:
     scans = [_Scan(pages, scan, i, limits=limits) for i, scan in enumerate(read_scans(pages, root))]
     if not scans:
         raise ReadError(f"{path} has no scans")
-    n_invalid = sum(scan.n_invalid for scan in scans)
     ends = np.cumsum([scan.n_points for scan in scans])
+    total = sum(scan.n_records for scan in scans)
+    n_invalid = total - int(ends[-1])
     if n_invalid:
-        total = int(ends[-1]) + n_invalid
         logger.info("%s: %d of %d points are flagged invalid; they are left out", path, n_invalid, total)
     types = _joined_types(scans, path)
 
@@ -282,8 +276,122 @@ def _crs(root: Any) -> str | None:
     text = (root.findtext(NAMESPACE + "coordinateMetadata") or "").strip()
     if not text:
         return None
-    try:
-        return str(pyproj.CRS.from_user_input(text).to_wkt())
-    except pyproj.exceptions.CRSError:
+    crs = parsed_crs(text)
+    if crs is None:
         logger.info("PROJ cannot parse its coordinate metadata as a CRS: %.80s", text)
-        return None
+    return None if crs is None else str(crs.to_wkt())
+
+
+# Fields of the standard; others get the prefix of an extension.
+STANDARD = (
+    *("cartesianX", "cartesianY", "cartesianZ", "intensity", "colorRed", "colorGreen", "colorBlue", "timeStamp"),
+    *("rowIndex", "columnIndex", "returnIndex", "returnCount"),
+)
+PREFIX, EXTENSION = "mls", "https://mlsroad/columns"
+LARGEST_PACKET = 1 << 16
+TYPES = ("u1", "i1", "u2", "i2", "u4", "i4", "i8", "f4", "f8")
+
+
+def write_e57(stream: BinaryIO, columns: Mapping[str, NDArray], *, crs: str | None, source: str) -> None:
+    """Write columns, ``cartesianX`` to ``cartesianZ`` among them, as the only scan of an E57 file.
+
+    `DataError` if a column has a name that XML does not allow or a type that E57 does not have.
+    """
+    fields = {name: _stored(name, values, source) for name, values in columns.items()}
+    n_points = len(next(iter(fields.values())))
+    section = _section(list(fields.values()), n_points)
+    xml = _xml(fields, n_points, _physical(HEADER.size), crs)
+    content_size = HEADER.size + len(section) + len(xml)
+    n_pages = -(-content_size // CONTENT)
+    head = HEADER.pack(SIGNATURE, 1, 0, n_pages * PAGE, _physical(HEADER.size + len(section)), len(xml), PAGE)
+    stream.write(pack_pages(head + section + xml).data)
+
+
+def _physical(logical: int) -> int:
+    return logical // CONTENT * PAGE + logical % CONTENT
+
+
+def _stored(name: str, values: NDArray, source: str) -> NDArray:
+    values = values.view(np.uint8) if values.dtype == np.bool_ else values
+    if values.dtype.str[1:] not in TYPES or not name.isidentifier() or not name.isascii():
+        raise DataError(f"{source}: column {name!r} ({values.dtype}) cannot be stored in E57")
+    return np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
+
+
+def _section(fields: list[NDArray], n_points: int) -> bytes:
+    """Return the section of points: packets of as many records as fit into 64 KiB."""
+    record = sum(values.dtype.itemsize for values in fields)
+    per_packet = max((LARGEST_PACKET - 8 - 2 * len(fields)) // record, 1)
+    packets = []
+    for start in range(0, n_points, per_packet):
+        pieces = [_raw(values[start : start + per_packet]).tobytes() for values in fields]
+        lengths = b"".join(struct.pack("<H", len(piece)) for piece in pieces)
+        body = lengths + b"".join(pieces)
+        size = -(-(6 + len(body)) // 4) * 4
+        packets.append(struct.pack("<BBHH", DATA_PACKET, 0, size - 1, len(fields)) + body.ljust(size - 6, b"\0"))
+    data = b"".join(packets)
+    begin = _physical(HEADER.size + SECTION.size)
+    section = SECTION.pack(COMPRESSED_VECTOR, SECTION.size + len(data), begin if n_points else 0, 0) + data
+    return section.ljust(-(-len(section) // 4) * 4, b"\0")
+
+
+def _raw(values: NDArray) -> NDArray:
+    """Return integers minus the minimum of their type, as E57 stores them."""
+    if values.dtype.kind != "i":
+        return values
+    unsigned = values.view(values.dtype.str.replace("i", "u"))
+    lowest = unsigned.dtype.type(1 << (8 * values.dtype.itemsize - 1))
+    return np.asarray(unsigned ^ lowest)
+
+
+def _xml(fields: Mapping[str, NDArray], n_points: int, section_at: int, crs: str | None) -> bytes:
+    prototype = "".join(_element(name, values) for name, values in fields.items())
+    # Derived from the content, not random: same points, same bytes.
+    guids = [f"{{{uuid.uuid5(uuid.NAMESPACE_URL, f'{EXTENSION}/{part}/{n_points}')}}}" for part in ("file", "scan")]
+    text = f"""<?xml version="1.0" encoding="UTF-8"?>
+<e57Root type="Structure" xmlns={quoteattr(NAMESPACE[1:-1])} xmlns:{PREFIX}={quoteattr(EXTENSION)}>
+<formatName type="String">ASTM E57 3D Imaging Data File</formatName>
+<guid type="String">{guids[0]}</guid>
+<versionMajor type="Integer">1</versionMajor>
+<versionMinor type="Integer">0</versionMinor>
+<coordinateMetadata type="String">{escape(crs or "")}</coordinateMetadata>
+<data3D type="Vector" allowHeterogeneousChildren="1">
+<vectorChild type="Structure">
+<guid type="String">{guids[1]}</guid>
+<name type="String">points</name>
+{_limits(fields)}<points type="CompressedVector" fileOffset="{section_at}" recordCount="{n_points}">
+<prototype type="Structure">{prototype}</prototype>
+<codecs type="Vector" allowHeterogeneousChildren="1"/>
+</points>
+</vectorChild>
+</data3D>
+<images2D type="Vector" allowHeterogeneousChildren="1"/>
+</e57Root>
+"""
+    return text.encode()
+
+
+def _element(name: str, values: NDArray) -> str:
+    tag = name if name in STANDARD else f"{PREFIX}:{name}"
+    if values.dtype.kind == "f":
+        precision = "single" if values.dtype.itemsize == 4 else "double"
+        return f'<{tag} type="Float" precision="{precision}"/>'
+    limits = np.iinfo(values.dtype)
+    return f'<{tag} type="Integer" minimum="{limits.min}" maximum="{limits.max}"/>'
+
+
+def _limits(fields: Mapping[str, NDArray]) -> str:
+    """Return the XML of the nominal limits of intensity and colours."""
+    text = ""
+    if "intensity" in fields:
+        text += (
+            '<intensityLimits type="Structure"><intensityMinimum type="Float">0</intensityMinimum>'
+            '<intensityMaximum type="Float">1</intensityMaximum></intensityLimits>\n'
+        )
+    if "colorRed" in fields:
+        children = "".join(
+            f'<color{c}Minimum type="Integer">0</color{c}Minimum><color{c}Maximum type="Integer">255</color{c}Maximum>'
+            for c in ("Red", "Green", "Blue")
+        )
+        text += f'<colorLimits type="Structure">{children}</colorLimits>\n'
+    return text

@@ -16,9 +16,7 @@ PAGE = 1024
 CONTENT = PAGE - 4
 SIGNATURE = b"ASTM-E57"
 HEADER = struct.Struct("<8sIIQQQQ")
-LARGEST_BLOCK = 1 << 26
-"""Largest part of the content in bytes that is held for further reads."""
-
+LARGEST_BLOCK = 1 << 26  # largest part of the content in bytes that is held for further reads
 POLYNOMIAL = 0x82F63B78
 
 
@@ -67,15 +65,7 @@ def page_checksums(pages: NDArray[np.uint8], tables: NDArray[np.uint32]) -> NDAr
 class E57Pages:
     """The content of an E57 file, checked page by page as it is read.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Raises
-    ------
-    ReadError
-        If the file is not E57, of another version than 1, or truncated.
+    `ReadError` if the file is not E57, of another version than 1, or truncated.
     """
 
     def __init__(self, path: Path) -> None:
@@ -98,51 +88,18 @@ class E57Pages:
         self._block: tuple[int, NDArray[np.uint8]] = (0, np.empty(0, np.uint8))
 
     def logical(self, physical: int) -> int:
-        """Return the offset in the content of a byte of the file.
-
-        Parameters
-        ----------
-        physical : int
-            Byte offset in the file.
-
-        Returns
-        -------
-        int
-            Byte offset in the content.
-        """
+        """Return the offset in the content of a byte of the file."""
         return physical // PAGE * CONTENT + min(physical % PAGE, CONTENT)
 
     def hold(self, start: int, stop: int) -> None:
-        """Read a part of the content at once, from which `read` then takes its parts.
-
-        Parameters
-        ----------
-        start, stop : int
-            Byte offsets in the content; a part larger than `LARGEST_BLOCK` is not held.
-        """
+        """Read a part of the content at once, up to `LARGEST_BLOCK`, from which `read` then takes its parts."""
         begin, held = self._block
         inside = begin <= start and stop <= begin + len(held)
         if not inside and 0 <= start < stop <= self.size and stop - start <= LARGEST_BLOCK:
             self._block = (start, self._read(start, stop - start))
 
     def read(self, start: int, n_bytes: int) -> NDArray[np.uint8]:
-        """Return a part of the content.
-
-        Parameters
-        ----------
-        start, n_bytes : int
-            Byte offset in the content and length.
-
-        Returns
-        -------
-        ndarray of shape (n_bytes,), uint8
-            The part.
-
-        Raises
-        ------
-        ReadError
-            If it reaches beyond the file or a page's checksum is wrong.
-        """
+        """Return a part of the content; `ReadError` if it leaves the file or a page's checksum is wrong."""
         begin, held = self._block
         if begin <= start and n_bytes > 0 and start + n_bytes <= begin + len(held):
             return held[start - begin : start - begin + n_bytes]
@@ -167,18 +124,7 @@ class E57Pages:
 
 
 def pack_pages(content: bytes) -> NDArray[np.uint8]:
-    """Lay content out in pages with checksums.
-
-    Parameters
-    ----------
-    content : bytes
-        The content, header included.
-
-    Returns
-    -------
-    ndarray of shape (n, 1024), uint8
-        The pages; the last is filled with zeros.
-    """
+    """Lay content, header included, out in pages with checksums; the last is filled with zeros."""
     n_pages = -(-len(content) // CONTENT)
     pages = np.zeros((n_pages, PAGE), dtype=np.uint8)
     filled = np.frombuffer(content.ljust(n_pages * CONTENT, b"\0"), np.uint8)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from xml.etree import ElementTree as ET
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
@@ -17,37 +18,20 @@ NAMESPACE = "{http://www.astm.org/COMMIT/E57/2010-e57-v1.0}"
 SECTION = struct.Struct("<B7xQQQ")
 COMPRESSED_VECTOR, DATA_PACKET = 1, 1
 LARGEST_XML = 1 << 28
-PADDED = 9
-"""Smallest number of uncounted records that is reported."""
-
-LEAST_NORM = 1e-9
-"""Smallest norm of a quaternion with a direction."""
+PADDED = 9  # smallest number of uncounted records that is reported
+LEAST_NORM = 1e-9  # smallest norm of a quaternion with a direction
 
 
 @dataclass(frozen=True)
 class E57Field:
-    """One field of the points of a scan.
+    """One field of the points of a scan."""
 
-    Parameters
-    ----------
-    name : str
-        Its name, such as ``cartesianX``; with a prefix where it belongs to an extension.
-    kind : str
-        ``Float``, ``Integer``, ``ScaledInteger`` or ``String``.
-    bits : int
-        Bits of one value; 0 for a constant field.
-    minimum, maximum : float or int
-        Minimum and maximum, unscaled.
-    scale, offset : float
-        Scale and offset of a scaled integer.
-    """
-
-    name: str
-    kind: str
-    bits: int
-    minimum: float
+    name: str  # such as ``cartesianX``; with a prefix where it belongs to an extension
+    kind: str  # ``Float``, ``Integer``, ``ScaledInteger`` or ``String``
+    bits: int  # bits of one value; 0 for a constant field
+    minimum: float  # minimum and maximum, unscaled
     maximum: float
-    scale: float = 1.0
+    scale: float = 1.0  # scale and offset of a scaled integer
     offset: float = 0.0
 
     @property
@@ -64,59 +48,22 @@ class E57Field:
 
 @dataclass(frozen=True)
 class E57Scan:
-    """One scan of an E57 file.
-
-    Parameters
-    ----------
-    name : str
-        Its name or number.
-    n_points : int
-        Number of records.
-    fields : tuple of E57Field
-        Fields of a record.
-    rotation : ndarray of shape (3, 3)
-        Rotation from the scanner's frame to the file's.
-    translation : ndarray of shape (3,)
-        Position of the scanner, metres.
-    limits : mapping of str to float
-        Stated limits of intensity and colours.
-    start : float
-        Time that time stamps count from.
-    streams : tuple of (ndarray, ndarray)
-        Per field: offsets of its pieces in the content, and the number of bytes before each; the last is the sum.
-    notes : tuple of str
-        Sentences on repairs.
-    """
+    """One scan of an E57 file."""
 
     name: str
     n_points: int
     fields: tuple[E57Field, ...]
-    rotation: NDArray[np.float64]
-    translation: NDArray[np.float64]
-    limits: Mapping[str, float]
-    start: float
+    rotation: NDArray[np.float64]  # rotation from the scanner's frame to the file's
+    translation: NDArray[np.float64]  # position of the scanner, metres
+    limits: Mapping[str, float]  # stated limits of intensity and colours
+    start: float  # time that time stamps count from
+    # Per field: offsets of its pieces in the content, and the bytes before each with their sum at the end.
     streams: tuple[tuple[NDArray[np.int64], NDArray[np.int64]], ...] = field(default=(), repr=False)
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # sentences on repairs
 
 
 def parse_xml(pages: E57Pages) -> ET.Element:
-    """Return the XML of a file.
-
-    Parameters
-    ----------
-    pages : E57Pages
-        The file.
-
-    Returns
-    -------
-    Element
-        Its root.
-
-    Raises
-    ------
-    ReadError
-        If it is not well-formed or declares entities.
-    """
+    """Return the root of the XML of a file; `ReadError` if it is not well-formed or declares entities."""
     if pages.xml_size > LARGEST_XML:
         raise ReadError(f"{pages.path} is damaged: its header states {pages.xml_size} bytes of XML")
     text = pages.read(pages.xml_start, pages.xml_size).tobytes()
@@ -129,25 +76,7 @@ def parse_xml(pages: E57Pages) -> ET.Element:
 
 
 def read_scans(pages: E57Pages, root: ET.Element) -> list[E57Scan]:
-    """Return the scans of a file.
-
-    Parameters
-    ----------
-    pages : E57Pages
-        The file.
-    root : Element
-        Its XML.
-
-    Returns
-    -------
-    list of E57Scan
-        The scans in the order of the file.
-
-    Raises
-    ------
-    ReadError
-        If a description or a section is damaged, or holds fewer values than it states.
-    """
+    """Return the scans of a file; `ReadError` if a description is damaged, or a section holds too few values."""
     scans = []
     for number, node in enumerate(root.findall(f"{NAMESPACE}data3D/*")):
         try:
@@ -274,3 +203,61 @@ def _streams(
             )
         streams.append((np.array(starts[i], dtype=np.int64), before))
     return tuple(streams)
+
+
+def read_field(pages: E57Pages, scan: E57Scan, name: str, start: int, stop: int) -> NDArray:
+    """Return one field of the records ``start`` to ``stop``, scaled."""
+    number = next(i for i, f in enumerate(scan.fields) if f.name == name)
+    spec, n = scan.fields[number], stop - start
+    if n <= 0:
+        return np.empty(0, spec.dtype)
+    if not spec.bits:
+        raw = np.zeros(n, np.int64)
+    else:
+        first, last = start * spec.bits // 8, -(-stop * spec.bits // 8)
+        _hold(pages, scan, number, first, last)
+        data = _gather(pages, *scan.streams[number], first, last)
+        if spec.kind == "Float":
+            return data.view(f"<f{spec.bits // 8}")
+        raw = _unpack_bits(data, start * spec.bits - 8 * first, spec.bits, n)
+    values = raw + np.int64(spec.minimum)
+    return values * spec.scale + spec.offset if spec.kind == "ScaledInteger" else values.astype(spec.dtype)
+
+
+def _hold(pages: E57Pages, scan: E57Scan, number: int, first: int, last: int) -> None:
+    """Read the packets with a part of a field at once: the other fields are in the same packets."""
+    before = scan.streams[number][1]
+    begin, end = int(np.searchsorted(before, first, "right")) - 1, int(np.searchsorted(before, last))
+    pieces = [(starts[begin], starts[end - 1] + sizes[end] - sizes[end - 1]) for starts, sizes in scan.streams]
+    pages.hold(int(min(low for low, _ in pieces)), int(max(high for _, high in pieces)))
+
+
+def _gather(
+    pages: E57Pages, starts: NDArray[np.int64], before: NDArray[np.int64], first: int, last: int
+) -> NDArray[np.uint8]:
+    pieces = []
+    begin = int(np.searchsorted(before, first, "right")) - 1
+    for i in range(begin, len(starts)):
+        low, high = max(first, int(before[i])), min(last, int(before[i + 1]))
+        if low >= last:
+            break
+        pieces.append(pages.read(int(starts[i]) + low - int(before[i]), high - low))
+    return np.concatenate(pieces)
+
+
+@njit(cache=True, nogil=True)
+def _unpack_bits(data: NDArray[np.uint8], skip: int, bits: int, n: int) -> NDArray[np.int64]:
+    """Return `n` numbers of `bits` bits, least significant bit first, after `skip` bits."""
+    out = np.zeros(n, dtype=np.int64)
+    for i in range(n):
+        at = skip + i * bits
+        value = np.uint64(0)
+        done = 0
+        while done < bits:
+            byte, within = (at + done) >> 3, (at + done) & 7
+            take = min(8 - within, bits - done)
+            part = np.uint64(data[byte] >> within & ((1 << take) - 1))
+            value |= part << np.uint64(done)
+            done += take
+        out[i] = np.int64(value)
+    return out

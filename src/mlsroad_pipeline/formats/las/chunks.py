@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import struct
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,30 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.formats.las.counts import table_offset
 from mlsroad_pipeline.formats.las.header import RECORD_SIZES, LasHeader
 
-LAYERS = {6: 9, 7: 10, 8: 11, 9: 10, 10: 12}
-"""Layers of a chunk of these point formats; each extra byte has one more."""
+LAYERS = {6: 9, 7: 10, 8: 11, 9: 10, 10: 12}  # layers of a chunk of these point formats; each extra byte has one more
+
+
+def damaged_rows(path: Path, start: int, stop: int, error: Exception) -> ReadError:
+    """Return the error for rows that cannot be decompressed."""
+    return ReadError(f"{path} is damaged or truncated within rows {start} to {stop - 1}: {error}")
 
 
 def check_layers(stream: BinaryIO, header: LasHeader, chunk: tuple[int, int, int], path: Path) -> None:
-    """Raise an error for layers larger than their chunk, before memory is allocated.
+    """Raise `ReadError` for layers larger than their chunk, before memory is allocated.
 
-    Parameters
-    ----------
-    stream : binary stream
-        The file.
-    header : LasHeader
-        Its header; point formats 0 to 5 have no layers.
-    chunk : tuple of int
-        Byte offset, size in bytes and number of points of the chunk.
-    path : Path
-        File name in messages.
-
-    Raises
-    ------
-    ReadError
-        If the layers, or the number of points, are not those of the chunk.
+    ``chunk`` is its byte offset, size in bytes and number of points. Point formats 0 to 5 have no layers.
     """
     at, n_bytes, n_points = chunk
     if header.point_format not in LAYERS:
@@ -55,20 +47,7 @@ def check_layers(stream: BinaryIO, header: LasHeader, chunk: tuple[int, int, int
 class VariableChunks:
     """Reader of ranges of files with chunks of variable size, such as COPC; lazrs seeks only in chunks of one size.
 
-    Parameters
-    ----------
-    stream : binary stream
-        The file.
-    header : LasHeader
-        Its header.
-    path : Path
-        File name in messages.
-    record : bytes
-        Its LASzip record.
-    chunks : sequence of tuple of int
-        Points and bytes of each chunk.
-    select : int
-        Fields to decompress (lazrs flags).
+    ``record`` is the LASzip record, ``chunks`` are points and bytes of each, ``select`` the fields to decompress.
     """
 
     def __init__(
@@ -87,23 +66,7 @@ class VariableChunks:
         self._begins = header.point_offset + 8 + np.cumsum([0, *(n_bytes for _, n_bytes in chunks)])
 
     def read(self, start: int, stop: int) -> NDArray[np.uint8]:
-        """Read a range, chunk by chunk.
-
-        Parameters
-        ----------
-        start, stop : int
-            First row and the row after the last; at least one.
-
-        Returns
-        -------
-        ndarray of uint8
-            The bytes of its records.
-
-        Raises
-        ------
-        ReadError
-            If the compressed data are damaged.
-        """
+        """Return the bytes of the records ``start`` to ``stop``, at least one, chunk by chunk."""
         out = np.empty((stop - start) * self._size, dtype=np.uint8)
         for number in range(int(np.searchsorted(self._ends, start, "right")), len(self._chunks)):
             n_points, n_bytes = self._chunks[number]
@@ -119,8 +82,7 @@ class VariableChunks:
                     *(self._stream.read(n_bytes), self._record, points, [(n_points, n_bytes)], self._selection)
                 )
             except lazrs.LazrsError as error:
-                rows = f"rows {first} to {first + n_points - 1}"
-                raise ReadError(f"{self._path} is damaged or truncated within {rows}: {error}") from error
+                raise damaged_rows(self._path, first, first + n_points, error) from error
             low, high = max(start, first), min(stop, first + n_points)
             part = points[(low - first) * self._size : (high - first) * self._size]
             out[(low - start) * self._size : (high - start) * self._size] = part
@@ -128,38 +90,11 @@ class VariableChunks:
 
 
 def check_chunk_table(stream: BinaryIO, header: LasHeader, laz: lazrs.LazVlr, path: Path) -> list[tuple[int, int]]:
-    """Raise an error for an inconsistent chunk table, before decompression.
-
-    Parameters
-    ----------
-    stream : binary stream
-        The file.
-    header : LasHeader
-        Its header.
-    laz : lazrs.LazVlr
-        Its LASzip record.
-    path : Path
-        File name in messages.
-
-    Returns
-    -------
-    list of tuple of int
-        Points and bytes of each chunk.
-
-    Raises
-    ------
-    ReadError
-        If the table lies outside the file or disagrees with the number of points or the size of the file.
-    """
-    size = stream.seek(0, 2)
-    begin = header.point_offset
+    """Return points and bytes of each chunk; `ReadError` for an inconsistent table, before decompression."""
+    size, begin = stream.seek(0, 2), header.point_offset
     if begin + 8 > size:
         raise ReadError(f"{path} is truncated: it ends at byte {size}, its points begin at {begin}")
-    stream.seek(begin)
-    table = struct.unpack("<q", stream.read(8))[0]
-    if table == -1:  # a writer that cannot seek back puts it at the end
-        stream.seek(size - 8)
-        table = struct.unpack("<q", stream.read(8))[0]
+    table = table_offset(stream, begin, size)
     if not begin + 8 <= table <= size - 8:
         raise ReadError(f"{path} is truncated: its chunk table would be at byte {table}, and it has {size} bytes")
     stream.seek(table)
@@ -180,3 +115,71 @@ def check_chunk_table(stream: BinaryIO, header: LasHeader, laz: lazrs.LazVlr, pa
             f"in {table - begin - 8} bytes"
         )
     return list(chunks)
+
+
+STEP = 100_000  # points that are skipped at a time
+CHUNKED = 2  # LASzip compressor of the same streams in chunks, which lazrs decompresses
+
+
+class _Chunk(io.RawIOBase):
+    """The stream as the only chunk of a chunked file: the byte offset of a chunk table precedes it."""
+
+    def __init__(self, stream: BinaryIO, begin: int) -> None:
+        self._stream, self._begin, self._at = stream, begin, 0
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        self._at = offset + (self._at if whence == io.SEEK_CUR else 0)
+        return self._at
+
+    def tell(self) -> int:
+        return self._at
+
+    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]  # the stub takes any buffer
+        if self._at < 8:
+            data = struct.pack("<q", 8)[self._at : self._at + len(buffer)]
+        else:
+            self._stream.seek(self._begin + self._at - 8)
+            data = self._stream.read(len(buffer))
+        buffer[: len(data)] = data
+        self._at += len(data)
+        return len(data)
+
+
+class PointwisePoints:
+    """Reader of ranges of a file without chunks; a range before the last one is read from the start of the file."""
+
+    def __init__(self, stream: BinaryIO, header: LasHeader, path: Path, record: bytes) -> None:
+        self._stream, self._header, self._path = stream, header, path
+        own = bytearray(record)
+        struct.pack_into("<H", own, 0, CHUNKED)
+        struct.pack_into("<I", own, 12, max(min(header.n_points, 2**32 - 2), 1))
+        self._record = bytes(own)
+        self._restart()
+
+    def _restart(self) -> None:
+        source = io.BufferedReader(_Chunk(self._stream, self._header.point_offset), 1 << 20)
+        self._decompressor, self._position = lazrs.LasZipDecompressor(source, self._record), 0
+
+    def read(self, start: int, stop: int) -> NDArray[np.uint8]:
+        """Return the bytes of the records ``start`` to ``stop``, at least one."""
+        size = self._header.record_size
+        try:
+            if start < self._position:
+                self._restart()
+            while self._position < start:
+                n_points = min(STEP, start - self._position)
+                self._decompressor.decompress_many(bytearray(n_points * size))
+                self._position += n_points
+            out = bytearray((stop - start) * size)
+            self._decompressor.decompress_many(out)
+        except lazrs.LazrsError as error:
+            self._position = stop + 1
+            raise damaged_rows(self._path, start, stop, error) from error
+        self._position = stop
+        return np.frombuffer(out, dtype=np.uint8)

@@ -21,12 +21,12 @@ from mlsroad_pipeline.formats.las.header import (
     LASZIP,
     RECORD_SIZES,
     LasHeader,
+    Vlr,
     pack_header,
     read_header,
 )
 from mlsroad_pipeline.formats.las.records import RecordReader, record_dtype
 from mlsroad_pipeline.formats.las.upgrade import upgrade_records, upgraded_header
-from mlsroad_pipeline.formats.las.vlr import Vlr
 from mlsroad_pipeline.formats.las.writer import RecordWriter
 
 SUFFIX = ".copc.laz"
@@ -35,80 +35,30 @@ INFO, HIERARCHY = (b"copc", 1), (b"copc", 1000)
 INFO_DATA = struct.Struct("<5d2Q2d88x")
 ENTRIES = np.dtype([("key", "<i4", 4), ("offset", "<u8"), ("size", "<i4"), ("count", "<i4")])
 CHUNK = 1_000_000
-GATHERED = 1 << 19
-"""Points per compressed batch."""
+GATHERED = 1 << 19  # points per compressed batch
 
 
 def is_copc(header: LasHeader) -> bool:
-    """Return whether a file is cloud-optimised.
-
-    Parameters
-    ----------
-    header : LasHeader
-        Its header.
-
-    Returns
-    -------
-    bool
-        Whether its first record is that of COPC.
-    """
+    """Return whether a file is cloud-optimised: its first record is that of COPC."""
     return bool(header.vlrs) and header.vlrs[0].key == INFO
 
 
 def copc_path(path: str) -> str:
-    """Return the name of the cloud-optimised copy of a file.
-
-    Parameters
-    ----------
-    path : str
-        A path that ends in ``.laz``.
-
-    Returns
-    -------
-    str
-        The path with ``.copc.laz``.
-    """
+    """Return the name of the cloud-optimised copy, ``.copc.laz``, of a path that ends in ``.laz``."""
     return str(Path(path).with_suffix(SUFFIX))
 
 
 def without_copc(header: LasHeader) -> LasHeader:
-    """Return a header without the COPC records, whose byte offsets hold for one file only.
-
-    Parameters
-    ----------
-    header : LasHeader
-        Any header.
-
-    Returns
-    -------
-    LasHeader
-        The header for points at other offsets or in another order.
-    """
+    """Return a header without the COPC records, whose byte offsets hold for one file only."""
     vlrs = tuple(vlr for vlr in header.vlrs if vlr.key[0] != INFO[0])
     return replace(header, vlrs=vlrs, evlrs=tuple(vlr for vlr in header.evlrs if vlr.key[0] != INFO[0]))
 
 
 def write_copc(source: str | Path, target: str | Path, *, n_threads: int = 1) -> None:
-    """Copy a LAS or LAZ file to COPC: the same points with all dimensions, in the order of an octree.
+    """Copy a LAS or LAZ file to COPC, ``.copc.laz``: the same points with all dimensions, in the order of an octree.
 
-    Point formats 0 to 5 become 6 to 10. Web viewers and QGIS read parts of the result on demand. The
-    points pass through a temporary file beside the target; memory holds about 40 bytes per point.
-
-    Parameters
-    ----------
-    source : str or Path
-        A LAS or LAZ file.
-    target : str or Path
-        The file to write, named ``.copc.laz``.
-    n_threads : int, default 1
-        Above one, chunks are decompressed and compressed in parallel; the bytes are the same.
-
-    Raises
-    ------
-    ReadError
-        If the source is damaged.
-    DataError
-        If it holds waveforms, which COPC cannot, or the target is named otherwise or is the source.
+    Point formats 0 to 5 become 6 to 10; waveforms, which COPC cannot hold, are a `DataError`. The points pass through a
+    temporary file beside the target; memory holds about 40 bytes per point. The bytes do not depend on ``n_threads``.
     """
     path, target = check_file(source), Path(target)
     if not target.name.lower().endswith(SUFFIX):
@@ -161,7 +111,7 @@ def _write(
     others = tuple(vlr for vlr in header.vlrs if vlr.key not in (INFO, LASZIP))
     info = Vlr(*INFO, bytes(INFO_DATA.size), b"COPC info")
     records_of = (info, *others, Vlr(*LASZIP, bytes(laz.record_data()), b"http://laszip.org"))
-    header = replace(header, vlrs=records_of).patched(("B", 104, header.point_format | COMPRESSED))
+    header = replace(header, vlrs=records_of).patched(layout=header.point_format | COMPRESSED)
     stream.write(pack_header(header))
     points_at = stream.tell()
     kind = lazrs.ParLasZipCompressor if n_threads > 1 else lazrs.LasZipCompressor

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable, Iterator
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
@@ -13,76 +15,33 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.content import Content, open_content
-from mlsroad_pipeline.formats.files import FileKey
-from mlsroad_pipeline.formats.las.last_chunk import stream_points
+from mlsroad_pipeline.formats.files import ALLOWED, LARGEST_RATIO, FileKey
 
-POINTWISE = 1
-"""LASzip compressor without chunks (LASzip 1)."""
-
-LAYERED_FROM = 6
-"""First point format whose chunks state their number of points."""
-
+POINTWISE = 1  # LASzip compressor without chunks (LASzip 1)
+LAYERED_FROM = 6  # first point format whose chunks state their number of points
+# Number of records that others are compared with, and how far others may be: extents of these, and steps.
 COMPARED, REACH, NEAR_STEPS = 1000, 100, 1_000_000
-"""Number of records that others are compared with, and how far others may be: extents of these, and steps."""
-
+# Largest extent in steps of points that no header counts: bytes of anything else fill the 32 bits.
 NEAR_EXTENT = 1 << 28
-"""Largest extent in steps of points that no header counts: bytes of anything else fill the 32 bits."""
-
-WAVEFORMS = (4, 5, 9, 10)
-INTERNAL, EXTERNAL = 0x02, 0x04
-"""Bits of the global encoding: waveform packets in the file, or in another one."""
-
-
-def waveform_start(block: bytes) -> tuple[int, str]:
-    """Return the byte offset of the waveform packets of a LAS 1.3 file, 0 if it holds none.
-
-    Parameters
-    ----------
-    block : bytes
-        The public header block.
-
-    Returns
-    -------
-    start : int
-        Byte offset.
-    note : str
-        Sentence if the offset is not used; else empty.
-    """
-    start, points = struct.unpack_from("<Q", block, 227)[0], struct.unpack_from("<I", block, 96)[0]
-    encoding, point_format = struct.unpack_from("<H", block, 6)[0], block[104] & 0x3F
-    if not start:
-        return 0, ""
-    if point_format not in WAVEFORMS:
-        return 0, f"its header states waveform packets at byte {start}, but its points have none: not read"
-    if encoding & EXTERNAL and not encoding & INTERNAL:
-        return 0, f"its waveform packets are in another file (.wdp), not at byte {start} as its header states: not read"
-    if start < points:
-        return 0, f"its header states waveform packets at byte {start}, before its points: not read"
-    return start, ""
+# Sentence where the chunk is not that of a known compressor.
+NOT_COUNTED = (
+    "the last chunk of its points is longer than the {} points that its header leaves for it: what follows is not "
+    "read; write the file anew from its source"
+)
+# Addition to a warning where several numbers of points have the same compressed bytes.
+EQUAL = "; up to {} more may follow: points equal to the last ones add no byte"
+FIRST_GUESS = 1024  # smallest number of points with which the search for the last point begins
+# Limits of this search: number of compressions of the chunk, and their bytes of points together.
+MOST_TRIES, LARGEST_WORK = 64, 1 << 29
 
 
-def stored_points(file: Content, block: bytes, stated: int, end: int) -> tuple[int, str]:
+def stored_points(file: Content, layout: tuple[int, int], stated: int, end: int) -> tuple[int, str]:
     """Return the number of points of an uncompressed file, and a sentence if it is not the stated one.
 
-    Parameters
-    ----------
-    file : Content
-        Bytes of the file.
-    block : bytes
-        The public header block.
-    stated : int
-        Number of points that the header states.
-    end : int
-        Byte offset of what follows the points.
-
-    Returns
-    -------
-    n_points : int
-        The stated number, or a larger one if whole records fill the file; a smaller file is an error of the reader.
-    note : str
-        Sentence for the user.
+    ``layout`` is the byte offset of the points and the size of one. The number is larger than stated if whole records
+    fill the file up to ``end``; a smaller file is an error of the reader.
     """
-    begin, size = struct.unpack_from("<I", block, 96)[0], struct.unpack_from("<H", block, 105)[0]
+    begin, size = layout
     have, rest = divmod(max(end - begin, 0), size)
     extra = end - begin - stated * size
     if extra <= 0:
@@ -121,31 +80,8 @@ def _coordinates(data: bytes, size: int) -> NDArray[np.float64]:
 def compressed_points(key: FileKey, begin: int, record: bytes, layout: tuple[int, int], stated: int) -> tuple[int, str]:
     """Return the number of points of a LAZ file by its chunks, and a sentence if it is not the stated one.
 
-    Parameters
-    ----------
-    key : tuple
-        See `file_key`.
-    begin : int
-        Byte offset of the points.
-    record : bytes
-        Data of the LASzip record.
-    layout : tuple of int
-        Point format and size of a point.
-    stated : int
-        Number of points that the header states.
-
-    Returns
-    -------
-    n_points : int
-        The stated number, or that of the chunks where it is larger. A damaged table gives the stated number: the
-        reader raises the error.
-    note : str
-        Sentence for the user.
-
-    Raises
-    ------
-    ReadError
-        If the last chunk of points of formats 0 to 5 ends before the points that the header states.
+    ``layout`` is point format and size of a point. A damaged table gives the stated number: the reader raises the
+    error. `ReadError` if the last chunk of points of formats 0 to 5 ends before the points that the header states.
     """
     try:
         laz = lazrs.LazVlr(record)
@@ -175,16 +111,22 @@ def compressed_points(key: FileKey, begin: int, record: bytes, layout: tuple[int
     return stated, note
 
 
+def table_offset(stream: BinaryIO, begin: int, end: int) -> int:
+    """Return the byte offset of the chunk table that a file from its points to its end states."""
+    stream.seek(begin)
+    table = int(struct.unpack("<q", stream.read(8))[0])
+    if table == -1:  # a writer that cannot seek back puts it at the end
+        stream.seek(end - 8)
+        table = int(struct.unpack("<q", stream.read(8))[0])
+    return table
+
+
 def _has_table(stream: BinaryIO, begin: int, size: int) -> bool:
     """Return whether the chunk table lies behind the points and has no more chunks than fit before it."""
     end = stream.seek(0, 2)
     if end < begin + 8:
         return False
-    stream.seek(begin)
-    table = struct.unpack("<q", stream.read(8))[0]
-    if table == -1:  # a writer that cannot seek back puts it at the end
-        stream.seek(end - 8)
-        table = struct.unpack("<q", stream.read(8))[0]
+    table = table_offset(stream, begin, end)
     if not begin + 8 <= table <= end - 8:
         return False
     stream.seek(table)
@@ -194,3 +136,85 @@ def _has_table(stream: BinaryIO, begin: int, size: int) -> bool:
 def _of_layers(data: bytes, size: int, largest: int) -> int:
     last = int(struct.unpack_from("<I", data, size)[0])
     return last if last <= largest else 0
+
+
+def stream_points(data: bytes, record: bytes, laz: lazrs.LazVlr, stated: int) -> tuple[int, str]:
+    """Return the number of points of a chunk, and a sentence if bytes behind the points are no such points.
+
+    ``stated`` is what the header of the file leaves for the chunk; any number. The result is that number, unless the
+    chunk ends before these points, or has bytes behind them and compressing more points gives the same bytes.
+    """
+    if stated > laz.chunk_size():
+        return stated, ""
+    if stated > 0 and _unpacked(data[:-1], record, laz, stated) is None:
+        enough = _unpacked(data, record, laz, stated) is not None
+        return (stated if enough else _most_points(data, record, laz, 0)), ""
+    fewest = _most_points(data[:-1], record, laz, stated) + 1
+    alone = _unpacked(data, record, laz, fewest + 1) is None
+    most = fewest if alone else _most_points(data, record, laz, fewest)
+    points = _unpacked(data, record, laz, most)
+    if points is None or not points.size:
+        return stated, ""
+    size = laz.item_size()
+    tries = min(MOST_TRIES, LARGEST_WORK // points.size)
+    low, high = _same_bytes(fewest, most, tries, lambda n: _packed(points[: n * size], record) == data)
+    if not low:
+        return stated, NOT_COUNTED.format(max(stated, 0))
+    return low, EQUAL.format(high - low) if high > low else ""
+
+
+def _same_bytes(fewest: int, most: int, tries: int, same: Callable[[int], bool]) -> tuple[int, int]:
+    """Return the first and the last of consecutive numbers of points that give the same bytes; zeros if none is found.
+
+    Numbers are tried from the middle of the range on: those that give the same bytes are most of it, or it is short.
+    """
+    found = next((n for n in islice(_middles(fewest, most), tries) if same(n)), 0)
+    if not found:
+        return 0, 0
+    low, high = fewest - 1, found
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if same(middle) else (middle, high)
+    first, low, high = high, found, most + 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if same(middle) else (low, middle)
+    return first, low
+
+
+def _middles(low: int, high: int) -> Iterator[int]:
+    """Yield the numbers of a range, each time the middle of one of the parts that are left."""
+    parts = [(low, high)]
+    for first, last in parts:
+        if first <= last:
+            middle = (first + last) // 2
+            yield middle
+            parts += [(first, middle - 1), (middle + 1, last)]
+
+
+def _most_points(data: bytes, record: bytes, laz: lazrs.LazVlr, stated: int) -> int:
+    """Return how many points can be decompressed from these bytes, by bisection."""
+    size = laz.item_size()
+    limit = min(laz.chunk_size(), max(ALLOWED, LARGEST_RATIO * len(data)) // size)
+    low, high = max(stated, 0), min(max(2 * stated, FIRST_GUESS), limit + 1)
+    while high <= limit and _unpacked(data, record, laz, high) is not None:
+        low, high = high, min(2 * high, limit + 1)
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if _unpacked(data, record, laz, middle) is None else (middle, high)
+    return low
+
+
+def _unpacked(data: bytes, record: bytes, laz: lazrs.LazVlr, n_points: int) -> NDArray[np.uint8] | None:
+    points = np.empty(n_points * laz.item_size(), np.uint8)
+    try:
+        lazrs.decompress_points_with_chunk_table(data, record, points, [(n_points, len(data))])
+    except lazrs.LazrsError:
+        return None
+    return points
+
+
+def _packed(points: NDArray[np.uint8], record: bytes) -> bytes:
+    """Return points as one chunk."""
+    whole = bytes(lazrs.compress_points(lazrs.LazVlr(record), points, False))
+    return whole[8 : struct.unpack_from("<q", whole)[0]]

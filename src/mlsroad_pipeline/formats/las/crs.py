@@ -14,28 +14,15 @@ from mlsroad_pipeline.formats.crs import is_same_crs, sidecar_crs
 from mlsroad_pipeline.formats.crs_units import crs_units, in_metres
 from mlsroad_pipeline.formats.files import log_once
 from mlsroad_pipeline.formats.las.geotiff_keys import DIRECTORY, DOUBLES, TEXTS, GeotiffKeys, pack_directory
-from mlsroad_pipeline.formats.las.header import WKT_BIT, LasHeader
-from mlsroad_pipeline.formats.las.vlr import Vlr
+from mlsroad_pipeline.formats.las.header import WKT_BIT, LasHeader, Vlr
 
 PROJECTION = b"LASF_Projection"
 WKT = (PROJECTION, 2112)
+KEYS = tuple((PROJECTION, key) for key in (DIRECTORY, DOUBLES, TEXTS))  # records of the GeoTIFF keys
 
 
 def read_crs(header: LasHeader, path: Path | None = None) -> str | None:
-    """Return the coordinate reference system of a file.
-
-    Parameters
-    ----------
-    header : LasHeader
-        The file's header.
-    path : Path, optional
-        File name in the log where its keys are not supported; None logs nothing.
-
-    Returns
-    -------
-    str or None
-        The WKT record's text where there is one; else the GeoTIFF keys as WKT where they are supported.
-    """
+    """Return the WKT of a file: of its WKT record, else of its GeoTIFF keys, else None; log for a path."""
     record = find_wkt(header)
     return _geotiff_wkt(header, path) if record is None else _text(record)
 
@@ -55,18 +42,7 @@ def _text(record: Vlr) -> str:
 
 
 def two_systems_note(header: LasHeader) -> str:
-    """Return a sentence if a file names two systems.
-
-    Parameters
-    ----------
-    header : LasHeader
-        The file's header.
-
-    Returns
-    -------
-    str
-        The sentence, empty if its WKT records and its GeoTIFF keys agree or one of them is missing.
-    """
+    """Return a sentence if the WKT records and the GeoTIFF keys of a file name different systems, else ""."""
     texts = {_text(vlr) for vlr in _wkt_records(header)}
     if len(texts) > 1:
         return f"it has {len(texts)} WKT records that differ: the first valid one is used; crs sets another"
@@ -79,7 +55,7 @@ def two_systems_note(header: LasHeader) -> str:
 
 def _geotiff_wkt(header: LasHeader, path: Path | None) -> str | None:
     """Return the system of the GeoTIFF keys; log keys that are not supported."""
-    directory, doubles, texts = (header.find((PROJECTION, key)) for key in (DIRECTORY, DOUBLES, TEXTS))
+    directory, doubles, texts = (header.find(key) for key in KEYS)
     if directory is None:
         return None
     values = [b"" if vlr is None else vlr.data for vlr in (doubles, texts)]
@@ -94,28 +70,9 @@ def _geotiff_wkt(header: LasHeader, path: Path | None) -> str | None:
 def with_crs_of(
     header: LasHeader, cloud: PointCloud, path: Path, metres: NDArray[np.float64] | None = None
 ) -> LasHeader:
-    """Set the system of a cloud in another file's header, where the two differ.
+    """Set the system of a cloud in another file's header, where the two differ; ``metres`` are the file's factors.
 
-    Parameters
-    ----------
-    header : LasHeader
-        The header to write.
-    cloud : PointCloud
-        The points.
-    path : Path
-        The file to write, for messages.
-    metres : ndarray of shape (3,), optional
-        Factors from the file's units to metres; None for metres.
-
-    Returns
-    -------
-    LasHeader
-        The header; the same where the cloud has no system or that of the header.
-
-    Raises
-    ------
-    DataError
-        If the header's version holds GeoTIFF keys, not WKT, and the system has no EPSG code.
+    `DataError` if the header's version holds GeoTIFF keys, not WKT, and the system has no EPSG code.
     """
     stated = read_crs(header)
     factors = [1.0, 1.0] if metres is None else metres[1:].tolist()
@@ -131,63 +88,30 @@ def with_crs_of(
             f"{path}: the LAS 1.{header.minor} header of {cloud.source} states another coordinate reference system "
             f"than the points have, and cannot state theirs ({error}); write with like: none"
         ) from error
-    stale = {(PROJECTION, key) for key in (DIRECTORY, DOUBLES, TEXTS, WKT[1])}
-    kept = tuple(vlr for vlr in header.vlrs if vlr.key not in stale)
-    return replace(header, vlrs=(*kept, Vlr(PROJECTION, DIRECTORY, directory, b"GeoTIFF GeoKeyDirectoryTag")))
+    kept = replace(header.without(*KEYS, WKT), evlrs=header.evlrs)
+    return replace(kept, vlrs=(*kept.vlrs, Vlr(PROJECTION, DIRECTORY, directory, b"GeoTIFF GeoKeyDirectoryTag")))
 
 
 def with_assigned_crs(header: LasHeader, crs: str) -> LasHeader:
-    """Replace the system of a header by another; coordinates are not transformed.
+    """Replace the system of a header of LAS 1.4 or above by another; coordinates are not transformed.
 
-    Parameters
-    ----------
-    header : LasHeader
-        A header of version 1.4 or above.
-    crs : str
-        The system as WKT.
-
-    Returns
-    -------
-    LasHeader
-        The header with the system as WKT, without GeoTIFF keys; the same where it states this system.
+    The header is the same where it states this system; else it has WKT, and no GeoTIFF keys.
     """
     stated = read_crs(header)
     if stated is not None and is_same_crs(stated, crs):
         return header
-    stale = {(PROJECTION, key) for key in (DIRECTORY, DOUBLES, TEXTS)}
-    kept = replace(
-        header,
-        vlrs=tuple(vlr for vlr in header.vlrs if vlr.key not in stale),
-        evlrs=tuple(vlr for vlr in header.evlrs if vlr.key not in stale),
-    )
-    return with_wkt(kept, crs)
+    return with_wkt(header.without(*KEYS), crs)
 
 
 def with_wkt(header: LasHeader, crs: str | None) -> LasHeader:
-    """Add a WKT record to a header, as point formats 6 to 10 require.
-
-    Parameters
-    ----------
-    header : LasHeader
-        A header of version 1.4 or above.
-    crs : str or None
-        The system as WKT; None leaves the header as it is.
-
-    Returns
-    -------
-    LasHeader
-        The header with the record and the WKT bit. Its GeoTIFF keys are kept.
-    """
+    """Add a WKT record and the WKT bit to a header of LAS 1.4 or above, if there is a system; GeoTIFF keys are kept."""
     if not crs:
         return header
     record = header.find(WKT)
     if record is None or _text(record) != crs.strip():
-        others = tuple(vlr for vlr in header.vlrs if vlr.key != WKT)
-        text = crs.encode() + b"\0"
-        extended = tuple(vlr for vlr in header.evlrs if vlr.key != WKT)
-        if len(text) <= 0xFFFF:
-            others = (*others, Vlr(PROJECTION, WKT[1], text, b"OGC WKT"))
+        header, new = header.without(WKT), Vlr(*WKT, crs.encode() + b"\0", b"OGC WKT")
+        if len(new.data) <= 0xFFFF:
+            header = replace(header, vlrs=(*header.vlrs, new))
         else:
-            extended = (*extended, Vlr(PROJECTION, WKT[1], text, b"OGC WKT"))
-        header = replace(header, vlrs=others, evlrs=extended)
-    return header.patched(("H", 6, header.integer("H", 6) | WKT_BIT))
+            header = replace(header, evlrs=(*header.evlrs, new))
+    return header.patched(encoding=header.integer("encoding") | WKT_BIT)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from laspy.point.dims import COMPOSED_FIELDS
@@ -13,23 +14,11 @@ from mlsroad_pipeline.formats.las.header import LasHeader
 from mlsroad_pipeline.formats.las.records import record_dtype
 from mlsroad_pipeline.formats.standard_columns import check_finite
 
-FAR = 1e5
-"""Distance in metres from the first point above which stated bounds are not used."""
+FAR = 1e5  # distance in metres from the first point above which stated bounds are not used
 
 
 def dimension_names(header: LasHeader) -> list[str]:
-    """Return the names of a file's dimensions.
-
-    Parameters
-    ----------
-    header : LasHeader
-        The file's header.
-
-    Returns
-    -------
-    list of str
-        Coordinates as x, y and z, bit fields apart, extra dimensions last.
-    """
+    """Return the names of dimensions: coordinates as x, y and z, bit fields apart, extra dimensions last."""
     names: list[str] = []
     for field in record_dtype(header).names or ():
         parts = COMPOSED_FIELDS[header.point_format].get(field)
@@ -37,69 +26,45 @@ def dimension_names(header: LasHeader) -> list[str]:
     return names
 
 
+class BitField(NamedTuple):
+    """Bits of a field of the records."""
+
+    field: str
+    mask: int
+    shift: int  # of the lowest bit
+
+
+def bit_field(header: LasHeader, name: str) -> BitField | None:
+    """Return the bits of a dimension; None where it has a field of its own."""
+    for field, parts in COMPOSED_FIELDS[header.point_format].items():
+        for part in parts:
+            if part.name == name:
+                return BitField(field, part.mask, (part.mask & -part.mask).bit_length() - 1)
+    return None
+
+
 def extra_dimension(header: LasHeader, name: str) -> ExtraDimension | None:
-    """Return the extra dimension of a field of the records.
-
-    Parameters
-    ----------
-    header : LasHeader
-        The file's header.
-    name : str
-        The field's name.
-
-    Returns
-    -------
-    ExtraDimension or None
-        None for a standard dimension.
-    """
+    """Return the extra dimension of a field of the records; None for a standard one."""
     extra = header.extra_dimensions
     fields = (record_dtype(header).names or ())[-len(extra) :] if extra else ()
     return dict(zip(fields, extra, strict=True)).get(name)
 
 
 def dimension(records: NDArray, header: LasHeader, name: str) -> NDArray:
-    """Return one dimension of records, bit fields unpacked, extra dimensions in their unit.
-
-    Parameters
-    ----------
-    records : structured ndarray of shape (n,)
-        Records of the file.
-    header : LasHeader
-        Its header.
-    name : str
-        A name of `dimension_names`, coordinates left out.
-
-    Returns
-    -------
-    ndarray of shape (n,) or (n, width)
-        A copy.
-    """
-    for field, parts in COMPOSED_FIELDS[header.point_format].items():
-        for part in parts:
-            if part.name == name:
-                return (records[field] & part.mask) >> (part.mask & -part.mask).bit_length() - 1
+    """Return one dimension of records, bit fields unpacked, extra dimensions in their unit."""
+    bits = bit_field(header, name)
+    if bits is not None:
+        return (records[bits.field] & bits.mask) >> bits.shift
     values = np.ascontiguousarray(records[name])
     extra = extra_dimension(header, name)
     return values if extra is None else extra.without_missing(values)
 
 
 def near_corner(first: NDArray, header: LasHeader, metres: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a position near the points of a file.
+    """Return world coordinates in metres near the points of a file, whose first record is given if there is one.
 
-    Parameters
-    ----------
-    first : structured ndarray of shape (1,) or (0,)
-        The first record of the file, if it has one.
-    header : LasHeader
-        Its header.
-    metres : ndarray of shape (3,)
-        Factors from the file's units to metres.
-
-    Returns
-    -------
-    ndarray of shape (3,), float64
-        World coordinates in metres: the minimum that the header states if it is near the first point, since stated
-        bounds are often unset or wrong; else the first point, or the header's offset.
+    It is the stated minimum if that is near the first point (it is often unset or wrong); else that point, or the
+    offset. ``metres`` are factors from the file's units.
     """
     steps = np.array([float(first[name][0]) for name in "XYZ"]) if len(first) else np.zeros(3)
     with np.errstate(over="ignore", invalid="ignore"):  # overflows are an error of the coordinates
@@ -117,32 +82,9 @@ def local_xyz(
     path: Path,
     start: int,
 ) -> NDArray[np.float64]:
-    """Return the coordinates of records relative to an origin.
+    """Return the coordinates of records relative to ``origin``, (n, 3) in metres; `DataError` if one overflows.
 
-    Parameters
-    ----------
-    records : structured ndarray of shape (n,)
-        Records of the file.
-    header : LasHeader
-        Its header.
-    origin : ndarray of shape (3,)
-        World coordinates of the local zero, metres.
-    metres : ndarray of shape (3,)
-        Factors from the file's units to metres.
-    path : Path
-        The file, for messages.
-    start : int
-        Row of the first record.
-
-    Returns
-    -------
-    ndarray of shape (n, 3), float64
-        Metres.
-
-    Raises
-    ------
-    DataError
-        If scale and offset make a coordinate overflow.
+    ``metres`` are factors from the file's units; ``start`` is the row of the first record, for messages.
     """
     xyz = np.empty((len(records), 3))
     with np.errstate(over="ignore", invalid="ignore"):  # overflows raise below, with their row

@@ -26,13 +26,7 @@ from mlsroad_pipeline.formats.las.layout import header_like, new_header, pack_re
 from mlsroad_pipeline.formats.las.records import RecordReader, layers_of
 from mlsroad_pipeline.formats.las.writer import RecordWriter
 from mlsroad_pipeline.formats.options import BY_CRS
-from mlsroad_pipeline.formats.standard_columns import (
-    COLOUR_DEPTH,
-    COLOURS,
-    COORDINATES,
-    origin_near,
-    standard_cloud,
-)
+from mlsroad_pipeline.formats.standard_columns import COLOUR_DEPTH, COLOURS, COORDINATES, origin_near, standard_cloud
 
 CHUNK = 1_000_000
 
@@ -50,15 +44,7 @@ class LasFormat(PointFormat):
     signatures: tuple[bytes, ...] = (b"LASF",)
 
     def info(self, path: Path, options: ReadOptions) -> FileInfo:
-        """Return the contents of a file's header.
-
-        Raises
-        ------
-        ReadError
-            If the file is not LAS or is damaged.
-        MissingColumnError
-            If a mapped column is not in the file.
-        """
+        """Return the contents of a file's header."""
         path = check_file(path)
         header = read_header(path)
         crs = read_crs(header, path)
@@ -74,9 +60,9 @@ class LasFormat(PointFormat):
             "cloud_optimised": is_copc(header),
             "scale": header.scale,
             "offset": header.offset,
-            "created": (header.integer("H", 92), header.integer("H", 90)),
-            "gps_time": "adjusted standard" if header.integer("H", 6) & 1 else "week",
-            "software": header.block[58:90].split(b"\0")[0].decode("utf-8", "replace"),
+            "created": (header.integer("year"), header.integer("day")),
+            "gps_time": "adjusted standard" if header.integer("encoding") & 1 else "week",
+            "software": bytes(header.fields["software"]).split(b"\0")[0].decode("utf-8", "replace"),
         }
         warnings = tuple(text for text in notes if text)
         return FileInfo(
@@ -84,30 +70,14 @@ class LasFormat(PointFormat):
         )
 
     def read(self, path: Path, options: ReadOptions, *, start: int = 0, stop: int | None = None) -> PointCloud:
-        """Read a range of rows.
-
-        Raises
-        ------
-        ReadError
-            If the file is not LAS, truncated or damaged.
-        MissingColumnError
-            If a mapped column is not in the file.
-        DataError
-            If a value is outside its domain.
-        """
+        """Read a range of rows."""
         path = check_file(path)
         header = read_header(path)
         options = with_units(options, read_crs(header, path), path)
         return self._cloud(path, header, options, *clip_range(start, stop, header.n_points))
 
     def _cloud(
-        self,
-        path: Path,
-        header: LasHeader,
-        options: ReadOptions,
-        start: int,
-        stop: int,
-        notes: list[str] | None = None,
+        self, path: Path, header: LasHeader, options: ReadOptions, start: int, stop: int, notes: list[str] | None = None
     ) -> PointCloud:
         names = resolve_columns(dimension_names(header), options, path)
         bits = options.rgb_bits
@@ -142,13 +112,6 @@ class LasFormat(PointFormat):
 
         With a template (`like`), its header, records, scale, offset and layout are used; columns that it lacks become
         extra dimensions; without one, the header is LAS 1.4 and every column is kept.
-
-        Raises
-        ------
-        DataError
-            If a coordinate or a column does not fit into the layout, or the file is named as gzip.
-        ReadError
-            If the template cannot be read.
         """
         path = Path(path)
         refuse_packed(path, self.name)
@@ -213,18 +176,7 @@ def _extremes(path: Path, header: LasHeader, names: list[str], options: ReadOpti
 
 @lru_cache(maxsize=64)
 def first_record(key: FileKey) -> NDArray:
-    """Return the first record of a file, or none.
-
-    Parameters
-    ----------
-    key : tuple
-        See `file_key`.
-
-    Returns
-    -------
-    structured ndarray of shape (1,) or (0,)
-        The record.
-    """
+    """Return the first record of a file, or none."""
     path = Path(key[0])
     with RecordReader(path, read_header(path)) as reader:
         return reader.read(0, 1)
@@ -232,20 +184,7 @@ def first_record(key: FileKey) -> NDArray:
 
 @lru_cache(maxsize=64)
 def file_extremes(key: FileKey, names: Sequence[str]) -> tuple[float, float]:
-    """Return minimum and maximum of dimensions over a whole file.
-
-    Parameters
-    ----------
-    key : tuple
-        See `file_key`.
-    names : tuple of str
-        Names of dimensions.
-
-    Returns
-    -------
-    tuple of float
-        Both, NaN left out; zero without values.
-    """
+    """Return minimum and maximum of dimensions over a whole file."""
     path = Path(key[0])
     header = read_header(path)
     low, high = np.inf, -np.inf

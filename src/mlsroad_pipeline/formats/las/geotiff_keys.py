@@ -35,19 +35,13 @@ PROJECTED, CONVERSION, METHOD, LINEAR_UNIT = 3072, 3074, 3075, 3076
 VERTICAL, VERTICAL_UNIT = 4096, 4099
 
 USER_DEFINED, DEGREE = 32767, 9102
-EPSG_CODES = range(1024, 32767)
-"""Key values that are EPSG codes (7.5.1)."""
-
+EPSG_CODES = range(1024, 32767)  # key values that are EPSG codes (7.5.1)
 LINEAR = {9001: (1.0, "EASTING_NORTHING"), 9002: (0.3048, "EASTING_NORTHING_FT")}
+# Code of a unit to its length in metres and to its axes in pyproj.
 LINEAR[9003] = (1200 / 3937, "EASTING_NORTHING_US_FT")
-"""Code of a unit to its length in metres and to its axes in pyproj."""
-
+# GeoTIFF 1.0 named vertical systems by the codes of their datums.
 DATUMS_AS_SYSTEMS = {5101: 5701, 5102: 5702, 5103: 5703, 5104: 5736, 5105: 5705, 5106: 5706}
-"""GeoTIFF 1.0 named vertical systems by the codes of their datums."""
-
-IN_FEET = {(5703, 9003): 6360, (5703, 9002): 8228}
-"""The same heights (NAVD88) in another unit, by code and unit."""
-
+IN_FEET = {(5703, 9003): 6360, (5703, 9002): 8228}  # the same heights (NAVD88) in another unit, by code and unit
 EAST, NORTH, SCALE = (3082, 3086, 3090), (3083, 3087, 3091), (3092, 3093)
 LONGITUDE, LATITUDE, FIRST, SECOND = (3080, 3084, 3088), (3081, 3085, 3089), (3078,), (3079,)
 _FALSE = {"false_easting": EAST, "false_northing": NORTH}
@@ -58,6 +52,7 @@ _FALSE_ORIGIN = {
     **{"latitude_false_origin": LATITUDE, "longitude_false_origin": LONGITUDE},
     **{"easting_false_origin": EAST, "northing_false_origin": NORTH},
 }
+# Code of a transformation to its class and, for each of its parameters, its possible keys.
 METHODS: dict[int, tuple[Any, dict[str, tuple[int, ...]]]] = {
     1: (operations.TransverseMercatorConversion, _SCALED),
     7: (operations.MercatorAConversion, _SCALED),
@@ -66,10 +61,7 @@ METHODS: dict[int, tuple[Any, dict[str, tuple[int, ...]]]] = {
     10: (operations.LambertAzimuthalEqualAreaConversion, {**_NATURAL, **_FALSE}),
     11: (operations.AlbersEqualAreaConversion, {**_FALSE_ORIGIN, **_TWO_PARALLELS}),
 }
-"""Code of a transformation to its class and, for each of its parameters, its possible keys."""
-
-_NEEDED = {"latitude_first_parallel", "latitude_second_parallel"}
-"""Parameters without a sensible default."""
+_NEEDED = {"latitude_first_parallel", "latitude_second_parallel"}  # parameters without a sensible default
 
 
 class _Unsupported(Exception):
@@ -78,34 +70,16 @@ class _Unsupported(Exception):
 
 @dataclass(frozen=True)
 class GeotiffKeys:
-    """The keys of a file, each with its value.
+    """The keys of a file, each with its value."""
 
-    Parameters
-    ----------
-    values : mapping of int to int, float or str
-        Key to value.
-    """
-
-    values: Mapping[int, int | float | str]
+    values: Mapping[int, int | float | str]  # key to value
 
     @classmethod
     def parse(cls, directory: bytes, doubles: bytes, texts: bytes) -> GeotiffKeys:
-        """Read the records of the keys.
+        """Read the keys from the data of records 34735, 34736 and 34737 (the last two may be empty).
 
-        Parameters
-        ----------
-        directory, doubles, texts : bytes
-            Data of the records 34735, 34736 and 34737; the last two may be empty.
-
-        Returns
-        -------
-        GeotiffKeys
-            The keys; one that points outside the records is left out.
-
-        Raises
-        ------
-        DataError
-            If there are fewer keys than the directory states.
+        A key that points outside the records is left out; `DataError` if there are fewer keys than the directory
+        states.
         """
         words = np.frombuffer(directory[: len(directory) // 8 * 8], dtype="<u2").reshape(-1, 4)
         stated = int(words[0, 3]) if len(words) else 0
@@ -123,18 +97,7 @@ class GeotiffKeys:
         return cls(values)
 
     def wkt(self) -> str:
-        """Return the system as WKT.
-
-        Returns
-        -------
-        str
-            Its WKT.
-
-        Raises
-        ------
-        DataError
-            If there is none, or a part of it is not supported; the message names it.
-        """
+        """Return the system as WKT; `DataError` if there is none or a part, which is named, is not supported."""
         try:
             crs = self._horizontal()
             height = self._vertical()
@@ -231,23 +194,7 @@ def _of_datum(code: int) -> pyproj.CRS | None:
 
 
 def pack_directory(crs: str) -> bytes:
-    """Return the directory of keys that names a system by EPSG codes.
-
-    Parameters
-    ----------
-    crs : str
-        The system as WKT.
-
-    Returns
-    -------
-    bytes
-        Data of the record 34735.
-
-    Raises
-    ------
-    DataError
-        If a part of the system has no EPSG code.
-    """
+    """Return the record 34735 that names a system by EPSG codes; `DataError` if a part has no code."""
     system = pyproj.CRS.from_user_input(crs)
     parts = system.sub_crs_list or [system]
     keys = {MODEL: 2 if parts[0].is_geographic else 1, RASTER: 1}

@@ -1,13 +1,14 @@
 """LAS headers and variable length records, byte for byte.
 
 Unknown content is kept unchanged: the header holds its original bytes, and only changed fields are patched.
-(ASPRS LAS specification 1.4 R15, sections 2.4 to 2.7; offsets below are from the start of the file.)
+(ASPRS LAS specification 1.4 R15, sections 2.4 to 2.7)
 """
 
 from __future__ import annotations
 
 import struct
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO
 
@@ -16,312 +17,235 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.content import open_content
-from mlsroad_pipeline.formats.expansion import check_expansion
-from mlsroad_pipeline.formats.files import file_key
-from mlsroad_pipeline.formats.las.counts import compressed_points, stored_points, waveform_start
-from mlsroad_pipeline.formats.las.extra import DESCRIPTOR_SIZE, LAST_TYPE, SCALE_BITS, ExtraDimension, undocumented
-from mlsroad_pipeline.formats.las.vlr import Vlr
+from mlsroad_pipeline.formats.files import check_expansion, file_key
+from mlsroad_pipeline.formats.las.counts import compressed_points, stored_points
+from mlsroad_pipeline.formats.las.extra import ExtraDimension, parse_descriptors
+
+# Head of a record, and of an extended one: reserved, user id, record id, length of the data, description.
+VLR_FORMS = {False: struct.Struct("<H16sHH32s"), True: struct.Struct("<H16sHQ32s")}
+
+
+@dataclass(frozen=True)
+class Vlr:
+    """A variable length record, or an extended one (EVLR)."""
+
+    user_id: bytes  # identifier of the record's owner, up to 16 bytes; a record read from a file keeps its padding
+    record_id: int  # number of the record among those of the user, 0 to 65535
+    data: bytes  # payload, without the record header
+    description: bytes = b""  # free text, up to 32 bytes
+    reserved: int = 0  # first two bytes of the record header, as read
+
+    @property
+    def key(self) -> tuple[bytes, int]:
+        """Return user id (without padding) and record id, which together identify the type of the record."""
+        return self.user_id.split(b"\0")[0], self.record_id
+
+    def pack(self, *, extended: bool = False) -> bytes:
+        """Return the bytes of the record in a file."""
+        size = len(self.data)
+        return VLR_FORMS[extended].pack(self.reserved, self.user_id, self.record_id, size, self.description) + self.data
+
 
 SIGNATURE = b"LASF"
-HEADER_SIZES = {0: 227, 1: 227, 2: 227, 3: 235, 4: 375, 5: 393}
-RECORD_SIZES = (20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67)
-"""Bytes of a point of formats 0 to 10, extra bytes left out."""
-
-COMPRESSED = 0x80
+# Fields of the public header block of LAS 1.4; earlier versions have the first of them. Bounds: maximum first.
+FIELDS = np.dtype(
+    [
+        *(("signature", "S4"), ("source_id", "<u2"), ("encoding", "<u2"), ("guid", "V16"), ("major", "u1")),
+        *(("minor", "u1"), ("system", "S32"), ("software", "S32"), ("day", "<u2"), ("year", "<u2")),
+        *(("header_size", "<u2"), ("point_offset", "<u4"), ("n_vlrs", "<u4"), ("layout", "u1"), ("record_size", "<u2")),
+        *(("legacy_count", "<u4"), ("legacy_returns", "<u4", 5), ("scale", "<f8", 3), ("offset", "<f8", 3)),
+        *(("bounds", "<f8", (3, 2)), ("waveforms", "<u8"), ("evlr_start", "<u8"), ("n_evlrs", "<u4")),
+        *(("count", "<u8"), ("returns", "<u8", 15)),
+    ]
+)
+SMALLEST_HEADER = 227
+HEADER_SIZES = {0: SMALLEST_HEADER, 1: SMALLEST_HEADER, 2: SMALLEST_HEADER, 3: 235, 4: 375, 5: 393}
+RECORD_SIZES = (20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67)  # bytes of a point of formats 0 to 10, extra bytes left out
+FORMAT_BITS, COMPRESSED = 0x3F, 0x80
 WKT_BIT = 0x10
-SMALLEST_STEP, LARGEST_STEP = 1e-20, 1e6
-"""Valid range of scales."""
-
+INTERNAL, EXTERNAL = 0x02, 0x04  # bits of the global encoding: waveform packets in the file, or in another one
+WAVEFORMS = (4, 5, 9, 10)
+SMALLEST_STEP, LARGEST_STEP = 1e-20, 1e6  # valid range of scales
 EXTRA_BYTES = (b"LASF_Spec", 4)
 LASZIP = (b"laszip encoded", 22204)
 
 
 @dataclass(frozen=True)
 class LasHeader:
-    """Header and variable length records of a LAS or LAZ file.
+    """Header and variable length records of a LAS or LAZ file."""
 
-    Parameters
-    ----------
-    block : bytes
-        The public header block with bytes appended by its writer.
-    vlrs : tuple of Vlr
-        The records before the points, the LASzip one included.
-    gap : bytes
-        Bytes between the last of these records and the points.
-    evlrs : tuple of Vlr
-        The extended records behind the points.
-    notes : tuple of str
-        One sentence per statement of the header that the file contradicts.
-    """
+    block: bytes  # the public header block with bytes appended by its writer
+    vlrs: tuple[Vlr, ...] = ()  # the records before the points, the LASzip one included
+    gap: bytes = b""  # bytes between the last of these records and the points
+    evlrs: tuple[Vlr, ...] = ()  # the extended records behind the points
+    notes: tuple[str, ...] = ()  # one sentence per statement of the header that the file contradicts
 
-    block: bytes
-    vlrs: tuple[Vlr, ...] = ()
-    gap: bytes = b""
-    evlrs: tuple[Vlr, ...] = ()
-    notes: tuple[str, ...] = ()
+    @cached_property
+    def fields(self) -> np.void:
+        """Return the record of `FIELDS`; those that the version lacks are bytes appended by the writer, or zero."""
+        record: np.void = np.frombuffer(self.block.ljust(FIELDS.itemsize, b"\0"), FIELDS, 1)[0]
+        return record
 
-    def get(self, form: str, offset: int) -> int | float:
-        """Return one field of the header.
+    def integer(self, name: str) -> int:
+        """Return an integer field."""
+        return int(self.fields[name])
 
-        Parameters
-        ----------
-        form : str
-            Format of the `struct` module.
-        offset : int
-            Byte offset in the header.
-
-        Returns
-        -------
-        int or float
-            Its value.
-        """
-        value: int | float = struct.unpack_from("<" + form, self.block, offset)[0]
-        return value
-
-    def integer(self, form: str, offset: int) -> int:
-        """Return one integer field of the header.
-
-        Parameters
-        ----------
-        form : str
-            Format of the `struct` module.
-        offset : int
-            Byte offset in the header.
-
-        Returns
-        -------
-        int
-            Its value.
-        """
-        return int(self.get(form, offset))
-
-    def patched(self, *changes: tuple[str, int, object]) -> LasHeader:
-        """Return the header with fields (form, offset, value or sequence of values) replaced.
-
-        Parameters
-        ----------
-        *changes : tuple of str, int and value
-            The fields.
-
-        Returns
-        -------
-        LasHeader
-            The header.
-        """
-        block = bytearray(self.block)
-        for form, offset, value in changes:
-            values = value if isinstance(value, (tuple, list, np.ndarray)) else (value,)
-            struct.pack_into("<" + form, block, offset, *values)
-        return replace(self, block=bytes(block))
+    def patched(self, **values: object) -> LasHeader:
+        """Return the header with other values of `FIELDS`, which its version has."""
+        block = bytearray(self.block.ljust(FIELDS.itemsize, b"\0"))
+        for name, value in values.items():
+            np.frombuffer(block, FIELDS, 1)[name] = value
+        return replace(self, block=bytes(block[: len(self.block)]))
 
     @property
     def minor(self) -> int:
         """Return the minor version."""
-        return self.block[25]
+        return self.integer("minor")
 
     @property
     def point_format(self) -> int:
         """Return the number of the point format, 0 to 10."""
-        return self.block[104] & 0x3F
+        return self.integer("layout") & FORMAT_BITS
 
     @property
     def compressed(self) -> bool:
         """Return whether the points are compressed."""
-        return bool(self.block[104] & COMPRESSED)
+        return bool(self.integer("layout") & COMPRESSED)
 
     @property
     def record_size(self) -> int:
         """Return the bytes of one uncompressed point."""
-        return self.integer("H", 105)
+        return self.integer("record_size")
 
     @property
     def point_offset(self) -> int:
         """Return the byte offset of the points."""
-        return self.integer("I", 96)
+        return self.integer("point_offset")
 
     @property
     def n_points(self) -> int:
         """Return the number of points."""
-        legacy = self.integer("I", 107)
-        return self.integer("Q", 247) or legacy if self.minor >= 4 else legacy
+        return (self.minor >= 4 and self.integer("count")) or self.integer("legacy_count")
 
     def with_points(self, n_points: int) -> LasHeader:
-        """Return the header with another number of points.
-
-        Parameters
-        ----------
-        n_points : int
-            The number.
-
-        Returns
-        -------
-        LasHeader
-            The header.
-        """
-        legacy = n_points if self.minor < 4 or (self.integer("I", 107) and n_points < 2**32) else 0
-        changes: list[tuple[str, int, object]] = [("I", 107, legacy)]
-        return self.patched(*changes, *([("Q", 247, n_points)] if self.minor >= 4 else []))
+        """Return the header with another number of points."""
+        if self.minor < 4:
+            return self.patched(legacy_count=n_points)
+        legacy = n_points if self.integer("legacy_count") and n_points < 2**32 else 0
+        return self.patched(legacy_count=legacy, count=n_points)
 
     @property
     def scale(self) -> NDArray[np.float64]:
         """Return the resolution of x, y and z."""
-        return np.frombuffer(self.block, "<f8", 3, 131).copy()
+        return np.array(self.fields["scale"])
 
     @property
     def offset(self) -> NDArray[np.float64]:
         """Return the offset of x, y and z: the coordinates of the integer zero."""
-        return np.frombuffer(self.block, "<f8", 3, 155).copy()
+        return np.array(self.fields["offset"])
 
     @property
     def bounds(self) -> NDArray[np.float64]:
         """Return minimum and maximum coordinates, shape (2, 3), in the file's unit."""
-        high_low = np.frombuffer(self.block, "<f8", 6, 179).reshape(3, 2)
-        return np.array([high_low[:, 1], high_low[:, 0]])
+        return np.array(self.fields["bounds"].T[::-1])
 
     def find(self, key: tuple[bytes, int]) -> Vlr | None:
-        """Return the first record with this user id and record id, extended ones included.
-
-        Parameters
-        ----------
-        key : tuple of bytes and int
-            See `Vlr.key`.
-
-        Returns
-        -------
-        Vlr or None
-            The record.
-        """
+        """Return the first record with this user id and record id, extended ones included."""
         return next((vlr for vlr in (*self.vlrs, *self.evlrs) if vlr.key == key), None)
 
-    @property
+    def without(self, *keys: tuple[bytes, int]) -> LasHeader:
+        """Return the header without the records of these keys."""
+        vlrs, evlrs = (tuple(vlr for vlr in group if vlr.key not in keys) for group in (self.vlrs, self.evlrs))
+        return replace(self, vlrs=vlrs, evlrs=evlrs)
+
+    @cached_property
     def extra_dimensions(self) -> tuple[ExtraDimension, ...]:
         """Return the extra dimensions; bytes without a descriptor are one named ``extra_bytes``."""
         spare = self.record_size - RECORD_SIZES[self.point_format]
-        dimensions: list[ExtraDimension] = []
         records = [vlr.data for vlr in (*self.vlrs, *self.evlrs) if vlr.key == EXTRA_BYTES]
-        data = b"".join(part[: len(part) // DESCRIPTOR_SIZE * DESCRIPTOR_SIZE] for part in records) if spare else b""
-        for at in range(0, len(data) - DESCRIPTOR_SIZE + 1, DESCRIPTOR_SIZE):
-            if data[at + 2] > LAST_TYPE:
-                break  # a type that is not defined has no size
-            dimension = ExtraDimension.parse(data[at : at + DESCRIPTOR_SIZE])
-            size = dimension.dtype.itemsize * dimension.width
-            if size > spare:
-                break
-            untyped = data[at + 2] == 0 and size & SCALE_BITS  # laspy would take the size for a scale
-            dimensions += undocumented(size, dimension.name) if untyped else [dimension]
-            spare -= size
-        return (*dimensions, *undocumented(spare))
+        return parse_descriptors(records, spare)
 
 
 def read_header(path: Path) -> LasHeader:
-    """Read header and records of a LAS or LAZ file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    LasHeader
-        Header and records of the file.
-
-    Raises
-    ------
-    ReadError
-        If the file is not LAS, of an unknown version or point format, or ends before its points.
-    """
+    """Read header and records of a LAS or LAZ file; `ReadError` if it is not LAS, of an unknown version, or cut."""
     file = open_content(path)
     with file.stream() as stream:
-        size = file.size
-        block = stream.read(227)
-        if block[:4] != SIGNATURE:
-            raise ReadError(f"{path} is not a LAS or LAZ file: it begins with {block[:4]!r}, not {SIGNATURE!r}")
-        if len(block) < 227:
-            raise ReadError(f"{path} is truncated: {size} bytes, the LAS header alone has 227")
-        header_size, point_offset = struct.unpack_from("<HI", block, 94)
-        _check_version(block, header_size, path)
-        if point_offset > size:
-            raise ReadError(f"{path} is truncated: its points begin at byte {point_offset} and it has {size}")
-        if header_size > point_offset:
-            raise ReadError(f"{path} is damaged: a header of {header_size} bytes, but points from byte {point_offset}")
-        block += stream.read(header_size - len(block))
-        count = struct.unpack_from("<I", block, 100)[0]
-        vlrs = [_read_vlr(stream, path, limit=point_offset, extended=False) for _ in range(count)]
-        header = LasHeader(block, tuple(vlrs), stream.read(point_offset - stream.tell()))
-        header = _with_evlrs(stream, header, path, size)
-    _check_records(header, path)
+        header = LasHeader(stream.read(SMALLEST_HEADER))
+        if header.block[:4] != SIGNATURE:
+            raise ReadError(f"{path} is not a LAS or LAZ file: it begins with {header.block[:4]!r}, not {SIGNATURE!r}")
+        if len(header.block) < SMALLEST_HEADER:
+            raise ReadError(f"{path} is truncated: {file.size} bytes, the LAS header alone has {SMALLEST_HEADER}")
+        _check_version(header, path)
+        size, begin = header.integer("header_size"), header.point_offset
+        if begin > file.size:
+            raise ReadError(f"{path} is truncated: its points begin at byte {begin} and it has {file.size}")
+        if size > begin:
+            raise ReadError(f"{path} is damaged: a header of {size} bytes, but points from byte {begin}")
+        block = header.block + stream.read(size - SMALLEST_HEADER)
+        vlrs = tuple(_read_vlr(stream, path, limit=begin) for _ in range(header.integer("n_vlrs")))
+        header = LasHeader(block, vlrs, stream.read(begin - stream.tell()))
+        header = _with_evlrs(stream, header, path, file.size)
+    steps = np.abs(header.scale)
+    if not (((steps > SMALLEST_STEP) & (steps < LARGEST_STEP)).all() and np.isfinite(header.offset).all()):
+        raise ReadError(f"{path} is damaged: scale {header.scale.tolist()}, offset {header.offset.tolist()}")
     return _with_count(header, path)
 
 
 def _with_count(header: LasHeader, path: Path) -> LasHeader:
     """Return the header with the number of points that the file holds, if that is larger than the stated one."""
-    stated, note, laz = header.n_points, "", header.find(LASZIP)
-    if header.compressed and laz is not None:
-        layout = (header.point_format, header.record_size)
-        n_points, note = compressed_points(file_key(path), header.point_offset, laz.data, layout, stated)
-        check_expansion(path, n_points * header.record_size, open_content(path).size)
-    elif header.compressed:
-        return header
-    elif header.evlrs or header.notes:  # the offset of the extended records bounds the points, or is wrong
-        start = header.integer("Q", 235 if header.minor >= 4 else 227) if header.evlrs else 0
-        whole = (start - header.point_offset) % header.record_size == 0
-        n_points, note = stated, ""
-        if start and whole:
-            n_points, note = stored_points(open_content(path), header.block, stated, start)
-    else:
-        file = open_content(path)
-        n_points, note = stored_points(file, header.block, stated, file.size)
+    file, stated, note = open_content(path), header.n_points, ""
+    n_points, begin, size, laz = stated, header.point_offset, header.record_size, header.find(LASZIP)
+    if header.compressed:
+        if laz is None and stated:
+            raise ReadError(f"{path} is damaged: its points are compressed, but it has no LASzip record")
+        if laz is not None:
+            n_points, note = compressed_points(file_key(path), begin, laz.data, (header.point_format, size), stated)
+            check_expansion(path, n_points * size, file.size)
+    elif not (header.evlrs or header.notes):
+        n_points, note = stored_points(file, (begin, size), stated, file.size)
+    elif header.evlrs:  # their offset bounds the points; with notes alone, it is wrong
+        end = header.integer("evlr_start" if header.minor >= 4 else "waveforms")
+        if (end - begin) % size == 0:
+            n_points, note = stored_points(file, (begin, size), stated, end)
     return replace(header.with_points(n_points), notes=(*header.notes, note)) if note else header
 
 
-def _check_version(block: bytes, header_size: int, path: Path) -> None:
-    major, minor, point_format = block[24], block[25], block[104] & 0x3F
+def _check_version(header: LasHeader, path: Path) -> None:
+    major, minor, point_format = header.integer("major"), header.minor, header.point_format
     if major != 1 or minor not in HEADER_SIZES:
         raise ReadError(f"{path} is LAS {major}.{minor}; versions 1.0 to 1.5 can be read")
-    if header_size < HEADER_SIZES[minor]:
-        raise ReadError(f"{path} is damaged: a LAS 1.{minor} header of {header_size} bytes, not {HEADER_SIZES[minor]}")
+    size, least = header.integer("header_size"), HEADER_SIZES[minor]
+    if size < least:
+        raise ReadError(f"{path} is damaged: a LAS 1.{minor} header of {size} bytes, not {least}")
     if point_format >= len(RECORD_SIZES):
         raise ReadError(f"{path} has points of format {point_format}; formats 0 to 10 can be read")
-    record_size = struct.unpack_from("<H", block, 105)[0]
-    if record_size < RECORD_SIZES[point_format]:
-        expected = RECORD_SIZES[point_format]
-        raise ReadError(f"{path} is damaged: points of format {point_format} with {record_size} bytes, not {expected}")
+    size, least = header.record_size, RECORD_SIZES[point_format]
+    if size < least:
+        raise ReadError(f"{path} is damaged: points of format {point_format} with {size} bytes, not {least}")
 
 
-def _check_records(header: LasHeader, path: Path) -> None:
-    steps = np.abs(header.scale)
-    if not (((steps > SMALLEST_STEP) & (steps < LARGEST_STEP)).all() and np.isfinite(header.offset).all()):
-        raise ReadError(f"{path} is damaged: scale {header.scale.tolist()}, offset {header.offset.tolist()}")
-    if header.compressed and header.n_points and header.find(LASZIP) is None:
-        raise ReadError(f"{path} is damaged: its points are compressed, but it has no LASzip record")
-
-
-def _read_vlr(stream: BinaryIO, path: Path, *, limit: int, extended: bool) -> Vlr:
-    size = 60 if extended else 54
-    at = stream.tell()
-    head = stream.read(size)
-    if at + size > limit or len(head) < size:
+def _read_vlr(stream: BinaryIO, path: Path, *, limit: int, extended: bool = False) -> Vlr:
+    form = VLR_FORMS[extended]
+    at, head = stream.tell(), stream.read(form.size)
+    if at + form.size > limit or len(head) < form.size:
         raise ReadError(f"{path} is damaged: the variable length record at byte {at} reaches beyond byte {limit}")
-    form = "<H16sHQ32s" if extended else "<H16sHH32s"
-    reserved, user_id, record_id, length, description = struct.unpack(form, head)
-    if at + size + length > limit:
+    reserved, user_id, record_id, length, description = form.unpack(head)
+    if at + form.size + length > limit:
         raise ReadError(f"{path} is damaged: a variable length record of {length} bytes reaches beyond byte {limit}")
     return Vlr(user_id, record_id, stream.read(length), description, reserved)
 
 
 def _with_evlrs(stream: BinaryIO, header: LasHeader, path: Path, size: int) -> LasHeader:
     """Read the extended records; in LAS 1.3 the waveform packets are one, with its own byte offset."""
-    note = ""
+    start, count, note = 0, 0, ""
     if header.minor >= 4:
-        start, count = header.integer("Q", 235), header.integer("I", 243)
+        start, count = header.integer("evlr_start"), header.integer("n_evlrs")
         if count and start < header.point_offset:
             note = f"its header states {count} extended records at byte {start}, before its points: not read"
-            count = 0
-    else:
-        start, note = waveform_start(header.block) if header.minor == 3 else (0, "")
-        count = int(start > 0)
-    if not count:
+    elif header.minor == 3:
+        start = header.integer("waveforms")
+        count, note = int(start > 0), _wrong_waveforms(header) if start else ""
+    if note or not count:
         return replace(header, notes=(*header.notes, note)) if note else header
     if start > size:
         raise ReadError(f"{path} is truncated: its extended records begin at byte {start} and it has {size}")
@@ -329,20 +253,22 @@ def _with_evlrs(stream: BinaryIO, header: LasHeader, path: Path, size: int) -> L
     return replace(header, evlrs=tuple(_read_vlr(stream, path, limit=size, extended=True) for _ in range(count)))
 
 
+def _wrong_waveforms(header: LasHeader) -> str:
+    """Return a sentence if the byte offset of the waveform packets of a LAS 1.3 file is not used."""
+    start, encoding = header.integer("waveforms"), header.integer("encoding")
+    if header.point_format not in WAVEFORMS:
+        return f"its header states waveform packets at byte {start}, but its points have none: not read"
+    if encoding & EXTERNAL and not encoding & INTERNAL:
+        return f"its waveform packets are in another file (.wdp), not at byte {start} as its header states: not read"
+    if start < header.point_offset:
+        return f"its header states waveform packets at byte {start}, before its points: not read"
+    return ""
+
+
 def pack_header(header: LasHeader) -> bytes:
-    """Return the bytes of header and records before the points, sizes and counts patched.
-
-    Parameters
-    ----------
-    header : LasHeader
-        The header.
-
-    Returns
-    -------
-    bytes
-        Bytes from the start of the file to the first point.
-    """
+    """Return the bytes of header and records up to the first point, sizes and counts updated."""
     records = b"".join(vlr.pack() for vlr in header.vlrs)
-    point_offset = len(header.block) + len(records) + len(header.gap)
-    done = header.patched(("H", 94, len(header.block)), ("I", 96, point_offset), ("I", 100, len(header.vlrs)))
+    size = len(header.block)
+    point_offset = size + len(records) + len(header.gap)
+    done = header.patched(header_size=size, point_offset=point_offset, n_vlrs=len(header.vlrs))
     return done.block + records + header.gap

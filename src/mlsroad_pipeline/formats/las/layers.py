@@ -38,16 +38,7 @@ _NEEDED = int(lazrs.SELECTIVE_DECOMPRESS_XY_RETURNS_CHANNEL | lazrs.SELECTIVE_DE
 def has_layers(header: LasHeader) -> bool:
     """Return whether the layers of a file can be copied.
 
-    Parameters
-    ----------
-    header : LasHeader
-        The file's header.
-
-    Returns
-    -------
-    bool
-        True for LAZ of point formats 6 to 8 in chunks of `LAZ_CHUNK` points, compressed by the version that lazrs
-        writes.
+    That is so for LAZ of point formats 6 to 8 in chunks of `LAZ_CHUNK` points, compressed as lazrs compresses.
     """
     record = header.find(LASZIP)
     if not header.compressed or not header.n_points or header.point_format not in _FORMATS or record is None:
@@ -62,25 +53,9 @@ def _laszip(point_format: int, record_size: int) -> lazrs.LazVlr:
 
 
 class LayerCopier:
-    """Copier of chunks of a LAZ file with replaced classes and added dimensions; a context manager.
+    """Copier of chunks of a LAZ file that `has_layers`, with replaced classes and added dimensions; a context manager.
 
-    Parameters
-    ----------
-    path : Path
-        A file that `has_layers`.
-    header : LasHeader
-        Its header.
-    added : mapping of str to ExtraDimension
-        Dimensions to append to those of the file, by name.
-    classes : bool, default False
-        Whether `read` decompresses the file's classes.
-    n_threads : int, default 1
-        Above one, chunks are decompressed and compressed in parallel; the bytes are the same.
-
-    Raises
-    ------
-    ReadError
-        If the chunk table is damaged.
+    ``classes``: `read` decompresses the file's classes, too. The bytes do not depend on ``n_threads``.
     """
 
     def __init__(
@@ -108,41 +83,14 @@ class LayerCopier:
         self._reader.__exit__(kind, error, trace)
 
     def read(self, start: int, stop: int) -> NDArray:
-        """Read the fields of records that counts and bounds need.
-
-        Parameters
-        ----------
-        start, stop : int
-            First row and the row after the last.
-
-        Returns
-        -------
-        structured ndarray of shape (n,)
-            Records with coordinates, returns, scanner channel and, with `classes`, classes; the other fields are zero.
-
-        Raises
-        ------
-        ReadError
-            If the compressed data are damaged.
-        """
+        """Return records with coordinates, returns, channel and, with `classes`, classes; other fields are zero."""
         return self._reader.read(start, stop)
 
     def chunks(self, start: int, records: NDArray, values: Mapping[str, NDArray]) -> list[tuple[int, bytes]]:
-        """Return compressed chunks with replaced values.
+        """Return points and bytes of compressed chunks with replaced values.
 
-        Parameters
-        ----------
-        start : int
-            First row, a multiple of `LAZ_CHUNK`.
-        records : structured ndarray of shape (n,)
-            Result of `read`: whole chunks, or those up to the file's end.
-        values : mapping of str to ndarray of shape (n,)
-            ``classification`` and the added dimensions.
-
-        Returns
-        -------
-        list of tuple of int and bytes
-            Points and bytes of each chunk.
+        ``start`` is a multiple of `LAZ_CHUNK`, ``records`` the result of `read` for whole chunks, or up to the file's
+        end; ``values`` are ``classification`` and the added dimensions.
         """
         changed = np.zeros(len(records), dtype=self._dtype)
         changed["bit_fields"] = records["bit_fields"]

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import struct
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from laspy.point.dims import COMPOSED_FIELDS
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
@@ -16,7 +14,8 @@ from mlsroad_pipeline.formats.base import WriteOptions
 from mlsroad_pipeline.formats.crs import is_geographic
 from mlsroad_pipeline.formats.las.crs import with_wkt
 from mlsroad_pipeline.formats.las.depths import Depths
-from mlsroad_pipeline.formats.las.extra import DESCRIPTOR_SIZE, DESCRIPTOR_TYPES, ExtraDimension, pack_descriptors
+from mlsroad_pipeline.formats.las.dimensions import bit_field, dimension_names
+from mlsroad_pipeline.formats.las.extra import DESCRIPTOR, DESCRIPTOR_TYPES, ExtraDimension, pack_descriptors
 from mlsroad_pipeline.formats.las.header import (
     EXTRA_BYTES,
     HEADER_SIZES,
@@ -24,53 +23,28 @@ from mlsroad_pipeline.formats.las.header import (
     SIGNATURE,
     WKT_BIT,
     LasHeader,
+    Vlr,
     read_header,
 )
 from mlsroad_pipeline.formats.las.records import record_dtype, unique_names
-from mlsroad_pipeline.formats.las.vlr import Vlr
 
-DERIVED = ("rgb", "rgb16")
-"""Columns that are written as red, green and blue."""
-
+DERIVED = ("rgb", "rgb16")  # columns that are written as red, green and blue
+# Types without a descriptor to those that hold their values.
 STORED_AS: dict[str, np.dtype] = {"b1": np.dtype("u1"), "f2": np.dtype("f4"), "f16": np.dtype("f8")}
-"""Types without a descriptor to those that hold their values."""
-
 SOFTWARE = b"mlsroad"
-MOST_DIMENSIONS, LARGEST_RECORD = 65535 // DESCRIPTOR_SIZE, 65535
-"""Limits of the Extra Bytes record and of a point."""
-
-SINGLE_RETURN = (0x09, 0x11)
-"""Bits of the first of one return in point formats 0 to 5, and 6 to 10."""
-
+MOST_DIMENSIONS, LARGEST_RECORD = 65535 // DESCRIPTOR.itemsize, 65535  # limits of the Extra Bytes record and of a point
+SINGLE_RETURN = (0x09, 0x11)  # bits of the first of one return in point formats 0 to 5, and 6 to 10
+# Resolution of longitudes and latitudes, degrees: 11 mm, the finest that holds all of them in 32 bits.
 DEGREE_STEP = 1e-7
-"""Resolution of longitudes and latitudes, degrees: 11 mm, the finest that holds all of them in 32 bits."""
 
 
 def with_extra(
     header: LasHeader, added: list[ExtraDimension], *, existing: list[ExtraDimension], source: str = "the cloud"
 ) -> LasHeader:
-    """Add extra dimensions to a header.
+    """Add extra dimensions to a header; `DataError`, which names the source, if LAS cannot hold so many.
 
-    Parameters
-    ----------
-    header : LasHeader
-        The header.
-    added : list of ExtraDimension
-        Dimensions to append.
-    existing : list of ExtraDimension
-        Dimensions of the header, in their order, possibly renamed.
-    source : str, default "the cloud"
-        Name of the points in messages.
-
-    Returns
-    -------
-    LasHeader
-        The header with its record size and its extra bytes record changed, the record at its previous index.
-
-    Raises
-    ------
-    DataError
-        If LAS cannot hold so many dimensions.
+    ``existing`` are the dimensions of the header in their order, possibly renamed. The record that describes them stays
+    at its index.
     """
     if not existing and not added:
         return header
@@ -90,13 +64,14 @@ def with_extra(
     others = [vlr for vlr in header.vlrs if vlr.key != EXTRA_BYTES]
     vlrs = (*others[:at], record, *others[at:])
     evlrs = tuple(vlr for vlr in header.evlrs if vlr.key != EXTRA_BYTES)
-    return replace(header, vlrs=vlrs, evlrs=evlrs).patched(("H", 105, size))
+    return replace(header, vlrs=vlrs, evlrs=evlrs).patched(record_size=size)
 
 
-def _extra_for(cloud: PointCloud, known: set[str]) -> list[ExtraDimension]:
-    added = []
+def _extra_for(cloud: PointCloud, header: LasHeader) -> list[ExtraDimension]:
+    """Return dimensions for the columns of a cloud that a header lacks."""
+    added, known = [], {*dimension_names(header)[3:], *"XYZ", *DERIVED}  # the first three are x, y and z
     for name, values in cloud.columns.items():
-        if name in known or name in DERIVED:
+        if name in known:
             continue
         dtype: np.dtype = STORED_AS.get(values.dtype.str[1:], values.dtype)
         width = 1 if values.ndim == 1 else values.shape[1]
@@ -110,36 +85,10 @@ def _extra_for(cloud: PointCloud, known: set[str]) -> list[ExtraDimension]:
     return added
 
 
-def _standard_names(header: LasHeader) -> set[str]:
-    names: set[str] = set()
-    for field in record_dtype(header).names or ():
-        parts = COMPOSED_FIELDS[header.point_format].get(field)
-        names.update([field] if parts is None else [part.name for part in parts])
-    return names
-
-
 def header_like(path: Path, cloud: PointCloud) -> LasHeader:
-    """Return a file's header, with extra dimensions for columns of the cloud that the file lacks.
-
-    Parameters
-    ----------
-    path : Path
-        A LAS or LAZ file.
-    cloud : PointCloud
-        Points to write.
-
-    Returns
-    -------
-    LasHeader
-        The header; counts and bounds are still the file's.
-
-    Raises
-    ------
-    DataError
-        If a column cannot be stored.
-    """
+    """Return a file's header, with extra dimensions for columns of the cloud that the file lacks."""
     header = read_header(path)
-    added = _extra_for(cloud, _standard_names(header))
+    added = _extra_for(cloud, header)
     existing = list(header.extra_dimensions)
     return with_extra(header, added, existing=existing, source=cloud.source) if added else header
 
@@ -147,94 +96,47 @@ def header_like(path: Path, cloud: PointCloud) -> LasHeader:
 def new_header(cloud: PointCloud, options: WriteOptions) -> LasHeader:
     """Return a LAS 1.4 header for a cloud, without a date, so that the same points give the same bytes.
 
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points to write.
-    options : WriteOptions
-        Its `scale` and `units`; longitudes and latitudes are stored in steps of `DEGREE_STEP`.
-
-    Returns
-    -------
-    LasHeader
-        Point format 7 where there are colours, else 6; WKT where there is a CRS.
-
-    Raises
-    ------
-    DataError
-        If a column cannot be stored.
+    It has point format 7 where there are colours, else 6, and WKT where there is a CRS. Longitudes and latitudes are
+    stored in steps of `DEGREE_STEP`, all else by the scale and the units of the options.
     """
-    block = bytearray(HEADER_SIZES[4])
     point_format = 7 if any(name in cloud for name in DERIVED) else 6
-    struct.pack_into("<4s20xBB32s32s", block, 0, SIGNATURE, 1, 4, b"OTHER", SOFTWARE)
-    struct.pack_into("<HH", block, 90, 1, 1970)
-    struct.pack_into("<H", block, 6, WKT_BIT)
-    struct.pack_into("<BH", block, 104, point_format, RECORD_SIZES[point_format])
     step = options.scale / options.metres
     flat = DEGREE_STEP if is_geographic(cloud.crs) else step
-    struct.pack_into("<6d", block, 131, flat, flat, step, *cloud.origin / options.metres)
-    header = with_wkt(LasHeader(bytes(block)), cloud.crs)
-    return with_extra(header, _extra_for(cloud, _standard_names(header)), existing=[], source=cloud.source)
+    new = LasHeader(bytes(HEADER_SIZES[4])).patched(
+        **{"signature": SIGNATURE, "major": 1, "minor": 4, "system": b"OTHER", "software": SOFTWARE},
+        **{"day": 1, "year": 1970, "encoding": WKT_BIT, "layout": point_format},
+        record_size=RECORD_SIZES[point_format],
+        scale=(flat, flat, step),
+        offset=cloud.origin / options.metres,
+    )
+    header = with_wkt(new, cloud.crs)
+    return with_extra(header, _extra_for(cloud, header), existing=[], source=cloud.source)
 
 
 def with_room(header: LasHeader, cloud: PointCloud, metres: NDArray[np.float64]) -> LasHeader:
     """Set a scale and an offset in another file's header that can represent the points.
 
-    Parameters
-    ----------
-    header : LasHeader
-        The header to write.
-    cloud : PointCloud
-        The points.
-    metres : ndarray of shape (3,)
-        Factors from the file's units to metres.
-
-    Returns
-    -------
-    LasHeader
-        The same where they fit; else with the offset of the cloud, and degrees in steps of `DEGREE_STEP`.
+    The header is the same where they fit; else it has the offset of the cloud, and degrees in steps of `DEGREE_STEP`.
     """
     if not len(cloud):
         return header
     low, high = ((cloud.origin + f(cloud.xyz.astype(np.float64), axis=0)) / metres for f in (np.min, np.max))
     reach = np.maximum(np.abs(low - header.offset), np.abs(high - header.offset)) / np.abs(header.scale)
     if is_geographic(cloud.crs) and header.scale[:2].max() > DEGREE_STEP:
-        return header.patched(("2d", 131, (DEGREE_STEP,) * 2), ("2d", 155, (0.0,) * 2))
+        return header.patched(scale=[DEGREE_STEP, DEGREE_STEP, header.scale[2]], offset=[0, 0, header.offset[2]])
     if (reach[:2] < 2**31 - 1).all():
         return header
-    return header.patched(("2d", 155, tuple(np.floor(cloud.origin[:2] / metres[:2]))))
+    return header.patched(offset=[*np.floor(cloud.origin[:2] / metres[:2]), header.offset[2]])
 
 
 def pack_records(
-    cloud: PointCloud,
-    header: LasHeader,
-    *,
-    metres: NDArray[np.float64] | None = None,
-    depths: Depths | None = None,
+    cloud: PointCloud, header: LasHeader, *, metres: NDArray[np.float64] | None = None, depths: Depths | None = None
 ) -> NDArray:
-    """Convert points to records.
+    """Convert points to contiguous records; `DataError` if a coordinate or a value does not fit its field.
 
-    Parameters
-    ----------
-    cloud : PointCloud
-        The points; each column is stored in the dimension of its name. Absent dimensions are zero, absent numbers of
-        returns one.
-    header : LasHeader
-        The layout.
-    metres : ndarray of shape (3,), optional
-        Factors from the file's units to metres; None for metres.
-    depths : Depths, optional
-        Full scales of intensity and colours; None uses all 16 bits.
-
-    Returns
-    -------
-    structured ndarray of shape (n,)
-        Contiguous records.
-
-    Raises
-    ------
-    DataError
-        If a coordinate or a value does not fit its field.
+    A column goes to the dimension of its name; absent dimensions are zero, absent numbers of returns one. ``metres``
+    are factors from the file's units (None: 1), ``depths`` the full scales of intensity and colours (None: all 16
+    bits).
     """
     records = np.zeros(len(cloud), dtype=record_dtype(header))
     factors, depths = np.ones(3) if metres is None else metres, depths or Depths()
@@ -264,17 +166,16 @@ def _whole_intensity(values: NDArray, depths: Depths) -> NDArray:
 
 
 def _store(records: NDArray, header: LasHeader, name: str, values: NDArray, source: str) -> None:
-    for field, parts in COMPOSED_FIELDS[header.point_format].items():
-        for part in parts:
-            if part.name == name:
-                shift = (part.mask & -part.mask).bit_length() - 1
-                if len(values) and not 0 <= values.min() <= values.max() <= part.mask >> shift:
-                    raise DataError(
-                        f"{source}: {name} {values.max()} does not fit point format {header.point_format}, "
-                        f"which holds 0 to {part.mask >> shift}"
-                    )
-                records[field] |= _fitting(values, np.dtype("u1"), name, source) << shift
-                return
+    bits = bit_field(header, name)
+    if bits is not None:
+        largest = bits.mask >> bits.shift
+        if len(values) and not 0 <= values.min() <= values.max() <= largest:
+            raise DataError(
+                f"{source}: {name} {values.max()} does not fit point format {header.point_format}, "
+                f"which holds 0 to {largest}"
+            )
+        records[bits.field] |= _fitting(values, np.dtype("u1"), name, source) << bits.shift
+        return
     extra = dict(zip(reversed(records.dtype.names or ()), reversed(header.extra_dimensions), strict=False)).get(name)
     values = values if extra is None else extra.stored(values)
     dtype = records.dtype[name].base

@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mlsroad_pipeline.formats.las.header import LasHeader
-from mlsroad_pipeline.formats.las.vlr import Vlr
+from mlsroad_pipeline.formats.las.header import LasHeader, Vlr
 
 LOOKUP = (b"LASF_Spec", 0)
 ENTRY = np.dtype([("code", "u1"), ("name", "S15")])
@@ -16,18 +15,7 @@ N_CODES = 256
 
 
 def class_names(header: LasHeader) -> dict[int, str]:
-    """Return the names of class codes that a file states.
-
-    Parameters
-    ----------
-    header : LasHeader
-        Its header.
-
-    Returns
-    -------
-    dict of int to str
-        Code to name; empty without the record.
-    """
+    """Return code to name of the classes that a file names; empty without the record."""
     return {code: name.decode("utf-8", "replace") for code, name in _stored_names(header).items()}
 
 
@@ -40,20 +28,7 @@ def _stored_names(header: LasHeader) -> dict[int, bytes]:
 
 
 def with_class_names(header: LasHeader, names: Mapping[int, str]) -> LasHeader:
-    """Add names of class codes to a header; those of other codes are kept.
-
-    Parameters
-    ----------
-    header : LasHeader
-        The header.
-    names : mapping of int to str
-        Code to name; the record holds 15 ASCII characters of it.
-
-    Returns
-    -------
-    LasHeader
-        The header; the same without names.
-    """
+    """Add names of class codes, 15 ASCII characters of each, to a header; those of other codes are kept."""
     if not names:
         return header
     entries = np.zeros(N_CODES, dtype=ENTRY)
@@ -62,8 +37,5 @@ def with_class_names(header: LasHeader, names: Mapping[int, str]) -> LasHeader:
     for code, text in {**_stored_names(header), **own}.items():
         entries["name"][code] = text
     record = Vlr(*LOOKUP, entries.tobytes(), b"Classification Lookup")
-    return replace(
-        header,
-        vlrs=(*(vlr for vlr in header.vlrs if vlr.key != LOOKUP), record),
-        evlrs=tuple(vlr for vlr in header.evlrs if vlr.key != LOOKUP),
-    )
+    others = header.without(LOOKUP)
+    return replace(others, vlrs=(*others.vlrs, record))

@@ -17,20 +17,21 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.content import open_content
 from mlsroad_pipeline.formats.files import FileKey, clip_range, file_key
-from mlsroad_pipeline.formats.las.chunks import VariableChunks, check_chunk_table, check_layers
+from mlsroad_pipeline.formats.las.chunks import (
+    PointwisePoints,
+    VariableChunks,
+    check_chunk_table,
+    check_layers,
+    damaged_rows,
+)
 from mlsroad_pipeline.formats.las.counts import POINTWISE
 from mlsroad_pipeline.formats.las.extra import NAME_BYTES, cut_text
-from mlsroad_pipeline.formats.las.header import (
-    LASZIP,
-    LasHeader,
-)
-from mlsroad_pipeline.formats.las.pointwise import PointwisePoints
+from mlsroad_pipeline.formats.las.header import LASZIP, LasHeader
 
-EXTRA = "_extra"
-"""Suffix of a name that occurs twice."""
-
+EXTRA = "_extra"  # suffix of a name that occurs twice
 SELECT_ALL = int(lazrs.SELECTIVE_DECOMPRESS_ALL)
 
+# Field of a record in point formats 6 to 8 to the layer that holds it; the scanner channel is in the first one too.
 _LAYERS = {
     **dict.fromkeys(("X", "Y", "bit_fields"), int(lazrs.SELECTIVE_DECOMPRESS_XY_RETURNS_CHANNEL)),
     "Z": int(lazrs.SELECTIVE_DECOMPRESS_Z),
@@ -44,28 +45,14 @@ _LAYERS = {
     **dict.fromkeys(("red", "green", "blue"), int(lazrs.SELECTIVE_DECOMPRESS_RGB)),
     "nir": int(lazrs.SELECTIVE_DECOMPRESS_NIR),
 }
-"""Field of a record in point formats 6 to 8 to the layer that holds it; the scanner channel is in the first one too."""
-
+# LAZ files of at most so many points are decompressed as a whole once rows inside a chunk are read.
 KEPT_POINTS = 1_000_000
-"""LAZ files of at most so many points are decompressed as a whole once rows inside a chunk are read."""
-
+# Records of the last small file; a chunk can be decompressed from its first point only, and samples need many.
 _kept: dict[tuple[FileKey, np.dtype], NDArray] = {}
-"""Records of the last small file; a chunk can be decompressed from its first point only, and samples need many."""
 
 
 def record_dtype(header: LasHeader) -> np.dtype:
-    """Return the structured type of a file's records, bit fields packed.
-
-    Parameters
-    ----------
-    header : LasHeader
-        The file's header.
-
-    Returns
-    -------
-    dtype
-        Fields with the names of laspy, then the extra dimensions; one whose name is taken gets ``_extra`` appended.
-    """
+    """Return the structured type of a file's records, bit fields packed: names of laspy, then the extra dimensions."""
     fields = list(ALL_POINT_FORMATS_DTYPE[header.point_format].descr)
     extra = header.extra_dimensions
     names = unique_names(header.point_format, [dimension.name for dimension in extra])
@@ -73,20 +60,9 @@ def record_dtype(header: LasHeader) -> np.dtype:
 
 
 def layers_of(header: LasHeader, names: Iterable[str]) -> int:
-    """Return the layers of a LAZ file that hold some dimensions.
+    """Return the layers (`select` of a `RecordReader`) that hold coordinates and some dimensions.
 
-    Parameters
-    ----------
-    header : LasHeader
-        The file's header.
-    names : iterable of str
-        Names of dimensions, bit fields apart, without coordinates.
-
-    Returns
-    -------
-    int
-        Value of `select` of a `RecordReader`: coordinates and these dimensions. All for files that a reader keeps in
-        memory.
+    All for files that a reader keeps in memory. ``names`` are those of `dimension_names` without coordinates.
     """
     if header.n_points <= KEPT_POINTS or header.point_format not in (6, 7, 8):
         return SELECT_ALL
@@ -102,18 +78,7 @@ def layers_of(header: LasHeader, names: Iterable[str]) -> int:
 def unique_names(point_format: int, names: Sequence[str]) -> list[str]:
     """Return names of extra dimensions that differ from each other and from those of the standard.
 
-    Parameters
-    ----------
-    point_format : int
-        Number of the point format.
-    names : sequence of str
-        Names in the order of the bytes.
-
-    Returns
-    -------
-    list of str
-        The names; one that is taken gets ``_extra`` appended, shortened where it has more than 32 bytes, an empty one
-        is ``unnamed``.
+    One that is taken gets ``_extra`` appended, shortened where it has more than 32 bytes; an empty one is ``unnamed``.
     """
     parts = COMPOSED_FIELDS[point_format].values()
     taken = {*ALL_POINT_FORMATS_DTYPE[point_format].names, *(part.name for group in parts for part in group), *"xyz"}
@@ -132,21 +97,9 @@ def unique_names(point_format: int, names: Sequence[str]) -> list[str]:
 class RecordReader:
     """Reader of ranges of records of one file; a context manager.
 
-    Parameters
-    ----------
-    path : Path
-        A LAS or LAZ file.
-    header : LasHeader
-        Its header.
-    n_threads : int, default 1
-        Above one, LAZ chunks are decompressed in parallel.
-    select : int, default all
-        For point formats 6 to 10 in LAZ: which fields are decompressed (lazrs flags); others are zero.
-
-    Raises
-    ------
-    ReadError
-        If the file holds fewer points than its header states, or its chunk table is damaged.
+    ``select``: for point formats 6 to 10 in LAZ, the fields that are decompressed (lazrs flags); others are zero. Above
+    one of ``n_threads``, chunks are decompressed in parallel. `ReadError` if the file holds fewer points than its
+    header states, or its chunk table is damaged.
     """
 
     def __init__(self, path: Path, header: LasHeader, *, n_threads: int = 1, select: int = SELECT_ALL) -> None:
@@ -179,23 +132,7 @@ class RecordReader:
         self._stream.close()
 
     def read(self, start: int, stop: int | None = None) -> NDArray:
-        """Read records.
-
-        Parameters
-        ----------
-        start, stop : int
-            First row and the row after the last; None is the end. Clipped to the end.
-
-        Returns
-        -------
-        structured ndarray
-            The records.
-
-        Raises
-        ------
-        ReadError
-            If the file ends early or its compressed data are damaged.
-        """
+        """Return the records ``start`` to ``stop``, clipped to the end (None); `ReadError` for damaged data."""
         start, stop = clip_range(start, stop, self.header.n_points)
         if start == stop:
             return np.empty(0, dtype=self.dtype)
@@ -214,18 +151,7 @@ class RecordReader:
         return np.frombuffer(buffer, dtype=self.dtype)
 
     def compressed(self, number: int) -> bytes:
-        """Read a chunk of a LAZ file whose chunks are of one size, as it is stored.
-
-        Parameters
-        ----------
-        number : int
-            The chunk, from 0.
-
-        Returns
-        -------
-        bytes
-            Its compressed points.
-        """
+        """Return a chunk, by its number, of a LAZ file with chunks of one size, as it is stored."""
         here = self._stream.tell()
         self._stream.seek(int(self._begins[number]))
         data = self._stream.read(int(self._begins[number + 1] - self._begins[number]))
@@ -261,8 +187,7 @@ class RecordReader:
             self._decompressor.decompress_many(buffer)
         except lazrs.LazrsError as error:
             self._position = -1
-            rows = f"rows {start} to {stop - 1}"
-            raise ReadError(f"{self.path} is damaged or truncated within {rows}: {error}") from error
+            raise damaged_rows(self.path, start, stop, error) from error
         self._position = stop
 
     def _check_layers(self, start: int, stop: int) -> None:

@@ -8,57 +8,37 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.formats.las.counts import EXTERNAL, INTERNAL
 from mlsroad_pipeline.formats.las.crs import WKT, find_wkt, read_crs, with_wkt
-from mlsroad_pipeline.formats.las.header import HEADER_SIZES, RECORD_SIZES, WKT_BIT, LasHeader
+from mlsroad_pipeline.formats.las.header import EXTERNAL, HEADER_SIZES, INTERNAL, RECORD_SIZES, WKT_BIT, LasHeader, Vlr
 from mlsroad_pipeline.formats.las.lookup import LOOKUP
 from mlsroad_pipeline.formats.las.records import record_dtype
-from mlsroad_pipeline.formats.las.vlr import Vlr
 
-SUCCESSORS = {0: 6, 1: 6, 2: 7, 3: 7, 4: 9, 5: 10}
-"""Point format to the one of LAS 1.4 that holds all its fields."""
-
-ANGLE_STEP = 0.006
-"""Degrees of one step of the scan angle in formats 6 to 10; formats 0 to 5 have whole degrees."""
-
-LAST_DAY = 366
-"""Largest day of a date."""
-
+SUCCESSORS = {0: 6, 1: 6, 2: 7, 3: 7, 4: 9, 5: 10}  # point format to the one of LAS 1.4 that holds all its fields
+ANGLE_STEP = 0.006  # degrees of one step of the scan angle in formats 6 to 10; formats 0 to 5 have whole degrees
+LAST_DAY = 366  # largest day of a date
+# Bits of the global encoding that are defined, and another of LAS 1.5: times are relative to an offset.
 ENCODING_BITS, TIME_OFFSET_BIT = 0x1F, 0x40
-"""Bits of the global encoding that are defined, and another of LAS 1.5: times are relative to an offset."""
-
-SINGLE = (WKT, LOOKUP)
-"""Records that a file has once; the first is used, of WKT the first that is valid."""
-
+SINGLE = (WKT, LOOKUP)  # records that a file has once; the first is used, of WKT the first that is valid
 COPC = b"copc"
-RECORD_1_0 = b"\xdd\xcc"
-"""Signature before the points in LAS 1.0."""
+RECORD_1_0 = b"\xdd\xcc"  # signature before the points in LAS 1.0
 
 
 def upgraded_header(header: LasHeader) -> LasHeader:
     """Return a header of LAS 1.4 or above and point format 6 to 10 for the same points.
 
-    Parameters
-    ----------
-    header : LasHeader
-        Any header.
-
-    Returns
-    -------
-    LasHeader
-        The header: dates, identifiers, scale, offset, records and bytes of unknown meaning are kept. A CRS in GeoTIFF
-        keys is added as WKT, which these formats require, where they are supported. Records of a cloud-optimised file
-        (COPC) are dropped: their byte offsets hold for the old file only.
+    Dates, identifiers, scale, offset, records and bytes of unknown meaning are kept. A CRS in GeoTIFF keys is added as
+    WKT, which these formats require, where the keys are supported. COPC records are dropped: they hold for the old file
+    only.
     """
     single = [find_wkt(header), header.find(LOOKUP)]
     header = replace(header, vlrs=_valid(header.vlrs, single), evlrs=_valid(header.evlrs, single))
-    if header.integer("H", 90) > LAST_DAY:
-        header = header.patched(("H", 90, 0), ("H", 92, 0))
-    encoding = header.integer("H", 6) & (ENCODING_BITS | TIME_OFFSET_BIT * (header.minor >= 5))
+    if header.integer("day") > LAST_DAY:
+        header = header.patched(day=0, year=0)
+    encoding = header.integer("encoding") & (ENCODING_BITS | TIME_OFFSET_BIT * (header.minor >= 5))
     if encoding & (INTERNAL | EXTERNAL) == INTERNAL | EXTERNAL:
-        inside = header.minor >= 3 and header.integer("Q", 227) > 0
+        inside = header.minor >= 3 and header.integer("waveforms") > 0
         encoding &= ~(EXTERNAL if inside else INTERNAL)
-    header = header.patched(("H", 6, encoding))
+    header = header.patched(encoding=encoding)
     old = header.point_format
     if old not in SUCCESSORS and header.minor >= 4:
         return _with_system(header, header)
@@ -67,8 +47,7 @@ def upgraded_header(header: LasHeader) -> LasHeader:
     block = header.block[:own].ljust(HEADER_SIZES[written], b"\0") + header.block[own:]
     gap = header.gap.removesuffix(RECORD_1_0) if header.minor == 0 else header.gap
     size = header.record_size + RECORD_SIZES[successor] - RECORD_SIZES[old]
-    changes: list[tuple[str, int, object]] = [("B", 25, written), ("B", 104, successor), ("H", 105, size)]
-    new = replace(header, block=block, gap=gap).patched(*changes)
+    new = replace(header, block=block, gap=gap).patched(minor=written, layout=successor, record_size=size)
     return _with_system(new, header)
 
 
@@ -88,26 +67,11 @@ def _ascii(user_id: bytes) -> bytes:
 def _with_system(new: LasHeader, old: LasHeader) -> LasHeader:
     """Return a header with the system of another as WKT, and the bit that point formats 6 to 10 require in any case."""
     done = new if find_wkt(old) is not None else with_wkt(new, read_crs(old))
-    return done.patched(("H", 6, done.integer("H", 6) | WKT_BIT))
+    return done.patched(encoding=done.integer("encoding") | WKT_BIT)
 
 
 def upgrade_records(records: NDArray, header: LasHeader, target: LasHeader) -> NDArray:
-    """Convert records to another layout that begins with the same fields.
-
-    Parameters
-    ----------
-    records : structured ndarray of shape (n,)
-        Records of `header`.
-    header : LasHeader
-        Their header.
-    target : LasHeader
-        The same file's upgraded header, possibly with more extra dimensions at the end.
-
-    Returns
-    -------
-    structured ndarray of shape (n,)
-        The records; new fields are zero.
-    """
+    """Convert records to the layout of an upgraded header, possibly with more dimensions, which are zero."""
     out = np.zeros(len(records), dtype=record_dtype(target))
     size = (len(records), -1)
     new, old = out.view(np.uint8).reshape(size), records.view(np.uint8).reshape(size)

@@ -12,32 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.formats.las.header import (
-    COMPRESSED,
-    LASZIP,
-    RECORD_SIZES,
-    LasHeader,
-    pack_header,
-)
-from mlsroad_pipeline.formats.las.vlr import Vlr
+from mlsroad_pipeline.formats.las.header import COMPRESSED, LASZIP, RECORD_SIZES, LasHeader, Vlr, pack_header
 
 WAVEFORM_FORMATS = (9, 10)
 CHANNEL_BITS = 0x30
 
 
 class RecordWriter:
-    """Writer of records in order, then of the header with their count, bounds and returns.
+    """Writer of records in order, as LAZ or LAS, then of the header with their count, bounds and returns.
 
-    Parameters
-    ----------
-    stream : binary stream
-        Writable and seekable, at its start.
-    header : LasHeader
-        The header; counts, bounds, compression and byte offsets of records are set by the writer.
-    compress : bool
-        LAZ if true, else LAS.
-    n_threads : int, default 1
-        Above one, chunks are compressed in parallel; the bytes are the same.
+    ``stream`` is writable and seekable, at its start. Above one of ``n_threads``, chunks are compressed in parallel to
+    the same bytes.
     """
 
     def __init__(self, stream: BinaryIO, header: LasHeader, *, compress: bool, n_threads: int = 1) -> None:
@@ -45,7 +30,7 @@ class RecordWriter:
         self._chunks: list[tuple[int, int]] = []  # of the chunks appended compressed
         records = tuple(vlr for vlr in header.vlrs if vlr.key != LASZIP)
         layout = header.point_format | (COMPRESSED if compress else 0)
-        self.header = replace(header, vlrs=records).patched(("B", 104, layout))
+        self.header = replace(header, vlrs=records).patched(layout=layout)
         self.count = 0
         self._channel: int | None = None
         self._low = np.full(3, np.iinfo(np.int32).max, dtype=np.int64)
@@ -63,17 +48,10 @@ class RecordWriter:
             self._compressor = kind(stream, laz)
 
     def write(self, records: NDArray) -> None:
-        """Append records.
+        """Append contiguous records of the header's layout.
 
-        Parameters
-        ----------
-        records : structured ndarray of shape (n,)
-            Records of the header's layout, contiguous.
-
-        Raises
-        ------
-        DataError
-            If waveform packets of several scanner channels are to be compressed, which lazrs cannot do without loss.
+        `DataError` if waveform packets of several scanner channels are to be compressed, which lazrs cannot do without
+        loss.
         """
         if not len(records):
             return
@@ -87,14 +65,9 @@ class RecordWriter:
             self._compressor.compress_many(data)
 
     def write_compressed(self, records: NDArray, chunks: Sequence[tuple[int, bytes]]) -> None:
-        """Append compressed chunks of a LAZ file; a file is written either this way or by `write`.
+        """Append chunks (points, bytes) of a LAZ file; ``records`` has the fields for counts and bounds.
 
-        Parameters
-        ----------
-        records : structured ndarray of shape (n,)
-            Their records, as far as counts and bounds need them.
-        chunks : sequence of tuple of int and bytes
-            Points and compressed points of each.
+        A file is written either this way or by `write`.
         """
         self.count_only(records)
         if not self._chunks:
@@ -104,13 +77,7 @@ class RecordWriter:
             self._chunks.append((n_points, len(data)))
 
     def count_only(self, records: NDArray) -> None:
-        """Update counts and bounds with records without writing them.
-
-        Parameters
-        ----------
-        records : structured ndarray of shape (n,)
-            Records of the header's layout, at least one.
-        """
+        """Update counts and bounds with records, at least one, without writing them."""
         for axis, name in enumerate("XYZ"):
             self._low[axis] = min(self._low[axis], int(records[name].min()))
             self._high[axis] = max(self._high[axis], int(records[name].max()))
@@ -129,13 +96,7 @@ class RecordWriter:
             )
 
     def close(self) -> None:
-        """Finish the points, write the extended records, and update the header.
-
-        Raises
-        ------
-        DataError
-            If there are more points than the version can hold.
-        """
+        """Write the end of the points, the extended records and the final header."""
         if self._chunks:
             self._write_chunk_table()
         elif self._compressor is not None:
@@ -157,44 +118,29 @@ class RecordWriter:
     def finished_header(self, header: LasHeader, end: int) -> LasHeader:
         """Return a header with the counts, bounds and returns of the records so far.
 
-        Parameters
-        ----------
-        header : LasHeader
-            The header.
-        end : int
-            Byte offset of the extended records.
-
-        Returns
-        -------
-        LasHeader
-            The updated header.
-
-        Raises
-        ------
-        DataError
-            If there are more points than the version can hold.
+        ``end`` is the byte offset of the extended records. `DataError` if there are more points than the version can
+        hold.
         """
         empty = self.count == 0
         scaled = (np.stack([self._high, self._low], axis=1) * header.scale[:, None]) + header.offset[:, None]
-        bounds = np.zeros(6) if empty else np.sort(scaled, axis=1)[:, ::-1].ravel()
-        stated = header.bounds[::-1].T.ravel()
-        if (np.abs(stated - bounds) <= np.repeat(np.abs(header.scale), 2) / 2).all():
+        bounds = np.zeros((3, 2)) if empty else np.sort(scaled, axis=1)[:, ::-1]
+        stated = np.array(header.fields["bounds"])
+        if (np.abs(stated - bounds) <= np.abs(header.scale)[:, None] / 2).all():
             bounds = stated  # equal up to the rounding of the first writer
-        new_only = header.minor >= 4 and not header.integer("I", 107) and header.integer("Q", 247) > 0
+        new_only = header.minor >= 4 and not header.integer("legacy_count") and header.integer("count") > 0
         legacy = header.point_format < 6 and self.count < 2**32 and not new_only  # as in the source file
         if header.minor < 4 and not legacy:
             raise DataError(f"LAS 1.{header.minor} cannot hold {self.count} points; write point format 6 or above")
         by_return = self._returns[1:]
-        changes: list[tuple[str, int, object]] = [
-            ("I5I", 107, (self.count, *by_return[:5]) if legacy else (0,) * 6),
-            ("6d", 179, bounds),
-        ]
-        if header.minor >= 4:
-            changes.append(("QI", 235, (end if header.evlrs else 0, len(header.evlrs))))
-            changes.append(("Q15Q", 247, (self.count, *by_return)))
+        done = header.patched(
+            legacy_count=self.count if legacy else 0, legacy_returns=by_return[:5] if legacy else 0, bounds=bounds
+        )
         if header.minor >= 3:
-            changes.append(("Q", 227, _waveform_start(header, end)))
-        return header.patched(*changes)
+            done = done.patched(waveforms=_waveform_start(header, end))
+        if header.minor >= 4:
+            records = {"evlr_start": end if header.evlrs else 0, "n_evlrs": len(header.evlrs)}
+            done = done.patched(**records, count=self.count, returns=by_return)
+        return done
 
 
 def _waveform_start(header: LasHeader, end: int) -> int:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
+import lzf
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,18 +17,26 @@ from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.content import open_content, output_file, with_packed
 from mlsroad_pipeline.formats.crs import write_sidecar
 from mlsroad_pipeline.formats.files import FileKey, file_key
-from mlsroad_pipeline.formats.flat_table import parts_of, scalar_columns
-from mlsroad_pipeline.formats.pcd.header import PcdField, PcdHeader, read_pcd_header
-from mlsroad_pipeline.formats.pcd.lzf import unpack
+from mlsroad_pipeline.formats.pcd.header import PcdHeader, read_pcd_header
 from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES, NEAR
-from mlsroad_pipeline.formats.tables import PointTable, TableFormat, check_record_size, with_points_only
-from mlsroad_pipeline.formats.text.rows import TextRows, index_rows
-from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, parse_rows, typed_column
+from mlsroad_pipeline.formats.tables import (
+    PointTable,
+    TableFormat,
+    check_record_size,
+    left_over,
+    parts_of,
+    scalar_columns,
+    truncated,
+    with_points_only,
+)
+from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, index_rows, parse_rows, typed_column
 
-PACKED_COLOURS = ("rgb", "rgba")
-"""Fields of four bytes that hold blue, green, red and, in the last, alpha."""
-
+PACKED_COLOURS = ("rgb", "rgba")  # fields of four bytes that hold blue, green, red and, in the last, alpha
 KINDS_WRITTEN = "iuf"
+
+LARGEST_RATIO = 132  # maximum compression ratio of LZF: three bytes expand to at most 264. Data above it are damaged
+# Function of names and a range of rows that returns these fields by name, each of shape (n,) or (n, count).
+Rows = Callable[[set[str], int, int], Mapping[str, NDArray] | NDArray]
 
 
 class PcdFormat(TableFormat):
@@ -50,25 +59,14 @@ class PcdFormat(TableFormat):
         return path.name.lower().endswith(self.extensions) and head.lstrip().startswith((b"VERSION", b"FIELDS", b"#"))
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
-        """Open a file.
-
-        Raises
-        ------
-        ReadError
-            If it is not PCD, truncated or damaged.
-        """
+        """Open a file."""
         return _open(file_key(path), options.n_threads > 1)
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
-        """Write a cloud as binary PCD 0.7.
+        """Write a cloud as binary PCD 0.7; `DataError` for names with blanks and types that PCD does not support.
 
         Coordinates are float32 as the library expects them, or float64 where they are too large for that (1 km and more
         from zero). The CRS goes into a ``.prj`` beside the file.
-
-        Raises
-        ------
-        DataError
-            If a column has a name with blanks or a type that PCD does not support.
         """
         dtype = _record_type(cloud, options, path)
         names = dtype.names or ()
@@ -108,28 +106,30 @@ def _record_type(cloud: PointCloud, options: WriteOptions, path: Path) -> np.dty
     return np.dtype(fields)
 
 
-Values = Callable[[PcdField, int, int], NDArray]
-"""Function that returns the values of a field for a range of rows, of shape (n, count)."""
-
-
 @lru_cache(maxsize=2)
 def _open(key: FileKey, threads: bool) -> PointTable:
     path = Path(key[0])
     header = read_pcd_header(path)
-    reader = {"ascii": _text_values, "binary": _binary_values, "binary_compressed": _packed_values}[header.encoding]
-    values = reader(path, header, threads)
-    sources: dict[str, Callable[[int, int], NDArray]] = {}  # mypy cannot type lambdas that bind by their defaults
+    sources: dict[str, tuple[str, Callable[[NDArray], NDArray]]] = {}  # column to its field and its part of it
     for field in header.fields:
-        if field.name in PACKED_COLOURS and field.dtype.itemsize == 4 and field.count == 1:
+        packed, size = field.name in PACKED_COLOURS, field.dtype.itemsize
+        if packed and (size, field.count) == (4, 1):
             for shift, name in zip((16, 8, 0, 24), (*COLOURS, "alpha")[: len(field.name)], strict=False):
-                sources[name] = lambda a, b, f=field, s=shift: _colour(values(f, a, b), s)  # type: ignore[misc]
+                sources[name] = field.name, partial(_colour, shift=shift)
         else:
-            named = field.count == len(COLOURS) and field.name in PACKED_COLOURS and field.dtype.itemsize == 1
+            named = packed and (size, field.count) == (1, len(COLOURS))
             for i, name in enumerate(COLOURS if named else field.columns):
-                sources[name] = lambda a, b, f=field, i=i: values(f, a, b)[:, i]  # type: ignore[misc]
+                sources[name] = field.name, partial(_part, index=i)
+    if header.encoding == "ascii":
+        read = _text_rows(path, header, threads)
+    elif header.encoding == "binary":
+        read = _binary_rows(path, header)
+    else:
+        read = _compressed_rows(path, header)
 
     def rows(names: Sequence[str], start: int, stop: int) -> Mapping[str, NDArray]:
-        parts = {name: sources[name](start, stop) for name in names}
+        raw = read({sources[name][0] for name in names}, start, max(start, stop))
+        parts = {name: sources[name][1](raw[sources[name][0]]) for name in names}
         return {  # coordinates are copied into one array by the caller
             name: part if name in COORDINATES else np.ascontiguousarray(part) for name, part in parts.items()
         }
@@ -145,15 +145,13 @@ def _left_over(path: Path, header: PcdHeader) -> tuple[str, ...]:
     file, stated = open_content(path), header.n_points
     if header.encoding == "ascii":
         end = index_rows(path, file, header.begin, 1, limit=stated).end if stated else header.begin
-        more, what = index_rows(path, file, end, 1).n_rows, "rows"
+        return left_over(stated, index_rows(path, file, end, 1).n_rows, "rows")
+    size = stated * header.dtype.itemsize
+    if header.encoding == "binary":
+        check_record_size(path, header.begin, stated, header.dtype.itemsize, "field")
     else:
-        size = stated * header.record_size
-        if header.encoding == "binary_compressed":
-            size = 8 + struct.unpack("<I", file.read(4, header.begin))[0]
-        more, what = file.size - header.begin - size, "bytes"
-        if header.encoding == "binary":
-            check_record_size(path, header.begin, stated, header.record_size, "field")
-    return (f"its header states {stated} points, {more} more {what} follow: they are not read",) * (more > 0)
+        size = 8 + struct.unpack("<I", file.read(4, header.begin))[0]
+    return left_over(stated, file.size - header.begin - size, "bytes")
 
 
 def _viewpoint_note(header: PcdHeader) -> tuple[str, ...]:
@@ -171,91 +169,72 @@ def _number(word: str) -> float:
         return np.nan
 
 
+def _part(values: NDArray, index: int) -> NDArray:
+    return values if values.ndim == 1 else np.asarray(values[:, index])
+
+
 def _colour(values: NDArray, shift: int) -> NDArray[np.uint8]:
-    bits = np.ascontiguousarray(values[:, 0]).view("<u4")
-    return (bits >> shift & 255).astype(np.uint8)
+    return (np.ascontiguousarray(values).view("<u4") >> shift & 255).astype(np.uint8)
 
 
-def _binary_values(path: Path, header: PcdHeader, threads: bool) -> Values:
-    del threads
-    file = open_content(path)
+def _binary_rows(path: Path, header: PcdHeader) -> Rows:
+    file, size = open_content(path), header.dtype.itemsize
     have = file.size - header.begin
-    if have < header.n_points * header.record_size:
+    if have < header.n_points * size:
         raise ReadError(
-            f"{path} is truncated: its header states {header.n_points} points of {header.record_size} bytes from byte "
-            f"{header.begin}, it holds {have // max(header.record_size, 1)}"
+            f"{path} is truncated: its header states {header.n_points} points of {size} bytes from byte "
+            f"{header.begin}, it holds {have // max(size, 1)}"
         )
-    if not header.n_points * header.record_size:
-        return lambda field, start, stop: np.empty((max(stop - start, 0), field.count), field.dtype)
-    table = file.records(np.dtype("u1"), header.begin, header.n_points * header.record_size)
-
-    def values(field: PcdField, start: int, stop: int) -> NDArray:
-        shape, strides = (max(stop - start, 0), field.count), (header.record_size, field.dtype.itemsize)
-        offset = start * header.record_size + field.offset if shape[0] else 0
-        return np.ndarray(shape, field.dtype, table, offset, strides)
-
-    return values
+    table = file.records(header.dtype, header.begin, header.n_points if size else 0)
+    return lambda names, start, stop: table[start:stop]
 
 
-def _packed_values(path: Path, header: PcdHeader, threads: bool) -> Values:
-    del threads
-    file = open_content(path)
+def _compressed_rows(path: Path, header: PcdHeader) -> Rows:
+    file, wanted = open_content(path), header.n_points * header.dtype.itemsize
     sizes = file.read(8, header.begin)
     if len(sizes) < 8:
         raise ReadError(f"{path} is truncated: its compressed data begin at byte {header.begin} and have no sizes")
     packed_size, size = struct.unpack("<II", sizes)
-    if size != header.n_points * header.record_size:
+    if size != wanted:
         raise ReadError(
-            f"{path} is damaged: {size} bytes of data for {header.n_points} points of {header.record_size} bytes"
+            f"{path} is damaged: {size} bytes of data for {header.n_points} points of {header.dtype.itemsize} bytes"
         )
     packed = file.read(min(packed_size, file.size), header.begin + 8)
     if len(packed) < packed_size:
         raise ReadError(f"{path} is truncated: {len(packed)} of {packed_size} compressed bytes from {header.begin + 8}")
     try:
-        data = unpack(packed, size)
+        if size > LARGEST_RATIO * packed_size:
+            raise ValueError(f"{packed_size} bytes cannot decompress to {size}")
+        data = np.frombuffer(lzf.decompress(packed, size) if size else b"", np.uint8)
+        if len(data) != size:
+            raise ValueError(f"they decompress to {len(data)} bytes instead of {size}")
     except ValueError as error:
         raise ReadError(f"{path} is damaged: its compressed data from byte {header.begin + 8}: {error}") from None
+    fields, at = {}, 0
+    for field in header.fields:  # field after field, each for all points
+        end = at + field.size * header.n_points
+        fields[field.name] = data[at:end].view(field.dtype).reshape(header.n_points, *field.shape)
+        at = end
+    return lambda names, start, stop: {name: fields[name][start:stop] for name in names}
 
-    def values(field: PcdField, start: int, stop: int) -> NDArray:  # field after field, each for all points
-        begin = field.offset * header.n_points
-        part = data[begin + start * field.size : begin + stop * field.size]
-        return part.view(field.dtype).reshape(-1, field.count)
 
-    return values
-
-
-def _text_values(path: Path, header: PcdHeader, threads: bool) -> Values:
+def _text_rows(path: Path, header: PcdHeader, threads: bool) -> Rows:
     width = sum(field.count for field in header.fields)
-    first = {f: sum(g.count for g in header.fields[:i]) for i, f in enumerate(header.fields)}
     rows = index_rows(path, open_content(path), header.begin, header.n_lines + 1, limit=header.n_points)
     if rows.n_rows < header.n_points:
-        raise ReadError(f"{path} is truncated: its header states {header.n_points} points, it holds {rows.n_rows}")
-    parsed = _Parsed(rows, width, threads)
+        raise truncated(path, header.n_points, rows.n_rows)
+    form = RowForm(width, WHITESPACE)
 
-    def values(field: PcdField, start: int, stop: int) -> NDArray:
-        at, what = first[field], f"field {field.name!r}"
-        columns = [typed_column(c, field.dtype, what, path) for c in parsed.columns(start, stop)[at : at + field.count]]
-        return np.stack(columns, axis=1) if columns else np.empty((stop - start, 0), field.dtype)
+    first = dict(zip(header.fields, np.cumsum([0, *(field.count for field in header.fields)]).tolist(), strict=False))
 
-    return values
+    def read(names: set[str], start: int, stop: int) -> Mapping[str, NDArray]:
+        line = rows.first_line + start
+        parsed = parse_rows(rows.read(start, stop), form, path=path, first_line=line, threads=threads)
+        fields = {}
+        for field in (field for field in header.fields if field.name in names and field.columns):
+            own = parsed[first[field] : first[field] + field.count]
+            typed = [typed_column(values, field.dtype, f"field {field.name!r}", path) for values in own]
+            fields[field.name] = np.stack(typed, axis=1).reshape(stop - start, *field.shape)
+        return fields
 
-
-class _Parsed:
-    """Parsed rows; the last range is cached, because columns are read one at a time."""
-
-    def __init__(self, rows: TextRows, width: int, threads: bool) -> None:
-        self._rows, self._width, self._threads = rows, width, threads
-        self._last: tuple[tuple[int, int], list[NDArray[np.float64]]] = ((-1, -1), [])
-
-    def columns(self, start: int, stop: int) -> list[NDArray[np.float64]]:
-        """Return all columns of a range."""
-        last = self._last
-        if last[0] != (start, stop):
-            rows = self._rows
-            line = rows.first_line + start
-            data = rows.read(start, stop)
-            parsed = parse_rows(
-                data, RowForm(self._width, WHITESPACE), path=rows.path, first_line=line, threads=self._threads
-            )
-            last = self._last = ((start, stop), parsed)
-        return last[1]
+    return read

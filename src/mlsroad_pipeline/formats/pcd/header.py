@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -24,29 +25,22 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class PcdField:
-    """One field of a PCD file.
+    """One field of a PCD file."""
 
-    Parameters
-    ----------
-    name : str
-        Its name; ``_`` is padding.
-    dtype : dtype
-        Type of one value, little-endian.
-    count : int
-        Values per point; 0 occupies no bytes.
-    offset : int
-        Byte offset in a record.
-    """
-
-    name: str
-    dtype: np.dtype
-    count: int
-    offset: int
+    name: str  # ``_`` is padding
+    dtype: np.dtype  # type of one value, little-endian
+    count: int  # values per point; 0 occupies no bytes
+    offset: int  # byte offset in a record
 
     @property
     def size(self) -> int:
         """Return the bytes of the field in a record."""
         return self.dtype.itemsize * self.count
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Return the shape of its values of one point."""
+        return () if self.count == 1 else (self.count,)
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -58,55 +52,31 @@ class PcdField:
 
 @dataclass(frozen=True)
 class PcdHeader:
-    """Header of a PCD file.
-
-    Parameters
-    ----------
-    fields : tuple of PcdField
-        The fields in the order of a record.
-    n_points : int
-        Number of points.
-    encoding : str
-        ``ascii``, ``binary`` or ``binary_compressed``.
-    begin : int
-        Byte offset of the data.
-    n_lines : int
-        Lines of the header.
-    entries : dict of str to str
-        All entries, unchanged.
-    """
+    """Header of a PCD file."""
 
     fields: tuple[PcdField, ...]
     n_points: int
-    encoding: str
-    begin: int
+    encoding: str  # ``ascii``, ``binary`` or ``binary_compressed``
+    begin: int  # byte offset of the data
     n_lines: int
-    entries: dict[str, str]
+    entries: dict[str, str]  # all entries, unchanged
 
-    @property
-    def record_size(self) -> int:
-        """Return the bytes of a record."""
-        return sum(field.size for field in self.fields)
+    @cached_property
+    def dtype(self) -> np.dtype:
+        """Return the type of a record; its names are those of the fields with columns."""
+        named = [field for field in self.fields if field.columns]
+        return np.dtype(
+            {
+                "names": [field.name for field in named],
+                "formats": [(field.dtype, field.shape) for field in named],
+                "offsets": [field.offset for field in named],
+                "itemsize": sum(field.size for field in self.fields),
+            }
+        )
 
 
 def read_pcd_header(path: Path) -> PcdHeader:
-    """Read the header of a PCD file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    PcdHeader
-        Its header.
-
-    Raises
-    ------
-    ReadError
-        If the header is not that of a PCD file, ends early or contradicts itself.
-    """
+    """Read the header of a PCD file; `ReadError` if it is another file, ends early or contradicts itself."""
     data = open_content(path).read(HEAD)
     entries: dict[str, str] = {}
     at = n_lines = 0
@@ -154,8 +124,9 @@ def _fields(entries: dict[str, str], path: Path) -> tuple[PcdField, ...]:
             raise ReadError(
                 f"{path}: field {name!r} has COUNT {count}, which makes records of over {LARGEST_RECORD} bytes"
             )
+    own = [field.name for field in fields if field.columns]
     columns = [column for field in fields for column in field.columns]
-    twice = next((column for column in columns if columns.count(column) > 1), None)
+    twice = next((name for group in (own, columns) for name in group if group.count(name) > 1), None)
     if twice is not None:
         raise ReadError(f"{path}: field {twice!r} is duplicated in its header")
     return _where_written(tuple(fields), path)

@@ -15,9 +15,7 @@ from mlsroad_pipeline.formats.labelled_names import CLASS, CONFIDENCE, OBJECT, R
 from mlsroad_pipeline.formats.las.format import LasFormat
 
 CHUNK = 1_000_000
-COLOURED = "_classes.ply"
-"""Ending of the name of a coloured copy."""
-
+COLOURED = "_classes.ply"  # ending of the name of a coloured copy
 RECORD = np.dtype(
     [
         *(("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")),
@@ -28,18 +26,7 @@ NAMES = {"<f4": "float", "|u1": "uchar", "<u4": "uint"}
 
 
 def coloured_path(path: str) -> str:
-    """Return the name of the coloured copy of a file.
-
-    Parameters
-    ----------
-    path : str
-        A path that ends in ``.laz``.
-
-    Returns
-    -------
-    str
-        The path with ``_classes.ply``.
-    """
+    """Return the name of the coloured copy, ``_classes.ply``, of a path that ends in ``.laz``."""
     return str(Path(path).with_suffix("")) + COLOURED
 
 
@@ -47,21 +34,7 @@ def write_coloured_ply(source: str | Path, target: str | Path) -> None:
     """Write the points of a labelled LAS or LAZ file as PLY in the colours of their classes.
 
     Coordinates are float32 relative to the file's origin, as simple viewers need them; the origin is in a comment.
-    Class, confidence and object are kept.
-
-    Parameters
-    ----------
-    source : str or Path
-        A LAS or LAZ file with `classification`.
-    target : str or Path
-        The PLY file to write.
-
-    Raises
-    ------
-    ReadError
-        If the source is damaged.
-    DataError
-        If the target is the source.
+    Class, confidence and object are kept. `DataError` if the target is the source.
     """
     path, target = Path(source), Path(target)
     if target.exists() and target.samefile(path):

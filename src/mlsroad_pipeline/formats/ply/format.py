@@ -11,21 +11,25 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.content import open_content, output_file, with_packed
 from mlsroad_pipeline.formats.files import FileKey, file_key
-from mlsroad_pipeline.formats.flat_table import parts_of, scalar_columns
 from mlsroad_pipeline.formats.ply.header import TYPES, PlyHeader, read_ply_header
 from mlsroad_pipeline.formats.ply.vertices import scattered_vertices
-from mlsroad_pipeline.formats.tables import PointTable, TableFormat, check_record_size
-from mlsroad_pipeline.formats.text.rows import TextRows, index_rows
-from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, parse_rows, typed_column
+from mlsroad_pipeline.formats.tables import (
+    PointTable,
+    TableFormat,
+    check_record_size,
+    left_over,
+    parts_of,
+    scalar_columns,
+    truncated,
+)
+from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, TextRows, index_rows, parse_rows, typed_column
 
+# Characters that a comment holds unchanged; the others are percent-encoded.
 PLAIN = "".join(sorted(set(string.printable) - set("%" + string.whitespace))) + " "
-"""Characters that a comment holds unchanged; the others are percent-encoded."""
-
 PLY_NAMES = {
     **{"i1": "char", "u1": "uchar", "i2": "short", "u2": "ushort", "i4": "int", "u4": "uint"},
     **{"f4": "float", "f8": "double"},
@@ -45,13 +49,7 @@ class PlyFormat(TableFormat):
     signatures: tuple[bytes, ...] = (b"ply\n", b"ply\r")
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
-        """Open a file.
-
-        Raises
-        ------
-        ReadError
-            If it is not PLY, truncated or damaged.
-        """
+        """Open a file."""
         header = read_ply_header(path)
         scalars = tuple(name for name, kind in header.vertex.properties.items() if kind is not None)
 
@@ -90,12 +88,10 @@ def _left_over(path: Path, header: PlyHeader) -> tuple[str, ...]:
     file, stated = open_content(path), header.vertex.count
     if header.encoding == "ascii":
         end = vertex_rows(path, header).end if stated else header.begin
-        more = index_rows(path, file, end, 1).n_rows
-        return (f"its header states {stated} points, {more} more rows follow: they are not read",) * (more > 0)
+        return left_over(stated, index_rows(path, file, end, 1).n_rows, "rows")
     size = header.vertex.dtype(header.order).itemsize
-    more = file.size - header.begin - stated * size
     check_record_size(path, header.begin, stated, size, "property")
-    return (f"its header states {stated} points, {more} more bytes follow: they are not read",) * (more > 0)
+    return left_over(stated, file.size - header.begin - stated * size, "bytes")
 
 
 def _ply_type(dtype: np.dtype) -> str:
@@ -110,29 +106,7 @@ def _native(values: NDArray) -> NDArray:
 def read_vertices(
     path: Path, header: PlyHeader, start: int, stop: int, *, threads: bool = False
 ) -> Mapping[str, NDArray]:
-    """Return the scalar properties of a range of vertices.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    header : PlyHeader
-        Its header.
-    start, stop : int
-        First row and the row after the last, inside the file.
-    threads : bool, default False
-        Whether text is parsed by all processors.
-
-    Returns
-    -------
-    mapping of str to ndarray of shape (n,)
-        Properties by name; views of the file where it is binary.
-
-    Raises
-    ------
-    ReadError
-        If the file ends early or a row of text is invalid.
-    """
+    """Return the scalar properties of a range of vertices by name; views of the file where it is binary."""
     vertex = header.vertex
     if not header.vertex_first:
         return {name: values[start:stop] for name, values in scattered_vertices(file_key(path)).items()}
@@ -147,42 +121,19 @@ def read_vertices(
             name: typed_column(values, np.dtype(kind), f"property {name!r}", path) for (name, kind), values in named
         }
     file = open_content(path)
-    size, needed = file.size - header.begin, vertex.count * dtype.itemsize
-    if size < needed:
-        have = size // dtype.itemsize
-        raise ReadError(f"{path} is truncated: its header states {vertex.count} points, it holds {have}")
+    have = (file.size - header.begin) // max(dtype.itemsize, 1)
+    if dtype.itemsize and have < vertex.count:
+        raise truncated(path, vertex.count, have)
     table = file.records(dtype, header.begin, vertex.count)[start:stop]
     return {name: table[name] for name in dtype.names or ()}
 
 
 def vertex_rows(path: Path, header: PlyHeader) -> TextRows:
-    """Return the rows of an ascii file's vertices.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    header : PlyHeader
-        Its header.
-
-    Returns
-    -------
-    TextRows
-        The rows; cached as long as the file does not change.
-
-    Raises
-    ------
-    ReadError
-        If there are fewer rows than the header states.
-    """
-    rows = _vertex_rows(
-        file_key(path),
-        header.begin,
-        header.text.count(header.text[3:4] if header.text[3:5] != b"\r\n" else b"\n") + 1,
-        header.vertex.count,
-    )
+    """Return the rows of an ascii file's vertices; `ReadError` if there are fewer than stated."""
+    line_end = header.text[3:4] if header.text[3:5] != b"\r\n" else b"\n"
+    rows = _vertex_rows(file_key(path), header.begin, header.text.count(line_end) + 1, header.vertex.count)
     if rows.n_rows < header.vertex.count:
-        raise ReadError(f"{path} is truncated: its header states {header.vertex.count} points, it holds {rows.n_rows}")
+        raise truncated(path, header.vertex.count, rows.n_rows)
     return rows
 
 

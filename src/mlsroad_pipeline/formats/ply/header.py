@@ -24,24 +24,12 @@ HEAD = 1 << 20
 
 @dataclass(frozen=True)
 class PlyElement:
-    """One element of a PLY file.
+    """One element of a PLY file."""
 
-    Parameters
-    ----------
-    name : str
-        Its name; the points are ``vertex``.
-    count : int
-        Number of records.
-    properties : dict of str to str or None
-        Name to numpy type without byte order, such as ``f4``, in the order of the file; None for a list.
-    lists : dict of str to tuple of str
-        Name of a list to the types of its number of items and of an item.
-    """
-
-    name: str
+    name: str  # the points are ``vertex``
     count: int
-    properties: dict[str, str | None] = field(default_factory=dict)
-    lists: dict[str, tuple[str, str]] = field(default_factory=dict)
+    properties: dict[str, str | None] = field(default_factory=dict)  # name to type, such as ``f4``; None for a list
+    lists: dict[str, tuple[str, ...]] = field(default_factory=dict)  # types of the number of items and of an item
 
     @property
     def has_lists(self) -> bool:
@@ -49,41 +37,18 @@ class PlyElement:
         return None in self.properties.values()
 
     def dtype(self, order: str) -> np.dtype:
-        """Return the type of a record without lists.
-
-        Parameters
-        ----------
-        order : str
-            Byte order as numpy writes it.
-
-        Returns
-        -------
-        dtype
-            A structured type.
-        """
+        """Return the type of a record without lists."""
         return np.dtype([(name, order + kind) for name, kind in self.properties.items() if kind is not None])
 
 
 @dataclass(frozen=True)
 class PlyHeader:
-    """Header of a PLY file.
+    """Header of a PLY file."""
 
-    Parameters
-    ----------
-    encoding : str
-        ``ascii``, ``binary_little_endian`` or ``binary_big_endian``.
-    elements : tuple of PlyElement
-        The elements in the order of the file.
-    text : bytes
-        Text of the header, up to the start of the data.
-    comments : tuple of str
-        The comments, without the keyword.
-    """
-
-    encoding: str
-    elements: tuple[PlyElement, ...]
-    text: bytes
-    comments: tuple[str, ...]
+    encoding: str  # ``ascii``, ``binary_little_endian`` or ``binary_big_endian``
+    elements: tuple[PlyElement, ...]  # the elements in the order of the file
+    text: bytes  # text of the header, up to the start of the data
+    comments: tuple[str, ...]  # the comments, without the keyword
 
     @property
     def order(self) -> str:
@@ -112,23 +77,7 @@ class PlyHeader:
 
 
 def read_ply_header(path: Path) -> PlyHeader:
-    """Read the header of a PLY file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    PlyHeader
-        Its header.
-
-    Raises
-    ------
-    ReadError
-        If the header is not that of a PLY file, ends early, or names no vertices.
-    """
+    """Read the header of a PLY file; `ReadError` if it is another file, ends early, or names no vertices."""
     data = open_content(path).read(HEAD)
     if data[:3] != b"ply":
         raise ReadError(f"{path} is not a PLY file: it begins with {data[:4]!r}")
@@ -138,18 +87,12 @@ def read_ply_header(path: Path) -> PlyHeader:
     while not lines or lines[-1].strip() != b"end_header":
         end = data.find(line_end, at)
         if end < 0:
-            break
+            ended = data[at:].strip() == b"end_header"
+            what = "nothing follows its PLY header" if ended else "its PLY header has no end_header"
+            raise ReadError(f"{path} is truncated: {what}")
         lines.append(data[at:end])
         at = end + len(line_end)
-    else:
-        return _parsed(data[:at], [line.decode("utf-8", "replace") for line in lines], path)
-    if data[at:].strip() == b"end_header":
-        raise ReadError(f"{path} is truncated: nothing follows its PLY header")
-    raise ReadError(f"{path} is truncated: its PLY header has no end_header")
-
-
-class _Repeated(Exception):
-    """A line that repeats a name; the message is the reason."""
+    return _parsed(data[:at], [line.decode("utf-8", "replace") for line in lines], path)
 
 
 def _parsed(text: bytes, lines: Sequence[str], path: Path) -> PlyHeader:
@@ -157,49 +100,35 @@ def _parsed(text: bytes, lines: Sequence[str], path: Path) -> PlyHeader:
     elements: list[PlyElement] = []
     comments: list[str] = []
     for number, line in enumerate(lines, start=1):
+        repeated = ""
         try:
-            _read_line(line, formats, elements, comments, is_first=number == 1)
+            match line.split():
+                case ["ply"] if number == 1:
+                    pass
+                case ["format", kind, *_]:
+                    repeated = "a second format" if formats else ""
+                    formats.append(kind)
+                case ["comment", *_]:
+                    comments.append(line.strip()[8:])
+                case ["obj_info", *_] | ["end_header"] | []:
+                    pass
+                case ["element", name, count] if count.isascii() and count.isdigit():
+                    repeated = f"element {name!r} is repeated" if any(e.name == name for e in elements) else ""
+                    elements.append(PlyElement(name, int(count)))
+                case ["property", *kinds, name] if len(kinds) in (1, 3) and (kinds[0] == "list") == (len(kinds) == 3):
+                    repeated = f"property {name!r} is repeated" if name in elements[-1].properties else ""
+                    first, *item = (TYPES[kind] for kind in kinds[-2:])
+                    elements[-1].properties[name] = None if item else first
+                    elements[-1].lists.update({name: (first, *item)} if item else {})
+                case _:
+                    raise ValueError(line)
         except (KeyError, ValueError, IndexError):
             raise ReadError(f"{path}, line {number}: not understood: {line!r}; correct the header") from None
-        except _Repeated as error:
-            raise ReadError(f"{path}, line {number}: {error}: {line!r}; rename or remove it") from None
+        if repeated:
+            raise ReadError(f"{path}, line {number}: {repeated}: {line!r}; rename or remove it")
     encoding = formats[0] if formats else ""
     if encoding not in ORDERS:
         raise ReadError(f"{path} has PLY format {encoding!r}; {', '.join(ORDERS)} can be read")
     if not any(element.name == "vertex" for element in elements):
         raise ReadError(f"{path} has no element 'vertex' (elements: {', '.join(e.name for e in elements) or 'none'})")
     return PlyHeader(encoding, tuple(elements), text, tuple(comments))
-
-
-def _read_line(
-    line: str, formats: list[str], elements: list[PlyElement], comments: list[str], *, is_first: bool
-) -> None:
-    """Add what a line of the header states; raise an error for a line that states nothing known."""
-    match line.split():
-        case ["ply"] if is_first:
-            pass
-        case ["format", kind, *_]:
-            if formats:
-                raise _Repeated("a second format")
-            formats.append(kind)
-        case ["comment", *_]:
-            comments.append(line.strip()[8:])
-        case ["obj_info", *_] | ["end_header"] | []:
-            pass
-        case ["element", name, count] if count.isascii() and count.isdigit():
-            if any(element.name == name for element in elements):
-                raise _Repeated(f"element {name!r} is repeated")
-            elements.append(PlyElement(name, int(count)))
-        case ["property", "list", counts, kind, name] if TYPES[counts] and TYPES[kind]:
-            _add_property(elements[-1], name, None)
-            elements[-1].lists[name] = TYPES[counts], TYPES[kind]
-        case ["property", kind, name]:
-            _add_property(elements[-1], name, TYPES[kind])
-        case _:
-            raise ValueError(line)
-
-
-def _add_property(element: PlyElement, name: str, kind: str | None) -> None:
-    if name in element.properties:
-        raise _Repeated(f"property {name!r} is repeated")
-    element.properties[name] = kind

@@ -14,11 +14,9 @@ from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.content import Content, open_content
 from mlsroad_pipeline.formats.files import FileKey
 from mlsroad_pipeline.formats.ply.header import PlyElement, PlyHeader, read_ply_header
-from mlsroad_pipeline.formats.text.rows import index_rows
-from mlsroad_pipeline.formats.text.values import typed_column
+from mlsroad_pipeline.formats.text.values import index_rows, typed_column
 
-SIZE_TYPES = ("i1", "u1", "i2", "u2", "i4", "u4")
-"""Types of the number of items of a list."""
+SIZE_TYPES = ("i1", "u1", "i2", "u2", "i4", "u4")  # types of the number of items of a list
 
 
 @lru_cache(maxsize=1)

@@ -12,11 +12,9 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.content import output_file, with_packed
 from mlsroad_pipeline.formats.crs import write_sidecar
-from mlsroad_pipeline.formats.flat_table import column_names, parts_of, write_columns
-from mlsroad_pipeline.formats.tables import PointTable, TableFormat
-from mlsroad_pipeline.formats.text.layout import open_table
-from mlsroad_pipeline.formats.text.unnamed import GROWS
-from mlsroad_pipeline.formats.text.values import parse_rows
+from mlsroad_pipeline.formats.tables import PointTable, TableFormat, parts_of
+from mlsroad_pipeline.formats.text.layout import GROWS, open_table
+from mlsroad_pipeline.formats.text.values import column_names, parse_rows, write_columns
 
 
 class TextFormat(TableFormat):
@@ -32,13 +30,7 @@ class TextFormat(TableFormat):
     signatures: tuple[bytes, ...] = ()
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
-        """Open a file; its rows are counted, not parsed.
-
-        Raises
-        ------
-        ReadError
-            If the file holds no rows of numbers, or its first column counts them and has no name.
-        """
+        """Open a file; its rows are counted, not parsed."""
         found = open_table(path, options)
         placed = "x" in options.columns
         if found.wrong and not placed:

@@ -10,79 +10,229 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.base import ReadOptions
+from mlsroad_pipeline.formats.column_names import names_coordinates
 from mlsroad_pipeline.formats.content import first_bytes, open_content, unpacked_name
 from mlsroad_pipeline.formats.files import FileKey, file_key
-from mlsroad_pipeline.formats.text.delimiters import numeric_columns, numeric_share, sniffed
-from mlsroad_pipeline.formats.text.names import OPTIONS, checked_names, decoded, names_in_comments, split_names
-from mlsroad_pipeline.formats.text.rows import TextRows, index_rows
-from mlsroad_pipeline.formats.text.unnamed import interpret
-from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, is_number, split_row
+from mlsroad_pipeline.formats.text.values import (
+    WHITESPACE,
+    RowForm,
+    TextRows,
+    index_rows,
+    is_number,
+    parse_rows,
+    split_row,
+)
 
+SAMPLE = 20  # rows of a sample; there is one at the start, in the middle and at the end of a file
+LEAST_ROWS = 30  # smallest number of sampled rows of which the first column may be their number
+# Least values of eastings, northings and times, and least ratio of times to local coordinates.
+FAR, FACTOR = 10_000.0, 10.0
+GROWS = "its first column is read as x, but grows from row to row as times do; if it is no x, set columns by index"
+
+COUNTS = (
+    "{}, line {}: its first column, {:g}, counts the rows and is no x; set columns by index, such as "
+    "{{x: 1, y: 2, z: 3}}"
+)
+
+
+def interpret(rows: TextRows, form: RowForm) -> tuple[dict[str, Any], tuple[str, ...], str]:
+    """Return a mapping of unnamed columns behind x, y and z, sentences for the user, and the message of an error.
+
+    Colours are three whole numbers up to 255 right after x, y, z or after one more column, which is the intensity where
+    it is not negative. The message is not empty where the first of more than three columns is the number of the row.
+    """
+    if form.width < 4:
+        return {}, (), ""
+    index, columns = _sampled(rows, form)
+    if not columns:
+        return {}, (), ""  # reading reports the row
+    if len(index) >= LEAST_ROWS and _counts_rows(columns, index):
+        return {}, (), COUNTS.format(rows.path, rows.first_line, columns[0][0])
+    steps, apart = np.diff(columns[0]), np.diff(index)
+    inside = steps[apart == 1]
+    grows = len(inside) and (steps >= 0).all() and 2 * np.count_nonzero(inside > 0) > len(inside)
+    return _colours(columns), (GROWS,) * bool(grows and _are_times(columns)), ""
+
+
+def _counts_rows(columns: list[NDArray[np.float64]], index: NDArray[np.int64]) -> bool:
+    """Return whether the first column numbers the rows: whole numbers before three columns that vary, x, y and z."""
+    whole = columns[0][0] == np.floor(columns[0][0])
+    return bool(whole and np.ptp(columns[0] - index) == 0 and all(np.ptp(values) > 0 for values in columns[1:4]))
+
+
+def _are_times(columns: list[NDArray[np.float64]]) -> bool:
+    """Return whether a growing first column holds times, and not the x of sorted points.
+
+    Two columns of eastings and northings follow it, or its values are those of seconds of a week, or larger, and far
+    above the coordinates that follow.
+    """
+    time, *others = (float(np.median(np.abs(values))) for values in columns[:3])
+    return min(others) >= FAR or (time >= FAR and time >= FACTOR * max(others))
+
+
+def _sampled(rows: TextRows, form: RowForm) -> tuple[NDArray[np.int64], list[NDArray[np.float64]]]:
+    starts = sorted({0, rows.n_rows // 2, max(rows.n_rows - SAMPLE, 0)})
+    stops = [min(start + SAMPLE, rows.n_rows) for start in starts]
+    try:
+        parts = [
+            parse_rows(rows.read(start, stop), form, path=rows.path, first_line=rows.first_line + start)
+            for start, stop in zip(starts, stops, strict=True)
+        ]
+    except ReadError:
+        return np.empty(0, np.int64), []
+    index, once = np.unique(
+        np.concatenate([np.arange(start, stop) for start, stop in zip(starts, stops, strict=True)]), return_index=True
+    )
+    return index, [np.concatenate(values)[once] for values in zip(*parts, strict=True)]
+
+
+def _colours(columns: list[NDArray[np.float64]]) -> dict[str, Any]:
+    for first in (3, 4):
+        triple = columns[first : first + 3]
+        if len(triple) == 3 and all(_is_byte(values) for values in triple) and max(v.max() for v in triple) > 1:
+            guess: dict[str, Any] = {"rgb": [first, first + 1, first + 2]}
+            if first == 4 and columns[3].min() >= 0:
+                guess["intensity"] = 3
+            return guess
+    return {}
+
+
+def _is_byte(values: NDArray[np.float64]) -> bool:
+    with np.errstate(invalid="ignore"):
+        return bool(((values >= 0) & (values <= 255) & (values == np.floor(values))).all())
+
+
+# Patterns that may separate names, whatever separates the values.
+SEPARATORS = (r"\t", r"\s*;\s*", r"\s*,\s*", r"\s{2,}", r"\s+")
+OPTIONS = "set header: false if it is a point, comment to skip it, or columns by index"
+
+
+def decoded(line: bytes) -> tuple[str, str]:
+    """Return a line without its end as text, with the encoding: UTF-8, or Latin-1 where it is not UTF-8."""
+    bare = line.removeprefix(b"\xef\xbb\xbf").rstrip(b"\r\n")
+    try:
+        return bare.decode("utf-8"), "utf-8"
+    except UnicodeDecodeError:
+        return bare.decode("latin-1"), "latin-1"
+
+
+def split_names(line: str, width: int, delimiter: str) -> list[str]:
+    """Return the names of a row; values may have another delimiter than names.
+
+    As many as values (``width``) where one of the usual separators gives so many, or all but an empty one at the end;
+    else those that the delimiter gives.
+    """
+    own = [value.strip() for value in split_row(line, delimiter)]
+    for names in (own, *([name.strip() for name in re.split(p, line.strip(" \r\n"))] for p in SEPARATORS)):
+        whole = names[:-1] if len(names) == width + 1 and not names[-1] else names
+        if len(whole) == width and not any(name.endswith((",", ";")) for name in whole):
+            return whole
+    return own
+
+
+def names_in_comments(lines: Sequence[bytes], comment: str, width: int, delimiter: str) -> tuple[int, tuple[str, ...]]:
+    """Return index and names of the last comment that names the columns, as `numpy.savetxt` writes; else -1, ().
+
+    A comment without the names of x, y and z is a sentence.
+    """
+    for index in range(len(lines) - 1, -1, -1):
+        text = decoded(lines[index])[0].strip()
+        if not text.startswith(comment):
+            continue
+        names = [name.strip('"') for name in split_names(text.lstrip(comment + "/ "), width, delimiter)]
+        if (
+            len(names) == width
+            and names_coordinates(names)
+            and len(set(names)) == width
+            and not any(map(is_number, names))
+        ):
+            return index, tuple(names)
+    return -1, ()
+
+
+def checked_names(values: Sequence[str], width: int, path: Path, line: int, text: str) -> tuple[str, ...]:
+    """Return the names of a row above the points; `ReadError` for another number of names, or a repeated one."""
+    names = tuple(value.strip('"') for value in values)
+    shown = text if len(text) <= 100 else text[:97] + "..."
+    if len(names) != width:
+        raise ReadError(f"{path}, line {line}: {len(names)} names for {width} values: {shown!r}; {OPTIONS}")
+    if len(set(names)) < len(names):
+        raise ReadError(f"{path}, line {line}: a name is duplicated: {', '.join(names)}; rename one, or {OPTIONS}")
+    return names
+
+
+def sniffed(sample: Sequence[str], delimiter: str | None, decimal: str | None) -> tuple[str, str]:
+    """Return the delimiter and the decimal mark for which most values are numbers, equally many in each row.
+
+    Those that are given are kept; the first row of the sample may hold names.
+    """
+    row = sample[-1 if len(sample) < 3 else 1]
+    blanks = WHITESPACE if "  " in row or row != row.strip() else " "
+    delimiters = [delimiter] if delimiter else [*(d for d in (";", ",", "\t") if d in row), blanks]
+    marks = [decimal] if decimal else [".", ","]
+    candidates = [(d, m) for d in delimiters for m in marks if d != m]
+    for rows in (sample, sample[1:]):  # the first row may be names
+        shares = [numeric_share(rows, *candidate) for candidate in candidates]
+        if rows and (max(shares) == 1.0 or (rows is not sample and max(shares) > 0)):
+            return candidates[int(np.argmax(shares))]  # of several the first: sorted by reliability
+    return candidates[0]
+
+
+def numeric_share(rows: Sequence[str], delimiter: str, decimal: str) -> float:
+    """Return the share of numbers among the values of rows.
+
+    It is 0 where rows differ in length or have fewer than three columns of numbers.
+    """
+    values = [split_row(line, delimiter) for line in rows]
+    width = len(values[0]) if values else 0
+    if width < 3 or any(len(found) != width for found in values):
+        return 0.0
+    good = np.array([[is_number(value, decimal) for value in found] for found in values]).mean(axis=0)
+    return float(good.mean()) if (good >= 0.5).sum() >= 3 else 0.0
+
+
+def numeric_columns(body: Sequence[str], delimiter: str, decimal: str, width: int) -> tuple[int, ...] | None:
+    """Return the indices of columns with a number in some row of the sample; None if all have."""
+    rows = [found for found in (split_row(line, delimiter) for line in body) if len(found) == width]
+    kept = tuple(i for i in range(width) if any(is_number(found[i], decimal) for found in rows) or not rows)
+    return None if len(kept) == width else kept
+
+
+# Columns of files without a row of names, by file extension (Oakland 3-D).
 LAYOUTS = {".xyz_label_conf": ("x", "y", "z", "label", "confidence")}
-"""Columns of files without a row of names, by file extension (Oakland 3-D)."""
-
-BOM = b"\xef\xbb\xbf"
-"""Mark of UTF-8 at the start of a file."""
-
+BOM = b"\xef\xbb\xbf"  # mark of UTF-8 at the start of a file
 HEAD = 1 << 20
-SAMPLE = 20
 
 logger = logging.getLogger(__name__)
 
-LAST_LINES = 20
-"""Number of lines among which `holds_rows` searches a row of numbers."""
+LAST_LINES = 20  # number of lines among which `holds_rows` searches a row of numbers
 
 
 @dataclass(frozen=True)
 class TextHead:
-    """Lines of a text file before its first row of points.
+    """Lines of a text file before its first row of points."""
 
-    Parameters
-    ----------
-    lines : tuple of bytes
-        Comments, names and the number of points, with their line ends.
-    names_at : int
-        Index of the line with the names, -1 without names.
-    """
-
-    lines: tuple[bytes, ...]
-    names_at: int
+    lines: tuple[bytes, ...]  # comments, names and the number of points, with their line ends
+    names_at: int  # index of the line with the names, -1 without names
 
 
 @dataclass(frozen=True)
 class TextTable:
-    """Rows of a text file and their layout.
+    """Rows of a text file and their layout."""
 
-    Parameters
-    ----------
-    rows : TextRows
-        Byte offsets of the rows.
-    names : tuple of str
-        Names of the columns: of the file, else of `LAYOUTS` or x, y, z, column_3, ...
-    form : RowForm
-        Layout of a row.
-    head : TextHead
-        The lines before the first row.
-    has_names : bool
-        Whether the file has names, in a row or in a comment.
-    guess : mapping of str to Any
-        Detected mapping of unnamed columns, as in `ReadOptions.columns`; used where that is not set.
-    notes : tuple of str
-        Sentences for the user.
-    wrong : str
-        Message of an error unless `ReadOptions.columns` names the coordinates; else empty.
-    """
-
-    rows: TextRows
-    names: tuple[str, ...]
+    rows: TextRows  # byte offsets of the rows
+    names: tuple[str, ...]  # names of the columns: of the file, else of `LAYOUTS` or x, y, z, column_3, ...
     form: RowForm
-    head: TextHead
-    has_names: bool
-    guess: Mapping[str, Any] = field(default_factory=dict)
+    head: TextHead  # the lines before the first row
+    has_names: bool  # whether the file has names, in a row or in a comment
+    guess: Mapping[str, Any] = field(default_factory=dict)  # `ReadOptions.columns` of unnamed columns, where not set
     notes: tuple[str, ...] = ()
-    wrong: str = ""
+    wrong: str = ""  # message of an error unless `ReadOptions.columns` names the coordinates; else empty
 
     @property
     def delimiter(self) -> str:
@@ -96,25 +246,7 @@ class TextTable:
 
 
 def open_table(path: Path, options: ReadOptions) -> TextTable:
-    """Detect and log a text file's delimiter, decimal mark, names and rows.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    options : ReadOptions
-        Its `delimiter`, `decimal`, `header` and `comment`.
-
-    Returns
-    -------
-    TextTable
-        The table; cached as long as the file does not change.
-
-    Raises
-    ------
-    ReadError
-        If there is no row.
-    """
+    """Detect and log a text file's delimiter, decimal mark, names and rows; cached while it does not change."""
     return _open_table(file_key(path), options.delimiter, options.decimal, options.header, options.comment)
 
 
@@ -226,18 +358,7 @@ def _is_names(line: str, delimiter: str, decimal: str, path: Path, number: int) 
 
 
 def looks_like_table(path: Path) -> bool:
-    """Return whether a file of unknown extension holds rows of at least three numbers.
-
-    Parameters
-    ----------
-    path : Path
-        An existing file.
-
-    Returns
-    -------
-    bool
-        Whether the last whole line of its first 64 KiB is such a row, and all of that is text.
-    """
+    """Return whether the first 64 KiB of a file are text that ends with a row of at least three numbers."""
     data = first_bytes(path, 1 << 16)
     lines = [line for line in data.splitlines()[: None if len(data) < 1 << 16 else -1] if line.strip()]
     if b"\0" in data or not lines:
@@ -247,18 +368,7 @@ def looks_like_table(path: Path) -> bool:
 
 
 def holds_rows(path: Path) -> bool:
-    """Return whether a text file holds a row of at least three numbers.
-
-    Parameters
-    ----------
-    path : Path
-        An existing file.
-
-    Returns
-    -------
-    bool
-        Whether one of the last lines of its first 64 KiB is such a row.
-    """
+    """Return whether one of the last lines of the first 64 KiB of a file is a row of at least three numbers."""
     data = first_bytes(path, 1 << 16)
     lines = [decoded(line)[0] for line in data.splitlines()[: None if len(data) < 1 << 16 else -1] if line.strip()]
     return any(numeric_share([line], *sniffed([line], None, None)) > 0.5 for line in lines[-LAST_LINES:])
@@ -280,20 +390,7 @@ def _is_comment(line: bytes, comment: str) -> bool:
 
 
 def path_layout(path: Path, width: int) -> tuple[str, ...]:
-    """Return the columns of a file by its extension.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    width : int
-        Its values per row.
-
-    Returns
-    -------
-    tuple of str
-        Their names; empty for other extensions.
-    """
+    """Return the names of the columns of a file by its extension and values per row; empty for other extensions."""
     name = unpacked_name(path).lower()
     return next((layout for e, layout in LAYOUTS.items() if name.endswith(e) and len(layout) == width), ())
 

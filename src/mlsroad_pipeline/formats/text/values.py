@@ -1,47 +1,109 @@
-"""Parser of rows of numbers; errors name the line."""
+"""Parser of rows of numbers, whose errors name the line, and writer of such rows."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.csv
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.base import WriteOptions
+from mlsroad_pipeline.formats.content import Content
+from mlsroad_pipeline.formats.standard_columns import COORDINATES
+from mlsroad_pipeline.formats.tables import scalar_columns
+
+STRIDE = 50_000  # rows between two indexed byte offsets
+BLOCK = 1 << 24
+
+
+@dataclass(frozen=True)
+class TextRows:
+    """Rows of a text file after its header."""
+
+    path: Path
+    text: Content  # bytes, uncompressed
+    first_line: int  # line number of the first row, counted from 1
+    n_rows: int  # number of rows; blank lines at the end are not counted
+    marks: NDArray[np.int64]  # byte offset of every `STRIDE`-th row
+    end: int  # byte offset after the last row
+
+    def read(self, start: int, stop: int) -> bytes:
+        """Return the text of rows inside the file, with their line ends."""
+        if start >= stop:
+            return b""
+        at = int(self.marks[start // STRIDE])
+        last = -(-stop // STRIDE)
+        until = int(self.marks[last]) if last < len(self.marks) else self.end
+        data = self.text.read(until - at, at)
+        skip = start % STRIDE
+        keep = stop - start
+        ends = np.flatnonzero(np.frombuffer(data, dtype=np.uint8) == ord("\n")) + 1
+        begin = int(ends[skip - 1]) if skip else 0
+        finish = int(ends[skip + keep - 1]) if skip + keep <= len(ends) else len(data)
+        return data[begin:finish]
+
+
+def index_rows(path: Path, text: Content, begin: int, first_line: int, *, limit: int | None = None) -> TextRows:
+    """Count rows from byte offset ``begin`` and index their byte offsets.
+
+    At most ``limit`` rows; None goes to the end of the file, whose trailing blank lines are left out.
+    """
+    marks, count, at = [begin], 0, begin
+    end = text.size if limit is not None else _end_of_text(text, begin)
+    while at < end and (limit is None or count < limit):
+        data = text.read(min(BLOCK, end - at), at)
+        ends = np.flatnonzero(np.frombuffer(data, dtype=np.uint8) == ord("\n")) + at + 1
+        if limit is not None and count + len(ends) >= limit:
+            ends = ends[: limit - count]
+            end = int(ends[-1])
+        first = -count % STRIDE or STRIDE
+        marks.extend(ends[first - 1 :: STRIDE].tolist())
+        count += len(ends)
+        at += len(data)
+    if (limit is None or count < limit) and end > begin and text.read(1, end - 1) != b"\n":
+        count += 1  # the last row has no line end
+    return TextRows(path, text, first_line, count, np.array(marks, dtype=np.int64), end)
+
+
+def _end_of_text(text: Content, begin: int) -> int:
+    """Return the byte offset of the end of the last line that is not blank."""
+    end = text.size
+    while end > begin:
+        at = max(begin, end - 4096)
+        tail = text.read(end - at, at)
+        filled = len(tail.rstrip())
+        if filled:
+            line_end = tail.find(b"\n", filled)
+            return at + (line_end + 1 if line_end >= 0 else len(tail))
+        end = at
+    return begin
+
 
 PARSE_BLOCK = 1 << 22
 WHITESPACE = "whitespace"
+# Blanks that are replaced before parsing; five searches take less time than one replacement by a pattern.
+RUNS = (b"  ", b"\t", b"\n ", b" \n", b" \r")
 MISSING = ("", "nan", "NaN", "NAN", "null", "NA")
 DECIMAL_COMMA = re.compile(r"[+-]?\d+(,\d+)?([eE][+-]?\d+)?")
 
 
 @dataclass(frozen=True)
 class RowForm:
-    """Layout of the rows of a text file.
-
-    Parameters
-    ----------
-    width : int
-        Values per row.
-    delimiter : str
-        One character, or ``"whitespace"`` for any run of blanks.
-    decimal : str, default "."
-        Decimal mark.
-    kept : tuple of int, optional
-        Indices of the values that are numbers; None takes all.
-    quoted : bool, default False
-        Whether values may be in double quotes.
-    """
+    """Layout of the rows of a text file."""
 
     width: int
-    delimiter: str
+    delimiter: str  # one character, or ``"whitespace"`` for any run of blanks
     decimal: str = "."
-    kept: tuple[int, ...] | None = None
-    quoted: bool = False
+    kept: tuple[int, ...] | None = None  # indices of the values that are numbers; None takes all
+    quoted: bool = False  # whether values may be in double quotes
 
     @property
     def places(self) -> tuple[int, ...]:
@@ -52,30 +114,10 @@ class RowForm:
 def parse_rows(
     data: bytes, form: RowForm, *, path: Path, first_line: int, threads: bool = False
 ) -> list[NDArray[np.float64]]:
-    """Parse rows of numbers.
+    """Return the kept columns of whole rows of text; an empty or "nan" value is NaN.
 
-    Parameters
-    ----------
-    data : bytes
-        Whole rows.
-    form : RowForm
-        Their layout.
-    path : Path
-        File name in messages.
-    first_line : int
-        Line number of the first row.
-    threads : bool, default False
-        Whether the parser may use all processors.
-
-    Returns
-    -------
-    list of ndarray of shape (n,), float64
-        The kept columns; an empty or "nan" value is NaN.
-
-    Raises
-    ------
-    ReadError
-        If a row has another number of values or one is not a number; the message gives file, line and content.
+    `ReadError` with file, line and content if a row has another number of values or one is not a number. ``threads``:
+    the parser may use all processors.
     """
     if not data:
         return [np.empty(0) for _ in form.places]
@@ -94,7 +136,7 @@ def parse_rows(
 
 
 def _parse(data: bytes, form: RowForm, threads: bool) -> list[NDArray[np.float64]]:
-    if form.delimiter == WHITESPACE:
+    if form.delimiter == WHITESPACE and (data[:1] == b" " or data[-1:] == b" " or any(run in data for run in RUNS)):
         data = re.sub(rb"(?m)^ +| +(?=\r?$)", b"", re.sub(rb"[ \t]+", b" ", data))
     names = [str(i) for i in range(form.width)]
     kept = [names[i] for i in form.places]
@@ -114,28 +156,9 @@ def _parse(data: bytes, form: RowForm, threads: bool) -> list[NDArray[np.float64
 
 
 def typed_column(values: NDArray[np.float64], dtype: np.dtype, what: str, path: Path) -> NDArray:
-    """Return a parsed column in the type that the file header states.
+    """Return a parsed column in the type that the file header states; floats too large for it become infinite.
 
-    Parameters
-    ----------
-    values : ndarray of shape (n,), float64
-        The column.
-    dtype : dtype
-        The stated type.
-    what : str
-        Column name in messages.
-    path : Path
-        File name in messages.
-
-    Returns
-    -------
-    ndarray of shape (n,)
-        The values in that type; floats that are too large for it become infinite.
-
-    Raises
-    ------
-    ReadError
-        If an integer lies outside the type or is missing.
+    `ReadError` if an integer lies outside the type or is missing.
     """
     if dtype.kind == "f":
         with np.errstate(over="ignore"):
@@ -147,40 +170,14 @@ def typed_column(values: NDArray[np.float64], dtype: np.dtype, what: str, path: 
 
 
 def split_row(line: str, delimiter: str) -> list[str]:
-    """Return the values of one row as text.
-
-    Parameters
-    ----------
-    line : str
-        The row.
-    delimiter : str
-        One character, or ``"whitespace"``.
-
-    Returns
-    -------
-    list of str
-        The values, blanks around them removed.
-    """
+    """Return the values of one row as text, blanks around them removed."""
     if delimiter in (WHITESPACE, " ", "\t"):
         return line.split()
     return [value.strip() for value in line.strip().split(delimiter)]
 
 
 def is_number(text: str, decimal: str = ".") -> bool:
-    """Return whether a value is a number or denotes a missing one.
-
-    Parameters
-    ----------
-    text : str
-        The value.
-    decimal : str, default "."
-        Decimal mark.
-
-    Returns
-    -------
-    bool
-        True for what `parse_rows` accepts.
-    """
+    """Return whether a value is one that `parse_rows` accepts: a number, or the mark of a missing one."""
     text = text.strip('"')
     if text in MISSING:
         return True
@@ -205,3 +202,39 @@ def _explained(data: bytes, form: RowForm, *, path: Path, first_line: int, reaso
         if wrong is not None:
             return ReadError(f"{path}, line {number}: {wrong!r} is not a number: {shown!r}")
     return ReadError(f"{path}, lines from {first_line}: {reason}")
+
+
+def column_names(cloud: PointCloud, options: WriteOptions) -> bytes:
+    """Return the row of names above the points."""
+    names = scalar_columns(cloud.select(np.arange(0)), options.metres)
+    return (options.delimiter.join(names) + "\n").encode()
+
+
+def write_columns(cloud: PointCloud, options: WriteOptions) -> bytes:
+    """Return points as rows of text."""
+    columns = scalar_columns(cloud, options.metres)
+    texts = [
+        fixed_text(values, options.decimals) if name in COORDINATES else number_text(values)
+        for name, values in columns.items()
+    ]
+    return join_rows(texts, options.delimiter)
+
+
+def fixed_text(values: NDArray[np.float64], decimals: int) -> pa.Array:
+    """Return numbers as text with a fixed number of digits after the point."""
+    return pa.array([f"{value:.{decimals}f}" for value in values.tolist()], pa.string())
+
+
+def number_text(values: NDArray) -> pa.Array:
+    """Return numbers as the shortest text that reads back unchanged; "nan" for NaN."""
+    native = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
+    return pc.cast(pa.array(native.astype(np.uint8) if native.dtype == np.bool_ else native), pa.string())
+
+
+def join_rows(texts: Sequence[pa.Array], delimiter: str) -> bytes:
+    """Join columns of text into rows with line ends."""
+    if not len(texts[0]):
+        return b""
+    rows = pc.binary_join_element_wise(*texts, delimiter)
+    joined = pc.binary_join(pa.ListArray.from_arrays(pa.array([0, len(rows)], pa.int32()), rows), "\n")
+    return bytes(joined[0].as_buffer()) + b"\n"

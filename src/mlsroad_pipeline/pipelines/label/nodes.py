@@ -13,6 +13,7 @@ from mlsroad_pipeline.algorithms.core.palette import class_palette
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, missing_attributes
 from mlsroad_pipeline.algorithms.models.members import context_of
+from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.run_folder import RunFolder
@@ -20,31 +21,26 @@ from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
 from mlsroad_pipeline.label.checks import check_headers, check_outputs
 from mlsroad_pipeline.label.devices import check_device
-from mlsroad_pipeline.label.exports import export_inventory
 from mlsroad_pipeline.label.images import LabelImages, images_of_survey, images_to_label
-from mlsroad_pipeline.label.inventory import OBJECTS, inventory_of, marking_warnings, objects_task
-from mlsroad_pipeline.label.models.request import ModelRequest, image_request
-from mlsroad_pipeline.label.models.selection import choose_model
-from mlsroad_pipeline.label.models.survey_facts import facts_of_pieces, unusual_properties, unusual_warnings
-from mlsroad_pipeline.label.output_codes import code_names, output_codes
+from mlsroad_pipeline.label.inventory import OBJECTS, export_inventory, inventory_of, marking_warnings, objects_task
+from mlsroad_pipeline.label.model_choice import ModelRequest, choose_model, image_request
 from mlsroad_pipeline.label.photos import write_photos
-from mlsroad_pipeline.label.planned_outputs import planned_outputs
-from mlsroad_pipeline.label.report import label_report_sections
-from mlsroad_pipeline.label.report_pictures import report_pictures
-from mlsroad_pipeline.label.result_warnings import label_warnings
+from mlsroad_pipeline.label.report import label_report_sections, report_pictures
+from mlsroad_pipeline.label.result_warnings import facts_of_pieces, label_warnings, unusual_properties, unusual_warnings
 from mlsroad_pipeline.label.runs import open_run
 from mlsroad_pipeline.label.scene import LabelSettings, object_rules
-from mlsroad_pipeline.label.scene_tasks import label_tasks
 from mlsroad_pipeline.label.summary import LabelSummary, summarise_labels
-from mlsroad_pipeline.label.written_file import write_file
+from mlsroad_pipeline.label.tasks import label_tasks, planned_outputs
+from mlsroad_pipeline.label.written_file import code_names, output_codes, write_file
 from mlsroad_pipeline.model_store.bundle_files import ModelFile
-from mlsroad_pipeline.model_store.object_judges import judge_digest
+from mlsroad_pipeline.model_store.object_classifiers import classifier_digest
 from mlsroad_pipeline.model_store.registered_models import configured_store
-from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.reporting.html.report import build_report
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import SurveyPlan, plan_labelling
-from mlsroad_pipeline.surveys.plan_warnings import plan_warnings
+from mlsroad_pipeline.surveys.survey_warnings import plan_warnings
+
+ImageLabelsParameters: Any = METHODS["image_labels"].load("parameters")
 
 logger = logging.getLogger(__name__)
 
@@ -138,7 +134,7 @@ def label_new_scenes(
     codes = output_codes(bundle, parameters.scheme, classes["schemes"])
     rules = object_rules(bundle, parameters.inventory)
     limits, contrast = parameters.kerb_limits(), parameters.least_contrast
-    settings = LabelSettings(codes, rules, ground, ingest.outliers, judge_digest(), limits, contrast)
+    settings = LabelSettings(codes, rules, ground, ingest.outliers, classifier_digest(), limits, contrast)
     cut = ingest.with_context(context_of(bundle))
     return label_tasks(plan, pieces, corridors, model, images, cut, settings)
 

@@ -2,7 +2,7 @@
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.pipelines.ingest.pipeline import cut_survey
+from mlsroad_pipeline.pipelines.ingest import cut_survey
 from mlsroad_pipeline.pipelines.label.nodes import (
     check_label_outputs,
     describe_survey,
@@ -22,12 +22,7 @@ from mlsroad_pipeline.pipelines.label.nodes import (
 
 def _ingest() -> Pipeline:
     """Return the pipeline that plans the results, cuts the survey and checks that the results can be written."""
-    plan = Node(
-        plan_label_files,
-        inputs=["params:label", "params:ingest", "label_run"],
-        outputs="label_plan",
-        name="plan_label_files",
-    )
+    plan = Node(plan_label_files, ["params:label", "params:ingest", "label_run"], "label_plan", name="plan_label_files")
     cut = Pipeline(
         cut_survey(),
         namespace="label",
@@ -42,8 +37,8 @@ def _ingest() -> Pipeline:
     )
     check = Node(
         check_label_outputs,
-        inputs=["label_plan", "label_files_store", "label_read_quality", "params:label"],
-        outputs="label_quality",
+        ["label_plan", "label_files_store", "label_read_quality", "params:label"],
+        "label_quality",
         name="check_label_outputs",
     )
     return Pipeline([plan, cut, check])
@@ -54,25 +49,20 @@ def _model() -> list[Node]:
     return [
         Node(
             find_named_model,
-            inputs=["params:label", "params:image_labels", "params:classes"],
-            outputs="label_model_request",
+            ["params:label", "params:image_labels", "params:classes"],
+            "label_model_request",
             name="find_named_model",
         ),
         Node(
             describe_survey,
-            inputs=["label_plan", "label_pieces_store", "params:ingest"],
-            outputs="label_facts",
+            ["label_plan", "label_pieces_store", "params:ingest"],
+            "label_facts",
             name="describe_survey",
         ),
-        Node(
-            load_model,
-            inputs=["label_model_request", "label_quality"],
-            outputs="label_model",
-            name="load_model",
-        ),
+        Node(load_model, ["label_model_request", "label_quality"], "label_model", name="load_model"),
         Node(
             warn_of_survey,
-            inputs=[
+            [
                 "label_plan",
                 "label_files_store",
                 "label_corridors_store",
@@ -81,13 +71,13 @@ def _model() -> list[Node]:
                 "params:label",
                 "label_facts",
             ],
-            outputs="label_warnings",
+            "label_warnings",
             name="warn_of_survey",
         ),
         Node(
             find_label_images,
-            inputs=["label_plan", "label_model", "params:label", "params:image_labels"],
-            outputs="label_images",
+            ["label_plan", "label_model", "params:label", "params:image_labels"],
+            "label_images",
             name="find_label_images",
         ),
     ]
@@ -98,7 +88,7 @@ def _labelling() -> list[Node]:
     return [
         Node(
             label_new_scenes,
-            inputs=[
+            [
                 "label_plan",
                 "label_pieces_store",
                 "label_corridors_store",
@@ -109,18 +99,18 @@ def _labelling() -> list[Node]:
                 "params:ground_removal",
                 "params:classes",
             ],
-            outputs="label_results_store",
+            "label_results_store",
             name="label_new_scenes",
         ),
         Node(
             join_label_objects,
-            inputs=["label_plan", "label_corridors_store", "label_results_store", "label_model", "params:label"],
-            outputs="label_objects_store",
+            ["label_plan", "label_corridors_store", "label_results_store", "label_model", "params:label"],
+            "label_objects_store",
             name="join_label_objects",
         ),
         Node(
             write_labelled_files,
-            inputs=[
+            [
                 "label_plan",
                 "label_pieces_store",
                 "label_results_store",
@@ -130,7 +120,7 @@ def _labelling() -> list[Node]:
                 "params:classes",
                 "label_run",
             ],
-            outputs="label_written_store",
+            "label_written_store",
             name="write_labelled_files",
         ),
     ]
@@ -141,7 +131,7 @@ def _reporting() -> list[Node]:
     return [
         Node(
             make_inventory,
-            inputs=[
+            [
                 "label_plan",
                 "label_files_store",
                 "label_corridors_store",
@@ -149,18 +139,18 @@ def _reporting() -> list[Node]:
                 "params:label",
                 "label_run",
             ],
-            outputs=["label_inventory", "label_inventory_table"],
+            ["label_inventory", "label_inventory_table"],
             name="make_inventory",
         ),
         Node(
             export_label_inventory,
-            inputs=["label_plan", "label_inventory", "params:label", "label_run"],
-            outputs="label_exports",
+            ["label_plan", "label_inventory", "params:label", "label_run"],
+            "label_exports",
             name="export_inventory",
         ),
         Node(
             write_report,
-            inputs=[
+            [
                 "label_quality",
                 "label_results_store",
                 "label_written_store",
@@ -171,7 +161,7 @@ def _reporting() -> list[Node]:
                 "label_warnings",
                 "label_facts",
             ],
-            outputs=["label_report", "label_summary"],
+            ["label_report", "label_summary"],
             name="write_label_report",
         ),
     ]

@@ -10,19 +10,16 @@ from typing import Any
 from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
-from mlsroad_pipeline.algorithms.models.methods import needs_images
+from mlsroad_pipeline.algorithms.models.methods import METHODS, needs_images
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.execution.output_lock import OutputInUseError, lock_output
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.run_identity import FINISHED
-from mlsroad_pipeline.label.models.choice import ModelChoice, StoredModel
-from mlsroad_pipeline.label.models.selection import choose_model
+from mlsroad_pipeline.label.model_choice import ModelChoice, StoredModel, choose_model
 from mlsroad_pipeline.label.runs import finished_record
 from mlsroad_pipeline.label.summary import LabelSummary, moved_summary
 from mlsroad_pipeline.model_store.registered_models import PREFIX, configured_store
 from mlsroad_pipeline.model_store.shipped_models import ShippedModel
-from mlsroad_pipeline.papers.tomic2019.image_labels.own_segmentation import segmentation_name
-from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import plan_labelling
 
@@ -31,7 +28,7 @@ logger = logging.getLogger(__name__)
 
 def is_finished(
     folder: str, settings: Mapping[str, Any], parameters: LabelParameters, ingest: IngestParameters,
-    images: ImageLabelsParameters,
+    images: Any,
 ) -> bool:  # fmt: skip
     """Return whether the results of a run are there and nothing has changed."""
     run = RunFolder(folder, settings)
@@ -52,9 +49,12 @@ def is_finished(
     return _is_same(chosen, summary["model"])
 
 
-def _is_segmented(images: ImageLabelsParameters, used: Mapping[str, str]) -> bool:
+def _is_segmented(images: Any, used: Mapping[str, str]) -> bool:
     """Return whether the images were segmented by the masks or the weights that are named, else by the model."""
-    return not images.own_segmentation or used.get("name") == segmentation_name(images)
+    if not images.own_segmentation:
+        return True
+    name_of = METHODS["image_labels"].function(".own_segmentation:segmentation_name")
+    return bool(used.get("name") == name_of(images))
 
 
 def _is_same(chosen: ModelChoice, used: Any) -> bool:
@@ -79,4 +79,4 @@ def repeat_summary(run: RunFolder, parameters: LabelParameters) -> LabelSummary:
 def repeat_pipeline() -> Pipeline:
     """Return the pipeline that reports the summary of a finished run."""
     inputs = ["label_run", "params:label"]
-    return Pipeline([Node(repeat_summary, inputs=inputs, outputs="label_summary", name="repeat_label_summary")])
+    return Pipeline([Node(repeat_summary, inputs, "label_summary", name="repeat_label_summary")])

@@ -13,7 +13,7 @@ from mlsroad_pipeline.model_store.shipped_models import load_shipped
 from mlsroad_pipeline.papers.comparison.recordings.plan import StudyPlan, read_scenes, score_runs
 from mlsroad_pipeline.papers.comparison.recordings.report import markdown_tables, study_figures, summary
 from mlsroad_pipeline.papers.comparison.recordings.results import StudyTables, study_tables
-from mlsroad_pipeline.surveys.recording_scenes import read_scene
+from mlsroad_pipeline.surveys.recordings import read_scene
 
 
 def read_recordings(plan: StudyPlan) -> dict[str, SceneTask]:

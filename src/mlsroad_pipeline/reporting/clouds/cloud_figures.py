@@ -28,7 +28,7 @@ from mlsroad_pipeline.algorithms.core.palette import (
 )
 from mlsroad_pipeline.algorithms.core.validation import check_column, check_xyz
 from mlsroad_pipeline.reporting.clouds.splatting import close_gaps, depth_shading, nearest_points, shaded_picture
-from mlsroad_pipeline.reporting.clouds.view import View
+from mlsroad_pipeline.reporting.clouds.view import View, scale_length
 
 _DPI = 150
 _VIEWS_KEPT = 2
@@ -126,12 +126,6 @@ def _painted(
     return {name: shaded_picture(index, shade, paint, oversampling=oversampling) for name, paint in colours.items()}
 
 
-def _scale_length(metres: float) -> float:
-    """Return the largest of 1, 2 or 5 times a power of ten that is at most `metres`."""
-    power = 10.0 ** np.floor(np.log10(metres))
-    return float(max(step * power for step in (1, 2, 5) if step * power <= metres * (1 + 1e-9)))
-
-
 def cloud_figure(
     pictures: Mapping[str, NDArray[np.uint8]],
     view: View,
@@ -182,7 +176,7 @@ def cloud_figure(
 def _draw_scale_bar(axes, view: View) -> None:  # type: ignore[no-untyped-def]  # matplotlib is not followed by mypy
     """Draw a bar of a round length in the lower left corner of a panel."""
     width, height = view.size
-    metres = _scale_length(0.2 * width / view.scale)
+    metres = scale_length(0.2 * width / view.scale)
     pixels, thickness = metres * view.scale, max(height / 120, 2)
     x, y = 0.018 * width, height - 0.018 * width
     paper = Rectangle((x - 8, y - 0.055 * width), pixels + 16, 0.065 * width, facecolor="white", alpha=0.75, lw=0)

@@ -135,3 +135,15 @@ def oblique_view(
         target[2] = np.quantile(near[:, 2], 0.3)
     distance = 0.5 * length / float(np.tan(np.radians(field_of_view) / 2))
     return look_at(target - forward * distance, target, size=size, field_of_view=field_of_view)
+
+
+def scale_length(metres: float) -> float:
+    """Return the largest of 1, 2 or 5 times a power of ten that is at most `metres`.
+
+    Examples
+    --------
+    >>> scale_length(37.0), scale_length(1.0)
+    (20.0, 1.0)
+    """
+    power = 10.0 ** np.floor(np.log10(metres))
+    return float(max(step * power for step in (1, 2, 5) if step * power <= metres * (1 + 1e-9)))

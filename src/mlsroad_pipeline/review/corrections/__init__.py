@@ -1,7 +1,7 @@
 """Corrections of a labelled survey: store, import from edited files, order of review, learning."""
 
 from mlsroad_pipeline.review.corrections.decisions import ACTIONS, Correction, Decision
-from mlsroad_pipeline.review.corrections.review import review_order
+from mlsroad_pipeline.review.corrections.states import review_order
 from mlsroad_pipeline.review.corrections.store import CorrectionStore, has_corrections, open_corrections
 
 __all__ = [

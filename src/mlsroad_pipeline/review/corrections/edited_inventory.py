@@ -15,12 +15,16 @@ import pandas as pd
 import pyogrio
 import shapely
 from pyproj import CRS
+from pyproj.exceptions import CRSError
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
+from mlsroad_pipeline.formats.las.header import read_header
+from mlsroad_pipeline.formats.las.lookup import class_names
 from mlsroad_pipeline.inventory_files.geopackage import LAYERS
+from mlsroad_pipeline.review.corrections.answers import NamedClasses
 from mlsroad_pipeline.review.corrections.decisions import Correction
-from mlsroad_pipeline.review.corrections.expected_values import is_other_system
+from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 from mlsroad_pipeline.review.corrections.listed_objects import ListedObjects
 from mlsroad_pipeline.review.corrections.states import STATUS, ObjectState
 
@@ -91,10 +95,12 @@ def _layers(path: Path, system: CRS | None) -> dict[str, gpd.GeoDataFrame]:
     except (sqlite3.Error, pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, ValueError) as error:
         raise ReadError(f"{path}: not a GeoPackage: {' '.join(str(error).split())}") from error
     if not layers:
-        raise ReadError(f"{path} has none of the layers objects, {', '.join(LAYERS)}: it is no inventory of mlsroad")
+        raise ReadError(
+            f"{path} has none of the layers objects, {', '.join(LAYERS)}: it is not an inventory of mlsroad"
+        )
     for name, frame in layers.items():
         if not isinstance(frame, gpd.GeoDataFrame):
-            raise ReadError(f"{path}: layer {name!r} has no geometry: it is no inventory of mlsroad")
+            raise ReadError(f"{path}: layer {name!r} has no geometry: it is not an inventory of mlsroad")
         if is_other_system(frame.crs, system):
             raise DataError(
                 f"{path}: layer {name!r} is in {frame.crs.name}, the inventory in {system.name if system else ''}: "
@@ -116,7 +122,7 @@ def _check_copy(path: Path, frame: gpd.GeoDataFrame, listed: pd.DataFrame) -> No
     if (apart > MOVED).mean() > 0.1:
         number = int(known["object_id"].to_numpy()[int(np.argmax(apart))])
         raise DataError(
-            f"{path} is no copy of this inventory (object {number} is another one): the survey was labelled again; "
+            f"{path} is not a copy of this inventory (object {number} is another one): the survey was labelled again; "
             "edit the present inventory"
         )
 
@@ -168,12 +174,14 @@ def _changes(path: Path, row: dict[str, Any], number: int, listed: pd.Series, st
     before, known = state.get("status", ""), state.get("checked_class", "")
     if status and status not in (*_ACTIONS, "added"):
         raise DataError(f"{path}: unknown status {row['status']!r} of object {number}: use {', '.join(_TYPED)}")
-    written = {name: _text(listed.get(name)) for name in ("status", "checked_class")}
+    stored = {name: listed.get(name) for name in ("status", "checked_class")}
+    written = {name: "" if pd.isna(value) else str(value) for name, value in stored.items()}
     named = next((n for n in (row["class"], row["kind"]) if n and n not in (listed["class"], listed["kind"])), "")
     if given and given not in (written["checked_class"], str(listed["class"]), str(listed["kind"])):
         named = given
     if named:
-        changes += [] if named == known else [_of_class(number, named)]
+        given_class = {"kind": named} if named in KINDS else {"payload": {"class": named}}
+        changes += [] if named == known else [Correction("other_kind", number, **given_class)]
     elif status in (written["status"], before):
         pass
     elif status in ("accepted", "rejected"):
@@ -195,20 +203,8 @@ def _changes(path: Path, row: dict[str, Any], number: int, listed: pd.Series, st
     return changes
 
 
-def _text(value: Any) -> str:
-    return "" if pd.isna(value) else str(value)
-
-
 def _apart(place: Sequence[Any], other: Sequence[Any]) -> float:
     return float(np.abs(np.asarray(place, np.float64) - np.asarray(other, np.float64)).max())
-
-
-def _of_class(number: int, name: str) -> Correction:
-    return (
-        Correction("other_kind", number, kind=name)
-        if name in KINDS
-        else Correction("other_kind", number, payload={"class": name})
-    )
 
 
 def _added(path: Path, row: dict[str, Any], layer: str) -> Correction:
@@ -257,3 +253,45 @@ def _deleted(layers: dict[str, gpd.GeoDataFrame], listed: pd.DataFrame, states: 
 
 def _described(correction: Correction) -> str:
     return f"{correction.action} {correction.checked_class}".strip()
+
+
+def known_names(folder: Path) -> frozenset[str]:
+    """Return the kinds, and the names of classes that the model of an output can learn; kinds alone without a run."""
+    try:
+        output = LabelledOutput.at(folder)
+        cloud = next(iter(output.clouds().values()))
+    except ReadError:
+        return frozenset(KINDS)
+    scheme = output.model_scheme(class_names(read_header(cloud)))
+    if scheme is None:
+        classes = {name for spec in output.schemes.values() for name in spec["classes"]}
+        return frozenset({*KINDS, *classes, *output.record["summary"].get("classes", ())})
+    return frozenset({*KINDS, *NamedClasses(scheme, output.schemes).names})
+
+
+def system_of(folder: Path) -> CRS | None:
+    """Return the coordinate reference system of the inventory of an output, None if it has none."""
+    path = folder / "inventory.gpkg"
+    if not path.is_file():
+        return None
+    try:
+        return _known(pyogrio.read_info(path, layer="objects")["crs"])
+    except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError) as error:
+        raise ReadError(f"{path}: not a GeoPackage inventory: {error}") from error
+
+
+def _known(given: object) -> CRS | None:
+    try:
+        system = None if given is None else CRS.from_user_input(given)
+    except CRSError:
+        return None
+    return None if system is None or "Undefined" in system.name else system
+
+
+def is_other_system(given: object, system: CRS | None) -> bool:
+    """Return whether both systems are known and their horizontal parts differ."""
+    own = _known(given)
+    if own is None or system is None:
+        return False
+    one, other = (crs.sub_crs_list[0] if crs.is_compound else crs for crs in (own, system))
+    return not (one.equals(other, ignore_axis_order=True) or one.name == other.name)

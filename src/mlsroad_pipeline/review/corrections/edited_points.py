@@ -47,7 +47,7 @@ def corrections_of_points(
         unmatched = int((~np.isfinite(distance)).sum())
         if unmatched:
             raise DataError(
-                f"{path}: {unmatched} of {len(row)} points are none of {labelled}: it was shifted or thinned anew; "
+                f"{path}: {unmatched} of {len(row)} points are not in {labelled}: it was shifted or thinned anew; "
                 "edit a copy of the labelled file"
             )
     changed = np.flatnonzero((after[1] != before[1][row]) & (after[1] != codes[row]))

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.inventory.objects.candidate_labels import candidate_rules
-from mlsroad_pipeline.algorithms.inventory.objects.classifier_continuation import continue_judge
+from mlsroad_pipeline.algorithms.inventory.objects.classifier_continuation import continue_classifier
 from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
 from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import Answer, ContinuationParameters, Scored
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.methods import needs_images
 from mlsroad_pipeline.formats.las.header import read_header
 from mlsroad_pipeline.formats.registry import get_format
-from mlsroad_pipeline.model_store.object_judges import judge_of, read_judge_replay, with_judge
+from mlsroad_pipeline.model_store.object_classifiers import classifier_of, read_candidate_replay, with_classifier
 from mlsroad_pipeline.review.corrections.answers import (
     NamedClasses,
     answers_of_file,
@@ -31,13 +31,13 @@ from mlsroad_pipeline.review.corrections.learners import Learner, learner_of
 from mlsroad_pipeline.review.corrections.object_answers import (
     DecidedObject,
     RatedCandidates,
+    TileGrid,
     TileObjects,
     decided_objects,
     joined_answers,
 )
 from mlsroad_pipeline.review.corrections.states import States
 from mlsroad_pipeline.review.corrections.store import has_corrections, open_corrections
-from mlsroad_pipeline.review.corrections.tiles import TileGrid
 
 logger = logging.getLogger(__name__)
 
@@ -215,7 +215,9 @@ def learn_from(
         model = learner.learned(answers, survey, parameters=parameters, learned_from=from_outputs)
         entry = dict(model.metadata["learned"][-1])
     rated = [found for part in parts for found in part.objects]
-    model = with_judge(model, continue_judge(judge_of(bundle), joined_answers(rated), read_judge_replay()))
+    model = with_classifier(
+        model, continue_classifier(classifier_of(bundle), joined_answers(rated), read_candidate_replay())
+    )
     own = {name: value for name, value in model.metadata.items() if name not in ("shipped", "registered", "stored")}
     entry["added_objects"] = sum(found.n_added for found in rated)
     learned = [*bundle.metadata.get("learned", ()), entry]

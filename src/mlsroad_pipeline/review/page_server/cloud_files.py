@@ -141,10 +141,10 @@ class CloudFiles:
                 for start in range(0, file.header.n_points, size):
                     yield self._block(file, reader.read(start, start + size), start)
 
-    def sample(self, n_points: int, *, most_chunks: int = 100) -> Iterator[Block]:
+    def sample(self, n_points: int, *, max_chunks: int = 100) -> Iterator[Block]:
         """Yield about `n_points` points: the first of evenly spaced chunks of the files, which are read alone."""
         n_chunks = sum(-(-file.header.n_points // LAZ_CHUNK) for file in self.files)
-        step = max(1, -(-n_chunks // most_chunks))
+        step = max(1, -(-n_chunks // max_chunks))
         per_chunk = max(1, n_points // max(1, n_chunks // step))
         for file in self.files:
             with RecordReader(file.path, file.header, select=SELECT) as reader:

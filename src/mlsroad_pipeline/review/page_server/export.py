@@ -1,4 +1,4 @@
-"""Page of a small survey as one file to send: to look at only, without a server."""
+"""Page of a small survey as one self-contained HTML file: to look at only, without a server."""
 
 from __future__ import annotations
 
@@ -19,11 +19,10 @@ from mlsroad_pipeline.review.corrections import has_corrections, review_order
 from mlsroad_pipeline.review.corrections.listed_objects import INVENTORIES, read_objects
 from mlsroad_pipeline.review.corrections.store import NAME as STORE
 from mlsroad_pipeline.review.page_server.cloud_files import CloudFiles
-from mlsroad_pipeline.review.page_server.contained import resolved
-from mlsroad_pipeline.review.page_server.first_picture import FirstPicture, picture_of
-from mlsroad_pipeline.review.page_server.output_folder import INVENTORY, PHOTOS, OutputFolder
+from mlsroad_pipeline.review.page_server.output_folder import INVENTORY, PHOTOS, OutputFolder, resolved
 from mlsroad_pipeline.review.page_server.served_survey import ServedSurvey
 from mlsroad_pipeline.review.page_server.server import STATIC
+from mlsroad_pipeline.review.page_server.tile_format import FirstPicture, picture_of
 
 MOST_POINTS = 1_000_000
 """Points of an exported page; of larger surveys it has a random sample."""
@@ -45,7 +44,7 @@ def export_page(output: OutputFolder, target: Path, *, most: int = MOST_POINTS) 
     if target.exists():
         raise ExportError(f"{target} exists: remove it, or choose another name (--export)")
     if not target.parent.is_dir():
-        raise ExportError(f"{target.parent} is no folder: create it first")
+        raise ExportError(f"{target.parent} is not a folder: create it first")
     survey = ServedSurvey(output, user="")
     _check_inside(output)
     corrections, queue = _decisions(survey)
@@ -64,7 +63,7 @@ def export_page(output: OutputFolder, target: Path, *, most: int = MOST_POINTS) 
 
 
 def _check_inside(output: OutputFolder) -> None:
-    """Raise ExportError if a file of the output is elsewhere: the page to send would hold its content."""
+    """Raise ExportError if a file of the output is elsewhere: the exported file would hold its content."""
     for name in (
         *output.cloud_names,
         *(name for name in (INVENTORY, STORE, *INVENTORIES) if (output.path / name).exists()),

@@ -19,6 +19,19 @@ from mlsroad_pipeline.algorithms.inventory.lines.layers import LINE_LAYERS
 from mlsroad_pipeline.execution.run_identity import finished_record
 from mlsroad_pipeline.review.page_server.cloud_files import CloudFiles
 
+
+def resolved(folder: Path, name: str) -> Path | None:
+    """Return a file below a folder, None if it is missing, hidden, or outside of the folder by `..` or a link."""
+    parts = Path(name).parts
+    if not parts or any(part.startswith(".") or "\0" in part for part in parts):
+        return None
+    try:
+        path, root = (folder / name).resolve(strict=True), folder.resolve(strict=True)
+    except OSError:
+        return None
+    return path if path.is_file() and path.is_relative_to(root) else None
+
+
 INVENTORY, REPORT, PHOTOS = "inventory.gpkg", "report.html", "photos"
 _HIDDEN = ("fid", "geom", "geometry", "footprint", "method", "model_version")
 _MOST_VERTICES = 5000
@@ -130,7 +143,9 @@ def _reading(path: Path) -> Iterator[sqlite3.Connection]:
         with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as base:
             yield base
     except (sqlite3.Error, struct.error, IndexError, ValueError, TypeError) as error:
-        raise ReadError(f"{path} is damaged, or no inventory of mlsroad ({error}): label the survey again") from error
+        raise ReadError(
+            f"{path} is damaged, or not an inventory of mlsroad ({error}): label the survey again"
+        ) from error
 
 
 def _rows(base: sqlite3.Connection, query: str) -> list[tuple[Any, ...]]:

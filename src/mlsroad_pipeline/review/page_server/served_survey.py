@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
-from mlsroad_pipeline.review.page_server.first_picture import FirstPicture, first_picture
 from mlsroad_pipeline.review.page_server.output_folder import REPORT, OutputFolder
 from mlsroad_pipeline.review.page_server.selection import Painted, brushed, cluster
 from mlsroad_pipeline.review.page_server.tile_cache import TileCache
+from mlsroad_pipeline.review.page_server.tile_format import FirstPicture, first_picture
 
 if TYPE_CHECKING:
     from mlsroad_pipeline.review.corrections import Correction, CorrectionStore
@@ -196,7 +196,7 @@ class ServedSurvey:
         """Write the class of the points that a stroke or a click selects, and return their rows."""
         name = wanted.get("class")
         if name not in self._codes():
-            raise ParameterError(f"{name!r} is no class of the survey")
+            raise ParameterError(f"unknown class {name!r} of the survey")
         rows = self._selected(wanted)
         if not len(rows):
             return {"ids": [], "rows": []}

@@ -23,10 +23,9 @@ from starlette.routing import Route
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
 from mlsroad_pipeline.review.page_server.access import Guard
-from mlsroad_pipeline.review.page_server.contained import resolved
-from mlsroad_pipeline.review.page_server.lock import page_lock
-from mlsroad_pipeline.review.page_server.output_folder import REPORT
+from mlsroad_pipeline.review.page_server.output_folder import REPORT, resolved
 from mlsroad_pipeline.review.page_server.served_survey import ServedSurvey, one_line
+from mlsroad_pipeline.review.page_server.tile_cache import page_lock
 from mlsroad_pipeline.review.page_server.tile_format import INDEX, LEVELS, level_file
 
 LOOPBACK = "127.0.0.1"

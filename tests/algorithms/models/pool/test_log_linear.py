@@ -4,7 +4,7 @@ from sklearn.linear_model import LogisticRegression
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.models.pool.log_linear import LogLinearPool, PoolParameters, _sample
-from mlsroad_pipeline.papers.tomic2019.fusion.class_preference import ClassPreference
+from mlsroad_pipeline.papers.tomic2019.fusion.two_methods import ClassPreference
 
 PLAIN = PoolParameters(penalties=(1e-6,), balance=0.0, n_points=100_000)
 CONFUSIONS = np.array(

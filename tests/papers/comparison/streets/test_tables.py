@@ -7,8 +7,8 @@ from scipy import stats
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.metrics.scores import COLUMNS
-from mlsroad_pipeline.papers.comparison.streets import tables as comparison
-from mlsroad_pipeline.papers.comparison.streets.report import compare_task, comparison_sections, costs_table
+from mlsroad_pipeline.papers.comparison import streets as comparison
+from mlsroad_pipeline.papers.comparison.streets import compare_task, comparison_sections, costs_table
 
 LABELLING = comparison.TASKS[0]
 MEANS = {"a": [0.8, 0.7, 0.9], "b": [0.85, 0.8, 0.92], "c": [0.5, 0.9, 0.1]}

@@ -4,9 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from helpers.yaml_files import read_yaml
+from helpers.conf import base
 
-from conftest import REPOSITORY
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.model_store.bundle_files import load_bundle
 from mlsroad_pipeline.papers.luo2019.jointnet.parameters import JointNetParameters, TrainingParameters
@@ -40,7 +39,7 @@ TUNED = {
 
 @pytest.mark.parametrize(("slug", "wanted"), [("jointnet_printed", PRINTED), ("jointnet_tuned", TUNED)])
 def test_both_configurations_have_the_stated_values(slug, wanted):
-    given = read_yaml(REPOSITORY / "conf" / "base" / f"parameters_{slug}.yml")[slug]
+    given = base(slug)
     assert given["inputs"] == {**wanted["inputs"], "clean": 0.0}
     assert {name: given["training"][name] for name in wanted["training"]} == wanted["training"]
     assert given["training"]["augmentation"] == wanted["augmentation"]

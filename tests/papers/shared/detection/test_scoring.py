@@ -19,14 +19,18 @@ from mlsroad_pipeline.algorithms.segmentation.stage import (
     segment_scene,
     segmentation_table,
 )
-from mlsroad_pipeline.papers.shared.detection.outcomes import FALSE, MISSED, RIGHT, detection_outcomes
-from mlsroad_pipeline.papers.shared.detection.references import wanted_objects, without_reference
 from mlsroad_pipeline.papers.shared.detection.scoring import (
+    FALSE,
+    MISSED,
+    RIGHT,
     DetectionParameters,
     count_detections_of_scene,
     detection_curves,
+    detection_outcomes,
     detection_table,
     object_classes,
+    wanted_objects,
+    without_reference,
 )
 from mlsroad_pipeline.papers.shared.detection.thresholds import (
     best_threshold,
@@ -34,7 +38,7 @@ from mlsroad_pipeline.papers.shared.detection.thresholds import (
     object_weights,
 )
 from mlsroad_pipeline.papers.shared.detection.training import training_weights
-from mlsroad_pipeline.papers.shared.figures.detection_pictures import detection_figure
+from mlsroad_pipeline.papers.shared.figures import detection_figure
 
 SCHEME = ClassScheme(
     "test", ("pole", "car", "other"), (("light_pole",), ("car",), ("road", "tree")), ("unlabelled",), (64, 66, 1)

@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.features.supervoxel_features import SupervoxelF
 from mlsroad_pipeline.algorithms.geometry.cell_grid import build_cell_grids
 from mlsroad_pipeline.algorithms.models.machines.class_balance import majority_labels
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.classifier import DetrendedForestClassifier
-from mlsroad_pipeline.papers.tomic2019.detrended_forest.labelling import label_points
+from mlsroad_pipeline.papers.tomic2019.detrended_forest.labeller import label_points
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.papers.tomic2019.detrended_forest.labelling import (
+from mlsroad_pipeline.papers.tomic2019.detrended_forest.labeller import (
     label_points,
     nearest_supervoxels,
     smooth_probabilities,

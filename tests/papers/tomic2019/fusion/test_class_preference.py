@@ -3,7 +3,7 @@ import pytest
 from sklearn.metrics import f1_score
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.papers.tomic2019.fusion.class_preference import ClassPreference, count_agreement
+from mlsroad_pipeline.papers.tomic2019.fusion.two_methods import ClassPreference, count_agreement
 
 
 def planted(rng, n, matrix):

@@ -12,7 +12,7 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.algorithms.models.machines import torch_training
 from mlsroad_pipeline.model_store.bundle_files import load_bundle, save_bundle
-from mlsroad_pipeline.papers.tomic2019.image_labels import labeller, segmenters
+from mlsroad_pipeline.papers.tomic2019.image_labels import labeller, segmentation
 from mlsroad_pipeline.papers.tomic2019.image_labels.segmentation import segment_image
 from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import ImageLabelsParameters
 
@@ -66,7 +66,7 @@ def by_colour(monkeypatch):
         sky = (image.max(axis=2) == 0)[:, :, None]
         return np.concatenate([image[:, :, :1] > 0, image[:, :, 2:] > 0, sky], axis=2).astype(np.float32)
 
-    monkeypatch.setattr(segmenters, "segment_image", segment)
+    monkeypatch.setattr(segmentation, "segment_image", segment)
 
 
 def views(group="left", place=(0.0, 0.0, 0.0)):
@@ -115,7 +115,7 @@ def test_camera_that_the_survey_does_not_have_is_named(model, by_colour):
 def test_model_outlives_its_files(model, tmp_path):
     save_bundle(model, tmp_path / "model")
     again = load_bundle(tmp_path / "model")
-    one, other = (segment_image(segmenters.network_of(bundle), picture()) for bundle in (model, again))
+    one, other = (segment_image(segmentation.network_of(bundle), picture()) for bundle in (model, again))
     assert np.array_equal(one, other) and one.shape == (80, 100, 3)
 
 

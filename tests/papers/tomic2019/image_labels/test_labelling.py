@@ -3,7 +3,7 @@ import pytest
 
 from mlsroad_pipeline.algorithms.cameras.camera import Camera
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.papers.tomic2019.image_labels.labelling import label_through_images
+from mlsroad_pipeline.papers.tomic2019.image_labels.labeller import label_through_images
 
 AXES = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
 

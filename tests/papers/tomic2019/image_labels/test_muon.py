@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from mlsroad_pipeline.papers.tomic2019.image_labels.muon import ROUNDS, Muon, orthogonalised
+from mlsroad_pipeline.papers.tomic2019.image_labels.pspnet_training import ROUNDS, Muon, orthogonalised
 
 
 def by_singular_values(matrix):

@@ -12,14 +12,13 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.members import member, with_members
-from mlsroad_pipeline.label.models.request import ModelRequest, image_request
-from mlsroad_pipeline.label.models.selection import choose_model
+from mlsroad_pipeline.label.model_choice import ModelRequest, choose_model, image_request
 from mlsroad_pipeline.label.summary import segmentation_source
 from mlsroad_pipeline.model_store.bundle_files import load_bundle, save_bundle
-from mlsroad_pipeline.papers.tomic2019.image_labels import onnx_network, segmenters
+from mlsroad_pipeline.papers.tomic2019.image_labels import onnx_network, segmentation
 from mlsroad_pipeline.papers.tomic2019.image_labels.own_segmentation import own_model, with_own_segmentation
 from mlsroad_pipeline.papers.tomic2019.image_labels.pspnet import PSPNet
-from mlsroad_pipeline.papers.tomic2019.image_labels.segmenters import network_of, segmenter_of
+from mlsroad_pipeline.papers.tomic2019.image_labels.segmentation import network_of, segmenter_of
 from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import ImageLabelsParameters
 
 SCHEME = ClassScheme("two", ("ground", "thing"), (("road", "sidewalk"), ("car", "tree")), (), (2, 6))
@@ -70,7 +69,7 @@ def test_the_network_of_a_process_is_built_once(tmp_path, classes, monkeypatch):
     )
     third = own_model(ImageLabelsParameters(weights=path, classes=classes, mean=(1, 2, 3)), SCHEME)
     true = onnx_network.OnnxNetwork
-    monkeypatch.setattr(segmenters, "_kept", {})
+    monkeypatch.setattr(segmentation, "_kept", {})
     monkeypatch.setattr(onnx_network, "OnnxNetwork", lambda *given, **more: built.append(1) or true(*given, **more))
     for model, count in ((one, 1), (other, 1), (third, 2), (one, 3)):
         segmenter_of(model)

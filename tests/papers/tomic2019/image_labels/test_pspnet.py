@@ -6,10 +6,14 @@ import torch
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.papers.tomic2019.image_labels.pspnet import MEAN, SPREAD, PSPNet, network_input
-from mlsroad_pipeline.papers.tomic2019.image_labels.pspnet_checkpoint import load_published
-from mlsroad_pipeline.papers.tomic2019.image_labels.pspnet_layouts import recognise_weights
 from mlsroad_pipeline.papers.tomic2019.image_labels.pspnet_training import overlap_loss, train_network
-from mlsroad_pipeline.papers.tomic2019.image_labels.pspnet_weights import from_arrays, load_state, to_arrays
+from mlsroad_pipeline.papers.tomic2019.image_labels.pspnet_weights import (
+    from_arrays,
+    load_published,
+    load_state,
+    recognise_weights,
+    to_arrays,
+)
 from mlsroad_pipeline.papers.tomic2019.image_labels.segmentation import segment_image
 from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import TrainingParameters
 

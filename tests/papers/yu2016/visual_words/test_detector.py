@@ -8,16 +8,18 @@ from references.words import planted
 from scipy.sparse import csr_array
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.papers.yu2016.visual_words.bags import (
+from mlsroad_pipeline.papers.yu2016.visual_words.appearance import (
     count_words,
     inverse_document_frequency,
+    measure_sizes,
     similarity,
+    size_similarity,
     weigh_words,
+    within_sizes,
 )
 from mlsroad_pipeline.papers.yu2016.visual_words.detector import VisualWordsDetector
 from mlsroad_pipeline.papers.yu2016.visual_words.labeller import bag_objects
 from mlsroad_pipeline.papers.yu2016.visual_words.queries import DetectorParameters
-from mlsroad_pipeline.papers.yu2016.visual_words.sizes import measure_sizes, size_similarity, within_sizes
 
 
 def test_bags_are_equations_21_and_22():
@@ -236,7 +238,7 @@ def test_a_scene_without_objects_and_a_cloud_without_any(rng):
     from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
     from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters, segment_scene
     from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters, object_classes
-    from mlsroad_pipeline.papers.yu2016.visual_words.descriptions import describe_objects
+    from mlsroad_pipeline.papers.yu2016.visual_words.groups import describe_objects
     from mlsroad_pipeline.papers.yu2016.visual_words.labeller import detect_scene, label_cloud
     from mlsroad_pipeline.papers.yu2016.visual_words.training import (
         DetectionStages,

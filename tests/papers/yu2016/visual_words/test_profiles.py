@@ -6,6 +6,7 @@ import pytest
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.papers.yu2016.visual_words.profiles import (
     BANDS,
+    KINDS,
     N_BLIND,
     N_PLACES,
     N_SHARES,
@@ -13,9 +14,9 @@ from mlsroad_pipeline.papers.yu2016.visual_words.profiles import (
     TONES,
     measure_profiles,
     profile_similarity,
+    surface_kinds,
     without_intensities,
 )
-from mlsroad_pipeline.papers.yu2016.visual_words.surfaces import KINDS, surface_kinds
 
 
 def lamp(rng, x=0.0, y=0.0, turn=0.0):

@@ -5,7 +5,6 @@ import pytest
 from references.words import distance
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.papers.yu2016.visual_words._clustering import central_members
 from mlsroad_pipeline.papers.yu2016.visual_words._context import orders
 from mlsroad_pipeline.papers.yu2016.visual_words.distance import WordIndex, inverse_covariance
 from mlsroad_pipeline.papers.yu2016.visual_words.groups import ContextualGroups
@@ -14,6 +13,7 @@ from mlsroad_pipeline.papers.yu2016.visual_words.vocabulary import (
     VocabularyParameters,
     _distances,
     build_vocabulary,
+    central_members,
     stop_list,
 )
 

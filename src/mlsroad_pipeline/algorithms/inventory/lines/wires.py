@@ -66,7 +66,7 @@ def wire_points(
 def join_wires(
     scenes: Sequence[pd.DataFrame], trajectory: Trajectory | None = None, *, least_score: float = LEAST_SCORE
 ) -> pd.DataFrame:
-    """Return the wires of a drive as lines.
+    """Return the wires of a pass as lines.
 
     A wire is a parabola in an upright plane, which differs from a catenary by millimetres where the sag is a tenth of
     the span or less.

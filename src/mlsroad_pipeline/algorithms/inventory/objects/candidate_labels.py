@@ -1,9 +1,9 @@
 """Classes of the points that form candidate objects, from class probabilities and upright lines.
 
 A detector that takes the most probable class of each point loses thin objects in front of others. Here the
-probabilities of poles, signs and vehicles are raised, so that more candidates arise than objects; a judge scores
-each. Upright lines among points of poles, signs and trees are classified as a whole: trunks become part of trees, and
-posts in crowns part of poles.
+probabilities of poles, signs and vehicles are raised, so that more candidates arise than objects. An object
+classifier scores each. Upright lines among points of poles, signs and trees are classified as a whole: trunks become
+part of trees, and posts in crowns part of poles.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import GROUPS, ClassEvidence
-from mlsroad_pipeline.algorithms.inventory.objects.classifying import POLE, STEM, TRUNK, Judge
+from mlsroad_pipeline.algorithms.inventory.objects.classifying import POLE, STEM, TRUNK, Classifier
 from mlsroad_pipeline.algorithms.inventory.objects.evidence import SceneCells
 from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule, rules_for_scheme
 from mlsroad_pipeline.algorithms.inventory.objects.stem_features import find_scene_stems
@@ -30,7 +30,7 @@ CANDIDATE_LIMITS: dict[str, dict[str, float]] = {
     "vehicle": {"min_height": 0.5, "min_width": 0.8, "max_clearance": 1.5},
     "tree": {"max_clearance": 8.0},
 }
-"""Rules of candidates for a judge, where they differ from those of objects."""
+"""Rules of candidates for an object classifier, where they differ from those of objects."""
 
 _LEAST_TRUNK, _LEAST_POLE = 0.7, 0.5  # probabilities from which a stem changes the class of its points
 
@@ -57,7 +57,7 @@ def classify_stems(
     cells: SceneCells,
     *,
     rules: Mapping[str, ObjectRule],
-    judge: Judge,
+    classifier: Classifier,
 ) -> NDArray[np.int16]:
     """Give the points of each upright line one class."""
     out = np.asarray(labels).astype(np.int16)
@@ -69,7 +69,7 @@ def classify_stems(
     stems = find_scene_stems(local, height, points, cells)
     if not len(stems.features):
         return out
-    probability = judge.probabilities(STEM, stems.features)
+    probability = classifier.probabilities(STEM, stems.features)
     probability = np.concatenate([probability, np.zeros((1, probability.shape[1]))])[
         stems.owner
     ]  # points of no stem are last

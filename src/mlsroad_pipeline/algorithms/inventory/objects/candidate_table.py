@@ -1,4 +1,4 @@
-"""Table of all candidates of a scene with their features, to train a judge."""
+"""Table of all candidates of a scene with their features, to train an object classifier."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.inventory.objects.candidate_labels import classify_stems, raised_labels
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import ClassEvidence
-from mlsroad_pipeline.algorithms.inventory.objects.classifying import Judge
+from mlsroad_pipeline.algorithms.inventory.objects.classifying import Classifier
 from mlsroad_pipeline.algorithms.inventory.objects.evidence import SceneCells
 from mlsroad_pipeline.algorithms.inventory.objects.fragments import find_fragments, join_voxels
 from mlsroad_pipeline.algorithms.inventory.objects.measured_rows import Evidence, find_candidates
@@ -41,11 +41,13 @@ class CandidateScene:
         return SceneCells(self.local, core=core, origin=self.origin, evidence=self.evidence)
 
 
-def find_candidate_table(scene: CandidateScene, rules: Mapping[str, ObjectRule], judge: Judge) -> pd.DataFrame:
+def find_candidate_table(
+    scene: CandidateScene, rules: Mapping[str, ObjectRule], classifier: Classifier
+) -> pd.DataFrame:
     """Find the candidates of a scene as `extract_objects` does."""
     cells = scene.cells
     labels = raised_labels(scene.evidence, rules)
-    labels = classify_stems(scene.local, scene.height, labels, cells, rules=rules, judge=judge)
+    labels = classify_stems(scene.local, scene.height, labels, cells, rules=rules, classifier=classifier)
     rows: list[dict[str, object]] = []
     features = [np.zeros((0, len(FEATURES)), np.float32)]
     for name, rule in rules.items():

@@ -1,8 +1,8 @@
-"""Boosting of the judge of objects that goes on from a trained judge, with the answers of a user about objects.
+"""Boosting of the object classifier that goes on from a trained one, with the answers of a user about objects.
 
 Trees are added to those of each kind; they learn from the candidates that the answers are about and from a sample of
-the candidates that the judge was trained on (replay), which reduces catastrophic forgetting. The added trees start from
-the calibrated log odds of the judge.
+the candidates that the object classifier was trained on (replay), which reduces catastrophic forgetting. The added
+trees start from the calibrated log odds of the object classifier.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
-from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectJudge
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectClassifier
 from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees
 from mlsroad_pipeline.algorithms.models.machines.threshold_codes import ThresholdCodes
 
 
 @dataclass(frozen=True)
-class JudgeContinuation:
+class ClassifierContinuation:
     """Parameters of the boosting from answers about objects."""
 
     rounds: int = 40  # Trees that are added per kind
@@ -40,36 +40,42 @@ class JudgeContinuation:
             check_at_least(getattr(self, name), least, f"learn.objects.{name}")
 
 
-class JudgedCandidates(NamedTuple):
+class LabelledCandidates(NamedTuple):
     """Candidates of one kind, and whether they are objects of this kind."""
 
     values: NDArray[np.float32]  # Features of the candidates; NaN does not apply
     true: NDArray[np.bool_]  # Whether each is an object of the kind
 
 
-def continue_judge(
-    judge: ObjectJudge,
-    answers: Mapping[str, JudgedCandidates],
-    replay: Mapping[str, JudgedCandidates],
+def continue_classifier(
+    classifier: ObjectClassifier,
+    answers: Mapping[str, LabelledCandidates],
+    replay: Mapping[str, LabelledCandidates],
     *,
-    parameters: JudgeContinuation | None = None,
-) -> ObjectJudge:
-    """Return a judge that has learned from answers about objects."""
-    own = parameters or JudgeContinuation()
-    trees = dict(judge.trees)
+    parameters: ClassifierContinuation | None = None,
+) -> ObjectClassifier:
+    """Return an object classifier that has learned from answers about objects."""
+    own = parameters or ClassifierContinuation()
+    trees = dict(classifier.trees)
     for kind, found in answers.items():
         if kind not in trees or kind not in replay:
-            raise DataError(f"the judge of objects has no trees of the kind {kind!r}")
+            raise DataError(f"the object classifier has no trees of the kind {kind!r}")
         for what, rows in (("answers", found), ("replay", replay[kind])):
             if rows.values.shape[1:] != (trees[kind].n_features,):
-                raise DataError(f"the {what} have {rows.values.shape[1]} features, the judge {trees[kind].n_features}")
+                raise DataError(
+                    f"the {what} have {rows.values.shape[1]} features, the object classifier {trees[kind].n_features}"
+                )
         if len(found.values):
-            trees[kind] = _continued(judge, kind, found, replay[kind], own)
-    return replace(judge, trees=trees)
+            trees[kind] = _continued(classifier, kind, found, replay[kind], own)
+    return replace(classifier, trees=trees)
 
 
 def _continued(
-    judge: ObjectJudge, kind: str, answers: JudgedCandidates, replay: JudgedCandidates, own: JudgeContinuation
+    classifier: ObjectClassifier,
+    kind: str,
+    answers: LabelledCandidates,
+    replay: LabelledCandidates,
+    own: ClassifierContinuation,
 ) -> BoostedTrees:
     """Return the trees of a kind with those that are added."""
     import lightgbm  # noqa: PLC0415  # labelling needs none
@@ -77,7 +83,7 @@ def _continued(
     values = np.concatenate([replay.values, answers.values]).astype(np.float32)
     true = np.concatenate([replay.true, answers.true]).astype(np.float64)
     weight = np.repeat([1.0, own.answer_weight], [len(replay.values), len(answers.values)])
-    codes = ThresholdCodes(judge.trees[kind])
+    codes = ThresholdCodes(classifier.trees[kind])
     settings: dict[str, Any] = {
         "objective": "binary",
         "boost_from_average": False,
@@ -94,10 +100,10 @@ def _continued(
         "num_threads": 1,
         "verbosity": -1,
     }
-    start = judge.scores(kind, values)[:, 0]
+    start = classifier.scores(kind, values)[:, 0]
     data = lightgbm.Dataset(codes.encode(values), true, weight=weight, init_score=start, params=settings)
     booster = lightgbm.train(settings, data, own.rounds)
     added = codes.decode(BoostedTrees.from_lightgbm(booster.model_to_string()))
-    factor = judge.calibration[kind][0]
+    factor = classifier.calibration[kind][0]
     scaled = replace(added, leaf=(added.leaf / factor).astype(np.float32))
-    return BoostedTrees.joined([judge.trees[kind], scaled])
+    return BoostedTrees.joined([classifier.trees[kind], scaled])

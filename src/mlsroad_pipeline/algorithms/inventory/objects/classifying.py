@@ -1,4 +1,4 @@
-"""Interface of the trained judge of objects, and the decisions that depend on its scores."""
+"""Interface of the object classifier, and the decisions that depend on its scores."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ TRUNK, POLE, NEITHER = range(3)
 """Columns of the probabilities of stems."""
 
 
-class Judge(Protocol):
-    """A trained judge: `models.object_judge.ObjectJudge`."""
+class Classifier(Protocol):
+    """A trained object classifier: `object_classifier.ObjectClassifier`."""
 
     def probabilities(self, classifier: str, features: NDArray[np.float32]) -> NDArray[np.float64]:
         """Return the probabilities of the classes of a classifier."""

@@ -19,7 +19,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_column, check_xyz
 from mlsroad_pipeline.algorithms.inventory.objects.candidate_labels import classify_stems, raised_labels
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import ClassEvidence
-from mlsroad_pipeline.algorithms.inventory.objects.classifying import Judge
+from mlsroad_pipeline.algorithms.inventory.objects.classifying import Classifier
 from mlsroad_pipeline.algorithms.inventory.objects.evidence import EVIDENCE_FIELDS, SceneCells
 from mlsroad_pipeline.algorithms.inventory.objects.fragments import FRAGMENT_FIELDS, find_fragments, join_voxels
 from mlsroad_pipeline.algorithms.inventory.objects.measured_rows import Evidence, measured_rows
@@ -66,13 +66,13 @@ def extract_objects(
     height_above_ground: ArrayLike | None = None,
     scene: str = "scene_00000",
     evidence: ClassEvidence | None = None,
-    judge: Judge | None = None,
+    classifier: Classifier | None = None,
 ) -> SceneObjects:
     """Extract and measure the objects of a scene.
 
-    Points of one class that are connected form an object. With evidence and a judge, the class probabilities form
-    candidates instead (`candidate_labels.raised_labels`), and the judge gives each a score: the probability that it is
-    an object of its kind.
+    Points of one class that are connected form an object. With evidence and a classifier, the class probabilities form
+    candidates instead (`candidate_labels.raised_labels`), and the classifier gives each a score: the probability that
+    it is an object of its kind.
 
     Parameters
     ----------
@@ -95,8 +95,8 @@ def extract_objects(
         The scene's id.
     evidence : ClassEvidence, optional
         Class probabilities of the points.
-    judge : Judge, optional
-        A trained judge; both or neither are given.
+    classifier : Classifier, optional
+        A trained object classifier; both or neither are given.
 
     Returns
     -------
@@ -116,12 +116,12 @@ def extract_objects(
     height = None if height_above_ground is None else _finite(height_above_ground, n, "height_above_ground")
     zero = np.asarray(origin, dtype=np.float64)
     cells, forming = None, label
-    if evidence is not None and judge is not None and n and classes:
+    if evidence is not None and classifier is not None and n and classes:
         cells = SceneCells(points, core=inside, origin=zero, evidence=evidence)
         above = points[:, 2].astype(np.float64) - points[:, 2].min() if height is None else height
         raised = np.where(label >= 0, raised_labels(evidence, classes), np.int16(-1))
-        forming = classify_stems(points, above, raised, cells, rules=classes, judge=judge)
-    found = _FoundObjects(scene, classes, judge, np.zeros(n, dtype=np.int32))
+        forming = classify_stems(points, above, raised, cells, rules=classes, classifier=classifier)
+    found = _FoundObjects(scene, classes, classifier, np.zeros(n, dtype=np.int32))
     for name, rule in classes.items():
         mine = np.flatnonzero(np.isin(forming, rule.labels))
         whole, cut, of_whole, of_cut = find_fragments(
@@ -143,9 +143,9 @@ class _FoundObjects:
     """Objects of a scene class by class: measured rows, fragments at the border, and the object of each point."""
 
     def __init__(
-        self, scene: str, classes: Mapping[str, ObjectRule], judge: Judge | None, part: NDArray[np.int32]
+        self, scene: str, classes: Mapping[str, ObjectRule], classifier: Classifier | None, part: NDArray[np.int32]
     ) -> None:
-        self._scene, self._classes, self._judge, self._part = scene, classes, judge, part
+        self._scene, self._classes, self._classifier, self._part = scene, classes, classifier, part
         self._rows: list[dict[str, Any]] = []
         self._fragments, self._evidence = [empty_table(FRAGMENT_FIELDS)], [empty_table(EVIDENCE_FIELDS)]
         self._n_cut = 0
@@ -165,7 +165,7 @@ class _FoundObjects:
         voxels, number, joined_row = join_voxels(table, resolution=self._classes[name].resolution)
         known = None if evidence is None else Evidence(evidence.assign(object=evidence["fragment"]))
         found, owner = measured_rows(
-            voxels, number, name, self._classes, [self._scene], evidence=known, judge=self._judge
+            voxels, number, name, self._classes, [self._scene], evidence=known, classifier=self._classifier
         )
         of_row = np.append(np.where(owner < 0, 0, owner + len(self._rows) + 1)[joined_row], 0)
         self._part[mine] = of_row[of_whole]

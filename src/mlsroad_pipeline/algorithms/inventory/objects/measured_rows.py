@@ -1,4 +1,4 @@
-"""Rows of the object table from the voxels of candidates: splitting, measuring, rules, and the judge's decision."""
+"""Rows of the object table from the voxels of candidates: splitting, measuring, rules, classification."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.algorithms.inventory.objects.classifying import Judge
+from mlsroad_pipeline.algorithms.inventory.objects.classifying import Classifier
 from mlsroad_pipeline.algorithms.inventory.objects.evidence import CELL, SUMS
 from mlsroad_pipeline.algorithms.inventory.objects.measures import ObjectMeasures, measure
 from mlsroad_pipeline.algorithms.inventory.objects.object_features import object_features
@@ -20,7 +20,7 @@ from mlsroad_pipeline.algorithms.inventory.objects.trunks import split_trees
 from mlsroad_pipeline.algorithms.inventory.objects.vehicle_rows import split_row
 
 EITHER = ("pole", "sign")
-"""Kinds that are both judged for the points of either: the post of a sign resembles a pole, and so does its back."""
+"""Kinds that are both scored for the points of either: the post of a sign resembles a pole, and so does its back."""
 
 
 class Candidate(NamedTuple):
@@ -29,7 +29,7 @@ class Candidate(NamedTuple):
     part: int  # Number of the group of voxels
     voxels: NDArray[np.int64]  # Its voxels
     row: dict[str, Any]  # `ObjectMeasures`, with `class`, `kind` and the name of the scene
-    features: NDArray[np.float32]  # Features for the judge; empty without evidence
+    features: NDArray[np.float32]  # Features for the object classifier; empty without evidence
 
 
 class Evidence:
@@ -114,26 +114,26 @@ def measured_rows(
     scenes: Sequence[str],
     *,
     evidence: Evidence | None = None,
-    judge: Judge | None = None,
+    classifier: Classifier | None = None,
 ) -> tuple[list[dict[str, Any]], NDArray[np.int64]]:
     """Measure the objects of one class and discard those that violate the rules."""
     found = list(find_candidates(voxels, number, name, classes, scenes, evidence))
-    if evidence is not None and judge is not None:
-        found = judged(found, judge)
+    if evidence is not None and classifier is not None:
+        found = classified(found, classifier)
     owner = np.full(len(number), -1, dtype=np.int64)
     for k, candidate in enumerate(found):
         owner[candidate.voxels] = k
     return [candidate.row for candidate in found], owner
 
 
-def judged(candidates: Sequence[Candidate], judge: Judge) -> list[Candidate]:
+def classified(candidates: Sequence[Candidate], classifier: Classifier) -> list[Candidate]:
     """Return the most probable candidate of each part, with its score and reasons."""
     best: dict[int, Candidate] = {}
     for kind in sorted({candidate.row["kind"] for candidate in candidates}):
         own = [candidate for candidate in candidates if candidate.row["kind"] == kind]
         features = np.stack([candidate.features for candidate in own])
-        scores = judge.probabilities(kind, features)[:, 0].round(4).tolist()
-        for candidate, score, reasons in zip(own, scores, judge.reasons(kind, features), strict=True):
+        scores = classifier.probabilities(kind, features)[:, 0].round(4).tolist()
+        for candidate, score, reasons in zip(own, scores, classifier.reasons(kind, features), strict=True):
             rated = candidate._replace(row={**candidate.row, "score": score, "reasons": reasons})
             if candidate.part not in best or score > best[candidate.part].row["score"]:
                 best[candidate.part] = rated

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
-from mlsroad_pipeline.algorithms.inventory.objects.classifying import Judge
+from mlsroad_pipeline.algorithms.inventory.objects.classifying import Classifier
 from mlsroad_pipeline.algorithms.inventory.objects.extraction import SceneObjects
 from mlsroad_pipeline.algorithms.inventory.objects.fragments import join_voxels
 from mlsroad_pipeline.algorithms.inventory.objects.measured_rows import Evidence, measured_rows
@@ -147,9 +147,14 @@ class _Joiner:
     """Accumulator of the voxels of one class; measures each object once it is complete."""
 
     def __init__(
-        self, name: str, classes: Mapping[str, ObjectRule], links: _Links, scenes: Sequence[str], judge: Judge | None
+        self,
+        name: str,
+        classes: Mapping[str, ObjectRule],
+        links: _Links,
+        scenes: Sequence[str],
+        classifier: Classifier | None,
     ) -> None:
-        self.name, self.classes, self.judge = name, classes, judge
+        self.name, self.classes, self.classifier = name, classes, classifier
         self.ordered = sorted(scenes)
         rank = {scene: i for i, scene in enumerate(self.ordered)}
         self.rank = [rank[scene] for scene in scenes]
@@ -185,7 +190,7 @@ class _Joiner:
         voxels, number, joined = join_voxels(table[done], resolution=self.classes[self.name].resolution)
         known = self._complete_evidence(i)
         rows, owner = measured_rows(
-            *(voxels, number, self.name, self.classes, self.ordered), evidence=known, judge=self.judge
+            *(voxels, number, self.name, self.classes, self.ordered), evidence=known, classifier=self.classifier
         )
         own = np.append(owner, -1)[joined]  # voxels without points are of no object
         numbers.add(object_table(rows), table["piece"].to_numpy()[done], table["row"].to_numpy()[done], own)
@@ -212,7 +217,7 @@ def merge_scenes(
     *,
     classes: Mapping[str, ObjectRule],
     trajectory: Trajectory | None = None,
-    judge: Judge | None = None,
+    classifier: Classifier | None = None,
     least_score: float = 0.0,
 ) -> MergedObjects:
     """Merge the objects of all scenes into the inventory of a survey.
@@ -221,7 +226,7 @@ def merge_scenes(
     object belongs to the scene whose core contains its foot.
     """
     scenes, links = _link(pieces, classes)
-    joiners = {name: _Joiner(name, classes, links.pop(name), scenes, judge) for name in list(links)}
+    joiners = {name: _Joiner(name, classes, links.pop(name), scenes, classifier) for name in list(links)}
     numbers = _Numbers()
     for i, piece in enumerate(pieces):
         numbers.open_scene(piece)

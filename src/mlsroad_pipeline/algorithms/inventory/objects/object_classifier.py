@@ -1,4 +1,4 @@
-"""Boosted trees that judge candidates of the inventory: calibrated probabilities and reasons."""
+"""Boosted trees that classify candidates of the inventory: calibrated probabilities and reasons."""
 
 from __future__ import annotations
 
@@ -72,8 +72,8 @@ _FAR = 1e3
 
 
 @dataclass(frozen=True)
-class ObjectJudge:
-    """Classifiers of candidates: `inventory.judging.Judge`."""
+class ObjectClassifier:
+    """Classifiers of candidates: `classifying.Classifier`."""
 
     features: Mapping[str, Sequence[str]]  # Classifier to the names of its features
     trees: Mapping[str, BoostedTrees]  # Classifier to its trees: one score for two classes, else one per class
@@ -83,10 +83,10 @@ class ObjectJudge:
     typical: Mapping[str, NDArray[np.float32]]
 
     def check_features(self, classifier: str, names: Sequence[str]) -> None:
-        """Check that the judge was trained on given features."""
+        """Check that the object classifier was trained on given features."""
         if classifier not in self.trees or list(self.features[classifier]) != list(names):
             raise DataError(
-                f"the judge of objects has other features of {classifier!r} than this version: train it again"
+                f"the object classifier has other features of {classifier!r} than this version: train it again"
             )
 
     def scores(self, classifier: str, features: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -126,7 +126,7 @@ class ObjectJudge:
         return phrases
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return the judge as named arrays, for an NPZ file."""
+        """Return the object classifier as named arrays, for an NPZ file."""
         arrays: dict[str, NDArray] = {"questions": np.array(list(self.trees))}
         for classifier, trees in self.trees.items():
             arrays |= {f"{classifier}/{name}": values for name, values in trees.to_arrays().items()}
@@ -136,8 +136,8 @@ class ObjectJudge:
         return arrays
 
     @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray]) -> ObjectJudge:
-        """Rebuild a judge from the arrays of `to_arrays`."""
+    def from_arrays(cls, arrays: Mapping[str, NDArray]) -> ObjectClassifier:
+        """Rebuild an object classifier from the arrays of `to_arrays`."""
         check_model_arrays(arrays)
         try:
             classifiers = [str(name) for name in arrays["questions"]]
@@ -151,7 +151,7 @@ class ObjectJudge:
             }
             trees = {classifier: BoostedTrees.from_arrays(part) for classifier, part in parts.items()}
             for classifier, part in parts.items():
-                _check_judge(classifier, part)
+                _check_classifier(classifier, part)
             return cls(
                 {classifier: [str(name) for name in part["features"]] for classifier, part in parts.items()},
                 trees,
@@ -162,10 +162,10 @@ class ObjectJudge:
                 {classifier: part["typical"] for classifier, part in parts.items()},
             )
         except KeyError as error:
-            raise DataError(f"the judge of objects lacks the array {error}") from error
+            raise DataError(f"the object classifier lacks the array {error}") from error
 
 
-def _check_judge(classifier: str, part: Mapping[str, NDArray]) -> None:
+def _check_classifier(classifier: str, part: Mapping[str, NDArray]) -> None:
     """Check the arrays of a classifier that are no trees."""
     n_features = int(part["n_features"])
     calibration, typical = part["calibration"], part["typical"]
@@ -177,4 +177,4 @@ def _check_judge(classifier: str, part: Mapping[str, NDArray]) -> None:
         ("typical", typical.shape == (n_features,) and finite),
     ):
         if not fits:
-            raise DataError(f"the judge of objects is damaged: array '{classifier}/{name}' has other values")
+            raise DataError(f"the object classifier is damaged: array '{classifier}/{name}' has other values")

@@ -162,7 +162,7 @@ def object_table(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
 def finish_table(
     objects: pd.DataFrame, classes: Sequence[str], trajectory: Trajectory | None
 ) -> tuple[pd.DataFrame, NDArray[np.int64]]:
-    """Add stationing, round, sort, number and link the objects of a drive.
+    """Add stationing, round, sort, number and link the objects of a pass.
 
     A sign is linked to the nearest pole within 0.75 m of its edge in plan that reaches its lower edge to within
     0.75 m. A panel without a post of its own faces away from that pole.
@@ -170,7 +170,7 @@ def finish_table(
     Parameters
     ----------
     objects : DataFrame
-        Objects of a drive: columns of `OBJECT_FIELDS`.
+        Objects of a pass: columns of `OBJECT_FIELDS`.
     classes : sequence of str
         Class names in sort order.
     trajectory : Trajectory or None

@@ -70,12 +70,12 @@ def _score_row(name: str, kinds: list[str], matched: MatchedObjects, *, incomple
     right, false, ignored = (int((outcome == value).sum()) for value in (RIGHT, FALSE, IGNORED))
     found, missed = (int((wanted == value).sum()) for value in (FOUND, MISSED))
     counts = DetectionCounts(right, false, missed)
-    judged = listed[outcome != IGNORED]
-    table = reliability_table(judged["score"], judged["outcome"] == RIGHT, n_bins=10)
+    counted = listed[outcome != IGNORED]
+    table = reliability_table(counted["score"], counted["outcome"] == RIGHT, n_bins=10)
     sizes = [found + missed, found, len(listed), right, false, ignored]
     if incomplete:
         return [name, *sizes, np.nan, counts.recall, np.nan, np.nan, np.nan]
-    mean = float(judged["score"].mean()) if len(judged) else np.nan
+    mean = float(counted["score"].mean()) if len(counted) else np.nan
     return [name, *sizes, counts.precision, counts.recall, counts.f_score, mean, table.calibration_error]
 
 

@@ -19,7 +19,7 @@ from mlsroad_pipeline.algorithms.models.pool.labeller import with_trees
 from mlsroad_pipeline.algorithms.scenes.parts import TEST
 from mlsroad_pipeline.execution.task import StoredResult
 from mlsroad_pipeline.papers.comparison.recordings.training import stored_model
-from mlsroad_pipeline.papers.shared.evaluation.labelling import coarse_labels
+from mlsroad_pipeline.papers.shared.evaluation import coarse_labels
 
 
 def score_source(

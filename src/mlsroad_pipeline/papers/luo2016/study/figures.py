@@ -17,7 +17,7 @@ from mlsroad_pipeline.papers.luo2016.study.scores import MEANS
 from mlsroad_pipeline.papers.shared.studies.figures import draw_bars, draw_lines, draw_panels, legend_below, name_axes
 from mlsroad_pipeline.reporting.clouds.cloud_figures import INK, cloud_figure, labelling_pictures
 from mlsroad_pipeline.reporting.clouds.view import oblique_view
-from mlsroad_pipeline.reporting.figures.style import SERIES
+from mlsroad_pipeline.reporting.figures import SERIES
 
 CAPTIONS = {
     "methods": "F1 of the methods",

@@ -1,4 +1,4 @@
-"""Reference classes of objects, and detections matched with reference objects."""
+"""Reference classes of objects, outcomes of detections, and their scores."""
 
 from __future__ import annotations
 
@@ -23,9 +23,82 @@ from mlsroad_pipeline.algorithms.metrics.detection import (
     precision_recall_curve,
 )
 from mlsroad_pipeline.algorithms.metrics.instances import find_overlaps
-from mlsroad_pipeline.algorithms.segmentation.stage import owned_by_core
-from mlsroad_pipeline.papers.shared.detection.references import wanted_objects, without_reference
+from mlsroad_pipeline.algorithms.segmentation.stage import owned_by_core, reference_objects
 from mlsroad_pipeline.papers.shared.detection.types import Detections, Segments
+
+
+def wanted_objects(
+    scene: PointCloud, scheme: ClassScheme, wanted: NDArray[np.int16]
+) -> tuple[NDArray[np.int32], NDArray[np.int16]]:
+    """Return the reference objects of a scene, with instances of several wanted classes split by class.
+
+    A sign on a lamp may belong to the instance of the lamp while its points are labelled as a sign. The points of each
+    further wanted class are then an object.
+    """
+    instances, classes = reference_objects(scene, scheme)
+    labels = scheme.encode(scene["label"], source=scene.source)
+    aside = np.flatnonzero((instances > 0) & (labels != classes[instances]) & np.isin(labels, wanted))
+    pairs, numbers = np.unique(instances[aside].astype(np.int64) * len(scheme) + labels[aside], return_inverse=True)
+    split = instances.copy()
+    split[aside] = numbers + len(classes)
+    return split, np.append(classes, (pairs % len(scheme)).astype(np.int16))
+
+
+def without_reference(
+    scene: PointCloud, segments: NDArray[np.integer], n_segments: int, *, scheme: ClassScheme, wanted: NDArray[np.int16]
+) -> NDArray[np.bool_]:
+    """Return which segments have no reference information and are excluded from training and scores."""
+    labels = scheme.encode(scene["label"], source=scene.source)
+    unknown = labels == IGNORE
+    if "instance" in scene:
+        unknown |= (scene["instance"] == 0) & np.isin(labels, wanted)
+    inside = segments >= 0
+    counts = np.bincount(segments[inside], minlength=n_segments)
+    return np.asarray(2 * np.bincount(segments[inside & unknown], minlength=n_segments) > counts)
+
+
+RIGHT, MISSED, FALSE = 0, 1, 2
+"""Outcomes of points: in a matched detection, in a missed object, in a false detection."""
+
+
+def detection_outcomes(
+    scene: PointCloud,
+    objects: Segments,
+    detections: Detections,
+    *,
+    scheme: ClassScheme,
+    parameters: DetectionParameters,
+) -> tuple[NDArray[np.int16], NDArray[np.int8]]:
+    """Return the reference class and the outcome of the detection of each point of a scene.
+
+    Detections are matched as in `scoring.count_detections_of_scene`.
+    """
+    segments = objects["objects"]
+    wanted_labels = parameters.labels_in(scheme)
+    instances, classes = wanted_objects(scene, scheme, wanted_labels)
+    overlaps = find_overlaps(instances, segments)
+    kinds = classes[overlaps.instances]
+    large = overlaps.instance_sizes >= parameters.min_points
+    n_instances, n_segments = len(classes), int(segments.max(initial=-1)) + 1
+    target = np.full(n_instances, IGNORE, dtype=np.int16)
+    missed = np.zeros(n_instances, dtype=np.bool_)
+    outcome = np.full(n_segments, IGNORE, dtype=np.int8)
+    for k, label in enumerate(wanted_labels):
+        of_class = kinds == label
+        detected = np.where(detections["label"] == k, detections["score"], np.nan).astype(np.float64)
+        order, right = match_detections(
+            overlaps, detected[overlaps.segments], of_class, iou_threshold=parameters.iou_threshold
+        )
+        outcome[overlaps.segments[order]] = np.where(right, RIGHT, FALSE)
+        close = (overlaps.iou >= parameters.iou_threshold) & np.isin(overlaps.segment, order[right])
+        hit = np.isin(np.arange(len(kinds)), overlaps.instance[close & of_class[overlaps.instance]])
+        target[overlaps.instances[of_class & (large | hit)]] = k
+        missed[overlaps.instances[of_class & large & ~hit]] = True
+    truth = np.where(instances > 0, target[instances], IGNORE).astype(np.int16)
+    outcomes = np.where((instances > 0) & missed[instances], MISSED, IGNORE).astype(np.int8)
+    of_segment = np.where(segments >= 0, outcome[segments], IGNORE) if n_segments else np.full(len(segments), IGNORE)
+    return truth, np.where(of_segment != IGNORE, of_segment, outcomes).astype(np.int8)
+
 
 _COUNTED = ("label", "score", "right", "object", "curve_label", "curve_score", "curve_right")
 

@@ -15,7 +15,7 @@ __all__ = ["Description", "Detections", "ObjectLabels", "Segments", "object_boun
 Description = Mapping[str, NDArray]
 """Described objects of a scene. ``objects`` int32 (g,): object of each part, ascending; ``n_objects``; ``intensity``:
 whether the scene has it. All other arrays have one row per part and belong to the method: see `describe_parts`,
-`describe_surfaces` and `visual_words.descriptions.describe_objects`."""
+`describe_surfaces` and `visual_words.groups.describe_objects`."""
 
 
 class ObjectLabels(TypedDict):

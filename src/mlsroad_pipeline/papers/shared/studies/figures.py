@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from mlsroad_pipeline.reporting.clouds.cloud_figures import INK
-from mlsroad_pipeline.reporting.figures.style import SERIES, empty_figure, tidy_axes
+from mlsroad_pipeline.reporting.figures import SERIES, empty_figure, tidy_axes
 
 
 def draw_panels(

@@ -23,7 +23,30 @@ from mlsroad_pipeline.algorithms.models.machines.class_balance import (
     draw_per_class,
 )
 from mlsroad_pipeline.algorithms.models.machines.flat_forest import FlatForest
-from mlsroad_pipeline.papers.tomic2019.detrended_forest.out_of_bag import out_of_bag_curves
+
+
+def out_of_bag_curves(
+    model: RandomForestClassifier, values: NDArray[np.float32], target: NDArray[np.integer]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the out-of-bag error of the first 1, 2, ... trees, overall and averaged over classes."""
+    n_trees = len(model.estimators_)
+    votes = np.zeros((len(values), len(model.classes_)))
+    per_class = np.bincount(target, minlength=votes.shape[1])
+    curve, balanced = np.empty(n_trees), np.empty(n_trees)
+    for at, (tree, drawn) in enumerate(zip(model.estimators_, model.estimators_samples_, strict=True)):
+        left_out = np.ones(len(values), dtype=bool)
+        left_out[drawn] = False
+        leaves = tree.tree_.predict(np.ascontiguousarray(values[left_out]))
+        votes[left_out] += leaves / leaves.sum(axis=1, keepdims=True)
+        voted = votes.any(axis=1)
+        wrong = voted & (votes.argmax(axis=1) != target)
+        curve[at] = wrong.sum() / max(1, voted.sum())
+        seen = np.bincount(target[voted], minlength=len(per_class))
+        with np.errstate(invalid="ignore"):
+            rates = np.bincount(target[wrong], minlength=len(per_class)) / seen
+        balanced[at] = np.nanmean(rates) if seen.any() else np.nan
+    return curve, balanced
+
 
 Features = SupervoxelFeatures | ArrayLike
 
@@ -67,11 +90,7 @@ class DetrendedForestClassifier(BaseEstimator):
         self.n_jobs = n_jobs
 
     def fit(
-        self,
-        features: Features,
-        labels: ArrayLike,
-        *,
-        sample_weight: ArrayLike | None = None,
+        self, features: Features, labels: ArrayLike, *, sample_weight: ArrayLike | None = None
     ) -> DetrendedForestClassifier:
         """Grow the forest."""
         self._check_parameters()

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.classifier import DetrendedForestClassifier
-from mlsroad_pipeline.reporting.figures.training import importance_figure, oob_figure
+from mlsroad_pipeline.reporting.figures import importance_figure, oob_figure
 
 
 def forest_figures(classifier: DetrendedForestClassifier) -> tuple[Figure, Figure]:

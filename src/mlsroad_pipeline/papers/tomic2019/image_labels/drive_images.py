@@ -50,7 +50,7 @@ def images_of_drives(
 ) -> dict[str, DriveImages]:
     """Return the images of each drive of a survey, or of the named ones; `training` needs some of training drives."""
     with_images, without = {}, []
-    for drive, files in plan.drives().items():
+    for drive, files in plan.passes().items():
         if drives is not None and drive not in drives:
             continue
         path = Path(files[0].source.path).parent / calibration
@@ -107,13 +107,13 @@ def label_scene_through_images(
     reach: float,
 ) -> ImagePredictions:
     """Label a scene through the images taken within reach of it."""
-    from mlsroad_pipeline.papers.tomic2019.image_labels import labeller, segmenters  # noqa: PLC0415  they import torch
+    from mlsroad_pipeline.papers.tomic2019.image_labels import labeller, segmentation  # noqa: PLC0415  they import torch
 
-    masked = segmenters.segmentation_of(model)["source"] == segmenters.MASKS
+    masked = segmentation.segmentation_of(model)["source"] == segmentation.MASKS
     images = SurveyImages(()) if calibration is None else read_images(calibration, images=None if masked else pictures)
     if masked and pictures is not None:
         images = with_masks(images, pictures)
-        known = MaskLegend(segmenters.legend_of(model), bundle_scheme(model))
+        known = MaskLegend(segmentation.legend_of(model), bundle_scheme(model))
     places = scene.xyz[scene["core"], :2]
     low, high = places.min(axis=0) - reach, places.max(axis=0) + reach
     near = [

@@ -133,10 +133,7 @@ def _providers(device: str) -> list[str]:
         find_device(device)
     if device == "cuda" and _CUDA not in available:
         raise ParameterError("device is 'cuda', but onnxruntime has no CUDA: install onnxruntime-gpu, or use 'cpu'")
-    return [
-        *([_CUDA] if device != "cpu" and _CUDA in available else []),
-        "CPUExecutionProvider",
-    ]
+    return [*([_CUDA] if device != "cpu" and _CUDA in available else []), "CPUExecutionProvider"]
 
 
 def _one_line(error: Exception) -> str:

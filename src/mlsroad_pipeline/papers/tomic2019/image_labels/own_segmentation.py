@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.members import member, with_members
 from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import ImageLabelsParameters
-from mlsroad_pipeline.surveys.class_maps import read_class_map
+from mlsroad_pipeline.surveys.masks import read_class_map
 
 _LARGEST = 2**31 - 1
 
@@ -81,11 +81,10 @@ def _of_weights(parameters: ImageLabelsParameters, legend: Legend) -> tuple[dict
         count = _onnx_classes(arrays["onnx"], parameters, legend, str(path))
         description: dict[str, Any] = {"source": "onnx"}
     else:
-        from mlsroad_pipeline.papers.tomic2019.image_labels.pspnet_checkpoint import load_published  # noqa: PLC0415
-        from mlsroad_pipeline.papers.tomic2019.image_labels.pspnet_weights import to_arrays  # noqa: PLC0415  torch
+        from mlsroad_pipeline.papers.tomic2019.image_labels import pspnet_weights  # noqa: PLC0415  it imports torch
 
-        network = load_published(path)
-        count, arrays = network.n_classes, to_arrays(network)
+        network = pspnet_weights.load_published(path)
+        count, arrays = network.n_classes, pspnet_weights.to_arrays(network)
         description = {"source": "network", "backbone": network.backbone, "n_classes": count}
     if count != legend.n_scores:
         raise DataError(

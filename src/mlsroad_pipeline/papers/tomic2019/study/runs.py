@@ -28,7 +28,7 @@ from mlsroad_pipeline.papers.tomic2019.detrended_forest.nearest import nearest_s
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import fit as fit_forest
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import training_rows
 from mlsroad_pipeline.papers.tomic2019.image_labels import labeller as image_labeller
-from mlsroad_pipeline.papers.tomic2019.image_labels.labelling import label_through_images
+from mlsroad_pipeline.papers.tomic2019.image_labels.labeller import label_through_images
 from mlsroad_pipeline.papers.tomic2019.image_labels.pspnet_weights import from_arrays
 from mlsroad_pipeline.papers.tomic2019.image_labels.segmentation import segment_image
 from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import ImageLabelsParameters

@@ -13,8 +13,12 @@ from mlsroad_pipeline.algorithms.core.classes import IGNORE
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 from mlsroad_pipeline.algorithms.models.pool.log_linear import PoolParameters
-from mlsroad_pipeline.papers.tomic2019.fusion.class_preference import ClassPreference, count_agreement
-from mlsroad_pipeline.papers.tomic2019.fusion.two_methods import TwoMethodFusion, best_labels
+from mlsroad_pipeline.papers.tomic2019.fusion.two_methods import (
+    ClassPreference,
+    TwoMethodFusion,
+    best_labels,
+    count_agreement,
+)
 
 FEATURES, IMAGES, RULE, BY_F1, POOL = "features", "images", "fusion", "fusion_by_f1", "fusion_pool"
 """The two methods, the paper's fusion, its variant that compares only F1, and the probabilistic fusion."""

@@ -9,7 +9,7 @@ from mlsroad_pipeline.papers.shared.studies.figures import draw_bars, draw_curve
 from mlsroad_pipeline.papers.yu2016.study.parameters import SEGMENTATIONS
 from mlsroad_pipeline.papers.yu2016.study.results import StudyTables
 from mlsroad_pipeline.reporting.clouds.cloud_figures import INK
-from mlsroad_pipeline.reporting.figures.style import SERIES
+from mlsroad_pipeline.reporting.figures import SERIES
 
 CAPTIONS = {
     "segmentation": "Coverage of the segmentations",

@@ -19,12 +19,16 @@ from mlsroad_pipeline.algorithms.segmentation.stage import (
     owned_by_core,
     segment_scene,
 )
-from mlsroad_pipeline.papers.shared.detection.parts import describe_parts
-from mlsroad_pipeline.papers.shared.detection.references import wanted_objects
-from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters, ObjectClasses, object_classes
+from mlsroad_pipeline.papers.shared.detection.regions import describe_parts
+from mlsroad_pipeline.papers.shared.detection.scoring import (
+    DetectionParameters,
+    ObjectClasses,
+    object_classes,
+    wanted_objects,
+)
 from mlsroad_pipeline.papers.shared.studies.streets import timed
 from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.oriented_points import describe_surfaces
-from mlsroad_pipeline.papers.yu2016.visual_words.descriptions import describe_objects
+from mlsroad_pipeline.papers.yu2016.visual_words.groups import describe_objects
 
 TOUCHING = 0.15
 """Largest distance of touching objects, metres: the clustering distance of the paper."""

@@ -15,15 +15,15 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
 from mlsroad_pipeline.papers.shared.detection.detector import WITH_INTENSITY, choose_variant, label_described_objects
 from mlsroad_pipeline.papers.shared.detection.thresholds import detect_by_thresholds
 from mlsroad_pipeline.papers.shared.detection.types import Description, Detections, Segments
-from mlsroad_pipeline.papers.yu2016.visual_words.bags import count_words
-from mlsroad_pipeline.papers.yu2016.visual_words.descriptions import (
+from mlsroad_pipeline.papers.yu2016.visual_words.appearance import count_words
+from mlsroad_pipeline.papers.yu2016.visual_words.detector import VisualWordsDetector
+from mlsroad_pipeline.papers.yu2016.visual_words.groups import (
+    ContextualGroups,
     GroupParameters,
     describe_objects,
     groups_of,
     profiles_of,
 )
-from mlsroad_pipeline.papers.yu2016.visual_words.detector import VisualWordsDetector
-from mlsroad_pipeline.papers.yu2016.visual_words.groups import ContextualGroups
 from mlsroad_pipeline.papers.yu2016.visual_words.vocabulary import Vocabulary
 
 SLUG, PRINTED_SLUG = "visual_words", "visual_words_printed"

@@ -25,13 +25,11 @@ from mlsroad_pipeline.papers.shared.detection.training import (
     training_weights,
 )
 from mlsroad_pipeline.papers.shared.detection.types import Description
-from mlsroad_pipeline.papers.yu2016.visual_words.bags import count_words
-from mlsroad_pipeline.papers.yu2016.visual_words.descriptions import GroupParameters, groups_of, profiles_of
+from mlsroad_pipeline.papers.yu2016.visual_words.appearance import count_words, within_any_sizes
 from mlsroad_pipeline.papers.yu2016.visual_words.detector import VisualWordsDetector
-from mlsroad_pipeline.papers.yu2016.visual_words.groups import join_groups
+from mlsroad_pipeline.papers.yu2016.visual_words.groups import GroupParameters, groups_of, join_groups, profiles_of
 from mlsroad_pipeline.papers.yu2016.visual_words.labeller import PRINTED_SLUG, SLUG
 from mlsroad_pipeline.papers.yu2016.visual_words.queries import DetectorParameters
-from mlsroad_pipeline.papers.yu2016.visual_words.sizes import within_any_sizes
 from mlsroad_pipeline.papers.yu2016.visual_words.vocabulary import Vocabulary, VocabularyParameters, build_vocabulary
 
 

@@ -68,7 +68,7 @@ def kerb_steps(
 def join_kerbs(
     scenes: Sequence[pd.DataFrame], trajectory: Trajectory | None = None, *, least_length: float = LEAST_LENGTH
 ) -> pd.DataFrame:
-    """Return the kerbs of a drive as lines."""
+    """Return the kerbs of a pass as lines."""
     filled = [table for table in scenes if len(table)]
     if not filled:
         return line_table([])

@@ -73,7 +73,7 @@ def join_markings(
     kerbs: pd.DataFrame | None = None,
     least_length: float = LEAST_LENGTH,
 ) -> pd.DataFrame:
-    """Return the markings of a drive as lines."""
+    """Return the markings of a pass as lines."""
     filled = [table for table in scenes if len(table)]
     if not filled:
         return line_table([])

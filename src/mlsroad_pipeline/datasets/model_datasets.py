@@ -1,0 +1,91 @@
+"""Kedro datasets of trained models: folders of plain files, those of the package, checkpoints."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Never
+
+from kedro.io import AbstractDataset
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.execution.path_parameters import local_path
+from mlsroad_pipeline.model_store.bundle_files import ModelFile, save_bundle
+from mlsroad_pipeline.model_store.shipped_models import REGISTRY, ShippedModel, save_shipped, shipped_models
+
+if TYPE_CHECKING:
+    from mlsroad_pipeline.model_store.torch_checkpoints import TorchCheckpoints
+
+
+class ModelBundleDataset(AbstractDataset[ModelBundle, ModelFile]):
+    """Folder of a trained model. Loading returns a handle: tasks take it as an input, and workers open the model."""
+
+    def __init__(self, *, filepath: str, metadata: Mapping[str, Any] | None = None) -> None:
+        self._folder = local_path(filepath, "filepath")
+        self.metadata = metadata
+
+    def load(self) -> ModelFile:
+        """Return a handle of the folder."""
+        return ModelFile(str(self._folder))
+
+    def save(self, data: ModelBundle) -> None:
+        """Write the model beside the previous one, then replace that."""
+        fresh = self._folder.with_name(f".{self._folder.name}.new")
+        shutil.rmtree(fresh, ignore_errors=True)
+        save_bundle(data, fresh)
+        if self._folder.exists():
+            shutil.rmtree(self._folder)
+        fresh.rename(self._folder)
+
+    def _exists(self) -> bool:
+        return (self._folder / "model.json").is_file()
+
+    def _describe(self) -> dict[str, Any]:
+        return {"filepath": str(self._folder)}
+
+
+class ShippedModelDataset(AbstractDataset[tuple[ModelBundle, ShippedModel], dict[str, ShippedModel]]):
+    """Folder of the models in the package. Saving replaces one model; loading returns the registry."""
+
+    def __init__(self, *, filepath: str, metadata: Mapping[str, Any] | None = None) -> None:
+        self._folder = local_path(filepath, "filepath")
+        self.metadata = metadata
+
+    def load(self) -> dict[str, ShippedModel]:
+        """Return the registry entries by name."""
+        return shipped_models(self._folder)
+
+    def save(self, data: tuple[ModelBundle, ShippedModel]) -> None:
+        """Write the files, the registry entry and the card of a model."""
+        save_shipped(*data, self._folder)
+
+    def _exists(self) -> bool:
+        return (self._folder / REGISTRY).is_file()
+
+    def _describe(self) -> dict[str, Any]:
+        return {"filepath": str(self._folder)}
+
+
+class CheckpointsDataset(AbstractDataset[Never, "TorchCheckpoints"]):
+    """Folder of training states. Loading returns the store; the training reads, writes and removes its states."""
+
+    def __init__(self, *, filepath: str, metadata: Mapping[str, Any] | None = None) -> None:
+        self._folder = local_path(filepath, "filepath")
+        self.metadata = metadata
+
+    def load(self) -> TorchCheckpoints:
+        """Return the store of the folder."""
+        from mlsroad_pipeline.model_store.torch_checkpoints import TorchCheckpoints  # noqa: PLC0415  # imports torch
+
+        return TorchCheckpoints(self._folder)
+
+    def save(self, data: Never) -> None:
+        """Refuse: the training writes the states."""
+        raise ParameterError(f"{self._folder}: checkpoints are written by the training, not by a node")
+
+    def _exists(self) -> bool:
+        return True
+
+    def _describe(self) -> dict[str, Any]:
+        return {"filepath": str(self._folder)}

@@ -1,0 +1,264 @@
+"""Kedro datasets of scores, metrics, figures and reports: one small file each, written atomically."""
+
+from __future__ import annotations
+
+import io
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
+
+import fsspec
+import numpy as np
+import pandas as pd
+from fsspec.implementations.local import LocalFileSystem
+from kedro.io import AbstractDataset, DatasetError
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
+from mlsroad_pipeline.algorithms.metrics.scores import check_scores
+from mlsroad_pipeline.execution.run_folder import RunFolder
+from mlsroad_pipeline.execution.store_files import sync_folder
+from mlsroad_pipeline.formats.files import atomic_file
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Saved = TypeVar("Saved")
+Loaded = TypeVar("Loaded")
+
+
+class ReportFileDataset(AbstractDataset[Saved, Loaded], Generic[Saved, Loaded]):
+    """File that is read and written as bytes, on any file system of fsspec."""
+
+    def __init__(
+        self,
+        *,
+        filepath: str,
+        credentials: Mapping[str, Any] | None = None,
+        fs_args: Mapping[str, Any] | None = None,
+        metadata: Mapping[str, Any] | None = None,
+    ) -> None:
+        self._filepath = str(filepath)
+        self._options = {**(fs_args or {}), **(credentials or {})}
+        self.metadata = metadata
+
+    def read_bytes(self) -> bytes:
+        """Return the content of the file; raise `DatasetError` if it does not exist."""
+        filesystem, path = fsspec.core.url_to_fs(self._filepath, **self._options)
+        try:
+            content: bytes = filesystem.cat_file(path)
+        except (FileNotFoundError, IsADirectoryError) as error:
+            raise DatasetError(f"{self._filepath} does not exist") from error
+        return content
+
+    def write_bytes(self, content: bytes) -> None:
+        """Replace the file atomically, locally by a rename, elsewhere by a single put; remove parts of killed runs."""
+        filesystem, path = fsspec.core.url_to_fs(self._filepath, **self._options)
+        if not isinstance(filesystem, LocalFileSystem):
+            filesystem.pipe_file(path, content)
+            return
+        target = Path(path)
+        with atomic_file(target) as stream:
+            stream.write(content)
+        sync_folder(target.parent)
+
+    @property
+    def filename(self) -> str:
+        """Name of the file without its folder."""
+        return self._filepath.rstrip("/").rsplit("/", 1)[-1]
+
+    def _exists(self) -> bool:
+        filesystem, path = fsspec.core.url_to_fs(self._filepath, **self._options)
+        return bool(filesystem.isfile(path))
+
+    def _describe(self) -> dict[str, Any]:
+        return {"filepath": self._filepath}
+
+
+class ScoresDataset(ReportFileDataset[pd.DataFrame, pd.DataFrame]):
+    """Scores of one method: `method,split,class,metric,value,support`, with empty cells for undefined values.
+
+    Examples
+    --------
+    In a catalog:
+
+    .. code-block:: yaml
+
+        "{method}.scores":
+          type: mlsroad_pipeline.datasets.report_files.ScoresDataset
+          filepath: data/08_reporting${globals:env_folder}/scores/{method}.csv
+
+    >>> from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
+    >>> import numpy as np
+    >>> table = labelling_scores(np.eye(2, dtype=int), method="demo", split="test", classes=["a", "b"])
+    >>> dataset = ScoresDataset(filepath="memory://scores/demo.csv")
+    >>> dataset.save(table)
+    >>> len(dataset.load())
+    12
+    """
+
+    def load(self) -> pd.DataFrame:
+        """Return the table; raise `ReadError` or `DataError` naming the file and the cause."""
+        try:
+            # classes may be named "nan" or "None": only an empty cell of `value` is undefined
+            frame = pd.read_csv(io.BytesIO(self.read_bytes()), keep_default_na=False, na_values={"value": [""]})
+        except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
+            raise ReadError(f"{self._filepath}: not a table of scores: {error}") from error
+        return check_scores(frame, source=self._filepath)
+
+    def save(self, data: pd.DataFrame) -> None:
+        """Write the table; raise `DataError` naming the file and the cause."""
+        table = check_scores(data, source=self._filepath)
+        self.write_bytes(table.to_csv(index=False, lineterminator="\n").encode("utf-8"))
+
+
+class MetricSeriesDataset(ReportFileDataset[pd.DataFrame, pd.DataFrame]):
+    """Table of metrics by step: integer steps in the first column, one metric in each other column.
+
+    Examples
+    --------
+    In a catalog:
+
+    .. code-block:: yaml
+
+        "{method}.objective":
+          type: mlsroad_pipeline.datasets.report_files.MetricSeriesDataset
+          filepath: data/08_reporting${globals:env_folder}/{method}_objective.csv
+
+    >>> dataset = MetricSeriesDataset(filepath="memory://objective.csv")
+    >>> dataset.save(pd.DataFrame({"iteration": [0, 1], "objective": [8.5, 2.25]}))
+    >>> dataset.load()["objective"].tolist()
+    [8.5, 2.25]
+    """
+
+    def load(self) -> pd.DataFrame:
+        """Return the table; raise `ReadError` or `DataError` naming the file and the cause."""
+        try:
+            frame = pd.read_csv(io.BytesIO(self.read_bytes()))
+        except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
+            raise ReadError(f"{self._filepath}: not a table of metrics by step: {error}") from error
+        if frame.empty:  # a file without rows does not determine the types of its columns
+            frame = frame.astype({name: np.float64 if k else np.int64 for k, name in enumerate(frame)})
+        return self._check(frame)
+
+    def save(self, data: pd.DataFrame) -> None:
+        """Write the table; raise `DataError` naming the file and the cause."""
+        table = self._check(data)
+        self.write_bytes(table.to_csv(index=False, lineterminator="\n").encode("utf-8"))
+
+    def _check(self, frame: pd.DataFrame) -> pd.DataFrame:
+        kinds = "".join(dtype.kind for dtype in frame.dtypes)
+        if len(kinds) < 2 or kinds[0] not in "iu" or not set(kinds) <= set("iuf"):
+            raise DataError(f"{self._filepath}: needs a column of integer steps and numeric columns, got {list(frame)}")
+        return frame
+
+
+_EFFORT = 1
+"""Compression level of zlib, 0 to 9; pictures of clouds are 5 % larger than at the default of 6, in half the time."""
+
+
+def _is_figure(data: object) -> bool:
+    matplotlib = sys.modules.get("matplotlib.figure")  # a figure exists only if matplotlib has been imported
+    return matplotlib is not None and isinstance(data, matplotlib.Figure)
+
+
+class FigureDataset(ReportFileDataset["Figure | NDArray[np.uint8]", NDArray[np.uint8]]):
+    """Matplotlib figure or picture, written as PNG; loading returns the pixels.
+
+    Examples
+    --------
+    In a catalog:
+
+    .. code-block:: yaml
+
+        "{method}.confusion_figure":
+          type: mlsroad_pipeline.datasets.report_files.FigureDataset
+          filepath: data/08_reporting${globals:env_folder}/figures/{method}_confusion.png
+
+    >>> dataset = FigureDataset(filepath="memory://figures/demo.png")
+    >>> dataset.save(np.zeros((4, 6, 3), dtype=np.uint8))
+    >>> dataset.load().shape
+    (4, 6, 3)
+    """
+
+    def __init__(
+        self,
+        *,
+        filepath: str,
+        dpi: float | None = None,
+        credentials: Mapping[str, Any] | None = None,
+        fs_args: Mapping[str, Any] | None = None,
+        metadata: Mapping[str, Any] | None = None,
+    ) -> None:
+        super().__init__(filepath=filepath, credentials=credentials, fs_args=fs_args, metadata=metadata)
+        self._dpi = dpi
+
+    def load(self) -> NDArray[np.uint8]:
+        """Return the pixels, uint8 (height, width, 3); raise `ReadError` for a file that is no picture."""
+        try:
+            return np.asarray(Image.open(io.BytesIO(self.read_bytes())).convert("RGB"))
+        except (UnidentifiedImageError, OSError) as error:
+            raise ReadError(f"{self._filepath} is not a picture: {error}") from error
+
+    def save(self, data: Figure | NDArray[np.uint8]) -> None:
+        """Write the figure or picture; equal pictures give equal bytes."""
+        buffer = io.BytesIO()
+        if _is_figure(data):
+            # the version of matplotlib would change the bytes with every upgrade
+            options: dict[str, Any] = {"metadata": {"Software": None}, "pil_kwargs": {"compress_level": _EFFORT}}
+            cast("Figure", data).savefig(buffer, format="png", dpi=self._dpi or "figure", **options)
+        elif isinstance(data, np.ndarray) and data.dtype == np.uint8 and data.ndim == 3 and data.shape[2] == 3:
+            Image.fromarray(data).save(buffer, format="PNG", compress_level=_EFFORT)
+        else:
+            got = f"{data.dtype} {data.shape}" if isinstance(data, np.ndarray) else type(data).__name__
+            raise DataError(f"{self._filepath}: needs a figure or a uint8 array (height, width, 3), got {got}")
+        self.write_bytes(buffer.getvalue())
+
+
+class HtmlReportDataset(ReportFileDataset[str, str]):
+    """HTML page, such as that of `mlsroad_pipeline.reporting.html.report.build_report`.
+
+    Examples
+    --------
+    In a catalog:
+
+    .. code-block:: yaml
+
+        report:
+          type: mlsroad_pipeline.datasets.report_files.HtmlReportDataset
+          filepath: data/08_reporting${globals:env_folder}/report.html
+
+    >>> dataset = HtmlReportDataset(filepath="memory://report.html")
+    >>> dataset.save("<!DOCTYPE html><html></html>")
+    >>> dataset.load()
+    '<!DOCTYPE html><html></html>'
+    """
+
+    def __init__(
+        self,
+        *,
+        filepath: str,
+        run: str | None = None,
+        credentials: Mapping[str, Any] | None = None,
+        fs_args: Mapping[str, Any] | None = None,
+        metadata: Mapping[str, Any] | None = None,
+    ) -> None:
+        super().__init__(filepath=filepath, credentials=credentials, fs_args=fs_args, metadata=metadata)
+        self._run = None if run is None else RunFolder(run)
+
+    def load(self) -> str:
+        """Return the page."""
+        return self.read_bytes().decode("utf-8")
+
+    def save(self, data: str) -> None:
+        """Write the page."""
+        if not isinstance(data, str) or not data.lstrip().lower().startswith("<!doctype html"):
+            raise DataError(f"{self._filepath}: needs an HTML page, got {str(data)[:40]!r}")
+        if self._run is None:
+            self.write_bytes(data.encode("utf-8"))
+            return
+        with atomic_file(self._run.staged(self._filepath)) as stream:
+            stream.write(data.encode("utf-8"))
+        self._run.publish(self._run.staged(self._filepath))

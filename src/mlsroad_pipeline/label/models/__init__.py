@@ -1,1 +1,0 @@
-"""Choice of the model that labels a survey."""

@@ -1,1 +1,0 @@
-"""Comparison of all methods over several surveys."""

@@ -1,1 +1,0 @@
-"""Evaluation of labels and shared stages against a reference."""

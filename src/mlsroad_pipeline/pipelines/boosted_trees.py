@@ -1,0 +1,96 @@
+"""Gradient-boosted trees on multi-scale voxel features."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any
+
+from joblib import cpu_count
+from kedro.pipeline import Node, Pipeline
+
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
+from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import label_scene
+from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG, BoostedTreesParameters
+from mlsroad_pipeline.algorithms.models.boosted_trees.sampling import training_voxels
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.pipelines.per_scene import PerScene
+from mlsroad_pipeline.pipelines.schemes import training_scheme
+from mlsroad_pipeline.pipelines.training_facts import FACTS, describing, with_training_facts
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
+from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys
+
+
+def sample_of(own: BoostedTreesParameters) -> BoostedTreesParameters:
+    """Return the parameters of the training voxels: those of trees and labels change none."""
+    return own.of_sample()
+
+
+def load_lightgbm() -> None:
+    """Import LightGBM with OpenMP threads that sleep while they wait: where cores are shared, others are far slower."""
+    given = os.environ.get("OMP_WAIT_POLICY")
+    os.environ["OMP_WAIT_POLICY"] = given or "PASSIVE"
+    try:
+        import_module("lightgbm")
+    finally:
+        if given is None:
+            del os.environ["OMP_WAIT_POLICY"]
+
+
+def train_boosted_trees(
+    voxels: SceneCollection,
+    parameters: BoostedTreesParameters,
+    ground: GroundParameters,
+    survey: SurveyParameters,
+    classes: Mapping[str, Any],
+    checkpoints: Any,
+    scene_facts: SceneCollection,
+) -> tuple[ModelBundle, ModelBundle]:
+    """Train the trees on the voxels of the training scenes."""
+    load_lightgbm()
+    model = METHODS[SLUG].load("train")(
+        list(voxels.load_all().values()),
+        parameters=parameters,
+        ground=ground,
+        scheme=training_scheme(survey, classes),
+        trained_on={"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(voxels)},
+        n_threads=cpu_count(),
+        checkpoints=checkpoints,
+    )
+    model = with_training_facts(model, scene_facts)
+    return model, model
+
+
+def create_pipeline(**_: object) -> Pipeline:
+    """Return the pipeline: ground to a model, and to labels of the scenes that it was not trained on."""
+    prepared, own = {"scene": "scenes", "ground": "ground"}, f"params:{SLUG}"
+    configured = {"survey": "params:survey", "classes": "params:classes"}
+    return Pipeline(
+        [
+            describing(),
+            Node(
+                PerScene(training_voxels, keys=training_keys, parameters=sample_of, scheme=training_scheme),
+                {**prepared, "own": own, **configured},
+                f"{SLUG}.training_set",
+                name="draw_training_voxels",
+            ),
+            Node(
+                train_boosted_trees,
+                [
+                    f"{SLUG}.training_set", own, "params:ground_removal", *configured.values(), f"{SLUG}.checkpoints",
+                    FACTS,
+                ],
+                [f"{SLUG}.model", f"{SLUG}.registered_model"],
+                name=f"train_{SLUG}",
+            ),
+            Node(
+                PerScene(label_scene, keys=held_out_keys),
+                {**prepared, "bundle": f"{SLUG}.model"},
+                f"{SLUG}.labels",
+                name=f"label_by_{SLUG}",
+            ),
+        ]
+    )  # fmt: skip

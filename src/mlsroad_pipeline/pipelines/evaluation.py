@@ -1,0 +1,201 @@
+"""Evaluation of all methods by the same code, at full resolution."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import pandas as pd
+from kedro.pipeline import Node, Pipeline
+from matplotlib.figure import Figure
+
+from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
+from mlsroad_pipeline.algorithms.models.methods import methods_of
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.model_store.bundle_files import ModelFile
+from mlsroad_pipeline.papers.shared.detection.scoring import (
+    DetectionParameters,
+    count_detections_of_scene,
+    detection_curves,
+    detection_table,
+)
+from mlsroad_pipeline.papers.shared.evaluation import (
+    LabelNames,
+    count_scene,
+    count_seen_scene,
+    given_classes,
+    scores_table,
+    seen_scores_table,
+    seen_share,
+    sum_by_split,
+)
+from mlsroad_pipeline.papers.shared.figures import (
+    detection_figure,
+    precision_recall_figure,
+    scene_figures,
+    score_figures,
+)
+from mlsroad_pipeline.pipelines.per_scene import PerScene, fix_arguments
+from mlsroad_pipeline.pipelines.schemes import detection_scheme, evaluation_scheme, training_scheme
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
+from mlsroad_pipeline.surveys.plan import middle_scenes
+
+logger = logging.getLogger(__name__)
+
+
+def score_method(
+    counts: SceneCollection, model: ModelFile, survey: SurveyParameters, classes: Mapping[str, Any], *, method: str
+) -> tuple[pd.DataFrame, Figure, Figure]:
+    """Score a method and draw its figures."""
+    trained, scheme = training_scheme(survey, classes), evaluation_scheme(survey, classes)
+    matrices = sum_by_split(counts.load_all())
+    predicted = given_classes(model.load().metadata, trained, scheme)
+    table = scores_table(matrices, method=method, scheme=scheme, given=predicted)
+    return table, *score_figures(matrices, table, method=method, scheme=scheme)
+
+
+def picture_labels(
+    scenes: SceneCollection,
+    labels: SceneCollection,
+    survey: SurveyParameters,
+    classes: Mapping[str, Any],
+    *,
+    method: str,
+) -> tuple[Figure, Figure]:
+    """Draw reference, prediction and errors of some scenes."""
+    chosen = middle_scenes(list(labels))
+    figures = scene_figures(
+        [scenes[key].load() for key in chosen],
+        [labels[key].load() for key in chosen],
+        trained=training_scheme(survey, classes),
+        scored=evaluation_scheme(survey, classes),
+        title=f"{method} on {chosen[0]} to {chosen[-1]}" if len(chosen) > 1 else f"{method} on {chosen[0]}",
+    )
+    return figures["birds_eye"], figures["perspective"]
+
+
+def score_seen_points(
+    counts: SceneCollection, survey: SurveyParameters, classes: Mapping[str, Any], *, method: str, suffix: str
+) -> tuple[pd.DataFrame, Figure, Figure]:
+    """Score a method that uses images, over all points and over those inside images."""
+    scheme = evaluation_scheme(survey, classes)
+    table, matrices = seen_scores_table(counts.load_all(), scheme=scheme, suffix=suffix)
+    own = table[table["method"] == method]
+    for split in matrices[method]:
+        logger.info("%s: %s", method, seen_share(own, split))
+    return table, *score_figures(matrices[method], own, method=method, scheme=scheme)
+
+
+def score_detector(
+    counted: SceneCollection, detection: DetectionParameters, *, method: str
+) -> tuple[pd.DataFrame, Figure]:
+    """Score a detector and draw its precision-recall curves."""
+    counts = counted.load_all()
+    split = SceneKey.parse(list(counts)[-1]).split
+    curves = detection_curves(counts, split=split, classes=detection.classes)
+    figure = precision_recall_figure(curves, title=f"{method} on {split}")
+    return detection_table(counts, method=method, classes=detection.classes), figure
+
+
+def picture_detections(
+    scenes: SceneCollection,
+    objects: SceneCollection,
+    detections: SceneCollection,
+    detection: DetectionParameters,
+    classes: Mapping[str, Any],
+    *,
+    method: str,
+) -> Figure:
+    """Draw correct, missed and false detections of some scenes."""
+    chosen = middle_scenes(list(detections))
+    return detection_figure(
+        *([store[key].load() for key in chosen] for store in (scenes, objects, detections)),
+        scheme=detection_scheme(detection, classes),
+        parameters=detection,
+        title=f"{method} on {chosen[0]} to {chosen[-1]}" if len(chosen) > 1 else f"{method} on {chosen[0]}",
+    )
+
+
+def _counting(slug: str, function: Callable[..., Any], **fixed: Any) -> Node:
+    """Return the node that counts the points of each labelled scene by true and predicted class."""
+    count = PerScene(function, over="labels", fixed=fixed, trained=training_scheme, scored=evaluation_scheme)
+    return Node(
+        count,
+        {"scene": "scenes", "labels": f"{slug}.labels", "survey": "params:survey", "classes": "params:classes"},
+        f"{slug}.confusions",
+        name=f"count_points_of_{slug}",
+    )
+
+
+def _nodes_of(slug: str) -> list[Node]:
+    configured = ["params:survey", "params:classes"]
+    return [
+        _counting(slug, count_scene),
+        Node(
+            fix_arguments(score_method, method=slug),
+            [f"{slug}.confusions", f"{slug}.model", *configured],
+            [f"{slug}.scores", f"{slug}.confusion_figure", f"{slug}.bars_figure"],
+            name=f"score_{slug}",
+        ),
+        _picturing(slug),
+    ]
+
+
+def _picturing(slug: str) -> Node:
+    return Node(
+        fix_arguments(picture_labels, method=slug),
+        ["scenes", f"{slug}.labels", "params:survey", "params:classes"],
+        [f"{slug}.birds_eye_figure", f"{slug}.perspective_figure"],
+        name=f"picture_{slug}",
+    )
+
+
+def evaluate_seen(slug: str, answers: LabelNames, *, suffix: str = "") -> list[Node]:
+    """Return the nodes that score a method with images, over all points and over those inside images."""
+    configured = ["params:survey", "params:classes"]
+    return [
+        _counting(slug, count_seen_scene, answers=dict(answers)),
+        Node(
+            fix_arguments(score_seen_points, method=slug, suffix=suffix),
+            [f"{slug}.confusions", *configured],
+            [f"{slug}.scores", f"{slug}.confusion_figure", f"{slug}.bars_figure"],
+            name=f"score_{slug}",
+        ),
+        _picturing(slug),
+    ]
+
+
+def _nodes_of_detector(slug: str) -> list[Node]:
+    return [
+        Node(
+            PerScene(count_detections_of_scene, over="detections", scheme=detection_scheme),
+            {
+                "scene": "scenes",
+                "objects": "objects",
+                "detections": f"{slug}.detections",
+                "parameters": "params:detection",
+                "classes": "params:classes",
+            },
+            f"{slug}.detection_counts",
+            name=f"count_detections_of_{slug}",
+        ),
+        Node(
+            fix_arguments(score_detector, method=slug),
+            [f"{slug}.detection_counts", "params:detection"],
+            [f"{slug}.scores", f"{slug}.precision_recall_figure"],
+            name=f"score_{slug}",
+        ),
+        Node(
+            fix_arguments(picture_detections, method=slug),
+            ["scenes", "objects", f"{slug}.detections", "params:detection", "params:classes"],
+            f"{slug}.detections_figure",
+            name=f"picture_{slug}",
+        ),
+    ]
+
+
+def create_pipeline(**_: object) -> Pipeline:
+    """Return the pipeline: labels and detections of every method to its scores and figures."""
+    labellers = [node for slug in methods_of("labelling") for node in _nodes_of(slug)]
+    return Pipeline([*labellers, *(node for slug in methods_of("detection") for node in _nodes_of_detector(slug))])

@@ -1,0 +1,99 @@
+"""Fusion of the labels by features and through images (Tomic et al. 2019, section 2.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from kedro.pipeline import Node, Pipeline
+
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.members import with_members
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, scene_tasks
+from mlsroad_pipeline.model_store.bundle_files import ModelFile
+from mlsroad_pipeline.papers.tomic2019.fusion.labeller import (
+    FusionParameters,
+    divide_scenes,
+    fit,
+    fuse_scene,
+    fusion_sample,
+)
+from mlsroad_pipeline.pipelines.evaluation import evaluate_seen
+from mlsroad_pipeline.pipelines.schemes import training_scheme
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
+
+
+def take_test_set_1(
+    scenes: SceneCollection,
+    features: SceneCollection,
+    images: SceneCollection,
+    parameters: FusionParameters,
+    survey: SurveyParameters,
+    classes: Mapping[str, Any],
+) -> dict[str, SceneTask]:
+    """Create one task per scene of test set 1: labels of both methods and the reference."""
+    first, _ = divide_scenes(list(images), parameters.share)
+    inputs = {"scene": scenes, "features": features, "images": images}
+    return scene_tasks(first, fusion_sample, inputs, {"scheme": training_scheme(survey, classes)})
+
+
+def learn_fusion(
+    answers: SceneCollection,
+    features: ModelFile,
+    images: ModelFile,
+    parameters: FusionParameters,
+    survey: SurveyParameters,
+    classes: Mapping[str, Any],
+) -> tuple[ModelBundle, ModelBundle]:
+    """Train class preferences and weights."""
+    members = {"detrended_forest": features.load(), "image_labels": images.load()}
+    learned = fit(
+        list(answers.load_all().values()),
+        parameters=parameters,
+        scheme=training_scheme(survey, classes),
+        cameras=members["image_labels"].metadata["cameras"],
+        trained_on={"survey": survey.root, "splits": "test set 1", "scenes": len(answers)},
+    )
+    model = with_members(learned, members)
+    return model, model
+
+
+def fuse_scenes(
+    features: SceneCollection, images: SceneCollection, model: ModelFile, parameters: FusionParameters
+) -> dict[str, SceneTask]:
+    """Create one task per scene of test set 2."""
+    _, second = divide_scenes(list(images), parameters.share)
+    return scene_tasks(second, fuse_scene, {"features": features, "images": images, "bundle": model})
+
+
+SLUG = "fusion"
+ANSWERS = {
+    "fusion": "label",
+    "fusion_pool": "pool_label",
+    "detrended_forest": "feature_label",
+    "image_labels": "image_label",
+}
+"""Methods scored on test set 2, and the names of their labels in the store."""
+
+
+def create_pipeline(**_: object) -> Pipeline:
+    """Return the pipeline: labels of both methods to a model, trained on test set 1, and scores on test set 2.
+
+    Like `image_labels`, without which it cannot run, it is no part of the comparison.
+    """
+    own, configured = f"params:{SLUG}", ["params:survey", "params:classes"]
+    both = ["detrended_forest.labels", "image_labels.labels"]
+    return Pipeline(
+        [
+            Node(take_test_set_1, ["scenes", *both, own, *configured], f"{SLUG}.training_set", name="take_test_set_1"),
+            Node(
+                learn_fusion,
+                [f"{SLUG}.training_set", "detrended_forest.model", "image_labels.model", own, *configured],
+                [f"{SLUG}.model", f"{SLUG}.registered_model"],
+                name="learn_fusion",
+            ),
+            Node(fuse_scenes, [*both, f"{SLUG}.model", own], f"{SLUG}.labels", name="fuse_scenes"),
+            *evaluate_seen(SLUG, ANSWERS, suffix="2"),
+        ]
+    )

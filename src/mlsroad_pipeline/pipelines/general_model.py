@@ -1,0 +1,169 @@
+"""Pipeline that trains the default model of the package on simulated streets and recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from joblib import cpu_count
+from kedro.pipeline import Node, Pipeline
+
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme, find_scheme
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
+from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG, BoostedTreesParameters
+from mlsroad_pipeline.algorithms.models.boosted_trees.sampling import coarse_training_voxels
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import SLUG as NETWORK
+from mlsroad_pipeline.algorithms.quality.scene_facts import stored_facts
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, SourceFile
+from mlsroad_pipeline.model_store.bundle_files import ModelFile
+from mlsroad_pipeline.model_store.shipped_entry import ShippedParameters, describe_model, shipped_pool, split_scores
+from mlsroad_pipeline.model_store.shipped_models import ShippedModel
+from mlsroad_pipeline.pipelines import composition
+from mlsroad_pipeline.pipelines.boosted_trees import load_lightgbm
+from mlsroad_pipeline.pipelines.per_scene import PerScene
+from mlsroad_pipeline.pipelines.schemes import training_scheme
+from mlsroad_pipeline.pipelines.training_facts import FACTS, with_training_facts
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
+from mlsroad_pipeline.surveys.recordings import TrainingRecording, described_recordings, read_training_scene
+from mlsroad_pipeline.surveys.simulated import selected_surveys
+
+
+def read_training_recordings(shipped: ShippedParameters, classes: Mapping[str, Any]) -> dict[str, SceneTask]:
+    """Create one task per file of a recording that reads it."""
+    return {
+        f"{name}.{stem}": SceneTask(
+            read_training_scene,
+            {"path": SourceFile(str(path))},
+            {"coding": recording.read_coding(classes["codings"]), "read": dict(recording.read)},
+        )
+        for name, recording in TrainingRecording.configured(shipped.recordings).items()
+        for stem, path in recording.paths(Path(shipped.root)).items()
+    }
+
+
+def recorded_sampling(trees: BoostedTreesParameters, shipped: ShippedParameters) -> BoostedTreesParameters:
+    """Return the parameters with which scenes of recordings are sampled."""
+    return replace(trees.of_sample(), max_per_class=shipped.recorded_per_class)
+
+
+def recorded_scheme(shipped: ShippedParameters, classes: Mapping[str, Any]) -> ClassScheme:
+    """Return the scheme that the labels of recordings separate."""
+    return find_scheme(classes["schemes"], shipped.recorded_scheme)
+
+
+def train_general_model(
+    simulated: SceneCollection,
+    recorded: SceneCollection,
+    shipped: ShippedParameters,
+    parameters: BoostedTreesParameters,
+    ground: GroundParameters,
+    survey: SurveyParameters,
+    classes: Mapping[str, Any],
+    checkpoints: Any,
+    simulated_facts: SceneCollection,
+    recorded_facts: SceneCollection,
+) -> tuple[ModelBundle, ModelBundle]:
+    """Train the trees on the voxels of simulated streets and recordings."""
+    load_lightgbm()
+    model = METHODS[SLUG].load("train")(
+        [*simulated.load_all().values(), *recorded.load_all().values()],
+        parameters=parameters,
+        ground=ground,
+        scheme=training_scheme(survey, classes),
+        trained_on={"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(simulated)},
+        sources=["simulated"] * len(simulated) + [key.partition(".")[0] for key in recorded],
+        weights=[shipped.weight] * len(simulated) + [1.0] * len(recorded),
+        groups=training_scheme(survey, classes).coarsen(recorded_scheme(shipped, classes)).tolist(),
+        n_threads=cpu_count(),
+        checkpoints=checkpoints,
+    )
+    model = with_training_facts(model, simulated_facts, recorded_facts)
+    return model, model
+
+
+def ship_general_model(
+    model: ModelFile,
+    network: ModelFile,
+    scores: pd.DataFrame,
+    shipped: ShippedParameters,
+    simulation: Mapping[str, Any],
+    recorded: SceneCollection,
+) -> tuple[tuple[ModelBundle, ShippedModel], tuple[ModelBundle, ShippedModel]]:
+    """Return the trees and the pool of trees and network, each with its registry entry."""
+    bundle = model.load()
+    training = {name: dict(street) for name, street in selected_surveys(simulation).items() if name.startswith("train")}
+    entry = describe_model(
+        bundle, shipped, training=training, scores=split_scores(scores, shipped.command()),
+        recordings=described_recordings(shipped.recordings, recorded),
+    )  # fmt: skip
+    return (bundle, entry), shipped_pool(bundle, entry, network.load(), shipped)
+
+
+_BEFORE = ("simulate", "ingest", "ground_removal", "supervoxelise", "features")
+_GROUND, _TREES, _SHIPPED = "params:ground_removal", f"params:{SLUG}", "params:shipped"
+
+
+def create_pipeline(**_: object) -> Pipeline:
+    """Return the pipeline: boosted trees, also on recordings, scored; a network; then the files of both models."""
+    network = composition.create_pipeline(NETWORK).to_outputs(f"{NETWORK}.model")
+    parts = composition.joined(
+        {name: composition.create_pipeline(name) for name in _BEFORE}
+        | {SLUG: _trees(), NETWORK: network, "evaluation": composition.create_pipeline("evaluation")}
+    )
+    ship = Node(
+        ship_general_model,
+        [
+            f"{SLUG}.model", f"{NETWORK}.model", f"{SLUG}.scores", _SHIPPED, "params:simulation",
+            "general_model.scenes",
+        ],
+        ["shipped_model", "shipped_pool"],
+        name="ship_general_model",
+    )  # fmt: skip
+    return Pipeline([parts.to_outputs(f"{SLUG}.scores", f"{NETWORK}.model"), ship])
+
+
+def _trees() -> Pipeline:
+    """Return the pipeline of the method with another training, which takes recordings too."""
+    own = composition.create_pipeline(SLUG)
+    kept = own.filter(node_names=[node.name for node in own.nodes if f"{SLUG}.model" not in node.outputs])
+    configured = {"survey": "params:survey", "classes": "params:classes"}
+    draw = PerScene(coarse_training_voxels, own=recorded_sampling, scheme=training_scheme, coarse=recorded_scheme)
+    return Pipeline(
+        [
+            kept,
+            Node(
+                read_training_recordings,
+                [_SHIPPED, configured["classes"]],
+                "general_model.scenes",
+                name="read_training_recordings",
+            ),
+            Node(
+                draw,
+                {"scene": "general_model.scenes", "filtered": _GROUND, "trees": _TREES, "shipped": _SHIPPED}
+                | configured,
+                "general_model.training_set",
+                name="draw_recorded_voxels",
+            ),
+            Node(
+                PerScene(stored_facts),
+                {"cloud": "general_model.scenes"},
+                "general_model.training_facts",
+                name="describe_training_recordings",
+            ),
+            Node(
+                train_general_model,
+                [
+                    f"{SLUG}.training_set", "general_model.training_set", _SHIPPED, _TREES, _GROUND,
+                    *configured.values(), f"{SLUG}.checkpoints", FACTS, "general_model.training_facts",
+                ],
+                [f"{SLUG}.model", f"{SLUG}.registered_model"],
+                name="train_general_model",
+            ),
+        ]
+    )  # fmt: skip

@@ -1,0 +1,61 @@
+"""Shape-based recognition of objects (Golovinskiy et al. 2009, a baseline of Luo et al. 2016)."""
+
+from __future__ import annotations
+
+from kedro.pipeline import Node, Pipeline
+
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.papers.luo2016.shape_based.labeller import ShapeParameters, label_objects
+from mlsroad_pipeline.papers.luo2016.shape_based.training import fit, training_objects
+from mlsroad_pipeline.pipelines.patch_labellers import TrainingScenes, gathering
+from mlsroad_pipeline.pipelines.per_scene import PerScene
+from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys
+
+
+def scheme_of(training: TrainingScenes) -> ClassScheme:
+    """Return the classes that the method is trained on."""
+    return training.scheme
+
+
+def train_shape_based(
+    training: TrainingScenes, parameters: ShapeParameters, objects: SceneCollection
+) -> tuple[ModelBundle, ModelBundle]:
+    """Train the forest that classifies objects."""
+    bundle = fit(
+        list(objects.load_all().values()),
+        parameters=parameters,
+        stages=training.stages,
+        scheme=training.scheme,
+        trained_on=training.trained_on,
+    )
+    return bundle, bundle
+
+
+def create_pipeline(**_: object) -> Pipeline:
+    """Return the pipeline: objects to a model, and to labels of the scenes that it was not trained on."""
+    prepared = {"scene": "scenes", "ground": "ground", "patches": "patches"}
+    return Pipeline(
+        [
+            gathering(),
+            Node(
+                PerScene(training_objects, keys=training_keys, scheme=scheme_of),
+                {**prepared, "training": "patch_training", "parameters": "params:shape_based"},
+                "shape_based.training_set",
+                name="take_training_objects",
+            ),
+            Node(
+                train_shape_based,
+                ["patch_training", "params:shape_based", "shape_based.training_set"],
+                ["shape_based.model", "shape_based.registered_model"],
+                name="train_shape_based",
+            ),
+            Node(
+                PerScene(label_objects, keys=held_out_keys),
+                {**prepared, "bundle": "shape_based.model"},
+                "shape_based.labels",
+                name="label_scenes_by_shape",
+            ),
+        ]
+    )

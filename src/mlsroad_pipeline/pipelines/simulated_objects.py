@@ -1,0 +1,93 @@
+"""Sets of objects from simulated surveys."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import chain
+from typing import Any
+
+import pandas as pd
+from kedro.pipeline import Node, Pipeline
+
+from mlsroad_pipeline.algorithms.core.classes import find_scheme
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
+from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask
+from mlsroad_pipeline.papers.luo2019.study.paper import OBJECTS
+from mlsroad_pipeline.papers.luo2019.study.set_parameters import SimulatedObjectsParameters
+from mlsroad_pipeline.papers.luo2019.study.sets import (
+    SplitKey,
+    composition_table,
+    cut_street,
+    draw_split,
+    wanted_objects,
+)
+from mlsroad_pipeline.papers.shared.studies.streets import street_tasks
+
+
+def cut_streets(
+    parameters: SimulatedObjectsParameters,
+    ground: GroundParameters,
+    segmentation: SegmentationParameters,
+    classes: Mapping[str, Any],
+) -> dict[str, SceneTask]:
+    """Create one task per street: simulation and extraction of the objects."""
+    tasks: dict[str, SceneTask] = {}
+    for name, config in parameters.chosen_sets().items():
+        seeds = chain.from_iterable(config.seeds_of_splits().values())
+        tasks |= street_tasks(
+            cut_street,
+            {f"{name}.seed_{seed}": {**config.survey, "seed": seed} for seed in seeds},
+            ground=ground,
+            segmentation=segmentation,
+            scheme=find_scheme(classes["schemes"], name),
+            wanted=list(OBJECTS[name]),
+            parameters=parameters.cut,
+        )
+    return tasks
+
+
+def draw_splits(
+    parameters: SimulatedObjectsParameters, streets: SceneCollection, classes: Mapping[str, Any]
+) -> dict[str, SceneTask]:
+    """Create one task per split of each set: sampling of the objects."""
+    return {
+        str(SplitKey(name, split)): SceneTask(
+            draw_split,
+            {"streets": {f"seed_{seed}": streets[f"{name}.seed_{seed}"] for seed in seeds}},
+            {
+                "limits": wanted_objects(name, config, find_scheme(classes["schemes"], name))[split],
+                "seed": parameters.seed,
+            },
+        )
+        for name, config in parameters.chosen_sets().items()
+        for split, seeds in config.seeds_of_splits().items()
+    }
+
+
+def tabulate_sets(
+    parameters: SimulatedObjectsParameters, sets: SceneCollection, classes: Mapping[str, Any]
+) -> pd.DataFrame:
+    """Return the composition of the sets."""
+    schemes = {name: find_scheme(classes["schemes"], name) for name in parameters.chosen_sets()}
+    wanted = {
+        SplitKey(name, split): limits
+        for name, config in parameters.chosen_sets().items()
+        for split, limits in wanted_objects(name, config, schemes[name]).items()
+    }
+    return composition_table({key: sets[str(key)].load() for key in wanted}, wanted, schemes)
+
+
+def create_pipeline(**_: object) -> Pipeline:
+    """Return the pipeline: parameters to ``simulated_objects.streets``, ``.sets`` and ``.composition``."""
+    own, classes = "params:simulated_objects", "params:classes"
+    streets, sets, composition = (f"simulated_objects.{name}" for name in ("streets", "sets", "composition"))
+    stages = ["params:ground_removal", "params:segmentation"]
+    return Pipeline(
+        [
+            Node(cut_streets, [own, *stages, classes], streets, name="cut_simulated_streets"),
+            Node(draw_splits, [own, streets, classes], sets, name="draw_simulated_sets"),
+            Node(tabulate_sets, [own, sets, classes], composition, name="tabulate_simulated_sets"),
+        ]
+    )

@@ -1,1 +1,0 @@
-"""Matplotlib figures of scores, training and surveys."""
