@@ -52,7 +52,7 @@ def loaded_by(statement):
         "label.joined_objects",
         "label.written_file",
         "algorithms.stages",
-        "algorithms.detrended_forest.labeller",
+        "papers.tomic2019.detrended_forest.labeller",
         "pipelines.label",
         "pipelines.ingest",
     ],

@@ -141,8 +141,8 @@ def test_names_that_look_like_addresses_are_folders():
 @pytest.mark.parametrize(
     ("kind", "name"),
     [
-        ("models.model_bundle_dataset.ModelBundleDataset", "m"),
-        ("inventory.inventory_dataset.RoadInventoryDataset", "i.gpkg"),
+        ("model_datasets.ModelBundleDataset", "m"),
+        ("inventory_dataset.RoadInventoryDataset", "i.gpkg"),
     ],
 )
 def test_datasets_of_local_files_refuse_addresses(kind, name):

@@ -21,10 +21,10 @@ from mlsroad_pipeline.datasets.model_registry_dataset import RegisteredModelData
 from mlsroad_pipeline.model_store.point_labeller import table_to_cloud
 from mlsroad_pipeline.model_store.registration import example_points
 
-SOURCE = Path(__file__).resolve().parents[3] / "src"
+SOURCE = Path(__file__).resolve().parents[2] / "src"
 NAME = "mlsroad-planted"
 MODULE = "mlsroad_pipeline.algorithms.planted_for_registry"
-PLACE = "planted_for_registry:label"
+PLACE = "algorithms.planted_for_registry:label"
 LABELLER = """
 import numpy as np
 

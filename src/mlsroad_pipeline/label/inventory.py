@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -33,6 +33,9 @@ from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import SurveyPlan
 
 logger = logging.getLogger(__name__)
+
+Inventory: TypeAlias = RoadInventory
+"""Inventory of a survey, as nodes pass it on."""
 
 OBJECTS = "inventory"
 """Key of the joined objects in their store."""

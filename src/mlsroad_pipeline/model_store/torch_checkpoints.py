@@ -9,14 +9,8 @@ from typing import Any
 import torch
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.algorithms.core.plain_text import printable
+from mlsroad_pipeline.algorithms.core.plain_text import torch_error
 from mlsroad_pipeline.execution.store_files import sync_file, sync_folder
-
-
-def torch_error(error: Exception) -> str:
-    """Return the cause of an error of `torch.load` in one line, without its advice to run code of the file."""
-    cause = str(error).partition("WeightsUnpickler error:")[2].partition("Check the documentation")[0]
-    return printable(cause or error).strip()[:200] or type(error).__name__
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import pytest
 from helpers.wiring import REPOSITORY
 
 SOURCES = REPOSITORY / "page"
-STATIC = REPOSITORY / "src/mlsroad_pipeline/page/static"
+STATIC = REPOSITORY / "src/mlsroad_pipeline/review/page_server/static"
 NAMES = ("index.html", "package-lock.json", "tsconfig.json", "vite.config.ts")
 REBUILD = "run `npm ci && npm run build` in page/ and commit the result"
 

@@ -41,3 +41,9 @@ def without_password(text: str) -> str:
     'postgresql://ann:***@db/mlflow?password=*** is down'
     """
     return _SECRET.sub(r"\1***", _PASSWORD.sub(r"\1:***@", text))
+
+
+def torch_error(error: Exception) -> str:
+    """Return the cause of an error of `torch.load` in one line, without its advice to run code of the file."""
+    cause = str(error).partition("WeightsUnpickler error:")[2].partition("Check the documentation")[0]
+    return printable(cause or error).strip()[:200] or type(error).__name__

@@ -18,11 +18,17 @@ from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.task import SceneTask
-from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
 from mlsroad_pipeline.label.checks import check_headers, check_outputs
 from mlsroad_pipeline.label.devices import check_device
 from mlsroad_pipeline.label.images import LabelImages, images_of_survey, images_to_label
-from mlsroad_pipeline.label.inventory import OBJECTS, export_inventory, inventory_of, marking_warnings, objects_task
+from mlsroad_pipeline.label.inventory import (
+    OBJECTS,
+    Inventory,
+    export_inventory,
+    inventory_of,
+    marking_warnings,
+    objects_task,
+)
 from mlsroad_pipeline.label.model_choice import ModelRequest, choose_model, image_request
 from mlsroad_pipeline.label.photos import write_photos
 from mlsroad_pipeline.label.report import label_report_sections, report_pictures
@@ -179,14 +185,14 @@ def make_inventory(
     joined: SceneCollection,
     parameters: LabelParameters,
     run: RunFolder,
-) -> tuple[RoadInventory, RoadInventory]:
+) -> tuple[Inventory, Inventory]:
     """Return the inventory, once per output format."""
     inventory = inventory_of(plan, files, corridors, joined, parameters, run.output)
     return inventory, inventory
 
 
 def export_label_inventory(
-    plan: SurveyPlan, inventory: RoadInventory, parameters: LabelParameters, run: RunFolder
+    plan: SurveyPlan, inventory: Inventory, parameters: LabelParameters, run: RunFolder
 ) -> list[str]:
     """Write the inventory in the formats of `label.export` and the photos of its objects, and return the paths."""
     written = export_inventory(inventory, parameters.export, run)
@@ -199,7 +205,7 @@ def write_report(
     quality: pd.DataFrame,
     results: SceneCollection,
     written: SceneCollection,
-    inventory: RoadInventory,
+    inventory: Inventory,
     exports: list[str],
     model: ModelFile,
     parameters: LabelParameters,

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
-from mlsroad_pipeline.algorithms.core.plain_text import printable
-from mlsroad_pipeline.model_store.torch_checkpoints import torch_error
+from mlsroad_pipeline.algorithms.core.plain_text import printable, torch_error
 from mlsroad_pipeline.papers.tomic2019.image_labels.pspnet import PSPNet
 
 
