@@ -17,7 +17,7 @@ from mlsroad_pipeline.papers.luo2019.study.plan import SYDNEY, StudyPlan
 from mlsroad_pipeline.papers.luo2019.study.results import StudyTables, study_tables
 from mlsroad_pipeline.papers.luo2019.study.set_parameters import SimulatedObjectsParameters
 from mlsroad_pipeline.papers.shared.recognition.descriptor_machine import DescriptorParameters
-from mlsroad_pipeline.papers.shared.recognition.object_files import find_folds, listed_files, read_fold
+from mlsroad_pipeline.papers.shared.recognition.object_set import find_folds, listed_files, read_fold
 
 FOLDS, SYDNEY_SCHEME = "folds/fold*.txt", "sydney14"
 

@@ -13,7 +13,7 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme, find_scheme
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
-from mlsroad_pipeline.papers.luo2016.max_margin_markov.training import MarginParameters
+from mlsroad_pipeline.papers.luo2016.max_margin_markov.classifier import MarginParameters
 from mlsroad_pipeline.papers.luo2016.patch_forest.classifier import PatchForestParameters
 from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import PatchGraphParameters
 from mlsroad_pipeline.papers.luo2016.patch_graph.refined_classifier import GridParameters

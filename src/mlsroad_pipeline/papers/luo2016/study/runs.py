@@ -13,14 +13,13 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
-from mlsroad_pipeline.papers.luo2016.max_margin_markov.training import fit_max_margin
+from mlsroad_pipeline.papers.luo2016.max_margin_markov.classifier import fit_max_margin
 from mlsroad_pipeline.papers.luo2016.patch_forest.classifier import PatchForest
 from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import PatchGraphClassifier
 from mlsroad_pipeline.papers.luo2016.patch_graph.labeller import ground_classes
 from mlsroad_pipeline.papers.luo2016.patch_graph.refined_classifier import refine_classifier
-from mlsroad_pipeline.papers.luo2016.patch_svm.training import fit_patch_svm
+from mlsroad_pipeline.papers.luo2016.patch_svm.classifier import fit_patch_svm
 from mlsroad_pipeline.papers.luo2016.shape_based import labeller as shape_based
-from mlsroad_pipeline.papers.luo2016.shape_based import training as shape_training
 from mlsroad_pipeline.papers.luo2016.study.objects import StreetCounts, count_street
 from mlsroad_pipeline.papers.luo2016.study.parameters import REFINES
 from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
@@ -194,12 +193,12 @@ def _run_objects(
 ) -> None:
     def learn() -> Any:
         rows = [
-            shape_training.training_objects(
+            shape_based.training_objects(
                 s["points"], _ground(s["points"]), s["patches"], scheme=tally.scheme, parameters=parameters
             )
             for s in train.values()
         ]
-        return shape_training.fit(rows, parameters=parameters, stages=stages, scheme=tally.scheme, trained_on={})
+        return shape_based.fit(rows, parameters=parameters, stages=stages, scheme=tally.scheme, trained_on={})
 
     bundle, seconds = timed(learn)
     tally.add(shape_based.SLUG, train_seconds=seconds, classes_given=", ".join(bundle.metadata["classes_given"]))

@@ -8,8 +8,8 @@ from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scenes.corridor import MainAxis, corridor_to_arrays
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
-from mlsroad_pipeline.papers.luo2016.patch_graph.training_scenes import cut_scenes
-from mlsroad_pipeline.papers.shared.patches.labelled_patches import label_patches_along
+from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import cut_scenes
+from mlsroad_pipeline.papers.shared.patches.labelling import label_patches_along
 from mlsroad_pipeline.papers.shared.patches.training import join_training_scenes
 
 ORIGIN = np.array([389_300.0, 5_819_700.0, 34.0])

@@ -5,8 +5,7 @@ import pytest
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError, UnknownClassError
-from mlsroad_pipeline.papers.shared.recognition.object_files import find_folds, listed_files, read_fold
-from mlsroad_pipeline.papers.shared.recognition.object_set import ObjectSet
+from mlsroad_pipeline.papers.shared.recognition.object_set import ObjectSet, find_folds, listed_files, read_fold
 
 NAMES = [
     "4wd",

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.papers.luo2019.jointnet import cleaning
-from mlsroad_pipeline.papers.luo2019.jointnet.cleaning import isolated_points
-from mlsroad_pipeline.papers.luo2019.jointnet.measure_regression import train_regression
+from mlsroad_pipeline.papers.luo2019.jointnet import inputs
+from mlsroad_pipeline.papers.luo2019.jointnet.inputs import isolated_points
+from mlsroad_pipeline.papers.luo2019.jointnet.network import train_regression
 from mlsroad_pipeline.papers.luo2019.jointnet.parameters import JointNetParameters, TrainingParameters
 from mlsroad_pipeline.papers.luo2019.jointnet.recogniser import JointNetRecogniser, _points
 
@@ -29,7 +29,7 @@ def test_stray_points_are_isolated_and_objects_do_not_touch_each_other(rng):
 def test_spacing_is_that_of_a_search_tree(rng):
     xyz = rng.normal(size=(300, 3)) + [400_000.0, 5_800_000.0, 30.0]
     wanted = cKDTree(xyz).query(xyz, k=5)[0][:, 1:].mean(axis=1)
-    np.testing.assert_allclose(cleaning._spacing(xyz), wanted, rtol=1e-6)
+    np.testing.assert_allclose(inputs._spacing(xyz), wanted, rtol=1e-6)
 
 
 def test_an_object_keeps_half_of_its_points(rng):

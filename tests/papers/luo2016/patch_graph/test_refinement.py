@@ -10,10 +10,15 @@ from scipy.spatial import cKDTree
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
 from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import PatchGraphClassifier, PatchGraphParameters
-from mlsroad_pipeline.papers.luo2016.patch_graph.masts import separate_masts
-from mlsroad_pipeline.papers.luo2016.patch_graph.object_cliques import GroundClasses, object_cliques
 from mlsroad_pipeline.papers.luo2016.patch_graph.refined_classifier import GridParameters, RefinedPatchGraphClassifier
-from mlsroad_pipeline.papers.luo2016.patch_graph.refinement import RefinementParameters, edge_weights, refine
+from mlsroad_pipeline.papers.luo2016.patch_graph.refinement import (
+    GroundClasses,
+    RefinementParameters,
+    edge_weights,
+    object_cliques,
+    refine,
+    separate_masts,
+)
 
 GROUND = GroundClasses(grass=0, road=1)
 NO_EDGES = np.empty((0, 2), np.int32)
