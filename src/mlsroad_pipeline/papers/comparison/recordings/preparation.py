@@ -273,5 +273,7 @@ _OF_METHOD = {
 def preparation_of(method: str) -> Preparation:
     """Return the preparation and training of a method."""
     if method not in _OF_METHOD:
-        raise ParameterError(f"the benchmark of recordings cannot train {method}: add it to studies.recordings")
+        raise ParameterError(
+            f"the benchmark of recordings cannot train {method}: add it to papers.comparison.recordings.preparation"
+        )
     return _OF_METHOD[method]
