@@ -273,7 +273,7 @@ _OF_METHOD = {
 def preparation_of(method: str) -> Preparation:
     """Return the preparation and training of a method."""
     if method not in _OF_METHOD:
-        raise ParameterError(
+        raise ParameterError(f"no preparation of {method} for the benchmark of recordings: add one to its preparation.py")
             f"the benchmark of recordings cannot train {method}: add it to papers.comparison.recordings.preparation"
         )
     return _OF_METHOD[method]
