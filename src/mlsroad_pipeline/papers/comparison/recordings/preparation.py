@@ -273,7 +273,5 @@ _OF_METHOD = {
 def preparation_of(method: str) -> Preparation:
     """Return the preparation and training of a method."""
     if method not in _OF_METHOD:
-        raise ParameterError(f"no preparation of {method} for the benchmark of recordings: add one to its preparation.py")
-            f"the benchmark of recordings cannot train {method}: add it to papers.comparison.recordings.preparation"
-        )
+        raise ParameterError(f"the benchmark of recordings cannot train {method}: add it to its preparation.py")
     return _OF_METHOD[method]
