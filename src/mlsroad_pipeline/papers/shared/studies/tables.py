@@ -15,7 +15,7 @@ from scipy import stats
 def paper_table(paper: str, name: str) -> pd.DataFrame:
     """Return a table of values that a paper prints, from the files of its study."""
     file = files("mlsroad_pipeline.papers").joinpath(paper, "study", "paper", f"{name}.csv")
-    return pd.read_csv(StringIO(file.read_text(encoding="utf-8")), comment="#", float_precision="round_trip")
+    return pd.read_csv(StringIO(file.read_text(encoding="utf-8")), comment="#")
 
 
 def paired_interval(differences: NDArray[np.floating], confidence: float = 0.95) -> tuple[float, float, float, int]:
