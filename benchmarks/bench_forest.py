@@ -20,7 +20,7 @@ from sklearn.ensemble import RandomForestClassifier
 
 from mlsroad_pipeline.algorithms.features.eigen import EIGEN_FEATURES, compute_eigen_features
 from mlsroad_pipeline.algorithms.features.supervoxel_features import compute_supervoxel_features
-from mlsroad_pipeline.algorithms.geometry.cell_grid import build_cell_grids
+from mlsroad_pipeline.algorithms.geometry.cells import build_cell_grids
 from mlsroad_pipeline.algorithms.geometry.neighbors import radius_neighbors
 from mlsroad_pipeline.algorithms.models.machines.flat_forest import FlatForest
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.labeller import nearest_supervoxels

@@ -105,14 +105,13 @@ def main() -> None:
     arguments.add_argument("--methods", nargs="+", default=["detrended_forest"])
     arguments.add_argument("--backends", nargs="+", default=["loky"], choices=["loky", "dask", "sequential"])
     arguments.add_argument("--workers", type=int, default=2)
-    arguments.add_argument("--only-make", action="store_true", help="make the surveys alone")
     options = arguments.parse_args()
     methods = options.methods
     if methods == ["all"]:
         methods = [*methods_of("labelling"), *methods_of("detection")]
     for millions in options.millions:
         survey = make_survey(options.folder, millions)
-        for method, backend in itertools.product(methods, [] if options.only_make else options.backends):
+        for method, backend in itertools.product(methods, options.backends):
             output = options.folder / f"labelled_{millions}M_{method}_{backend}"
             found = run_label(survey, output, options.env, method, backend, options.workers)
             figures = {"points_per_s": round(millions * 1e6 / found["seconds"]), **found, "digest": digest(output)}

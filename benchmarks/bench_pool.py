@@ -26,8 +26,11 @@ from mlsroad_pipeline.algorithms.models.labelling import label_softly
 from mlsroad_pipeline.algorithms.models.pool.labeller import NETWORK, TREES, members_of
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.building import build_graph
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.inputs import Scale, even_points, prepare_inputs
-from mlsroad_pipeline.algorithms.models.superpoint_transformer.labeller import parameters_of, prepare
-from mlsroad_pipeline.algorithms.models.superpoint_transformer.prediction import predict_superpoints
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.labeller import (
+    parameters_of,
+    predict_superpoints,
+    prepare,
+)
 from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.formats.options import ReadOptions

@@ -18,11 +18,6 @@ from mlsroad_pipeline.simulation import PRESETS, long_survey, simulate_survey, s
 from mlsroad_pipeline.simulation.street.street import BLOCK
 
 
-def whole(seed: int, threads: int) -> tuple[int, None]:
-    """Simulate the demo survey with images and return its number of points."""
-    return len(simulate_survey(replace(PRESETS["demo"], seed=seed), n_threads=threads).cloud), None
-
-
 def piecewise(preset: str, seed: int, threads: int, points: int) -> tuple[int, float]:
     """Make a long survey, keep nothing, and return its number of points and the steady rate."""
     stream = long_survey(replace(PRESETS[preset], seed=seed), n_points=points, n_threads=threads)
@@ -57,7 +52,8 @@ def main() -> None:
     def work() -> Timed:
         start, busy = time.perf_counter(), used()
         if options.what == "demo":
-            made = whole(options.seed, options.threads)
+            parameters = replace(PRESETS["demo"], seed=options.seed)
+            made = len(simulate_survey(parameters, n_threads=options.threads).cloud), None
         else:
             made = piecewise(options.preset, options.seed, options.threads, options.points)
         return Timed(time.perf_counter() - start, used() - busy, made)

@@ -22,18 +22,16 @@ from numpy.typing import NDArray
 from sklearn.linear_model import LogisticRegression
 
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
-from mlsroad_pipeline.algorithms.models.machines.grouped_decision import decide
-from mlsroad_pipeline.algorithms.models.pool.ground_colour import (
+from mlsroad_pipeline.algorithms.models.machines.combinations import decide
+from mlsroad_pipeline.algorithms.models.pool.labeller import (
     INTERCEPT,
+    SLUG,
     TERMS,
+    PooledVoxels,
     ground_classes,
     ground_terms,
-    natural_share,
-)
-from mlsroad_pipeline.algorithms.models.pool.labeller import (
-    SLUG,
-    PooledVoxels,
     members_of,
+    natural_share,
     pooled_voxels,
     with_ground_colour,
 )

@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
-from mlsroad_pipeline.algorithms.models.pool.ground_colour import ground_classes
+from mlsroad_pipeline.algorithms.models.pool.labeller import ground_classes
 from mlsroad_pipeline.model_store.shipped_models import load_shipped
 
 PAVED, NATURAL, UNKNOWN = 0, 1, -1

@@ -29,8 +29,11 @@ from typing import Any, NamedTuple
 import pandas as pd
 from _common import DATA, RESULTS, STREETS, markdown, mlsroad, pandaset_frames, parser, simulated_street
 
-from mlsroad_pipeline.algorithms.inventory.scoring.object_matching import MatchedObjects
-from mlsroad_pipeline.algorithms.inventory.scoring.object_scores import score_objects, summarise_measures
+from mlsroad_pipeline.algorithms.inventory.scoring.object_scores import (
+    MatchedObjects,
+    score_objects,
+    summarise_measures,
+)
 from mlsroad_pipeline.label.object_scoring import ScoredInventory, ScoreParameters, score_inventory
 
 FIRST_SEED = 911

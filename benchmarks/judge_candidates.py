@@ -7,11 +7,14 @@ import pandas as pd
 from judge_streets import SCHEME, Street, true_objects
 
 from mlsroad_pipeline.algorithms.geometry.assignment import assign_one_to_one
-from mlsroad_pipeline.algorithms.inventory.objects.candidate_labels import candidate_rules
-from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import CandidateScene, find_candidate_table
+from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import (
+    CandidateScene,
+    candidate_rules,
+    find_candidate_table,
+)
 from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectClassifier
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
-from mlsroad_pipeline.algorithms.inventory.scoring.object_matching import REACH
+from mlsroad_pipeline.algorithms.inventory.scoring.object_scores import REACH
 
 RULES = candidate_rules(SCHEME, {})
 SHORTEST, STRETCHED = 0.4, 1.2

@@ -64,7 +64,7 @@ def start(project: Path, pipeline: str) -> subprocess.Popen[bytes]:
 
 
 def finish(project: Path, pipeline: str) -> float:
-    """Run a pipeline to its end; return the seconds it took."""
+    """Run a pipeline to its end; return the seconds."""
     began = time.monotonic()
     process = start(project, pipeline)
     if process.wait():
@@ -73,7 +73,7 @@ def finish(project: Path, pipeline: str) -> float:
 
 
 def killed_after(project: Path, pipeline: str, seconds: float) -> bool:
-    """Kill a run, with all its processes, after some time; tell whether it was still running."""
+    """Kill a run, with all its processes, after some time; return whether it was still running."""
     process = start(project, pipeline)
     try:
         process.wait(seconds)

@@ -29,7 +29,6 @@ from typing import Any
 import numpy as np
 import yaml
 from _common import CONF, REPOSITORY, configured, configured_scheme, parser
-from mlsroad_pipeline.pipelines.boosted_trees.nodes import load_lightgbm
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
@@ -37,7 +36,7 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.features.voxel_scales import VoxelFeatures, smooth_by_cells
 from mlsroad_pipeline.algorithms.metrics.confusion import scores
 from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import Answer
-from mlsroad_pipeline.algorithms.models.boosted_trees.continuation import continue_training
+from mlsroad_pipeline.algorithms.models.boosted_trees.corrected import continue_training
 from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import describe_scene, softmax
 from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG, BoostedTreesParameters
 from mlsroad_pipeline.algorithms.models.boosted_trees.segments import (
@@ -50,7 +49,7 @@ from mlsroad_pipeline.algorithms.models.boosted_trees.training import fit
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.labelling import label_softly
 from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees
-from mlsroad_pipeline.algorithms.models.machines.grouped_decision import decide
+from mlsroad_pipeline.algorithms.models.machines.combinations import decide
 from mlsroad_pipeline.algorithms.models.pool.labeller import FLOOR, NETWORK, TREES, members_of
 from mlsroad_pipeline.algorithms.scenes.parts import TEST, TRAIN
 from mlsroad_pipeline.algorithms.stages import ground_of, inliers
@@ -61,6 +60,7 @@ from mlsroad_pipeline.model_store.replay import read_replay
 from mlsroad_pipeline.model_store.shipped_models import load_shipped
 from mlsroad_pipeline.papers.comparison.recordings.parameters import Source, sources_of
 from mlsroad_pipeline.papers.comparison.recordings.scoring import unmixed
+from mlsroad_pipeline.pipelines.boosted_trees import load_lightgbm
 
 SCENES = "data/03_primary/recordings/recordings_study/scenes"
 VOXELS = "data/05_model_input/general/boosted_trees/training_set"

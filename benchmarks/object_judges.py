@@ -48,11 +48,15 @@ from judge_streets import (
 )
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
-from mlsroad_pipeline.algorithms.inventory.objects.candidate_labels import raised_labels
-from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import FEATURE_COLUMNS
-from mlsroad_pipeline.algorithms.inventory.objects.classifier_continuation import LabelledCandidates
-from mlsroad_pipeline.algorithms.inventory.objects.classifying import NEITHER, POLE, STEM, TRUNK
-from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectClassifier
+from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import FEATURE_COLUMNS, raised_labels
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import (
+    NEITHER,
+    POLE,
+    STEM,
+    TRUNK,
+    LabelledCandidates,
+    ObjectClassifier,
+)
 from mlsroad_pipeline.algorithms.inventory.objects.object_features import FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.stem_features import STEM_FEATURES, find_scene_stems
@@ -227,7 +231,7 @@ def card(
 ) -> str:
     """Return the card of the judge."""
     lines = [
-        "# Judge of objects",
+        "# Classifier of objects",
         "",
         "Boosted trees that give the objects of an inventory their scores, and tell trunks from poles. MIT licence.",
         f"Trained on {n_streets} simulated streets of {len(STREETS)} kinds (of {n_simulated}: those with at most",

@@ -19,7 +19,7 @@ from helpers.yaml_files import read_yaml
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.metrics.scores import COLUMNS
 from mlsroad_pipeline.algorithms.models.methods import methods_of, trained_methods
-from mlsroad_pipeline.hooks.data_fingerprint import fingerprint_files
+from mlsroad_pipeline.hooks.run_details import fingerprint_files
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 

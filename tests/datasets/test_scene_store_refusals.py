@@ -133,6 +133,7 @@ def test_something_else_than_tasks_is_refused(store, data, message):
         ({"verify": "never"}, "verify must be one of"),
         ({"workers": 2}, r"unknown keys \['workers'\]"),
         ({"scheduler": "tcp://h:1"}, "needs the backend dask, not loky"),
+        ({"backend": "dask"}, "dask needs execution.scheduler"),
     ],
 )
 def test_wrong_settings_are_refused(tmp_path, execution, message):

@@ -83,23 +83,6 @@ def test_same_bytes_whatever_the_backend_and_the_number_of_workers(tmp_path, mar
         assert two_stages(tmp_path / name, marks, **settings) == expected, name
 
 
-def test_local_dask_cluster(tmp_path, marks):
-    store = store_at(tmp_path / "stage", backend="dask", n_workers=2)
-    store.save(part_tasks(marks, 2))
-    store.save(part_tasks(marks, 3))
-    assert list(store.load()) == ["s0", "s1", "s2"]
-    assert count_marks(marks) == 3
-
-
-def test_current_dask_client_is_used(tmp_path, marks, cluster):
-    from distributed import Client
-
-    with Client(cluster.scheduler_address) as client:
-        store_at(tmp_path / "stage", backend="dask").save(part_tasks(marks, 2))
-        assert client.run_on_scheduler(lambda dask_scheduler: dask_scheduler.id) == cluster.scheduler.id
-    assert count_marks(marks) == 2
-
-
 def dying_tasks(marks, always):
     tasks = {f"s{i}": SceneTask(make_points, {}, {"n": 5, "seed": i, "pause": 0.05}) for i in range(5)}
     return tasks | {"s2x": SceneTask(die, {}, {"marks": str(marks), "name": "die", "always": always})}

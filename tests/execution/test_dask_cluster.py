@@ -7,18 +7,19 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
+import psutil
 import pytest
 from distributed import Client
-from helpers.store import make_points
+from helpers.store import make_points, tree_digest
 from kedro.io import DatasetError
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
 from mlsroad_pipeline.datasets import scene_store_dataset
 from mlsroad_pipeline.datasets.scene_store_dataset import SceneStoreDataset
 from mlsroad_pipeline.execution import dask_cluster
-from mlsroad_pipeline.execution.dask_cluster import _connected, _warn_of_open_ports
-from mlsroad_pipeline.execution.settings import Execution
+from mlsroad_pipeline.execution.dask_cluster import _warn_of_open_ports
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.execution.worker import SceneJob, run_scene
 
@@ -99,22 +100,55 @@ def test_no_worker_then_other_sources_then_a_lost_scheduler(tmp_path, scheduler,
     assert store.exists()
 
 
+@pytest.fixture
+def cluster(scheduler):
+    """Address of a scheduler with two workers, whose nannies replace them."""
+    _, address = scheduler
+    options = ("--nthreads", "1", "--nworkers", "2", "--no-dashboard", "--host", "127.0.0.1")
+    workers = started("dask_worker", address, *options)
+    try:
+        yield address
+    finally:
+        for process in [*psutil.Process(workers.pid).children(recursive=True), workers]:
+            process.kill()
+        workers.wait()
+
+
+def test_a_killed_worker_is_replaced_and_the_bytes_are_the_same(tmp_path, cluster):
+    store_at(tmp_path / "here", backend="sequential").save(TASKS)
+    with Client(cluster, set_as_default=False) as client:
+        client.wait_for_workers(2, timeout=60)
+        killed = min(client.run(os.getpid).values())
+        timer = threading.Timer(0.5, os.kill, [killed, signal.SIGKILL])
+        timer.start()
+        store_at(tmp_path / "there", backend="dask", scheduler=cluster).save(TASKS)
+        timer.join()
+        client.wait_for_workers(2, timeout=60)
+        assert killed not in client.run(os.getpid).values()
+    assert tree_digest(tmp_path / "there") == tree_digest(tmp_path / "here")
+
+
+def test_label_on_a_cluster_writes_the_bytes_of_processes(tmp_path, cluster):
+    def mlsroad(*words):
+        command = [Path(sys.executable).with_name("mlsroad"), *words]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=600)
+        assert done.returncode == 0, done.stderr
+
+    mlsroad("simulate", "--preset", "tiny", "--length", "20", "--params", "with_images=false")
+    for name, options in {"here": ["backend=loky"], "there": ["backend=dask", f"scheduler={cluster}"]}.items():
+        params = [word for option in options for word in ("--params", f"execution.{option}")]
+        mlsroad("label", "street", "-o", name, *params)
+    here, there = (tree_digest(tmp_path / name) for name in ("here", "there"))
+    clouds = [name for name in here if name.endswith(".laz")]
+    assert clouds and all(there[name] == here[name] for name in clouds)
+
+
 def test_a_worker_without_the_folder_is_named(tmp_path):
     store = store_at(tmp_path / "s", backend="sequential")._store
     job = SceneJob("s0", TASKS["s0"], "f", store, store.begin(), "dask")
     shutil.rmtree(tmp_path / "s")
     cause = run_scene(job).failure.cause
     assert f"{store.url} is not there on " in cause and "this worker does not share that folder" in cause
-
-
-def test_a_local_cluster_is_closed_to_others(tmp_path):
-    with _connected(Execution("dask", n_workers=1)) as client:
-        client.wait_for_workers(1, timeout=60)
-        info = client.scheduler_info()
-        addresses = [info["address"], *info["workers"]]
-        assert all(address.startswith("tls://127.0.0.1:") for address in addresses)
-        with pytest.raises((OSError, TypeError)):
-            Client(addresses[0], timeout=2, set_as_default=False)
 
 
 def test_an_open_scheduler_is_warned_of_once(caplog):

@@ -20,7 +20,7 @@ from mlsroad_pipeline.execution import fingerprints
 from mlsroad_pipeline.execution.digests import digest_file
 from mlsroad_pipeline.execution.fingerprints import Fingerprinter, describe_sources, package_versions, qualified_name
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile, StoredResult
-from mlsroad_pipeline.pipelines.segmentation import nodes as pipeline_nodes
+from mlsroad_pipeline.pipelines.label import nodes as pipeline_nodes
 
 
 @dataclass(frozen=True)

@@ -5,21 +5,28 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
+import psutil
 import pytest
 
-START = "from mlsroad_pipeline.execution import fork_server; print(fork_server.start('json'), fork_server.is_started())"
+START = """
+from multiprocessing import forkserver
+from mlsroad_pipeline.execution import fork_server
+load = lambda: __import__("numba")
+print(fork_server.start(load, lambda: None), fork_server.is_started(), forkserver._forkserver._forkserver_pid)
+"""
 
 
 def started(**environment):
     done = subprocess.run(
         [sys.executable, "-c", START], capture_output=True, text=True, timeout=60, check=False, env=environment
     )
-    return done.returncode, done.stdout.split(), done.stderr
+    return done.returncode, done.stdout.split()[:2], done.stderr
 
 
-def test_a_folder_too_long_for_a_socket_is_no_error(tmp_path, monkeypatch):
+def test_a_folder_too_long_for_a_socket_is_no_error(tmp_path):
     long = tmp_path / ("x" * 110)
     long.mkdir()
     path = ":".join(sys.path)
@@ -34,14 +41,17 @@ def short():
         yield Path(folder)
 
 
-def test_a_killed_driver_leaves_no_folder_for_ever(short):
+def test_a_killed_driver_leaves_no_process_and_no_folder_for_ever(short):
     (short / "mlsroad-data").mkdir()
-    code = f"{START}; import sys; sys.stdin.read()"
+    slow = START.replace("lambda: None", "lambda: __import__('time').sleep(100)")
     environment = {"PYTHONPATH": ":".join(sys.path), "TMPDIR": str(short)}
     streams = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    with subprocess.Popen([sys.executable, "-uc", code], env=environment, **streams) as killed:
-        assert killed.stdout.readline() == "True True\n"
+    command = [sys.executable, "-uc", f"{slow}import sys; sys.stdin.read()"]
+    with subprocess.Popen(command, env=environment, **streams) as killed:
+        *said, server = killed.stdout.readline().split()
+        assert said == ["True", "True"]
         killed.kill()
+    assert psutil.wait_procs([psutil.Process(int(server))] if psutil.pid_exists(int(server)) else [], 10)[1] == []
     (left,) = short.glob("mlsroad-????????")
     assert [path.name.partition("-")[0] for path in left.rglob("*") if path.is_socket()] == ["listener"]
     assert started(**environment)[1] == ["True", "True"]
@@ -57,14 +67,15 @@ def test_a_killed_driver_leaves_no_folder_for_ever(short):
 
 
 FORKED = """
-import logging, signal, sys, threading
-from multiprocessing import forkserver, get_context
+import gc, logging, os, signal, sys, threading
+from multiprocessing import get_context
 from mlsroad_pipeline.execution import fork_server
 
 def reply(queue):
-    forked = "colorsys" in sys.modules  # the server imports it, the worker does not
-    state = logging.root.handlers, signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
-    queue.put((forked, *state))
+    import numba
+    loaded = "colorsys" in sys.modules, "this" in sys.modules, numba.config.NUMBA_NUM_THREADS == 1
+    blocked = signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    queue.put((*loaded, blocked, not logging.root.handlers, signal.getsignal(signal.SIGTERM) == signal.SIG_DFL))
 
 def main():
     logging.basicConfig()
@@ -72,47 +83,33 @@ def main():
     event = threading.Event()
     if "thread" in sys.argv:
         threading.Thread(target=event.wait).start()
-    fork_server.start("json", lambda: __import__("colorsys"))
-    queue = get_context("forkserver").SimpleQueue()
-    worker = get_context("forkserver").Process(target=reply, args=(queue,))
-    worker.start()
-    print(*queue.get(), "colorsys" in sys.modules)
-    worker.join()
-    fork_server.stop()
+    has_server = fork_server.start(lambda: __import__("numba") and __import__("colorsys"), lambda: __import__("this"))
+    if has_server:
+        queue = get_context("forkserver").SimpleQueue()
+        worker = get_context("forkserver").Process(target=reply, args=(queue,))
+        worker.start()
+        print(has_server, *queue.get(), "this" not in sys.modules, file=sys.stderr)
+        worker.join()
+    else:
+        print(has_server, file=sys.stderr)
     event.set()
 """
 
 
 @pytest.mark.parametrize("thread", [False, True])
 def test_the_server_is_forked_from_a_driver_without_threads_and_leaves_its_set_up_behind(thread, tmp_path):
-    script = tmp_path / "forked.py"
-    script.write_text(FORKED)
-    arguments = [
-        sys.executable,
-        "-c",
-        f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import forked; forked.main()",
-    ]
-    done = subprocess.run(arguments + ["thread"] * thread, capture_output=True, text=True, timeout=30, check=False)
-    assert done.stdout.split() == [str(not thread), "[]", "True", str(not thread)], done
+    (tmp_path / "forked.py").write_text(FORKED)
+    code = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import forked; forked.main()"
+    command = [sys.executable, "-c", code, *["thread"] * thread]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.stderr.split() == (["False"] if thread else ["True"] * 8), done
 
 
-STOP = f"""{START}
-from contextlib import suppress
-from multiprocessing import forkserver, get_context
-import time
-import psutil
-worker = get_context("forkserver").Process(target=time.sleep, args=(60,))
-worker.start()
-server = forkserver._forkserver._forkserver_pid
-fork_server.stop()
-worker.join(20)
-with suppress(psutil.NoSuchProcess):
-    psutil.Process(server).wait(20)
-print(worker.exitcode, psutil.pid_exists(server))
-"""
-
-
-def test_stopping_ends_the_server_and_its_workers_without_a_word():
-    done = subprocess.run([sys.executable, "-c", STOP], capture_output=True, text=True, timeout=60, check=False)
-    assert done.stdout.split()[:2] == ["True", "True"] and done.stdout.split()[3:] == ["False"], done
-    assert done.stdout.split()[2] != "0" and done.stderr == "", done
+def test_the_server_ends_with_its_driver_while_it_loads():
+    slow = START.replace("lambda: None", "lambda: __import__('time').sleep(100)")
+    done = subprocess.run([sys.executable, "-c", slow], capture_output=True, text=True, timeout=60, check=False)
+    assert done.stdout.split()[:2] == ["True", "True"] and done.stderr == "", done
+    deadline, server = time.monotonic() + 10, int(done.stdout.split()[2])
+    while psutil.pid_exists(server) and psutil.Process(server).status() != psutil.STATUS_ZOMBIE:
+        assert time.monotonic() < deadline
+        time.sleep(0.05)

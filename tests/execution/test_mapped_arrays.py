@@ -5,7 +5,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.execution.mapped_arrays import map_arrays
+from mlsroad_pipeline.execution.result_files import map_arrays
 
 ARRAYS = {
     "float": np.linspace(0, 1, 1001),

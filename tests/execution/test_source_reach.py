@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from mlsroad_pipeline.execution import source_reach
-from mlsroad_pipeline.execution.source_reach import PROJECT, all_sources, in_science, reachable_sources, source_of
+from mlsroad_pipeline.execution import fingerprints
+from mlsroad_pipeline.execution.fingerprints import PROJECT, all_sources, in_science, reachable_sources, source_of
 
 
 @pytest.fixture
@@ -28,7 +28,7 @@ def project(tmp_path, monkeypatch):
         file = tmp_path / name
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text)
-    monkeypatch.setattr(source_reach, "project_folder", lambda: tmp_path)
+    monkeypatch.setattr(fingerprints, "project_folder", lambda: tmp_path)
     return tmp_path
 
 

@@ -7,7 +7,7 @@ from kedro.io import DataCatalog
 
 from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
 from mlsroad_pipeline.datasets.report_files import HtmlReportDataset, ScoresDataset
-from mlsroad_pipeline.hooks.closing_lines import MOST_METHODS, ClosingLinesHooks
+from mlsroad_pipeline.hooks.progress import MOST_METHODS, ClosingLinesHooks
 
 
 def lines_of_a_run(tmp_path, caplog, names):

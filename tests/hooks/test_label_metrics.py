@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from mlsroad_pipeline.hooks.label_metrics import label_metrics, stage_metrics
+from mlsroad_pipeline.hooks.run_records import label_metrics, stage_metrics
 
 SUMMARY = {
     "n_points": 1000,

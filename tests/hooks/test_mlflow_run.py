@@ -12,9 +12,8 @@ import yaml
 from helpers.tracked_project import write_and_run
 from kedro_mlflow.config.kedro_mlflow_config import KedroMlflowConfig
 
-from mlsroad_pipeline.hooks.data_fingerprint import fingerprint_files
-from mlsroad_pipeline.hooks.mlflow_run import MlflowDetailsHooks
-from mlsroad_pipeline.hooks.tracking_store import resolve_store
+from mlsroad_pipeline.hooks.mlflow_run import MlflowDetailsHooks, resolve_store
+from mlsroad_pipeline.hooks.run_details import fingerprint_files
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 

@@ -8,8 +8,13 @@ import pytest
 from pydantic import BaseModel
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.hooks.data_fingerprint import fingerprint_files, source_files
-from mlsroad_pipeline.hooks.run_details import environment, flatten_parameters, git_state
+from mlsroad_pipeline.hooks.run_details import (
+    environment,
+    fingerprint_files,
+    flatten_parameters,
+    git_state,
+    source_files,
+)
 
 
 @dataclass(frozen=True)

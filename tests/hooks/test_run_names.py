@@ -5,7 +5,7 @@ from kedro.io import DataCatalog, MemoryDataset
 from kedro.pipeline import Node, Pipeline
 from kedro.runner import SequentialRunner
 
-from mlsroad_pipeline.hooks.run_names import model_name, run_name, runner_name, typed_command
+from mlsroad_pipeline.hooks.run_details import model_name, run_name, runner_name, typed_command
 
 
 def named(parameter, value, pipeline_names=None, **others):

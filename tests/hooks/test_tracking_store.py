@@ -5,8 +5,8 @@ from contextlib import closing
 
 import pytest
 
-from mlsroad_pipeline.hooks import tracking_store
-from mlsroad_pipeline.hooks.tracking_store import TrackingStoreError, check_tracking_store
+from mlsroad_pipeline.hooks import mlflow_run as tracking_store
+from mlsroad_pipeline.hooks.mlflow_run import TrackingStoreError, check_tracking_store
 
 
 @pytest.fixture

@@ -10,10 +10,10 @@ from PIL import Image as Picture
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.members import member, with_members
+from mlsroad_pipeline.algorithms.models.labelling import member, with_members
 from mlsroad_pipeline.algorithms.scenes.binning import BinnedCloud
 from mlsroad_pipeline.algorithms.scenes.corridor import MainAxis
-from mlsroad_pipeline.algorithms.scenes.spans import SceneSpan
+from mlsroad_pipeline.algorithms.scenes.joining import SceneSpan
 from mlsroad_pipeline.label import images
 from mlsroad_pipeline.label.images import images_of_survey, images_to_label, views_of_scene
 from mlsroad_pipeline.surveys.files import SurveyFile

@@ -6,7 +6,7 @@ import pytest
 from helpers.labelled import N_POINTS
 from helpers.wiring import label, tracked_runs
 
-from mlsroad_pipeline.hooks.data_fingerprint import fingerprint_files
+from mlsroad_pipeline.hooks.run_details import fingerprint_files
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 

@@ -7,7 +7,7 @@ import pytest
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk, merge
-from mlsroad_pipeline.algorithms.quality.places import cell_positions, count_places
+from mlsroad_pipeline.algorithms.quality.density import cell_positions, count_places
 from mlsroad_pipeline.algorithms.quality.report import QualityReport
 from mlsroad_pipeline.formats.crs import parse_crs
 from mlsroad_pipeline.surveys.survey_warnings import AS_POINTS, SurveyFacts, file_warnings, survey_warnings

@@ -26,7 +26,6 @@ from mlsroad_pipeline.commands.options import (
     nested,
     survey_of,
 )
-from mlsroad_pipeline.commands.session import no_collection
 
 STAGES = {
     "files": ("Reading headers", 0.04),
@@ -42,7 +41,6 @@ REPEATED = "repeat_label_summary"
 """Node that runs in place of all others where the results of the same run are there and unchanged."""
 
 
-@no_collection()
 def label(  # typer reads the options from the signature
     files: Surveys,
     output: Output = None,

@@ -1,15 +1,13 @@
 """Run of a pipeline from the command `mlsroad`, inside a project or in any other folder.
 
-`kedro run` loads every installed plugin, and with kedro-mlflow also MLflow, which takes 3 s. This session loads
-kedro-mlflow only where a run is tracked, and no other plugin.
+Kedro's session loads every installed plugin, and with kedro-mlflow also MLflow: 2.0 s of processor time. This session
+loads kedro-mlflow only where a run is tracked, and no other plugin.
 """
 
 from __future__ import annotations
 
-import gc
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -71,16 +69,6 @@ class Run(NamedTuple):
     nodes: frozenset[str]
 
 
-@contextmanager
-def no_collection() -> Iterator[None]:
-    """Switch garbage collection off until a pipeline begins: imports create many objects and no garbage."""
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.enable()
-
-
 def configure(place: Place) -> None:
     """Configure the logging and Kedro for the package; Kedro configures the logging when it is imported."""
     os.environ.setdefault("KEDRO_LOGGING_CONFIG", str(Path(place.configuration) / "logging.yml"))
@@ -105,7 +93,6 @@ def run_pipeline(name: str, parameters: Mapping[str, Any], *, place: Place) -> R
     catalog, pipeline, run_id = context.catalog, pipelines[name], generate_timestamp()
     run_params = _run_params(name, parameters, place, run_id)
     hooks.hook.before_pipeline_run(run_params=run_params, pipeline=pipeline, catalog=catalog)
-    gc.enable()
     try:
         result = SequentialRunner().run(pipeline, catalog, hooks, run_id=run_id)
     except BaseException as error:
@@ -121,7 +108,10 @@ def _context(name: str, parameters: Mapping[str, Any], place: Place, hooks: Any)
     from kedro.framework.project import pipelines, settings
 
     class RunContext(KedroContext):
-        """Context with the parameters that the pipeline takes and whole sections; Kedro's has every single value."""
+        """Context with the parameters that the pipeline takes and whole sections.
+
+        Kedro's has every single value, which takes 0.6 s of processor time in place of 0.1 s.
+        """
 
         def _get_parameters(self) -> dict[str, Any]:
             taken = pipelines[name].inputs()
@@ -170,19 +160,9 @@ def _tracking_hooks(place: Place) -> list[Any]:
 
 
 def _hook_manager(hooks: list[Any]) -> Any:
-    from kedro.framework.hooks import specs
-    from kedro.framework.hooks.markers import HOOK_NAMESPACE
-    from pluggy import PluginManager
+    from kedro.framework.hooks import _create_hook_manager
 
-    manager = PluginManager(HOOK_NAMESPACE)
-    for spec in (
-        specs.NodeSpecs,
-        specs.PipelineSpecs,
-        specs.DataCatalogSpecs,
-        specs.DatasetSpecs,
-        specs.KedroContextSpecs,
-    ):
-        manager.add_hookspecs(spec)
+    manager = _create_hook_manager()
     for hook in hooks:
         manager.register(hook)
     return manager

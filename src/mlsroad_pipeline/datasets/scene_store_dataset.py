@@ -13,7 +13,7 @@ from typing import Any
 from kedro.io import AbstractDataset, DatasetError
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError
-from mlsroad_pipeline.execution.backends import is_local, run_jobs
+from mlsroad_pipeline.execution.backends import run_jobs
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.fingerprints import Fingerprinter, installation
 from mlsroad_pipeline.execution.progress import start_progress
@@ -143,7 +143,7 @@ class SceneStoreDataset(AbstractDataset[Mapping[str, SceneTask], SceneCollection
                 tasks = [data[key] for key in missing]
                 if backend in ("loky", "dask"):
                     tasks = share_values(tasks, StoreFiles(store.url, store.options))
-                same = "" if is_local(self._execution) else installation()
+                same = installation() if backend == "dask" else ""
                 jobs = [
                     SceneJob(key, task, fingerprints[key], store, token, backend, self._validator_name, same)
                     for key, task in zip(missing, tasks, strict=True)

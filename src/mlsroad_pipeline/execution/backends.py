@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import signal
-import tempfile
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import suppress
 from typing import Any
 
 import joblib
-from joblib.externals.loky.backend import resource_tracker
+from joblib.externals.loky import reusable_executor
 from joblib.externals.loky.backend.context import set_start_method
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.execution import fork_server
-from mlsroad_pipeline.execution.scratch import scratch_folder
 from mlsroad_pipeline.execution.settings import Execution
 from mlsroad_pipeline.execution.task import SceneFailure
-from mlsroad_pipeline.execution.worker import Outcome, SceneJob, SharedLimit, WarmUp, describe_error, run_scene, warm_up
+from mlsroad_pipeline.execution.worker import Outcome, SceneJob, SharedLimit, describe_error, run_scene
 
 MAX_BROKEN_POOLS = 3
 """Number of pools started per stage; the stage fails when a worker of the last one is killed."""
@@ -49,15 +45,6 @@ def run_jobs(jobs: Sequence[SceneJob], execution: Execution) -> Generator[Outcom
         "dask": _run_dask,
     }
     yield from runners[execution.backend](jobs, execution)
-
-
-def is_local(execution: Execution) -> bool:
-    """Return whether the workers are this process or processes that it starts, with the same installation."""
-    if execution.backend != "dask":
-        return True
-    from mlsroad_pipeline.execution.dask_cluster import is_on_this_machine  # noqa: PLC0415  # imports Dask, 0.5 s
-
-    return is_on_this_machine(execution)
 
 
 def _run_here(jobs: Sequence[SceneJob], execution: Execution) -> Generator[Outcome, None, None]:
@@ -105,6 +92,8 @@ def _run_processes(jobs: Sequence[SceneJob], execution: Execution) -> Generator[
 def _processes(
     jobs: Iterable[Any], n_workers: int, function: Callable[[Any], Any] = run_scene
 ) -> Generator[Any, None, None]:
+    if fork_server.is_started():
+        set_start_method(fork_server.START_METHOD, force=True)
     # With one worker joblib would run jobs in this process, which must survive a killed scene.
     try:
         yield from _parallel(jobs, max(n_workers, 2), function, backend="loky", inner_max_num_threads=1)
@@ -125,31 +114,14 @@ class _Counted:
             yield job
 
 
-def warm_workers(execution: Execution, function: str) -> None:
-    """Start the process pool of the stages and call a function, given by its dotted name, once in each worker.
-
-    Call it in a thread of its own: it blocks SIGINT there, and in the workers. Workers of Dask are started only: those
-    that the server has forked are warm.
-    """
-    if execution.backend == "dask":
-        from mlsroad_pipeline.execution.local_cluster import kept_cluster  # noqa: PLC0415  # imports Dask, 0.5 s
-
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        with suppress(Exception), kept_cluster(execution.n_local_workers):  # the stages raise it
-            pass
-        return
-    if fork_server.is_started():
-        set_start_method(fork_server.START_METHOD, force=True)
-    with fork_server.no_standard_error():  # after an interrupt it prints tracebacks
-        resource_tracker.ensure_running()  # it unblocks SIGINT
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # of this thread and the processes that it starts
-    n_workers = max(execution.n_local_workers, 2)
-    at_once = max(int(joblib.cpu_count()) - 1, 1)  # one core is left to this process
-    with _pool_lock, tempfile.TemporaryDirectory(dir=scratch_folder()) as folder:
-        jobs = [WarmUp(function, f"{folder}/{i % at_once}") for i in range(n_workers)]
-        with suppress(TerminatedWorkerError):  # the stages start others
-            for _ in _processes(jobs, n_workers, warm_up):
-                pass
+def end_processes() -> None:
+    """Kill the process pool, unless a stage uses it; a regular shutdown at exit takes half a second longer."""
+    pool = reusable_executor._executor
+    if pool is not None and _pool_lock.acquire(blocking=False):
+        try:
+            pool.shutdown(wait=True, kill_workers=True)
+        finally:
+            _pool_lock.release()
 
 
 def _failed(job: SceneJob, cause: str) -> Outcome:

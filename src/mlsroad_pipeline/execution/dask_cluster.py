@@ -1,4 +1,4 @@
-"""Scenes on a Dask cluster: connection, checks of its workers, and errors for what is missing."""
+"""Scenes on a Dask cluster that is given by the address of its scheduler, and errors for what is missing."""
 
 from __future__ import annotations
 
@@ -13,11 +13,10 @@ from queue import Empty, Queue
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
-from distributed import Client, Future, default_client
+from distributed import Client, Future
 from distributed.comm.core import CommClosedError
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
-from mlsroad_pipeline.execution.local_cluster import cluster_of, kept_cluster
 from mlsroad_pipeline.execution.settings import Execution
 from mlsroad_pipeline.execution.worker import Outcome, SceneJob, run_scene
 
@@ -30,7 +29,7 @@ WORKER_SECONDS = 60
 """Longest wait for a worker, at the start and whenever all have left."""
 
 POLL_SECONDS = 1
-"""Seconds between two looks at the workers while no scene ends."""
+"""Seconds between two checks of the workers while no scene ends."""
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _LOST = (CancelledError, CommClosedError, OSError, RuntimeError)
@@ -55,17 +54,19 @@ def run_on_cluster(jobs: Sequence[SceneJob], execution: Execution) -> Iterator[E
     Futures of the client are used in place of joblib's Dask backend, which waits forever for a task whose worker was
     killed, and does not cancel running tasks when the caller stops.
     """
-    with _connected(execution) as client:
-        if (kept := cluster_of(client)) is not None:
-            kept.workers.replace_ended()
-        _await_worker(client, _address(client, execution))
+    address = str(execution.scheduler)
+    _warn_of_open_ports(address)
+    with _connected(address) as client:
+        try:
+            client.wait_for_workers(1, timeout=WORKER_SECONDS)
+        except TimeoutError:
+            raise ClusterError(_no_worker(address)) from None
         yield from _run(client, jobs, execution)
 
 
 def _run(client: Client, jobs: Sequence[SceneJob], execution: Execution) -> Iterator[Ended]:
-    address, seen = _address(client, execution), time.monotonic()
+    address, seen = str(execution.scheduler), time.monotonic()
     waiting, open_jobs, ended = iter(jobs), dict[Future, SceneJob](), Queue[Future]()
-    kept = cluster_of(client)
 
     def submit(number: int | None) -> None:
         for job in itertools.islice(waiting, number):
@@ -76,14 +77,12 @@ def _run(client: Client, jobs: Sequence[SceneJob], execution: Execution) -> Iter
     try:
         submit(execution.n_workers)
         while open_jobs:
-            if kept is not None:
-                kept.workers.replace_ended()
             try:
                 future = ended.get(timeout=POLL_SECONDS)
             except Empty:
-                seen = time.monotonic() if _n_workers(client) else seen
+                seen = time.monotonic() if client.scheduler_info(n_workers=-1)["workers"] else seen
                 if time.monotonic() - seen > WORKER_SECONDS:
-                    raise ClusterError(_no_worker(address, kept=kept is not None)) from None
+                    raise ClusterError(_no_worker(address)) from None
                 continue
             job, seen = open_jobs.pop(future), time.monotonic()
             submit(1)  # first, so that the worker does not wait for the caller
@@ -101,61 +100,15 @@ def _run(client: Client, jobs: Sequence[SceneJob], execution: Execution) -> Iter
             client.cancel(list(open_jobs))
 
 
-def is_on_this_machine(execution: Execution) -> bool:
-    """Return whether the stages of these settings run on the kept cluster, whose workers have this installation."""
-    if execution.scheduler is not None:
-        return False
-    try:
-        default_client()
-    except ValueError:
-        return True
-    return False
-
-
-def _n_workers(client: Client) -> int:
-    return len(client.scheduler_info(n_workers=-1)["workers"])
-
-
-def _no_worker(address: str, *, kept: bool = False) -> str:
-    if kept:
-        return (
-            f"no worker process of the Dask cluster on this machine has started within {WORKER_SECONDS} s: provide "
-            "more memory, or use the backend loky"
-        )
+def _no_worker(address: str) -> str:
     return (
         f"the Dask scheduler {address} has had no worker for {WORKER_SECONDS} s: start some with "
         f"`dask worker {address} --nthreads 1`, then the same command continues"
     )
 
 
-def _await_worker(client: Client, address: str) -> None:
-    try:
-        client.wait_for_workers(1, timeout=WORKER_SECONDS)
-    except TimeoutError:
-        raise ClusterError(_no_worker(address, kept=cluster_of(client) is not None)) from None
-
-
-def _address(client: Client, execution: Execution) -> str:
-    return execution.scheduler or str(client.scheduler.address if client.scheduler else "of this process")
-
-
 @contextmanager
-def _connected(execution: Execution) -> Iterator[Client]:
-    """Yield a client of the scheduler, the current client, or that of the kept cluster of this machine."""
-    if execution.scheduler is not None:
-        _warn_of_open_ports(execution.scheduler)
-        with _client(execution.scheduler) as client:
-            yield client
-        return
-    if not is_on_this_machine(execution):
-        yield default_client()
-        return
-    with kept_cluster(execution.n_local_workers) as cluster:
-        yield cluster.client
-
-
-@contextmanager
-def _client(address: str) -> Iterator[Client]:
+def _connected(address: str) -> Iterator[Client]:
     try:
         client = Client(address, set_as_default=False, timeout=CONNECT_SECONDS)
     except (OSError, TimeoutError, ValueError) as error:

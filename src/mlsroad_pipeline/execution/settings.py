@@ -23,8 +23,7 @@ class Execution:
     # Number of scenes processed at the same time; memory grows with it. Default: the number of cores available to this
     # process, or with `scheduler` all threads of the cluster.
     n_workers: int | None = None
-    # Address of a Dask scheduler, such as ``tcp://host:8786``. Without it the `dask` backend uses the current client of
-    # this process, or else starts a local cluster for the stage.
+    # Address of a Dask scheduler, such as ``tcp://host:8786``; the backend `dask` needs it
     scheduler: str | None = None
     progress: bool = True  # Show a progress bar on a terminal, and write progress lines to the log elsewhere
     # Check of stored results before they are reused. `size` reads no data, which suits remote storage.
@@ -40,6 +39,11 @@ class Execution:
             raise ParameterError(f"execution: verify must be one of {CHECKS}, got {self.verify!r}")
         if self.scheduler is not None and self.backend != "dask":
             raise ParameterError(f"execution: scheduler {self.scheduler!r} needs the backend dask, not {self.backend}")
+        if self.backend == "dask" and not self.scheduler:
+            raise ParameterError(
+                "execution: backend dask needs execution.scheduler, the address of a scheduler such as "
+                "tcp://host:8786; loky uses all cores of this machine"
+            )
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any] | None) -> Execution:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
-import fcntl
 import functools
 import gc
 import importlib
@@ -16,9 +14,8 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, cast
 
 from joblib.externals.loky import process_executor
@@ -34,12 +31,6 @@ from mlsroad_pipeline.execution.task import SceneFailure, SceneTask, load_inputs
 
 PARENT_INTERVAL = 0.5
 """Seconds between two checks of a worker process that its driver is alive."""
-
-_KEPT_MEMORY = {-8: 1, -3: 32 * 2**20, -1: 64 * 2**20}
-"""Options of mallopt: one arena for all threads; sizes from which arrays are mapped and free memory is returned, the
-largest to which the C library raises them by itself."""
-
-_is_settled = False
 
 
 @dataclass(frozen=True)
@@ -68,14 +59,6 @@ class Outcome:
     failure: SceneFailure | None = None  # The failure, if nothing was stored
 
 
-@dataclass(frozen=True)
-class WarmUp:
-    """Job that prepares a worker for the tasks to come."""
-
-    function: str  # Dotted name of a function without arguments that loads libraries and compiled kernels
-    lock: str  # Lock file; workers with the same file warm up one after the other
-
-
 def import_function(name: str, role: str) -> Callable[..., Any]:
     """Return the function with a dotted name, or raise ParameterError naming its role and what is wrong."""
     module, _, function = name.rpartition(".")
@@ -97,10 +80,7 @@ def run_scene(job: SceneJob) -> Outcome:
             _check_installation(job.installation)
         job.store.check_held(job.token)
         if job.backend == "loky":
-            settle()
-            gc.enable()  # a worker that was not warmed up has inherited it disabled
-        if job.backend == "dask" and not _is_settled:
-            keep_memory()
+            _settle()
         with _one_inner_thread(job.backend):
             inputs = load_inputs(job.task.inputs)
             sources = sources or [value.source for value in inputs.values() if isinstance(value, PointCloud)]
@@ -126,28 +106,16 @@ def _check_installation(expected: str) -> None:
         )
 
 
-def settle() -> None:
-    """Bind the lifetime of a process for scenes alone to that of its driver, which alone handles Ctrl-C."""
-    global _is_settled  # noqa: PLW0603  # of this process
-    _is_settled = True
+@functools.lru_cache(maxsize=1)
+def _settle() -> None:
+    """Bind the lifetime of a process of loky to that of its driver, which alone handles Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _end_with_driver()
-    _keep_worker()
+    # The leak detection of loky would replace a worker with a large scene by a cold one.
+    process_executor._MAX_MEMORY_LEAK_SIZE = sys.maxsize
+    gc.enable()  # the server of the workers has disabled it
 
 
-def warm_up(job: WarmUp) -> None:
-    """Call the warm-up function in a process of loky."""
-    settle()
-    with Path(job.lock).open("w") as stream, _one_inner_thread("loky"):
-        fcntl.flock(stream, fcntl.LOCK_EX)
-        gc.disable()  # imports create many objects and no garbage
-        if not fork_server.is_loaded():
-            import_function(job.function, "warm-up function")()
-        gc.freeze()
-        gc.enable()
-
-
-@functools.lru_cache(maxsize=1)
 def _end_with_driver() -> None:
     """End this worker soon after its driver; it would otherwise keep its memory for minutes."""
     driver, parent = multiprocessing.parent_process(), os.getppid()
@@ -161,25 +129,6 @@ def _end_with_driver() -> None:
         os._exit(1)
 
     threading.Thread(target=watch, name="end-with-driver", daemon=True).start()
-
-
-@functools.lru_cache(maxsize=1)
-def _keep_worker() -> None:
-    """Disable the leak detection of loky, which would replace a worker with a large scene by a cold one."""
-    process_executor._MAX_MEMORY_LEAK_SIZE = sys.maxsize
-
-
-@functools.lru_cache(maxsize=1)
-def keep_memory() -> None:
-    """Let the C library of Linux keep the memory of freed arrays for the next ones.
-
-    Workers of Dask are started with a small threshold (64 KiB) from which freed memory returns to the system, and each
-    array would be faulted in again.
-    """
-    with suppress(OSError, AttributeError):
-        library = ctypes.CDLL(None)
-        for option, value in _KEPT_MEMORY.items():
-            library.mallopt(option, value)
 
 
 def describe_error(error: BaseException) -> str:
@@ -207,7 +156,7 @@ def _one_inner_thread(backend: str) -> Iterator[None]:
     """Limit libraries to one thread inside a scene, since the workers occupy all cores."""
     if backend in ("loky", "dask"):  # a process that runs scenes only
         _limit_to_one_thread()
-    if _is_settled:  # in its main thread, too
+    if backend == "loky":  # it runs scenes in its main thread
         yield
         return
     # Import Numba only if it is loaded or being loaded by another thread; the import waits for that thread.

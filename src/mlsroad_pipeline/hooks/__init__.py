@@ -1,1 +1,1 @@
-"""Kedro hooks: MLflow records, progress, stage costs, the default pipeline and early workers."""
+"""Kedro hooks: MLflow records, progress, stage costs, the default pipeline and records of `label`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 from typing import Any
 
@@ -11,10 +12,11 @@ from kedro.framework.project import pipelines
 from kedro.io import CatalogProtocol
 from kedro.pipeline import Pipeline
 
+from mlsroad_pipeline.execution.backends import end_processes
 from mlsroad_pipeline.execution.output_lock import release_output
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.run_identity import run_folder, run_settings
-from mlsroad_pipeline.hooks.data_fingerprint import source_files
+from mlsroad_pipeline.hooks.run_details import source_files
 from mlsroad_pipeline.pipelines.composition import create_pipeline
 
 logger = logging.getLogger(__name__)
@@ -35,7 +37,7 @@ class LabelRunHooks:
     @hook_impl(trylast=True)
     def after_context_created(self, context: KedroContext) -> None:
         """Replace the pipeline if its run is finished and unchanged; restore it for another run of this process."""
-        if pipelines._requested_pipelines != [LABEL]:  # another command
+        if set(pipelines) != {LABEL}:  # another command: the registry has the requested pipelines alone
             return
         if self._replaced:
             pipelines[LABEL] = create_pipeline(LABEL)
@@ -58,8 +60,11 @@ class LabelRunHooks:
 
     @hook_impl
     def before_pipeline_run(self) -> None:
-        """Clear the list of files of an earlier run."""
+        """Clear the list of files of an earlier run, and switch on garbage collection after an early start."""
         self._sources = set()
+        if not gc.isenabled():
+            gc.freeze()
+            gc.enable()
 
     @hook_impl
     def after_dataset_saved(self, data: Any) -> None:
@@ -80,12 +85,14 @@ class LabelRunHooks:
             _remove_stale(run)
             run.close(catalog.load(SUMMARY), sources, keep_state=parameters.keep_state)
         release_output(run.output)
+        end_processes()
 
     @hook_impl(trylast=True)
     def on_pipeline_error(self, pipeline: Pipeline, catalog: CatalogProtocol) -> None:
         """Release the output."""
         if RUN in pipeline.inputs():
             release_output(catalog.load(RUN).output)
+            end_processes()
 
 
 def _remove_stale(run: RunFolder) -> None:

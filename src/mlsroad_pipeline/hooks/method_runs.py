@@ -1,22 +1,139 @@
-"""Child runs of a tracked run, one per method: scores, series, figures and the registered model of that method."""
+"""Child runs of a tracked run, one per method: scores, series, figures, data sets and the registered model."""
 
 from __future__ import annotations
 
+import json
+import os
 import threading
-from collections.abc import Callable, Iterable, Mapping
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 import mlflow
 import pandas as pd
-from mlflow.entities import LoggedModelInput, Metric, Run
+from mlflow.entities import Dataset, DatasetInput, InputTag, LoggedModelInput, Metric, Param, Run
 from mlflow.utils.mlflow_tags import MLFLOW_PARENT_RUN_ID
+from mlflow.utils.validation import MAX_PARAM_VAL_LENGTH
 
-from mlsroad_pipeline.algorithms.core.scene_key import TRAIN
+from mlsroad_pipeline.algorithms.core.scene_key import TRAIN, SceneKey
 from mlsroad_pipeline.algorithms.metrics.scores import scores_to_metrics, summary
 from mlsroad_pipeline.datasets.model_registry_dataset import RegisteredModelDataset
-from mlsroad_pipeline.hooks.data_sets import DataSet, DataSets
 from mlsroad_pipeline.hooks.interrupted_runs import PROCESS
-from mlsroad_pipeline.hooks.mlflow_batches import log_metrics, log_params, now, series_metrics
+from mlsroad_pipeline.hooks.run_details import fingerprint_files, source_files
+
+_BATCH = 100
+
+
+def _batches(entries: Sequence[Any]) -> Iterable[list[Any]]:
+    return (list(entries[start : start + _BATCH]) for start in range(0, len(entries), _BATCH))
+
+
+def now() -> int:
+    """Return the current time, ms."""
+    return int(time.time() * 1000)
+
+
+def log_params(run_id: str, parameters: Mapping[str, str]) -> None:
+    """Record parameters; a value above the limit of MLflow is cut."""
+    limit = MAX_PARAM_VAL_LENGTH
+    written = [Param(n, v if len(v) <= limit else v[: limit - 1] + "…") for n, v in parameters.items()]
+    for batch in _batches(written):
+        mlflow.MlflowClient().log_batch(run_id, params=batch)
+
+
+def log_metrics(run_id: str, metrics: Sequence[Metric]) -> None:
+    """Record metrics."""
+    for batch in _batches(metrics):
+        mlflow.MlflowClient().log_batch(run_id, metrics=batch)
+
+
+def plain_metrics(values: Mapping[str, float]) -> list[Metric]:
+    """Return metrics of step 0 that belong to no model."""
+    stamp = now()
+    return [Metric(name, value, stamp, 0) for name, value in values.items()]
+
+
+def series_metrics(table: pd.DataFrame, *, prefix: str = "") -> list[Metric]:
+    """Return every column of a table but the first as a metric by step; the first column holds the steps."""
+    stamp, steps = now(), table.iloc[:, 0].astype(int).tolist()
+    return [
+        Metric(f"{prefix}{name}", value, stamp, step)
+        for name in table.columns[1:]
+        for step, value in zip(steps, table[name].astype(float).tolist(), strict=True)
+    ]
+
+
+_CONTEXT = "mlflow.data.context"
+_LABELLED = "survey"
+"""Split of `label`."""
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """Raw files of one split; MLflow shows the name, the digest and the context."""
+
+    name: str
+    digest: str
+    context: str
+    files: tuple[str, ...]
+
+    def as_input(self) -> DatasetInput:
+        """Return the input of a run."""
+        folder = os.path.commonpath([os.path.dirname(path) for path in self.files])
+        profile = {"num_files": len(self.files), "num_bytes": sum(os.path.getsize(path) for path in self.files)}
+        data = Dataset(
+            name=self.name,
+            digest=self.digest,
+            source_type="local",
+            source=json.dumps({"uri": self.files[0] if len(self.files) == 1 else folder}),
+            profile=json.dumps(profile),
+        )
+        return DatasetInput(data, [InputTag(_CONTEXT, self.context)])
+
+
+class DataSets:
+    """Data sets by split.
+
+    The files of a split are those of the first saved tasks that read any: the point clouds. Images, which only some
+    methods read, are in the fingerprint of the run.
+    """
+
+    def __init__(self, survey: str) -> None:
+        self._survey = survey
+        self._files: dict[str, tuple[str, ...]] = {}
+        self._made: dict[str, DataSet] = {}
+
+    def add(self, tasks: Any) -> None:
+        """Take the raw files of saved tasks; other results have none."""
+        if not isinstance(tasks, Mapping):
+            return
+        found: dict[str, set[str]] = {}
+        for key, task in tasks.items():
+            files = [path for path in source_files({key: task}) if os.path.isfile(path)]  # a model is a folder
+            if files and isinstance(key, str):
+                found.setdefault(SceneKey.parse(key).split, set()).update(map(os.path.abspath, files))
+        for split, paths in found.items():
+            self._files.setdefault(split, tuple(sorted(paths)))
+
+    def of(self, split: str) -> DataSet | None:
+        """Return the data set of a split or of one of its parts such as `test_visible`, None if no file is known."""
+        candidates = [name for name in self._files if split == name or split.startswith(f"{name}_")]
+        if not candidates:
+            return None
+        name = max(candidates, key=len)
+        if name not in self._made:
+            context = {TRAIN: "training", _LABELLED: "labelling"}.get(name, "testing")
+            title = self._survey if name == _LABELLED else f"{self._survey} {name}".strip()
+            files = self._files[name]
+            self._made[name] = DataSet(title or Path(files[0]).name, fingerprint_files(files).digest, context, files)
+        return self._made[name]
+
+    def all(self) -> list[DataSet]:
+        """Return the data sets of all splits."""
+        return [found for found in map(self.of, self._files) if found is not None]
+
 
 METHOD = "mlsroad.method"
 """Tag of a child run: the slug of the method."""

@@ -1,18 +1,142 @@
-"""Details of a tracked run: flat parameters, commit of the code and software environment."""
+"""Details of a tracked run: name, flat parameters, commit, software environment and fingerprint of the input data."""
 
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import json
+import os
 import platform
 import re
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from enum import Enum
 from importlib.metadata import Distribution, distributions
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from kedro.io import CatalogProtocol
+from kedro.pipeline import Pipeline
 from pydantic import BaseModel
+
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.execution.digests import DIGEST_BYTES, digest_file
+
+DEFAULT_NAME = "compare"
+"""Name of the default pipeline."""
+
+
+def _file_name(path: str) -> str:
+    return Path(path.strip().rstrip("/")).name
+
+
+def survey_name(pipeline: Pipeline, catalog: CatalogProtocol) -> str:
+    """Return the name of the survey that a pipeline reads: its files for `label`, else the folder of the survey."""
+    inputs = pipeline.inputs()
+    if "params:label" in inputs:
+        given = _field(catalog.load("params:label"), "survey") or ""
+        first, *others = [given] if isinstance(given, str) else [*given] or [""]
+        return _file_name(first) + (f" and {len(others)} more" if others else "")
+    if "params:survey" in inputs:
+        return _file_name(str(_field(catalog.load("params:survey"), "root") or ""))
+    return ""
+
+
+def run_name(run_params: Mapping[str, Any], pipeline: Pipeline, catalog: CatalogProtocol) -> str:
+    """Return the name of a run, such as ``compare oakland`` or ``label street.laz``."""
+    names = run_params.get("pipeline_names") or [run_params.get("pipeline_name") or "__default__"]
+    default = "params:default_pipeline"
+    named = (catalog.load(default) if default in catalog else None) or DEFAULT_NAME
+    what = "+".join(str(named) if name == "__default__" else name for name in names)
+    return f"{what} {survey_name(pipeline, catalog)}".strip()
+
+
+def runner_name(runner: Any) -> str:
+    """Return the class name of a runner; Kedro gives its default text, with a memory address, or None."""
+    match = re.search(r"(\w+)(?: object at 0x\w+)?>?$", str(runner or None))
+    return match[1] if match and match[1] != "None" else "SequentialRunner"
+
+
+def typed_command(command: str, env: str | None) -> str:
+    """Return a command of kedro-mlflow with the environment and without the deprecated option."""
+    pipelines = command.replace("--pipeline=", "--pipelines=").replace(" --pipelines=__default__", "")
+    return f"{pipelines} --env={env}" if env else pipelines
+
+
+def is_registered(model: Mapping[str, Any]) -> bool:
+    """Return whether the model in a summary of `label` is a registered one."""
+    return model.get("source") == "registered"
+
+
+def model_name(model: Mapping[str, Any]) -> str:
+    """Return the name of the model in a summary of `label`, such as ``dense`` or ``detrended_forest version 3``."""
+    name = str(model["name"]).removeprefix("mlsroad-")
+    return f"{name} version {model['version']}" if is_registered(model) else name
+
+
+def _field(parameters: Any, name: str) -> Any:
+    return parameters.get(name) if isinstance(parameters, Mapping) else getattr(parameters, name, None)
+
+
+class FileDigest(NamedTuple):
+    """Digest of one file: path relative to the common folder, size in bytes, and BLAKE2b digest of 128 bits."""
+
+    path: str
+    size: int
+    digest: str
+
+
+@dataclass(frozen=True)
+class DataFingerprint:
+    """Input files of a run, sorted by path."""
+
+    files: tuple[FileDigest, ...]
+
+    @property
+    def digest(self) -> str:
+        """Digest of all files and their relative paths, 32 hexadecimal digits."""
+        text = json.dumps(self.files, ensure_ascii=False)
+        return hashlib.blake2b(text.encode("utf-8"), digest_size=DIGEST_BYTES).hexdigest()
+
+    def table(self) -> dict[str, Any]:
+        """Return the fingerprint as JSON values: the digest, totals, and one entry per file."""
+        entries = [{"path": file.path, "bytes": file.size, "blake2b": file.digest} for file in self.files]
+        total = sum(file.size for file in self.files)
+        return {"digest": self.digest, "n_files": len(self.files), "bytes": total, "files": entries}
+
+
+def fingerprint_files(paths: Sequence[str | Path]) -> DataFingerprint:
+    """Return the fingerprint of files; raise ReadError if one cannot be read."""
+    absolute = sorted({os.path.abspath(path) for path in paths})
+    folders = [os.path.dirname(path) for path in absolute]
+    root = os.path.commonpath(folders) if folders else ""
+    files = []
+    for path in absolute:
+        try:
+            state = os.stat(path)
+            digest = digest_file(path)
+        except OSError as error:
+            raise ReadError(f"{path}: cannot be fingerprinted: {error}") from error
+        files.append(FileDigest(Path(path).relative_to(root).as_posix(), state.st_size, digest))
+    return DataFingerprint(tuple(files))
+
+
+def source_files(tasks: Any) -> list[str]:
+    """Return the paths of raw files among the inputs of scene tasks; other data have none."""
+    paths: set[str] = set()
+    if isinstance(tasks, Mapping):
+        waiting = [task.inputs for task in tasks.values() if isinstance(getattr(task, "inputs", None), Mapping)]
+        while waiting:
+            value = waiting.pop()
+            if isinstance(value, Mapping):
+                waiting.extend(value.values())
+            elif isinstance(value, list | tuple):
+                waiting.extend(value)
+            elif isinstance(getattr(value, "path", None), str):
+                paths.add(value.path)
+    return sorted(paths)
+
 
 _ILLEGAL = re.compile(r"[^/\w.\- :]")
 _FIELD = re.compile(r"^(Name|Version): *(.*?)\r?$", re.MULTILINE)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tempfile
 import time
 from collections.abc import Mapping
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import mlflow
+import numpy as np
 import pandas as pd
 from kedro.io import CatalogProtocol
 from kedro.pipeline import Pipeline
@@ -26,21 +28,82 @@ from mlsroad_pipeline.datasets.report_files import (
     ScoresDataset,
 )
 from mlsroad_pipeline.execution.scratch import scratch_folder
-from mlsroad_pipeline.hooks.data_fingerprint import fingerprint_files, source_files
-from mlsroad_pipeline.hooks.data_sets import DataSets
 from mlsroad_pipeline.hooks.interrupted_runs import PROCESS, this_process
-from mlsroad_pipeline.hooks.label_metrics import STAGE_TABLES, SUMMARY, label_metrics, stage_metrics
-from mlsroad_pipeline.hooks.method_runs import MethodRuns
-from mlsroad_pipeline.hooks.mlflow_batches import log_metrics, log_params, plain_metrics, series_metrics
-from mlsroad_pipeline.hooks.run_details import environment, flatten_parameters, git_state, is_parameter
-from mlsroad_pipeline.hooks.run_names import (
+from mlsroad_pipeline.hooks.method_runs import (
+    DataSets,
+    MethodRuns,
+    log_metrics,
+    log_params,
+    plain_metrics,
+    series_metrics,
+)
+from mlsroad_pipeline.hooks.run_details import (
+    environment,
+    fingerprint_files,
+    flatten_parameters,
+    git_state,
+    is_parameter,
     is_registered,
     model_name,
     run_name,
     runner_name,
+    source_files,
     survey_name,
     typed_command,
 )
+
+SUMMARY = "label_summary"
+"""Catalog entry of the summary of `label`."""
+STAGE_TABLES = {
+    "ground_scores": "ground",
+    "supervoxel_quality": "supervoxels",
+    "segmentation_scores": "segmentation",
+    "object_scores": "objects",
+}
+"""Catalog entries with one row per split or per kind of object, and the names of their metrics."""
+
+_ILLEGAL = re.compile(r"[^\w.\- /]")
+
+
+def _part(name: object) -> str:
+    return _ILLEGAL.sub("_", str(name).replace("/", "_"))
+
+
+def label_metrics(summary: Mapping[str, Any], seconds: float) -> dict[str, float]:
+    """Return the metrics of a labelled survey."""
+    points, confidence = int(summary["n_points"]), summary["confidence"]
+    labelled = sum(summary["classes"].values())
+    metrics: dict[str, float | None] = {
+        "points": points,
+        "files": int(summary["n_files"]),
+        "seconds": seconds,
+        "points_per_second": points / seconds,
+        "warnings": len(summary["warnings"]),
+        "unusual_properties": len(summary.get("unusual", ())),
+        "objects": sum(summary["objects"].values()),
+        "confidence/median": confidence["median"],
+        "confidence/low_share": confidence["low_share"],
+    }
+    for name, count in summary["classes"].items():
+        metrics[f"points/{_part(name)}"] = count
+        metrics[f"share/{_part(name)}"] = count / labelled
+    metrics |= {f"confidence/median/{_part(name)}": value for name, value in confidence["class_medians"].items()}
+    metrics |= {f"objects/{_part(kind)}": count for kind, count in summary["objects"].items()}
+    metrics |= {f"metres/{_part(kind)}": length for kind, length in summary.get("lines", {}).items()}
+    return {name: float(value) for name, value in metrics.items() if value is not None and np.isfinite(value)}
+
+
+def stage_metrics(table: pd.DataFrame, stage: str) -> dict[str, float]:
+    """Return ``<split>/<stage>/<column>`` of a table with one row per split, or per kind."""
+    groups = table["split" if "split" in table else "kind"]
+    numbers = [name for name in table.columns if pd.api.types.is_numeric_dtype(table[name])]
+    values = {
+        f"{_part(group)}/{stage}/{_part(name)}": float(value)
+        for name in numbers
+        for group, value in zip(groups, table[name], strict=True)
+    }
+    return {name: value for name, value in values.items() if np.isfinite(value)}
+
 
 MAX_TABLE_ROWS = 10_000
 """Largest inventory that is also shown as a table; larger ones are files alone."""

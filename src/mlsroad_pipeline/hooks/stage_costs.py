@@ -15,7 +15,14 @@ from kedro.io import CatalogProtocol
 from kedro.pipeline import Pipeline
 from kedro.pipeline.node import Node
 
-from mlsroad_pipeline.hooks.node_tables import save_rows
+
+def save_rows(catalog: CatalogProtocol, key: str, table: pd.DataFrame) -> None:
+    """Save the rows of the nodes of this run; rows of other nodes are kept."""
+    if catalog.exists(key):
+        before = catalog.load(key)
+        table = pd.concat([before[~before["node"].isin(table["node"])], table], ignore_index=True)
+    catalog.save(key, table)
+
 
 KEY = "stage_costs"
 """Parameter with the sampling interval of the memory in seconds, and catalog entry of the table."""

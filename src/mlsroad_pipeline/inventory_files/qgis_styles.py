@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree as XML
 
-from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS
-from mlsroad_pipeline.algorithms.inventory.lines.layers import LINE_LAYERS
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS, LINE_LAYERS
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS
 
 COLOURS = {"pole": "70,70,80", "sign": "214,40,40", "tree": "60,140,60", "vehicle": "40,100,190"}

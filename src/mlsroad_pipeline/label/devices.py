@@ -7,7 +7,7 @@ from importlib.metadata import version
 from typing import Any
 
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.members import member
+from mlsroad_pipeline.algorithms.models.labelling import member
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 
 _IMAGES = "image_labels"

@@ -18,13 +18,11 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.labels import ImagePredictions, PointLabels
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
-from mlsroad_pipeline.algorithms.models.labelling import label_cloud
-from mlsroad_pipeline.algorithms.models.members import member
+from mlsroad_pipeline.algorithms.models.labelling import label_cloud, member
 from mlsroad_pipeline.algorithms.models.methods import METHODS, needs_images
 from mlsroad_pipeline.algorithms.scenes.binning import BinnedCloud
 from mlsroad_pipeline.algorithms.scenes.corridor import Corridor
-from mlsroad_pipeline.algorithms.scenes.joining import join_pieces
-from mlsroad_pipeline.algorithms.scenes.spans import SceneSpan
+from mlsroad_pipeline.algorithms.scenes.joining import SceneSpan, join_pieces
 from mlsroad_pipeline.label.scene import LabelledScene, LabelSettings, label_new_scene
 from mlsroad_pipeline.surveys.images import PosedImage, SurveyImages, read_picture
 from mlsroad_pipeline.surveys.masks import MaskLegend, masks_of_passes, read_mask

@@ -14,12 +14,10 @@ import shapely
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
-from mlsroad_pipeline.algorithms.inventory.scoring.object_matching import (
-    MatchedObjects,
-    match_objects,
-)
 from mlsroad_pipeline.algorithms.inventory.scoring.object_scores import (
+    MatchedObjects,
     errors_of_measures,
+    match_objects,
     precision_recall_curve,
     score_objects,
     summarise_measures,

@@ -17,14 +17,14 @@ from mlsroad_pipeline.algorithms.core.stage_results import Ground
 from mlsroad_pipeline.algorithms.geometry.thinning import first_in_cells
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import ground_classes, kerb_steps, no_steps
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.steps import StepLimits
+from mlsroad_pipeline.algorithms.inventory.lines.markings.brightness import scanner_pass_of
 from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import (
     marking_stripes,
     no_stripes,
     paved_classes,
 )
-from mlsroad_pipeline.algorithms.inventory.lines.markings.scanner_passes import scanner_pass_of
 from mlsroad_pipeline.algorithms.inventory.lines.wires import wire_points, wire_probability
-from mlsroad_pipeline.algorithms.inventory.objects.candidate_labels import candidate_rules
+from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import candidate_rules
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import ClassEvidence, evidence_of_soft_labels
 from mlsroad_pipeline.algorithms.inventory.objects.extraction import SceneObjects, extract_objects
 from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectClassifier
@@ -32,9 +32,8 @@ from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.objects.sightings import sightings_of_scene
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.labelling import Labeller, SoftLabels, label_softly
-from mlsroad_pipeline.algorithms.scenes.joining import join_pieces
+from mlsroad_pipeline.algorithms.scenes.joining import SceneSpan, join_pieces
 from mlsroad_pipeline.algorithms.scenes.parameters import OutlierParameters
-from mlsroad_pipeline.algorithms.scenes.spans import SceneSpan
 from mlsroad_pipeline.algorithms.stages import find_ground, inliers
 from mlsroad_pipeline.label.confidence import count_confidences
 from mlsroad_pipeline.model_store.object_classifiers import classifier_of

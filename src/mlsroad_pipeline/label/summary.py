@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
-from mlsroad_pipeline.algorithms.models.members import member
+from mlsroad_pipeline.algorithms.models.labelling import member
 from mlsroad_pipeline.algorithms.models.methods import needs_images
 from mlsroad_pipeline.execution.run_identity import absolute
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory

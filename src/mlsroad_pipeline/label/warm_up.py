@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.inventory.objects.extraction import extract_obj
 from mlsroad_pipeline.algorithms.inventory.objects.merging import merge_across_scenes
 from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
 from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees
-from mlsroad_pipeline.algorithms.models.machines.grouped_decision import decide
+from mlsroad_pipeline.algorithms.models.machines.combinations import decide
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.building import build_graph
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.inference import TrainedNetwork
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.inputs import (

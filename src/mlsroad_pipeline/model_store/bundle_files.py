@@ -18,7 +18,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError,
 from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.models.array_checks import check_model_arrays
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
-from mlsroad_pipeline.execution.mapped_arrays import map_arrays
+from mlsroad_pipeline.execution.result_files import map_arrays
 from mlsroad_pipeline.execution.store_files import sync_file, sync_folder
 from mlsroad_pipeline.execution.task import SourceFile
 from mlsroad_pipeline.formats.files import named_errors

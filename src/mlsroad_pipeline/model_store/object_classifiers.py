@@ -12,9 +12,7 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.plain_text import printable
-from mlsroad_pipeline.algorithms.inventory.objects.classifier_continuation import LabelledCandidates
-from mlsroad_pipeline.algorithms.inventory.objects.classifying import STEM
-from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectClassifier
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import STEM, LabelledCandidates, ObjectClassifier
 from mlsroad_pipeline.algorithms.inventory.objects.object_features import FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.stem_features import STEM_FEATURES

@@ -7,8 +7,7 @@ from dataclasses import replace
 from kedro.pipeline import Node
 
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.quality.scene_facts import stored_facts
-from mlsroad_pipeline.algorithms.quality.training_facts import training_facts
+from mlsroad_pipeline.algorithms.quality.scene_facts import stored_facts, training_facts
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.pipelines.per_scene import PerScene
 from mlsroad_pipeline.surveys.plan import training_keys

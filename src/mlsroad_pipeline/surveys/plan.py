@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.scene_key import TRAIN, SceneKey
 from mlsroad_pipeline.algorithms.scenes.binning import BinCounts
+from mlsroad_pipeline.algorithms.scenes.joining import SceneSpan, plan_scenes
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
-from mlsroad_pipeline.algorithms.scenes.spans import SceneSpan, plan_scenes
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart, split_config
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.surveys.files import Survey, SurveyFile, check_name, files_to_label

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.quality.places import count_places
+from mlsroad_pipeline.algorithms.quality.density import count_places
 from mlsroad_pipeline.algorithms.quality.report import QualityReport
 from mlsroad_pipeline.formats.crs import is_geographic, place_outside
 from mlsroad_pipeline.formats.crs_units import SAME_UNIT, crs_units

@@ -9,8 +9,8 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.features.columns import COLUMN_FEATURES, build_columns, describe_columns
 from mlsroad_pipeline.algorithms.features.detrending import detrend, local_tendency
 from mlsroad_pipeline.algorithms.features.eigen import SHAPE_FEATURES
-from mlsroad_pipeline.algorithms.features.radiometry import describe_colour
 from mlsroad_pipeline.algorithms.features.supervoxel_features import compute_supervoxel_features
+from mlsroad_pipeline.algorithms.features.supervoxel_moments import describe_colour
 
 UTM = np.array([451_234.0, 5_412_987.0, 312.0])
 

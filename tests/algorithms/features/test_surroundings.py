@@ -6,8 +6,7 @@ from references.accuracy import ball_features, footprint, voxel_centroids
 from references.forest import voxel_partition
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.features.columns import build_columns
-from mlsroad_pipeline.algorithms.features.footprint import FOOTPRINT_FEATURES, describe_footprints
+from mlsroad_pipeline.algorithms.features.columns import FOOTPRINT_FEATURES, build_columns, describe_footprints
 from mlsroad_pipeline.algorithms.features.supervoxel_features import compute_supervoxel_features
 from mlsroad_pipeline.algorithms.features.surroundings import BALL_FEATURES, ball_feature_names, describe_balls
 

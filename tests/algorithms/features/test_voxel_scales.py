@@ -3,8 +3,7 @@ import pytest
 from references.voxel_scales import Voxels
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.features.intensity_ranks import rank_within
-from mlsroad_pipeline.algorithms.features.voxel_scales import compute_voxel_features, smooth_by_cells
+from mlsroad_pipeline.algorithms.features.voxel_scales import compute_voxel_features, rank_within, smooth_by_cells
 from mlsroad_pipeline.algorithms.features.voxel_table import intensity_columns, voxel_feature_names
 
 

@@ -5,9 +5,9 @@ import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.quality.scene_facts import scene_facts
-from mlsroad_pipeline.algorithms.quality.training_facts import (
+from mlsroad_pipeline.algorithms.quality.scene_facts import (
     median_facts,
+    scene_facts,
     training_facts,
     unusual_facts,
 )

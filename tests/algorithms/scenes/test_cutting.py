@@ -5,11 +5,10 @@ import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.scenes import spans
+from mlsroad_pipeline.algorithms.scenes import joining
 from mlsroad_pipeline.algorithms.scenes.binning import BinnedCloud, cut_range
 from mlsroad_pipeline.algorithms.scenes.corridor import MainAxis, main_axis
-from mlsroad_pipeline.algorithms.scenes.joining import assemble_scene
-from mlsroad_pipeline.algorithms.scenes.spans import plan_scenes
+from mlsroad_pipeline.algorithms.scenes.joining import assemble_scene, plan_scenes
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 UTM = np.array([583_000.0, 4_477_000.0, 120.0])
@@ -112,7 +111,7 @@ def test_context_surrounds_the_buffers_and_is_thinned_where_it_has_many_points(f
             assert np.array_equal(near[name], core[name])
         stations, _ = path.locate(scene.xyz, origin=scene.origin)
         assert stations.min() >= span.first * 2.0 - 6.0 - 12.0 and (~scene["near"]).any()
-    monkeypatch.setattr(spans, "CONTEXT_POINTS", 100)
+    monkeypatch.setattr(joining, "CONTEXT_POINTS", 100)
     small = cut_all(files, path, 333)
     shuffled = [small[i] for i in rng.permutation(len(small))]
     whole = plan_scenes(histogram(pieces), **PLAN, context=12.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.algorithms.supervoxels._normals import BLOCK, smallest_eigenvectors
+from mlsroad_pipeline.algorithms.supervoxels._features import BLOCK, smallest_eigenvectors
 
 
 def solve(covariances):

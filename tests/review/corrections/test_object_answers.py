@@ -5,7 +5,7 @@ import pytest
 from helpers.labelled import scheme
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
-from mlsroad_pipeline.algorithms.inventory.objects.candidate_labels import candidate_rules
+from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import candidate_rules
 from mlsroad_pipeline.review.corrections.answers import NamedClasses
 from mlsroad_pipeline.review.corrections.decisions import Correction, Decision
 from mlsroad_pipeline.review.corrections.object_answers import (

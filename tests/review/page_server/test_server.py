@@ -12,7 +12,7 @@ from helpers.corrected import PLACES, object_rows, write_inventory
 from helpers.page_output import COMMAND, EVIL, FILES, Served, served, write_output
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.algorithms.inventory.lines.layers import LINE_LAYERS
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_LAYERS
 from mlsroad_pipeline.review.corrections import open_corrections
 from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
 from mlsroad_pipeline.review.page_server.served_survey import ServedSurvey

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_column, check_xyz
-from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
+from mlsroad_pipeline.algorithms.geometry.threads import run_in_chunks
 
 N_PARTS = 5
 """Images per kind: the whole object, and its four slices of equal height in ascending order."""

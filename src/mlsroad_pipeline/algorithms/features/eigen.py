@@ -11,9 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_positive, check_xyz
 from mlsroad_pipeline.algorithms.features.eigen_solver import FAST, solve_symmetric
-from mlsroad_pipeline.algorithms.geometry.cell_grid import CELLS_PER_RADIUS, build_cell_grids, run_in_chunks
-from mlsroad_pipeline.algorithms.geometry.cell_windows import first_window, most_near, move_window
+from mlsroad_pipeline.algorithms.geometry.cells import (
+    CELLS_PER_RADIUS,
+    build_cell_grids,
+    first_window,
+    most_near,
+    move_window,
+)
 from mlsroad_pipeline.algorithms.geometry.neighbors import nearest_neighbors
+from mlsroad_pipeline.algorithms.geometry.threads import run_in_chunks
 
 SHAPE_FEATURES = (
     "linearity",

@@ -8,7 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_column, check_positive, check_xyz
 from mlsroad_pipeline.algorithms.features.fpfh_kernels import simple_histograms, weighted_histograms
-from mlsroad_pipeline.algorithms.geometry.cell_grid import build_cell_grids, check_threads, run_in_chunks
+from mlsroad_pipeline.algorithms.geometry.cells import build_cell_grids
+from mlsroad_pipeline.algorithms.geometry.threads import check_threads, run_in_chunks
 
 _MAX_BINS = 255
 _REACH = 1

@@ -1,4 +1,4 @@
-"""Normals of points, with defined orientation."""
+"""Normals of points with a defined orientation, and features of the orientation of supervoxels."""
 
 from __future__ import annotations
 
@@ -7,7 +7,38 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_xyz
-from mlsroad_pipeline.algorithms.features.eigen import compute_eigen_features
+from mlsroad_pipeline.algorithms.features.eigen import (
+    EIGEN_FEATURES,
+    SHAPE_FEATURES,
+    compute_eigen_features,
+    emit_features,
+)
+from mlsroad_pipeline.algorithms.features.eigen_solver import solve_symmetric
+
+ORIENTATION_FEATURES = ("normal_z", "verticality", "direction_z")
+"""Columns of `describe_orientation`."""
+_SOURCES = ("nz", "verticality", "direction_z")
+_DESCRIBED = [EIGEN_FEATURES.index(name) for name in (*SHAPE_FEATURES, *_SOURCES)]
+"""Columns of eigenvalue features that `describe_shape` returns."""
+
+
+def describe_orientation(rows: NDArray[np.float32], names: tuple[str, ...]) -> NDArray[np.float32]:
+    """Return the orientation features from rows of eigenvalue features.
+
+    Only features invariant to rotation about the vertical axis are used, so that the direction of a street has no
+    influence.
+    """
+    return rows[:, [names.index(name) for name in _SOURCES]]
+
+
+def describe_shape(covariances: NDArray[np.float64], counts: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return shape and orientation features from covariances."""
+    n = len(counts)
+    values, smallest, largest = np.empty((3, n)), np.empty((3, n)), np.empty((3, n))
+    solve_symmetric(covariances, n, values, smallest, largest)
+    rows = np.empty((n, len(EIGEN_FEATURES)), np.float32)
+    emit_features(values, smallest, largest, counts, np.arange(n, dtype=np.int32), 0, n, rows)
+    return rows.take(_DESCRIBED, axis=1)
 
 
 def compute_normals(

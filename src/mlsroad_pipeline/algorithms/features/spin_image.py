@@ -7,8 +7,8 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_column, check_positive, check_xyz
-from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
 from mlsroad_pipeline.algorithms.geometry.neighbors import radius_neighbors
+from mlsroad_pipeline.algorithms.geometry.threads import run_in_chunks
 
 
 def compute_spin_images(

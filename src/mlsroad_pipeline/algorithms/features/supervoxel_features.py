@@ -12,24 +12,28 @@ from scipy.sparse import csr_array
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_column, check_positive, check_xyz
-from mlsroad_pipeline.algorithms.features.columns import COLUMN_FEATURES, build_columns, describe_columns
+from mlsroad_pipeline.algorithms.features.columns import (
+    COLUMN_FEATURES,
+    build_columns,
+    describe_columns,
+    describe_footprints,
+    footprint_feature_names,
+)
 from mlsroad_pipeline.algorithms.features.detrending import detrend as remove_tendency
 from mlsroad_pipeline.algorithms.features.eigen import SHAPE_FEATURES
-from mlsroad_pipeline.algorithms.features.footprint import describe_footprints, footprint_feature_names
-from mlsroad_pipeline.algorithms.features.height import (
-    GROUND_HEIGHT_FEATURES,
-    OWN_HEIGHT_FEATURES,
-    describe_ground_height,
-    describe_own_height,
-)
-from mlsroad_pipeline.algorithms.features.orientation import ORIENTATION_FEATURES, describe_shape
-from mlsroad_pipeline.algorithms.features.radiometry import (
+from mlsroad_pipeline.algorithms.features.normals import ORIENTATION_FEATURES, describe_shape
+from mlsroad_pipeline.algorithms.features.supervoxel_moments import (
     COLOUR_FEATURES,
+    GROUND_HEIGHT_FEATURES,
     INTENSITY_FEATURES,
+    OWN_HEIGHT_FEATURES,
+    SupervoxelMoments,
     describe_colour,
+    describe_ground_height,
     describe_intensity,
+    describe_own_height,
+    sum_moments,
 )
-from mlsroad_pipeline.algorithms.features.supervoxel_moments import SupervoxelMoments, sum_moments
 from mlsroad_pipeline.algorithms.features.surroundings import ball_feature_names, describe_balls
 
 Region = Literal["own", "neighborhood", "both"]

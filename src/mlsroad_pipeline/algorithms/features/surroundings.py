@@ -14,9 +14,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.features.eigen import MINIMUM_NEIGHBORS, SHAPE_FEATURES, gather_near, sum_ball
-from mlsroad_pipeline.algorithms.features.orientation import ORIENTATION_FEATURES, describe_shape
-from mlsroad_pipeline.algorithms.geometry.cell_grid import CELLS_PER_RADIUS, build_cell_grids, run_in_chunks
-from mlsroad_pipeline.algorithms.geometry.cell_windows import first_window, most_near, move_window
+from mlsroad_pipeline.algorithms.features.normals import ORIENTATION_FEATURES, describe_shape
+from mlsroad_pipeline.algorithms.geometry.cells import (
+    CELLS_PER_RADIUS,
+    build_cell_grids,
+    first_window,
+    most_near,
+    move_window,
+)
+from mlsroad_pipeline.algorithms.geometry.threads import run_in_chunks
 from mlsroad_pipeline.algorithms.geometry.voxels.grid import build_voxel_grid
 
 BALL_FEATURES = (*SHAPE_FEATURES, *ORIENTATION_FEATURES, "horizontal_linearity")

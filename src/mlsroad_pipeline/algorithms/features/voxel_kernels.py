@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.features.eigen_solver import solve_symmetric
-from mlsroad_pipeline.algorithms.geometry.cell_windows import first_window, move_window
+from mlsroad_pipeline.algorithms.geometry.cells import first_window, move_window
 
 N_MOMENTS = 12
 """Columns of moments: number, x, y, z, xx, yy, zz, xy, xz, yz, and sums of intensity ranks and of their squares."""

@@ -13,8 +13,13 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.geometry.cell_grid import bounding_box
-from mlsroad_pipeline.algorithms.geometry.cell_windows import first_window, move_window
+from mlsroad_pipeline.algorithms.geometry.cells import (
+    bounding_box,
+    first_window,
+    move_window,
+    run_starts,
+    spread_owners,
+)
 from mlsroad_pipeline.algorithms.geometry.sorting import radix_argsort
 
 MARGIN = 4
@@ -64,7 +69,7 @@ def find_voxels(
         raise DataError(f"an extent of {(box[1] - box[0]).tolist()} m is too large for voxels of {voxel_size} m")
     point_keys = _point_keys(xyz, box[0], voxel_size, ny, nz)
     sorted_keys, order = radix_argsort(point_keys, (nx * ny * nz).bit_length())
-    starts = _starts(sorted_keys)
+    starts = run_starts(sorted_keys)
     keys = sorted_keys[starts[:-1]]
     return Cells(keys, _indices(keys, ny, nz), (nx, ny, nz)), order, starts, box[0]
 
@@ -74,7 +79,7 @@ def halve(cells: Cells) -> tuple[Cells, NDArray[np.int32]]:
     nx, ny, nz = (int(n) // 2 + 1 + 2 * MARGIN for n in cells.shape)
     fine_keys = _halved_keys(cells.index, ny, nz)
     sorted_keys, order = radix_argsort(fine_keys, (nx * ny * nz).bit_length())
-    starts = _starts(sorted_keys)
+    starts = run_starts(sorted_keys)
     keys = sorted_keys[starts[:-1]]
     return Cells(keys, _indices(keys, ny, nz), (nx, ny, nz)), spread_owners(order, starts)
 
@@ -82,7 +87,7 @@ def halve(cells: Cells) -> tuple[Cells, NDArray[np.int32]]:
 def columns_of(cells: Cells) -> Columns:
     """Return the columns of cells."""
     column_keys = cells.keys // cells.shape[2]
-    starts = _starts(column_keys)
+    starts = run_starts(column_keys)
     of_cell = spread_owners(np.arange(len(cells), dtype=np.int32), starts)
     return Columns(column_keys[starts[:-1]], of_cell, cells.shape[1])
 
@@ -114,32 +119,6 @@ def _indices(keys: NDArray, ny: int, nz: int) -> NDArray[np.int32]:
         column = keys[i] // nz
         index[i, 0], index[i, 1], index[i, 2] = column // ny - MARGIN, column % ny - MARGIN, keys[i] % nz - MARGIN
     return index
-
-
-@njit(cache=True, nogil=True)
-def _starts(sorted_keys: NDArray) -> NDArray[np.int64]:
-    """Return the first row of each distinct key, and the number of rows."""
-    n, n_distinct = len(sorted_keys), 0
-    for i in range(n):
-        n_distinct += i == 0 or sorted_keys[i] != sorted_keys[i - 1]
-    starts = np.empty(n_distinct + 1, np.int64)
-    at = 0
-    for i in range(n):
-        if i == 0 or sorted_keys[i] != sorted_keys[i - 1]:
-            starts[at] = i
-            at += 1
-    starts[at] = n
-    return starts
-
-
-@njit(cache=True, nogil=True)
-def spread_owners(order: NDArray, starts: NDArray) -> NDArray[np.int32]:
-    """Return the group of each item, where group j holds ``order[starts[j]:starts[j + 1]]``."""
-    owner = np.empty(len(order), np.int32)
-    for group in range(len(starts) - 1):
-        for i in range(starts[group], starts[group + 1]):
-            owner[order[i]] = group
-    return owner
 
 
 @njit(cache=True, nogil=True)

@@ -17,7 +17,7 @@ from mlsroad_pipeline.algorithms.features.voxel_levels import (
     sum_by_owner,
     sum_windows,
 )
-from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
+from mlsroad_pipeline.algorithms.geometry.threads import run_in_chunks
 
 N_LEVELS = 5
 """Levels with shapes: voxels and four times cells of twice the edge."""

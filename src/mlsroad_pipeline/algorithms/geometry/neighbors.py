@@ -11,13 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive, check_xyz
-from mlsroad_pipeline.algorithms.geometry.cell_grid import (
-    CELLS_PER_RADIUS,
-    build_cell_grids,
-    check_threads,
-    run_in_chunks,
-)
-from mlsroad_pipeline.algorithms.geometry.cell_windows import first_window, move_window
+from mlsroad_pipeline.algorithms.geometry.cells import CELLS_PER_RADIUS, build_cell_grids, first_window, move_window
+from mlsroad_pipeline.algorithms.geometry.threads import check_threads, run_in_chunks
 
 
 @njit(cache=True, nogil=True)

@@ -6,8 +6,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.geometry.cell_grid import bounding_box, run_in_chunks
+from mlsroad_pipeline.algorithms.geometry.cells import bounding_box
 from mlsroad_pipeline.algorithms.geometry.sorting import radix_argsort
+from mlsroad_pipeline.algorithms.geometry.threads import run_in_chunks
 
 _BLOCK = 8  # points of a block, and blocks or nodes below a node
 _BITS = 18  # of the Morton code per axis

@@ -12,10 +12,14 @@ from typing import TypeAlias
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.ground.spans import Span, in_chunks
+from mlsroad_pipeline.algorithms.geometry.cells import EMPTY, build_table, checked_bounds, find_key, hash_key
+from mlsroad_pipeline.algorithms.geometry.threads import run_ranges
+
+Span: TypeAlias = tuple[int, int]
+"""First point of a range and one past its last."""
 
 Frame: TypeAlias = tuple[float, float, float, float, int, int]
 """Origin x, y, z, columns per metre, columns per block side, and key stride."""
@@ -35,6 +39,9 @@ SCATTERED = 4
 RECENT_KEYS = 4096
 """Keys of blocks remembered in a first pass; a power of two."""
 
+MAX_Z_RANGE = 1e5
+"""Maximum height range, metres; float32 resolves it to a centimetre."""
+
 MAX_BLOCKS_PER_AXIS = 2**31
 """Maximum blocks along an axis, so that block keys fit 64 bits."""
 
@@ -51,8 +58,6 @@ class BlockGrid:
     # Row of `keys` by key, -1 for empty blocks, and no keys; of a sparse grid, an open-addressing hash table, where -1
     # marks a free entry
     table_keys: NDArray[np.int64]
-    # Row of `keys` by key, -1 for empty blocks, and no keys; of a sparse grid, an open-addressing hash table, where -1
-    # marks a free entry
     table_slots: NDArray[np.int32]
     scattered: bool = False  # Whether many points lie in another block than the point before, as in random order
 
@@ -68,23 +73,12 @@ class BlockGrid:
         return self.frame, self.table_keys, self.table_slots
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _hash(key: int, mask: int) -> np.int64:
-    return ((key * np.int64(-7046029254386353131)) >> np.int64(20)) & mask
-
-
 @njit(cache=True, nogil=True)
 def find_slot(table_keys: NDArray[np.int64], table_slots: NDArray[np.int32], key: int) -> np.int32:
     """Return the row of a block by its key; -1 for empty blocks."""
     if len(table_keys) == 0:
         return table_slots[key] if 0 <= key < len(table_slots) else np.int32(-1)
-    mask = len(table_keys) - 1
-    at = _hash(key, mask)
-    while table_keys[at] != -1:
-        if table_keys[at] == key:
-            return table_slots[at]
-        at = (at + 1) & mask
-    return np.int32(-1)
+    return np.int32(find_key(table_keys, table_slots, key))
 
 
 def build_lookup(keys: NDArray[np.int64], n_cells: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
@@ -97,23 +91,6 @@ def build_lookup(keys: NDArray[np.int64], n_cells: int) -> tuple[NDArray[np.int6
     slots = np.full(n_cells, -1, dtype=np.int32)
     slots[keys] = np.arange(len(keys))
     return np.empty(0, dtype=np.int64), slots
-
-
-@njit(cache=True)
-def build_table(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Return the arrays of a hash table from key to row, at most half full."""
-    size = 16
-    while size < 2 * len(keys):
-        size *= 2
-    table_keys = np.full(size, -1, dtype=np.int64)
-    table_slots = np.full(size, -1, dtype=np.int32)
-    for row in range(len(keys)):
-        at = _hash(keys[row], size - 1)
-        while table_keys[at] != -1:
-            at = (at + 1) & (size - 1)
-        table_keys[at] = keys[row]
-        table_slots[at] = row
-    return table_keys, table_slots
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -138,10 +115,10 @@ def find_block(ix: int, iy: int, lookup: Lookup) -> tuple[int, int, int]:
 def _insert(table: NDArray[np.int64], key: int) -> bool:
     """Insert a key into an open-addressing set; return whether it is new."""
     mask = len(table) - 1
-    at = _hash(key, mask)
-    while table[at] != -1 and table[at] != key:
+    at = hash_key(key, mask)
+    while table[at] != EMPTY and table[at] != key:
         at = (at + 1) & mask
-    is_new = table[at] == -1
+    is_new = table[at] == EMPTY
     table[at] = key
     return is_new
 
@@ -150,7 +127,7 @@ def _insert(table: NDArray[np.int64], key: int) -> bool:
 def _keys_of_range(xyz: NDArray[np.floating], span: Span, frame: Frame) -> tuple[NDArray[np.int64], int]:
     """Return the distinct block keys of a range of points, unsorted, and the number of points in another block."""
     x0, y0, _, per_metre, n_columns, stride = frame
-    table = np.full(1024, -1, dtype=np.int64)
+    table = np.full(1024, EMPTY, dtype=np.int64)
     recent = np.full(RECENT_KEYS, -1, dtype=np.int64)  # in the order of their remainders
     used, changes = 0, 0
     corner_x, corner_y = NOWHERE, NOWHERE
@@ -169,10 +146,20 @@ def _keys_of_range(xyz: NDArray[np.floating], span: Span, frame: Frame) -> tuple
         used += _insert(table, key)
         if 2 * used > len(table):
             smaller = table
-            table = np.full(2 * len(smaller), -1, dtype=np.int64)
-            for key in smaller[smaller != -1]:
+            table = np.full(2 * len(smaller), EMPTY, dtype=np.int64)
+            for key in smaller[smaller != EMPTY]:
                 _insert(table, key)
-    return table[table != -1], changes
+    return table[table != EMPTY], changes
+
+
+def bounds_of(
+    xyz: ArrayLike, n_threads: int = 1
+) -> tuple[NDArray[np.floating], tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Validate coordinates and return them with their bounds."""
+    points, low, high = checked_bounds(xyz, n_threads=n_threads)
+    if len(points) and high[2] - low[2] > MAX_Z_RANGE:
+        raise DataError(f"xyz spans {high[2] - low[2]:g} m in z, more than {MAX_Z_RANGE:g}: remove outliers")
+    return points, (low, high)
 
 
 def build_blocks(
@@ -199,7 +186,7 @@ def build_blocks(
         table_keys=np.empty(0, dtype=np.int64),
         table_slots=np.empty(0, dtype=np.int32),
     )
-    parts = in_chunks(len(xyz), n_threads, lambda span: _keys_of_range(xyz, span, grid.frame))
+    parts = run_ranges(lambda *span: _keys_of_range(xyz, span, grid.frame), len(xyz), n_threads)
     keys = np.unique(np.concatenate([part[0] for part in parts]))
     scattered = SCATTERED * sum(part[1] for part in parts) > len(xyz)
     table_keys, table_slots = build_lookup(keys, int(n_blocks[0] * n_blocks[1]))
@@ -231,3 +218,58 @@ def column_minima(xyz: NDArray[np.floating], span: Span, lookup: Lookup, minima:
             slot, corner_x, corner_y = find_block(ix, iy, lookup)
         y, x = iy - corner_y, ix - corner_x
         minima[slot, y, x] = min(minima[slot, y, x], np.float32(np.float64(xyz[i, 2]) - z0))
+
+
+_CHUNK = 1 << 16
+"""Points sorted at a time: they and their labels fit the cache."""
+
+
+@njit(cache=True, nogil=True)
+def _sort_range(
+    xyz: NDArray[np.floating],
+    span: Span,
+    lookup: Lookup,
+    n_blocks: int,
+    ordered: NDArray[np.floating],
+    order: NDArray[np.int32],
+) -> None:
+    """Sort each chunk of a range by block, stably."""
+    (x0, y0, _, per_metre, n_columns, stride), table_keys, table_slots = lookup
+    slots = np.empty(_CHUNK, np.int32)
+    starts = np.empty(n_blocks + 1, np.int64)
+    for first in range(span[0], span[1], _CHUNK):
+        last = min(span[1], first + _CHUNK)
+        starts[:] = 0
+        for i in range(first, last):
+            bx = block_of(int((np.float64(xyz[i, 0]) - x0) * per_metre), n_columns)
+            by = block_of(int((np.float64(xyz[i, 1]) - y0) * per_metre), n_columns)
+            slot = find_slot(table_keys, table_slots, (by + 2) * stride + bx + 2)
+            slots[i - first] = slot
+            starts[slot + 1] += 1
+        for block in range(n_blocks):
+            starts[block + 1] += starts[block]
+        for i in range(first, last):
+            at = first + starts[slots[i - first]]
+            starts[slots[i - first]] += 1
+            for axis in range(3):
+                ordered[at, axis] = xyz[i, axis]
+            order[at] = i
+
+
+def sort_by_block(
+    xyz: NDArray[np.floating], grid: BlockGrid, n_threads: int
+) -> tuple[NDArray[np.floating], NDArray[np.int32]]:
+    """Sort points by block, chunk by chunk."""
+    ordered, order = np.empty_like(xyz), np.empty(len(xyz), dtype=np.int32)
+    n_blocks = len(grid.keys)
+    run_ranges(lambda *span: _sort_range(xyz, span, grid.lookup, n_blocks, ordered, order), len(xyz), n_threads)
+    return ordered, order
+
+
+@njit(cache=True, nogil=True)
+def in_rows(values: NDArray[np.bool_], order: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Return the values of sorted points in the order of the input."""
+    restored = np.empty_like(values)
+    for i in range(len(order)):
+        restored[order[i]] = values[i]
+    return restored

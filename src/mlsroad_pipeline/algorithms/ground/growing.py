@@ -11,8 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.ground.blocks import NOWHERE, Lookup, find_block
-from mlsroad_pipeline.algorithms.ground.spans import Span
+from mlsroad_pipeline.algorithms.ground.blocks import NOWHERE, Lookup, Span, find_block
 
 LAYERS = 64
 """Voxels of a column above the reference, one bit each."""

@@ -9,11 +9,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
-from mlsroad_pipeline.algorithms.ground.blocks import BlockGrid, build_blocks, column_minima, neighbour_slots
+from mlsroad_pipeline.algorithms.geometry.threads import run_ranges
+from mlsroad_pipeline.algorithms.ground.blocks import (
+    BlockGrid,
+    bounds_of,
+    build_blocks,
+    column_minima,
+    in_rows,
+    neighbour_slots,
+    sort_by_block,
+)
 from mlsroad_pipeline.algorithms.ground.growing import LAYERS, label_points, occupy, reaching, rising_regions
-from mlsroad_pipeline.algorithms.ground.ordering import in_rows, sort_by_block
 from mlsroad_pipeline.algorithms.ground.reference import SurfaceParameters, block_surface, lower_surface
-from mlsroad_pipeline.algorithms.ground.spans import Span, bounds_of, in_chunks
 
 
 def classify_ground(
@@ -149,7 +156,7 @@ def classify_ground(
     )
     heights = np.float32(-surface_step), np.float32(base_tolerance), np.float32(global_height)
     volume = (surface, objects)
-    labels = in_chunks(len(points), n_threads, lambda span: label_points(points, span, grid.lookup, volume, heights))
+    labels = run_ranges(lambda *span: label_points(points, span, grid.lookup, volume, heights), len(points), n_threads)
     is_ground = labels[0] if n_threads == 1 else np.concatenate(labels)
     return is_ground if order is None else in_rows(is_ground, order)
 
@@ -190,12 +197,12 @@ def _column_minima(points: NDArray[np.floating], grid: BlockGrid, n_threads: int
     """Return the lowest z of each column, as the minimum over the arrays of the threads."""
     shape = (len(grid.keys), grid.n_columns, grid.n_columns)
 
-    def work(span: Span) -> NDArray[np.float32]:
+    def work(*span: int) -> NDArray[np.float32]:
         minima = np.full(shape, np.inf, dtype=np.float32)
         column_minima(points, span, grid.lookup, minima)
         return minima
 
-    parts = in_chunks(len(points), n_threads, work)
+    parts = run_ranges(work, len(points), n_threads)
     for part in parts[1:]:
         np.minimum(parts[0], part, out=parts[0])
     return parts[0]
@@ -206,12 +213,12 @@ def _occupied_voxels(
 ) -> NDArray[np.uint64]:
     """Return the word of occupied voxels of each column, merged over the threads."""
 
-    def work(span: Span) -> NDArray[np.uint64]:
+    def work(*span: int) -> NDArray[np.uint64]:
         masks = np.zeros(surface.shape, dtype=np.uint64)
         occupy(points, span, grid.lookup, surface, masks)
         return masks
 
-    parts = in_chunks(len(points), n_threads, work)
+    parts = run_ranges(work, len(points), n_threads)
     for part in parts[1:]:
         np.bitwise_or(parts[0], part, out=parts[0])
     return parts[0]

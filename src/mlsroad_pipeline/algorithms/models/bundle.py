@@ -10,7 +10,7 @@ import json
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NoReturn
+from typing import Any, NoReturn, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -178,3 +178,19 @@ def refuse_points(cloud: PointCloud, bundle: ModelBundle) -> NoReturn:
         Always.
     """
     raise ParameterError(f"{cloud.source}: model {bundle.slug!r} needs images; it cannot label points alone")
+
+
+class Checkpoints(Protocol):
+    """Storage of training states, one per training."""
+
+    def load(self, name: str) -> dict[str, Any] | None:
+        """Return a state, None if none was saved; raise ReadError if it is damaged."""
+
+    def save(self, name: str, state: dict[str, Any]) -> None:
+        """Replace a state atomically."""
+
+    def remove(self, name: str) -> None:
+        """Remove a state if there is one."""
+
+    def locate(self, name: str) -> str:
+        """Return the place of a state for messages."""

@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.core.classes import TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_positive
-from mlsroad_pipeline.algorithms.quality.density import density_figures
+from mlsroad_pipeline.algorithms.quality.density import cell_positions, count_places, density_figures
 from mlsroad_pipeline.algorithms.quality.duplicates import (
     DuplicateSketch,
     count_duplicates,
@@ -23,7 +23,6 @@ from mlsroad_pipeline.algorithms.quality.duplicates import (
     merge_sketches,
     sketch_of,
 )
-from mlsroad_pipeline.algorithms.quality.places import cell_positions, count_places
 from mlsroad_pipeline.algorithms.quality.report import STANDARD_COLUMNS, QualityReport
 
 __all__ = ["STANDARD_COLUMNS", "ChunkQuality", "QualityReport", "TimeQuality", "inspect_chunk", "merge"]
@@ -55,7 +54,6 @@ class TimeQuality:
     bins: NDArray[np.int64]  # Occupied bins of `gap` seconds, ascending
     # First and last time in each bin. A gap longer than a bin lies between consecutive occupied bins.
     earliest: NDArray[np.float64]
-    # First and last time in each bin. A gap longer than a bin lies between consecutive occupied bins.
     latest: NDArray[np.float64]
     first: float  # Times of the first and the last stored point
     last: float  # Times of the first and the last stored point
@@ -70,14 +68,8 @@ class ChunkQuality:
     # Numbers of points, of points with a NaN or infinite coordinate, of exact duplicates within the chunk, of points
     # flagged withheld
     n_points: int
-    # Numbers of points, of points with a NaN or infinite coordinate, of exact duplicates within the chunk, of points
-    # flagged withheld
     n_not_finite: int
-    # Numbers of points, of points with a NaN or infinite coordinate, of exact duplicates within the chunk, of points
-    # flagged withheld
     n_duplicates: int
-    # Numbers of points, of points with a NaN or infinite coordinate, of exact duplicates within the chunk, of points
-    # flagged withheld
     n_withheld: int
     low: NDArray[np.float64]  # World extent of the finite points, metres; infinite without finite points
     high: NDArray[np.float64]  # World extent of the finite points, metres; infinite without finite points

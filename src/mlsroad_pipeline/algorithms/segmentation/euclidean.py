@@ -16,8 +16,14 @@ from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive, check_xyz
-from mlsroad_pipeline.algorithms.geometry.cell_grid import CELLS_PER_RADIUS, bounding_box, build_cell_grids, cell_keys
-from mlsroad_pipeline.algorithms.geometry.cell_windows import first_window, move_window
+from mlsroad_pipeline.algorithms.geometry.cells import (
+    CELLS_PER_RADIUS,
+    bounding_box,
+    build_cell_grids,
+    cell_keys,
+    first_window,
+    move_window,
+)
 from mlsroad_pipeline.algorithms.geometry.graphs import connected_components, find_root, join
 from mlsroad_pipeline.algorithms.geometry.sorting import radix_argsort
 from mlsroad_pipeline.algorithms.geometry.voxels.grid import build_voxel_grid

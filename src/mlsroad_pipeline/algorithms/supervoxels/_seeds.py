@@ -4,7 +4,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.geometry.voxels._bricks import AXIS_BITS, EMPTY, hash_key
+from mlsroad_pipeline.algorithms.geometry.cells import EMPTY, hash_key
+from mlsroad_pipeline.algorithms.geometry.voxels._bricks import AXIS_BITS
 
 CELL_OFFSET = 1 << (AXIS_BITS - 1)
 

@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_positive
-from mlsroad_pipeline.algorithms.geometry.cell_grid import check_threads
+from mlsroad_pipeline.algorithms.geometry.threads import check_threads, run_ranges
 from mlsroad_pipeline.algorithms.geometry.voxels import VoxelGrid, build_voxel_grid
-from mlsroad_pipeline.algorithms.geometry.voxels.grid import run_chunks
 from mlsroad_pipeline.algorithms.supervoxels import _growth, _partition, _seeds
 from mlsroad_pipeline.algorithms.supervoxels._features import compute_normals, voxel_features
 
@@ -223,7 +222,7 @@ class _Growth:
     def _level(self, owner: NDArray[np.int32], models: NDArray[np.float64]) -> NDArray[np.int32]:
         """Return the owners after the next level."""
         grown = np.empty_like(owner)
-        run_chunks(
+        run_ranges(
             lambda a, b: _growth.grow_level(self.features, models, self.weights, *self.neighbors, owner, a, b, grown),
             len(owner),
             self.n_threads,
@@ -250,7 +249,7 @@ def _summarise(
     labels, number, n = _partition.number_by_first_point(grid.voxel_of_point, owner, n_owners)
     start, group = _partition.group_voxels(owner, n_owners)
     centroids, normals = _partition.describe(features, start, group, number, n)
-    parts = run_chunks(
+    parts = run_ranges(
         lambda a, b: _partition.touching_owners(*neighbors, owner, number, start, group, a, b), n_owners, n_threads
     )
     lengths, rows = (np.concatenate([part[k] for part in parts]) if len(parts) > 1 else parts[0][k] for k in (0, 1))

@@ -18,8 +18,12 @@ from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import (
     Replay,
     Scored,
 )
-from mlsroad_pipeline.algorithms.models.boosted_trees.continuation import continue_training
-from mlsroad_pipeline.algorithms.models.boosted_trees.corrected import labeller_of, learn_corrections, voxel_scores
+from mlsroad_pipeline.algorithms.models.boosted_trees.corrected import (
+    continue_training,
+    labeller_of,
+    learn_corrections,
+    voxel_scores,
+)
 from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import parameters_of
 from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle

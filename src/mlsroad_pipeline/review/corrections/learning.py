@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.inventory.objects.candidate_labels import candidate_rules
-from mlsroad_pipeline.algorithms.inventory.objects.classifier_continuation import continue_classifier
+from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import candidate_rules
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import continue_classifier
 from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
 from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import Answer, ContinuationParameters, Scored
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme

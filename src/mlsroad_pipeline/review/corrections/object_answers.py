@@ -19,9 +19,9 @@ from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import (
     find_candidate_table,
 )
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import evidence_of_soft_labels
-from mlsroad_pipeline.algorithms.inventory.objects.classifier_continuation import LabelledCandidates
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import LabelledCandidates
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS, ObjectRule
-from mlsroad_pipeline.algorithms.inventory.scoring.object_matching import REACH
+from mlsroad_pipeline.algorithms.inventory.scoring.object_scores import REACH
 from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import describe_scene
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.labelling import label_softly

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.algorithms.inventory.lines.layers import LINE_LAYERS
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_LAYERS
 from mlsroad_pipeline.execution.run_identity import finished_record
 from mlsroad_pipeline.review.page_server.cloud_files import CloudFiles
 

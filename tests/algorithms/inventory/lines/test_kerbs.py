@@ -8,8 +8,8 @@ import shapely
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS, numbered
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs import step_kernels
-from mlsroad_pipeline.algorithms.inventory.lines.kerbs.ground_cells import MOST_CELLS, ground_cells
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import STEP_COLUMNS, join_kerbs, kerb_steps
+from mlsroad_pipeline.algorithms.inventory.lines.kerbs.step_kernels import MOST_CELLS, ground_cells
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.steps import StepLimits, find_steps
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 

@@ -9,15 +9,14 @@ import shapely
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import line_row, line_table
-from mlsroad_pipeline.algorithms.inventory.lines.markings.carriageway import beyond_kerb
-from mlsroad_pipeline.algorithms.inventory.lines.markings.kinds import markings_of
+from mlsroad_pipeline.algorithms.inventory.lines.markings.brightness import scanner_pass_of
+from mlsroad_pipeline.algorithms.inventory.lines.markings.kinds import beyond_kerb, markings_of
 from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import (
     _without_straight,
     join_markings,
     marking_stripes,
     no_stripes,
 )
-from mlsroad_pipeline.algorithms.inventory.lines.markings.scanner_passes import scanner_pass_of
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 ORIGIN = np.array([391_000.0, 5_820_000.0, 34.0])

@@ -9,23 +9,29 @@ from references.inventory import planted_box, planted_pole, planted_tree
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.inventory.objects.candidate_labels import WEIGHTS, raised_labels
+from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import WEIGHTS, raised_labels
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import (
     GROUPS,
     ClassEvidence,
     evidence_of_labels,
     group_shares,
 )
-from mlsroad_pipeline.algorithms.inventory.objects.classifying import NEITHER, POLE, STEM, TRUNK
 from mlsroad_pipeline.algorithms.inventory.objects.evidence import CELL, SUMS, ZONES, SceneCells
 from mlsroad_pipeline.algorithms.inventory.objects.extraction import extract_objects
 from mlsroad_pipeline.algorithms.inventory.objects.merging import merge_scenes
-from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import REASONS, ObjectClassifier
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import (
+    NEITHER,
+    POLE,
+    REASONS,
+    STEM,
+    TRUNK,
+    ObjectClassifier,
+)
 from mlsroad_pipeline.algorithms.inventory.objects.object_features import FEATURES
-from mlsroad_pipeline.algorithms.inventory.objects.object_voxels import Voxels
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS, rules_for_scheme
 from mlsroad_pipeline.algorithms.inventory.objects.stem_features import STEM_FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.trunks import find_trunks, split_trees
+from mlsroad_pipeline.algorithms.inventory.objects.voxel_sums import Voxels
 from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees
 
 SCHEME = ClassScheme(

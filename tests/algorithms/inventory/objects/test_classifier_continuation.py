@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.inventory.objects.classifier_continuation import (
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import (
     ClassifierContinuation,
     LabelledCandidates,
+    ObjectClassifier,
     continue_classifier,
 )
-from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectClassifier
 from mlsroad_pipeline.algorithms.models.machines.boosted_trees import MAX_THRESHOLDS
 from mlsroad_pipeline.model_store.object_classifiers import read_candidate_replay, shipped_classifier
 

@@ -16,9 +16,8 @@ from scipy.optimize import least_squares
 from scipy.spatial import ConvexHull
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.inventory.objects.axes import fit_axis
+from mlsroad_pipeline.algorithms.inventory.objects.axes import fit_axis, fit_circle
 from mlsroad_pipeline.algorithms.inventory.objects.boxes import convex_hull, oriented_box, polygon_area, vehicle_box
-from mlsroad_pipeline.algorithms.inventory.objects.circles import fit_circle
 from mlsroad_pipeline.algorithms.inventory.objects.extraction import measure_points
 from mlsroad_pipeline.algorithms.inventory.objects.fragments import join_voxels
 from mlsroad_pipeline.algorithms.inventory.objects.measures import MEASURES

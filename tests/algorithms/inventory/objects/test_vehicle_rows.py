@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mlsroad_pipeline.algorithms.inventory.objects.fragments import join_voxels
-from mlsroad_pipeline.algorithms.inventory.objects.vehicle_rows import split_row
+from mlsroad_pipeline.algorithms.inventory.objects.measured_rows import split_row
 from mlsroad_pipeline.algorithms.inventory.objects.voxel_sums import voxelise
 
 CAR, VAN, LORRY = (4.5, 1.8, 1.5), (5.4, 2.0, 2.3), (10.5, 2.5, 3.4)

@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 
 from mlsroad_pipeline.algorithms.geometry.assignment import assign_one_to_one
-from mlsroad_pipeline.algorithms.inventory.scoring.object_matching import match_objects
 from mlsroad_pipeline.algorithms.inventory.scoring.object_scores import (
     errors_of_measures,
+    match_objects,
     precision_recall_curve,
     score_objects,
     summarise_measures,

@@ -9,7 +9,7 @@ from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import (
     ContinuationParameters,
     Replay,
 )
-from mlsroad_pipeline.algorithms.models.boosted_trees.continuation import continue_training
+from mlsroad_pipeline.algorithms.models.boosted_trees.corrected import continue_training
 from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import softmax
 from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import BoostedTreesParameters
 from mlsroad_pipeline.algorithms.models.boosted_trees.segments import find_segments, order_of_questions

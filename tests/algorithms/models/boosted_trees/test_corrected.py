@@ -26,9 +26,8 @@ from mlsroad_pipeline.algorithms.models.boosted_trees.corrected import (
 )
 from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import describe_scene
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.labelling import SoftLabels
+from mlsroad_pipeline.algorithms.models.labelling import SoftLabels, context_of
 from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees
-from mlsroad_pipeline.algorithms.models.members import context_of
 from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.model_store.bundle_files import load_bundle, save_bundle
 from mlsroad_pipeline.model_store.shipped_models import load_shipped

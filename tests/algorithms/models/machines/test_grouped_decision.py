@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.algorithms.models.machines.grouped_decision import decide, largest_of_rows
+from mlsroad_pipeline.algorithms.models.machines.combinations import decide, largest_of_rows
 
 
 @pytest.mark.parametrize("groups", [None, [0, 1, 2, 3], [0, 1, 1, 0], [2, 2, 0, 2]])

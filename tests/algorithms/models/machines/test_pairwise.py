@@ -8,8 +8,7 @@ from scipy.optimize import minimize
 from sklearn.svm import SVC
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.models.machines.kernel_machine import KernelMachine
-from mlsroad_pipeline.algorithms.models.machines.pairwise import couple_probabilities, fit_sigmoid
+from mlsroad_pipeline.algorithms.models.machines.kernel_machine import KernelMachine, couple_probabilities, fit_sigmoid
 
 
 def test_sigmoid_is_the_one_with_least_cross_entropy(rng):

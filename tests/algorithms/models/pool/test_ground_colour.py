@@ -6,20 +6,24 @@ import pytest
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.labelling import SoftLabels, label_softly
-from mlsroad_pipeline.algorithms.models.pool.ground_colour import (
+from mlsroad_pipeline.algorithms.models.pool import labeller as pool
+from mlsroad_pipeline.algorithms.models.pool.labeller import (
     DARK,
     INTERCEPT,
     METADATA,
     NATURAL,
+    NETWORK,
     PAVED,
     TERMS,
+    TREES,
     colour_sums,
     ground_terms,
     natural_share,
+    pool_bundle,
+    with_ground_colour,
+    with_trees,
 )
-from mlsroad_pipeline.algorithms.models.pool.labeller import NETWORK, TREES, pool_bundle, with_ground_colour, with_trees
 from mlsroad_pipeline.model_store.shipped_models import load_shipped
-from mlsroad_pipeline.papers.tomic2019.fusion import pool
 
 CLASSES = (PAVED, NATURAL, "tree")
 WEIGHTS = {**dict.fromkeys(TERMS, 0.0), "log_odds": 1.0, "green": 20.0, INTERCEPT: -2.0}

@@ -10,8 +10,8 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.labelling import SoftLabels, label_cloud, label_softly
+from mlsroad_pipeline.algorithms.models.pool import labeller as pool
 from mlsroad_pipeline.algorithms.models.pool.labeller import FLOOR, NETWORK, TREES, members_of, pool_bundle, with_trees
-from mlsroad_pipeline.papers.tomic2019.fusion import pool
 
 HALVES, THIRDS = "tests_halves", "tests_thirds"
 

@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.algorithms.models.superpoint_transformer.merging import merge_regions
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.levels import merge_regions
 
 
 def grid_edges(n):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mlsroad_pipeline.algorithms.models.superpoint_transformer.superpoint_sums import extremes, means, sum_products
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.levels import extremes, means, sum_products
 
 
 def test_means_leave_out_what_is_not_finite(rng):

@@ -12,7 +12,7 @@ from sklearn.exceptions import NotFittedError
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.features.supervoxel_features import SupervoxelFeatures, compute_supervoxel_features
-from mlsroad_pipeline.algorithms.geometry.cell_grid import build_cell_grids
+from mlsroad_pipeline.algorithms.geometry.cells import build_cell_grids
 from mlsroad_pipeline.algorithms.models.machines.class_balance import majority_labels
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.classifier import DetrendedForestClassifier
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.labeller import label_points

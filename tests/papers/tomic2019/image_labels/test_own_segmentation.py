@@ -11,7 +11,7 @@ from onnx import TensorProto, helper, numpy_helper
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.members import member, with_members
+from mlsroad_pipeline.algorithms.models.labelling import member, with_members
 from mlsroad_pipeline.label.model_choice import ModelRequest, choose_model, image_request
 from mlsroad_pipeline.label.summary import segmentation_source
 from mlsroad_pipeline.model_store.bundle_files import load_bundle, save_bundle

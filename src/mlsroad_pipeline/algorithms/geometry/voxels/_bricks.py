@@ -5,39 +5,33 @@ population count. Coordinates are quantised to 2^-20 of a voxel. All sums over p
 depend on the order of the points or on the threads.
 """
 
+from typing import Any
+
 import numpy as np
-from numba import njit
+from numba import njit, types
+from numba.core.typing.templates import Signature
+from numba.cpython.unsafe.numbers import trailing_zeros
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.geometry.voxels._bits import popcount, trailing_zeros
+from mlsroad_pipeline.algorithms.geometry.cells import EMPTY, hash_key
 
 FRACTION_BITS = 20
 FRACTION_MASK = (1 << FRACTION_BITS) - 1
 AXIS_BITS = 21  # three brick coordinates share one int64 key
 AXIS_MASK = (1 << AXIS_BITS) - 1
-EMPTY = -1
 
 
-@njit(cache=True, nogil=True)
-def hash_key(key: int, mask: int) -> np.int64:
-    """Return the slot of a key in a table of `mask` + 1 slots (Fibonacci hashing of the high half)."""
-    mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
-    return np.int64((mixed >> np.uint64(32)) & np.uint64(mask))
+@intrinsic
+def popcount(typing_context: Any, word: Any) -> tuple[Signature, Any]:
+    """Count the set bits of a uint64; usable in compiled code only."""
+    if word != types.uint64:
+        return None  # type: ignore[return-value]  # rejects other types
 
+    def generate(context: Any, builder: Any, signature: Signature, arguments: Any) -> Any:
+        return builder.ctpop(arguments[0])
 
-@njit(cache=True, nogil=True)
-def bounds(xyz: NDArray[np.floating], start: int, stop: int) -> NDArray[np.float64]:
-    """Return the minimum and maximum of each axis; the last value is NaN if a coordinate is not finite."""
-    low_x = low_y = low_z = np.inf
-    high_x = high_y = high_z = -np.inf
-    zero = 0.0  # stays 0 for finite coordinates and becomes NaN otherwise
-    for i in range(start, stop):
-        x, y, z = np.float64(xyz[i, 0]), np.float64(xyz[i, 1]), np.float64(xyz[i, 2])
-        low_x, high_x = min(low_x, x), max(high_x, x)
-        low_y, high_y = min(low_y, y), max(high_y, y)
-        low_z, high_z = min(low_z, z), max(high_z, z)
-        zero += (x - x) + (y - y) + (z - z)
-    return np.array([low_x, low_y, low_z, high_x, high_y, high_z, zero])
+    return types.uint64(types.uint64), generate
 
 
 @njit(cache=True, nogil=True)

@@ -2,39 +2,11 @@
 
 import numpy as np
 from numba import njit
+from numba.cpython.unsafe.numbers import trailing_zeros
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.geometry.voxels._bits import popcount, trailing_zeros
-from mlsroad_pipeline.algorithms.geometry.voxels._bricks import AXIS_BITS, AXIS_MASK, EMPTY, hash_key
-
-
-@njit(cache=True, nogil=True)
-def build_table(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Build an open-addressing table from distinct keys to their positions, at most half full."""
-    size = 16
-    while size < 2 * len(keys):
-        size *= 2
-    slots = np.full(size, EMPTY, np.int64)
-    values = np.empty(size, np.int32)
-    for i in range(len(keys)):
-        h = hash_key(keys[i], size - 1)
-        while slots[h] != EMPTY:
-            h = (h + 1) & (size - 1)
-        slots[h] = keys[i]
-        values[h] = i
-    return slots, values
-
-
-@njit(cache=True, nogil=True)
-def find_key(slots: NDArray[np.int64], values: NDArray[np.int32], key: int) -> int:
-    """Return the position stored for a key, or -1."""
-    mask = len(slots) - 1
-    h = hash_key(key, mask)
-    while slots[h] != EMPTY:
-        if slots[h] == key:
-            return values[h]
-        h = (h + 1) & mask
-    return -1
+from mlsroad_pipeline.algorithms.geometry.cells import find_key
+from mlsroad_pipeline.algorithms.geometry.voxels._bricks import AXIS_BITS, AXIS_MASK, popcount
 
 
 @njit(cache=True, nogil=True)

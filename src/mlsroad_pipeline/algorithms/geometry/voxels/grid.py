@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,21 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.core.validation import check_positive, check_xyz
-from mlsroad_pipeline.algorithms.geometry.cell_grid import check_threads
+from mlsroad_pipeline.algorithms.core.validation import check_positive
+from mlsroad_pipeline.algorithms.geometry.cells import build_table, checked_bounds
+from mlsroad_pipeline.algorithms.geometry.threads import check_threads, run_ranges
 from mlsroad_pipeline.algorithms.geometry.voxels import _bricks, _lookup
-
-
-def run_chunks(work: Callable[[int, int], object], n: int, n_threads: int) -> list:
-    """Call ``work(start, stop)`` on `n_threads` equal ranges of `n` items, in a thread pool.
-
-    The kernels release the GIL. With one thread, the call runs in the calling thread.
-    """
-    if n_threads == 1:
-        return [work(0, n)]
-    limits = [n * k // n_threads for k in range(n_threads + 1)]
-    with ThreadPoolExecutor(n_threads) as pool:
-        return list(pool.map(work, limits[:-1], limits[1:]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +55,7 @@ class VoxelGrid:
 
     @cached_property
     def _table(self) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-        return _lookup.build_table(self._keys)
+        return build_table(self._keys)
 
     def find(self, coords: ArrayLike) -> NDArray[np.int32]:
         """Return the voxels at integer coordinates."""
@@ -90,7 +77,7 @@ class VoxelGrid:
                 self._keys, slots, values, self._bitmaps, self._first, start, stop, v_start, v_stop
             )
 
-        parts = run_chunks(work, n_bricks, check_threads(n_threads))
+        parts = run_ranges(work, n_bricks, check_threads(n_threads))
         if len(parts) == 1:
             return parts[0]
         shifts = np.cumsum([0] + [len(indices) for _, indices in parts])
@@ -108,14 +95,14 @@ def build_voxel_grid(
     """
     size = check_positive(voxel_size, "voxel_size")
     threads = check_threads(n_threads)
-    points, low, high = _checked_points(xyz, threads)
+    points, low, high = checked_bounds(xyz, n_threads=threads, minimum=1)
     origin = _anchored_origin(low, (low + high) / 2 if anchor is None else anchor, size)
     longest = float((high - origin).max()) / size
     if longest >= 1 << (_bricks.AXIS_BITS + 3):
         raise ParameterError(f"voxel_size {voxel_size!r} is too small for a cloud {longest * size:.6g} m long")
     codes = np.empty(len(points), np.int32)
     scale = (1 << _bricks.FRACTION_BITS) / size
-    parts = run_chunks(
+    parts = run_ranges(
         lambda start, stop: _bricks.assign_bricks(points, origin, scale, start, stop, codes), len(points), threads
     )
     keys = np.unique(np.concatenate([part[0] for part in parts]))
@@ -129,20 +116,6 @@ def build_voxel_grid(
     sums = _sum_points(points, origin, scale, positions, bitmaps, first, codes, len(coords))
     local = _bricks.local_centroids(coords, sums)
     return VoxelGrid(size, origin, codes, coords, sums[:, 3].astype(np.int32), local, keys, bitmaps, first)
-
-
-def _checked_points(
-    xyz: ArrayLike, n_threads: int
-) -> tuple[NDArray[np.floating], NDArray[np.float64], NDArray[np.float64]]:
-    """Return contiguous finite points with their minimum and maximum corners, in one pass."""
-    points = np.asarray(xyz)
-    usable = points.dtype in (np.float32, np.float64) and points.ndim == 2 and points.shape[1] == 3
-    if not usable or not points.flags.c_contiguous or len(points) == 0:
-        points = check_xyz(points, minimum=1)
-    parts = np.array(run_chunks(lambda start, stop: _bricks.bounds(points, start, stop), len(points), n_threads))
-    if np.isnan(parts[:, 6]).any():
-        check_xyz(points)  # raises an error with the row
-    return points, parts[:, :3].min(axis=0), parts[:, 3:6].max(axis=0)
 
 
 def _anchored_origin(low: NDArray[np.float64], anchor: ArrayLike, size: float) -> NDArray[np.float64]:
@@ -173,7 +146,7 @@ def _sum_points(
         _bricks.accumulate_points(points, origin, scale, start, stop, position, bitmaps, first, codes, sums)
         return sums
 
-    parts = run_chunks(work, len(points), n_threads)
+    parts = run_ranges(work, len(points), n_threads)
     total: NDArray[np.int64] = parts[0]
     for part in parts[1:]:
         total += part

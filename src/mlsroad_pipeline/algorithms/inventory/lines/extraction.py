@@ -9,9 +9,19 @@ import pandas as pd
 import shapely
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.inventory.lines.layers import LINE_LAYERS
 from mlsroad_pipeline.algorithms.inventory.objects.table import Field
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+
+LINE_LAYERS = {
+    "kerbs": "kerb",
+    "wires": "wire",
+    "lane_lines": "lane_line",
+    "stop_lines": "stop_line",
+    "crossings": "crossing",
+    "other_markings": "other_marking",
+}
+"""Layer name to kind of line."""
+
 
 LINE_KINDS = tuple(LINE_LAYERS.values())
 """Kinds of lines."""

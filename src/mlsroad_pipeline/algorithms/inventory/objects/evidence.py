@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.geometry.cell_grid import bounding_box
+from mlsroad_pipeline.algorithms.geometry.cells import bounding_box, sort_into_cells
 from mlsroad_pipeline.algorithms.geometry.sorting import radix_argsort
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import GROUPS, ClassEvidence
 from mlsroad_pipeline.algorithms.inventory.objects.table import empty_table
@@ -55,62 +55,24 @@ _LEAST_CELLS = 2.0  # of a zone: the shares of smaller zones are lowered
 
 
 @njit(cache=True, nogil=True)
-def _cell_bounds(
-    local: NDArray[np.floating], origin: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the least and the largest cell along each axis."""
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for i in range(len(local)):
-        for axis in range(3):
-            value = np.float64(local[i, axis])
-            low[axis], high[axis] = min(low[axis], value), max(high[axis], value)
-    return np.floor((low + origin) / CELL).astype(np.int64), np.floor((high + origin) / CELL).astype(np.int64)
-
-
-@njit(cache=True, nogil=True)
-def _packed_cells(
-    local: NDArray[np.floating], origin: NDArray[np.float64], corner: NDArray[np.int64], bits: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Return the cell of each point as one number, ordered by x, y and z."""
-    packed = np.empty(len(local), np.int64)
-    for i in range(len(local)):
-        key = 0
-        for axis in range(3):
-            key = (key << bits[axis]) | (int(np.floor((local[i, axis] + origin[axis]) / CELL)) - corner[axis])
-        packed[i] = key
-    return packed
-
-
-@njit(cache=True, nogil=True)
 def _sum_cells(
-    ordered: NDArray[np.int64],
     order: NDArray[np.int32],
+    starts: NDArray[np.int64],
     core: NDArray[np.bool_],
     owner: NDArray[np.integer],
     groups: NDArray[np.float32],
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]:
-    """Return the first point in order of each cell, the cell of each point, and numbers in the core and sums of groups.
-
-    Points without an owner have no probabilities.
-    """
-    n_cells = 0
-    for i in range(len(ordered)):
-        n_cells += i == 0 or ordered[i] != ordered[i - 1]
-    starts, of_point = np.empty(n_cells, np.int64), np.empty(len(ordered), np.int64)
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Return numbers in the core and sums of groups per cell; points without an owner have no probabilities."""
+    n_cells = len(starts) - 1
     n_core, sums = np.zeros(n_cells, np.int64), np.zeros((n_cells, groups.shape[1]), np.float32)
-    cell = -1
-    for i in range(len(ordered)):
-        if i == 0 or ordered[i] != ordered[i - 1]:
-            cell += 1
-            starts[cell] = i
-        point = order[i]
-        of_point[point] = cell
-        n_core[cell] += core[point]
-        own = owner[point]
-        if own >= 0:
-            for g in range(groups.shape[1]):
-                sums[cell, g] += groups[own, g]
-    return starts, of_point, n_core, sums
+    for cell in range(n_cells):
+        for point in order[starts[cell] : starts[cell + 1]]:
+            n_core[cell] += core[point]
+            own = owner[point]
+            if own >= 0:
+                for g in range(groups.shape[1]):
+                    sums[cell, g] += groups[own, g]
+    return n_core, sums
 
 
 @njit(cache=True, nogil=True)
@@ -172,19 +134,15 @@ class SceneCells:
         origin: NDArray[np.float64],
         evidence: ClassEvidence,
     ) -> None:
-        corner, farthest = _cell_bounds(local, origin)
-        bits = [int(size).bit_length() for size in farthest - corner]
-        if sum(bits) > 62:
-            raise DataError(
-                f"the points of a scene lie up to {CELL * 2 ** max(bits):,.0f} m apart: remove stray points"
-            )
-        packed = _packed_cells(local, origin, corner, np.array(bits))
-        ordered, order = radix_argsort(packed, sum(bits))
-        starts, self.of_point, n_core, sums = _sum_cells(ordered, order, core, evidence.owner, evidence.of_groups)
-        cells, shift = ordered[starts], [bits[1] + bits[2], bits[2], 0]
-        self.key = np.stack([(cells >> n) & ((1 << k) - 1) for n, k in zip(shift, bits, strict=True)], axis=1) + corner
+        cells = sort_into_cells(local, origin=origin, size=CELL)
+        if not cells.packed:
+            apart = np.ptp(cells.index, axis=0).max() * CELL
+            raise DataError(f"the points of a scene lie up to {apart:,.0f} m apart: remove stray points")
+        self.of_point = cells.owner()
+        n_core, sums = _sum_cells(cells.order, cells.starts, core, evidence.owner, evidence.of_groups)
+        self.key = cells.index
         self.centre = (self.key + 0.5) * CELL - origin
-        self.count = np.diff(np.append(starts, len(local)))
+        self.count = np.diff(cells.starts)
         self.core = core
         self.core_share = n_core / self.count
         self.groups = sums / self.count[:, None]

@@ -17,13 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_column, check_xyz
-from mlsroad_pipeline.algorithms.inventory.objects.candidate_labels import classify_stems, raised_labels
+from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import classify_stems, raised_labels
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import ClassEvidence
-from mlsroad_pipeline.algorithms.inventory.objects.classifying import Classifier
 from mlsroad_pipeline.algorithms.inventory.objects.evidence import EVIDENCE_FIELDS, SceneCells
 from mlsroad_pipeline.algorithms.inventory.objects.fragments import FRAGMENT_FIELDS, find_fragments, join_voxels
 from mlsroad_pipeline.algorithms.inventory.objects.measured_rows import Evidence, measured_rows
 from mlsroad_pipeline.algorithms.inventory.objects.measures import ObjectMeasures, measure
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import Classifier
 from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.objects.table import empty_table, object_table
 from mlsroad_pipeline.algorithms.inventory.objects.voxel_sums import voxelise

@@ -8,7 +8,7 @@ from typing import TypedDict, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.inventory.objects.axes import Axis, fit_axis
+from mlsroad_pipeline.algorithms.inventory.objects.axes import Axis, Circle, fit_axis, fit_circle
 from mlsroad_pipeline.algorithms.inventory.objects.boxes import (
     convex_hull,
     oriented_box,
@@ -16,10 +16,9 @@ from mlsroad_pipeline.algorithms.inventory.objects.boxes import (
     trimmed,
     vehicle_box,
 )
-from mlsroad_pipeline.algorithms.inventory.objects.circles import Circle, fit_circle
-from mlsroad_pipeline.algorithms.inventory.objects.object_voxels import Voxels
 from mlsroad_pipeline.algorithms.inventory.objects.panels import fit_panel
 from mlsroad_pipeline.algorithms.inventory.objects.trunks import Trunk, find_trunks, main_trunk
+from mlsroad_pipeline.algorithms.inventory.objects.voxel_sums import Voxels
 
 # Points below the bottom: largest share and largest number.
 _STRAY_SHARE, _STRAY_POINTS = 0.01, 10.0

@@ -16,14 +16,14 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.geometry.cells import order_of_cells
 from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
-from mlsroad_pipeline.algorithms.inventory.objects.classifying import Classifier
 from mlsroad_pipeline.algorithms.inventory.objects.extraction import SceneObjects
 from mlsroad_pipeline.algorithms.inventory.objects.fragments import join_voxels
 from mlsroad_pipeline.algorithms.inventory.objects.measured_rows import Evidence, measured_rows
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import Classifier
 from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.objects.table import OBJECT_FIELDS, empty_table, finish_table, object_table
-from mlsroad_pipeline.algorithms.inventory.objects.voxel_sums import voxel_order
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 BATCH = 1 << 18
@@ -108,7 +108,7 @@ class _Links:
         """Return the object of each fragment and the last scene of each object; the voxels are released."""
         voxel, fragment = np.concatenate(self.voxels), np.concatenate(self.fragment)
         self.voxels, self.fragment = [], []
-        order = voxel_order(voxel)
+        order = order_of_cells(voxel)
         same = np.ones(len(order) - 1, dtype=bool)
         for axis in range(3):
             same &= np.diff(voxel[order, axis]) == 0

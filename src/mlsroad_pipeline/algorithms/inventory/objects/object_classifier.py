@@ -1,16 +1,35 @@
-"""Boosted trees that classify candidates of the inventory: calibrated probabilities and reasons."""
+"""Boosted trees that classify candidates of the inventory, and their continuation from answers of a user."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
 from mlsroad_pipeline.algorithms.models.array_checks import check_model_arrays
-from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees
+from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees, ThresholdCodes
+
+STEM = "stem"
+"""Name of the classifier of upright lines: trunk, pole or post, or neither."""
+
+TRUNK, POLE, NEITHER = range(3)
+"""Columns of the probabilities of stems."""
+
+
+class Classifier(Protocol):
+    """A trained object classifier: `ObjectClassifier`."""
+
+    def probabilities(self, classifier: str, features: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Return the probabilities of the classes of a classifier."""
+
+    def reasons(self, classifier: str, features: NDArray[np.float32]) -> list[str]:
+        """Return what the score of each candidate rests on."""
+
 
 _MOST, _LEAST_EFFECT = 3, 0.15  # largest number of reasons, and the least change of the score (log odds) of each
 
@@ -178,3 +197,91 @@ def _check_classifier(classifier: str, part: Mapping[str, NDArray]) -> None:
     ):
         if not fits:
             raise DataError(f"the object classifier is damaged: array '{classifier}/{name}' has other values")
+
+
+@dataclass(frozen=True)
+class ClassifierContinuation:
+    """Parameters of the boosting from answers about objects."""
+
+    rounds: int = 40  # Trees that are added per kind
+    leaves: int = 5  # Maximum leaves of a tree: few, since there are few answers
+    learning_rate: float = 0.1  # Factor of the leaf values
+    min_child_samples: int = 10  # Minimum candidates of a leaf
+    answer_weight: float = 10.0  # Weight of a candidate of an answer; one of the replay has 1
+    penalty: float = 10.0  # L2 penalty of the leaf values; larger follows single answers less
+    seed: int = 2026  # Seed of the trees
+
+    def __post_init__(self) -> None:
+        for name in ("learning_rate", "answer_weight", "penalty"):
+            check_positive(getattr(self, name), f"learn.objects.{name}")
+        for name, least in (("rounds", 1), ("leaves", 2), ("min_child_samples", 1)):
+            check_at_least(getattr(self, name), least, f"learn.objects.{name}")
+
+
+class LabelledCandidates(NamedTuple):
+    """Candidates of one kind, and whether they are objects of this kind."""
+
+    values: NDArray[np.float32]  # Features of the candidates; NaN does not apply
+    true: NDArray[np.bool_]  # Whether each is an object of the kind
+
+
+def continue_classifier(
+    classifier: ObjectClassifier,
+    answers: Mapping[str, LabelledCandidates],
+    replay: Mapping[str, LabelledCandidates],
+    *,
+    parameters: ClassifierContinuation | None = None,
+) -> ObjectClassifier:
+    """Return an object classifier that has learned from answers about objects."""
+    own = parameters or ClassifierContinuation()
+    trees = dict(classifier.trees)
+    for kind, found in answers.items():
+        if kind not in trees or kind not in replay:
+            raise DataError(f"the object classifier has no trees of the kind {kind!r}")
+        for what, rows in (("answers", found), ("replay", replay[kind])):
+            if rows.values.shape[1:] != (trees[kind].n_features,):
+                raise DataError(
+                    f"the {what} have {rows.values.shape[1]} features, the object classifier {trees[kind].n_features}"
+                )
+        if len(found.values):
+            trees[kind] = _continued(classifier, kind, found, replay[kind], own)
+    return replace(classifier, trees=trees)
+
+
+def _continued(
+    classifier: ObjectClassifier,
+    kind: str,
+    answers: LabelledCandidates,
+    replay: LabelledCandidates,
+    own: ClassifierContinuation,
+) -> BoostedTrees:
+    """Return the trees of a kind with those that are added."""
+    import lightgbm  # noqa: PLC0415  # labelling needs none
+
+    values = np.concatenate([replay.values, answers.values]).astype(np.float32)
+    true = np.concatenate([replay.true, answers.true]).astype(np.float64)
+    weight = np.repeat([1.0, own.answer_weight], [len(replay.values), len(answers.values)])
+    codes = ThresholdCodes(classifier.trees[kind])
+    settings: dict[str, Any] = {
+        "objective": "binary",
+        "boost_from_average": False,
+        "num_leaves": own.leaves,
+        "learning_rate": own.learning_rate,
+        "min_child_samples": own.min_child_samples,
+        "feature_fraction": 0.4,
+        "extra_trees": True,
+        "lambda_l2": own.penalty,
+        "max_bin": 63,
+        "seed": own.seed,
+        "deterministic": True,
+        "force_row_wise": True,
+        "num_threads": 1,
+        "verbosity": -1,
+    }
+    start = classifier.scores(kind, values)[:, 0]
+    data = lightgbm.Dataset(codes.encode(values), true, weight=weight, init_score=start, params=settings)
+    booster = lightgbm.train(settings, data, own.rounds)
+    added = codes.decode(BoostedTrees.from_lightgbm(booster.model_to_string()))
+    factor = classifier.calibration[kind][0]
+    scaled = replace(added, leaf=(added.leaf / factor).astype(np.float32))
+    return BoostedTrees.joined([classifier.trees[kind], scaled])

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.inventory.objects.evidence import GROUP_FEATURES, group_features
 from mlsroad_pipeline.algorithms.inventory.objects.measures import ObjectMeasures
-from mlsroad_pipeline.algorithms.inventory.objects.object_voxels import Voxels
 from mlsroad_pipeline.algorithms.inventory.objects.trunks import find_trunks, main_trunk
+from mlsroad_pipeline.algorithms.inventory.objects.voxel_sums import Voxels
 
 MEASURED = (
     "height", "width", "length", "tilt", "diameter", "crown_diameter", "panel_bottom", "panel_centre", "panel_height",

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mlsroad_pipeline.algorithms.geometry.cells import sort_into_cells
 from mlsroad_pipeline.algorithms.inventory.objects.evidence import GROUP_FEATURES, SUMS, SceneCells, group_features
-from mlsroad_pipeline.algorithms.inventory.objects.voxel_sums import runs_of_keys, voxel_keys, voxel_order
 from mlsroad_pipeline.algorithms.segmentation.crowned_stems import measure_crowned
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 from mlsroad_pipeline.algorithms.segmentation.stems import Stem, StemLimits, find_stems
@@ -87,13 +87,11 @@ def _voxels(
     xyz: NDArray[np.float64], height: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
     """Return the voxel of each point, mean points, numbers of points, and elevations of the ground."""
-    key = voxel_keys(xyz, np.zeros(3), _VOXEL)
-    order = voxel_order(key)
-    starts, voxel = runs_of_keys(key, order)
-    counts = np.diff(np.append(starts, len(xyz)))
+    cells = sort_into_cells(xyz, origin=np.zeros(3), size=_VOXEL)
+    order, starts, counts = cells.order, cells.starts[:-1], np.diff(cells.starts)
     mean = np.add.reduceat(xyz.take(order, axis=0), starts, axis=0) / counts[:, None]
     ground = np.add.reduceat((xyz[:, 2] - height)[order], starts) / counts
-    return voxel, mean, counts, ground
+    return cells.owner(), mean, counts, ground
 
 
 def _measure(

@@ -1,13 +1,43 @@
-"""Sums of points over voxels that are aligned to world coordinates, so that voxels of neighbouring scenes coincide."""
+"""Voxels of objects, aligned to world coordinates, so that voxels of neighbouring scenes coincide."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.geometry.sorting import radix_argsort
+from mlsroad_pipeline.algorithms.geometry.cells import sort_into_cells
+
+
+@dataclass(frozen=True)
+class Voxels:
+    """Voxels of an object."""
+
+    xyz: NDArray[np.float64]  # Mean point per voxel, world coordinates, metres
+    low: NDArray[np.float64]  # Smallest and largest coordinates per voxel, metres
+    high: NDArray[np.float64]  # Smallest and largest coordinates per voxel, metres
+    ground: NDArray[np.float64]  # Mean elevation of the ground below, metres; NaN if unknown
+    count: NDArray[np.int64]  # Points per voxel
+    disagreeing: NDArray[np.int64]  # Points whose own label is of another class than the object
+    confidence: NDArray[np.float64]  # Sum of the points' confidences
+    scene: NDArray[np.int32]  # Number of the scene whose core contains the points
+
+    @property
+    def z_low(self) -> NDArray[np.float64]:
+        """Elevation of the lowest point per voxel."""
+        return self.low[:, 2]
+
+    @property
+    def z_high(self) -> NDArray[np.float64]:
+        """Elevation of the highest point per voxel."""
+        return self.high[:, 2]
+
+    def select(self, index: NDArray) -> Voxels:
+        """Return the voxels of an index array or mask."""
+        return Voxels(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
 
 
 def voxelise(
@@ -22,17 +52,16 @@ def voxelise(
     disagreeing: NDArray[np.bool_] | None = None,
 ) -> tuple[pd.DataFrame, NDArray[np.int64]]:
     """Sum the points of objects over voxels."""
-    key = voxel_keys(local, origin, resolution)
-    order = voxel_order(key)
-    starts, voxel = runs_of_keys(key, order)
-    inside = _inside(local, key, order, origin, resolution)
+    cells = sort_into_cells(local, origin=origin, size=resolution)
+    order, starts = cells.order, cells.starts[:-1]
+    inside = _inside(local, order, cells.starts, cells.index, origin, resolution)
     weight = core[order]
     z = inside[:, 2]
     ground = np.full(len(z), np.nan) if height_above_ground is None else z - height_above_ground[order]
-    low, high = _ends(inside, weight, starts)
+    low, high = _ends(inside, weight, cells.starts)
     table = {
         "fragment": group[order[starts]],
-        **{name: key[order[starts], axis] for axis, name in enumerate("ijk")},
+        **{name: cells.index[:, axis] for axis, name in enumerate("ijk")},
         **{name: np.add.reduceat(inside[:, axis] * weight, starts) for axis, name in enumerate("xyz")},
         **{f"{name}_low": low[axis] for axis, name in enumerate("xyz")},
         **{f"{name}_high": high[axis] for axis, name in enumerate("xyz")},
@@ -46,47 +75,24 @@ def voxelise(
     by_object = np.argsort(table["fragment"], kind="stable")
     place = np.empty(len(starts), dtype=np.int64)
     place[by_object] = np.arange(len(starts))
-    return pd.DataFrame({name: values[by_object] for name, values in table.items()}), place[voxel]
-
-
-@njit(cache=True, nogil=True)
-def voxel_keys(local: NDArray[np.float64], origin: NDArray[np.float64], resolution: float) -> NDArray[np.int64]:
-    """Return the voxel indices of points."""
-    key = np.empty(local.shape, np.int64)
-    for i in range(len(local)):
-        for axis in range(3):
-            key[i, axis] = np.int64(np.floor((local[i, axis] + origin[axis]) / resolution))
-    return key
-
-
-@njit(cache=True, nogil=True)
-def runs_of_keys(key: NDArray[np.int64], order: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the voxels of points from their sorted indices."""
-    starts, voxel = np.empty(len(order), np.int64), np.empty(len(order), np.int64)
-    n, before = 0, order[0]
-    for place in range(len(order)):
-        i = order[place]
-        if place == 0 or key[i, 0] != key[before, 0] or key[i, 1] != key[before, 1] or key[i, 2] != key[before, 2]:
-            starts[n] = place
-            n += 1
-        voxel[i], before = n - 1, i
-    return starts[:n].copy(), voxel
+    return pd.DataFrame({name: values[by_object] for name, values in table.items()}), place[cells.owner()]
 
 
 @njit(cache=True, nogil=True)
 def _inside(
     local: NDArray[np.float64],
-    key: NDArray[np.int64],
-    order: NDArray[np.integer],
+    order: NDArray[np.int32],
+    starts: NDArray[np.int64],
+    index: NDArray[np.int64],
     origin: NDArray[np.float64],
     resolution: float,
 ) -> NDArray[np.float64]:
     """Return the points in their order, relative to the corners of their voxels."""
     inside = np.empty(local.shape)
-    for place in range(len(order)):
-        i = order[place]
-        for axis in range(3):
-            inside[place, axis] = local[i, axis] - (key[i, axis] * resolution - origin[axis])
+    for voxel in range(len(index)):
+        for place in range(starts[voxel], starts[voxel + 1]):
+            for axis in range(3):
+                inside[place, axis] = local[order[place], axis] - (index[voxel, axis] * resolution - origin[axis])
     return inside
 
 
@@ -95,24 +101,11 @@ def _ends(
     inside: NDArray[np.float64], weight: NDArray[np.bool_], starts: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the smallest and the largest coordinates of the weighted points of each voxel, shape (3, voxels)."""
-    low, high = np.full((3, len(starts)), np.inf), np.full((3, len(starts)), -np.inf)
-    for voxel in range(len(starts)):
-        stop = starts[voxel + 1] if voxel + 1 < len(starts) else len(inside)
-        for point in range(starts[voxel], stop):
+    low, high = np.full((3, len(starts) - 1), np.inf), np.full((3, len(starts) - 1), -np.inf)
+    for voxel in range(len(starts) - 1):
+        for point in range(starts[voxel], starts[voxel + 1]):
             if weight[point]:
                 for axis in range(3):
                     low[axis, voxel] = min(low[axis, voxel], inside[point, axis])
                     high[axis, voxel] = max(high[axis, voxel], inside[point, axis])
     return low, high
-
-
-def voxel_order(key: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Return the order of voxels by i, then j, then k."""
-    low, high = ([int(ends(key[:, axis])) for axis in range(3)] for ends in (np.min, np.max))
-    bits = [(last - first).bit_length() for first, last in zip(low, high, strict=True)]
-    if sum(bits) > 62:  # extent exceeds a packed key: slower, same order
-        return np.lexsort((key[:, 2], key[:, 1], key[:, 0]))
-    packed = np.zeros(len(key), np.int64)
-    for axis, shift in enumerate((bits[1] + bits[2], bits[2], 0)):
-        packed |= (key[:, axis].astype(np.int64) - low[axis]) << shift
-    return radix_argsort(packed, sum(bits))[1]

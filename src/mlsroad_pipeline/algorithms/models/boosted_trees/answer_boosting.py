@@ -17,8 +17,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
 from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import softmax
 from mlsroad_pipeline.algorithms.models.boosted_trees.training import partial_label_objective
-from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees
-from mlsroad_pipeline.algorithms.models.machines.threshold_codes import ThresholdCodes
+from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees, ThresholdCodes
 
 FULL_WEIGHT = 10
 """Number of answers from which they have their whole weight: a few would shift the shares of the classes."""

@@ -7,7 +7,7 @@ function approximation", with the scores of the labeller as the initial function
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -26,15 +26,60 @@ from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import (
     Scored,
     boost_on_answers,
 )
-from mlsroad_pipeline.algorithms.models.boosted_trees.continuation import learned_entry
 from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import describe_scene, softmax
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
-from mlsroad_pipeline.algorithms.models.labelling import SoftLabels, label_softly, labels_of_rows
+from mlsroad_pipeline.algorithms.models.labelling import SoftLabels, label_softly, labels_of_rows, stored_member
 from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees
-from mlsroad_pipeline.algorithms.models.machines.combinations import rank_pairs
-from mlsroad_pipeline.algorithms.models.machines.grouped_decision import decide
-from mlsroad_pipeline.algorithms.models.members import stored_member
+from mlsroad_pipeline.algorithms.models.machines.combinations import decide, rank_pairs
 from mlsroad_pipeline.algorithms.stages import ground_of, inlier_rows, inliers
+
+
+def continue_training(
+    bundle: ModelBundle,
+    answers: Sequence[Answer],
+    survey: NDArray[np.float32],
+    replay: Replay,
+    *,
+    parameters: ContinuationParameters | None = None,
+    learned_from: Mapping[str, Any] | None = None,
+    n_threads: int = 1,
+) -> ModelBundle:
+    """Return a model that has learned from answers."""
+    own = parameters or ContinuationParameters()
+    trees = BoostedTrees.from_arrays(bundle.arrays)
+    temperature = float(bundle.arrays["temperature"])
+
+    def scored(values: NDArray[np.floating]) -> Scored:
+        rows = values.astype(np.float32, copy=False)
+        if not len(rows):
+            return Scored(rows, np.zeros((0, len(bundle.metadata["classes"]))))
+        return Scored(rows, trees.scores(rows, n_threads=n_threads) / temperature + bundle.arrays["offsets"])
+
+    known = [answer._replace(scores=scored(answer.values).scores) for answer in answers]
+    added = boost_on_answers(
+        known,
+        scored(survey),
+        replay,
+        scored(replay.values),
+        trees=trees,
+        groups=bundle.arrays.get("groups"),
+        parameters=own,
+        n_threads=n_threads,
+    )
+    entry = learned_entry(answers, own, learned_from)
+    metadata = {**bundle.metadata, "learned": [*bundle.metadata.get("learned", ()), entry]}
+    kept = {name: array for name, array in bundle.arrays.items() if name not in trees.to_arrays()}
+    scaled = [replace(part, leaf=(part.leaf * (temperature / own.bags)).astype(np.float32)) for part in added]
+    return ModelBundle(bundle.slug, {**BoostedTrees.joined([trees, *scaled]).to_arrays(), **kept}, metadata)
+
+
+def learned_entry(
+    answers: Sequence[Answer], parameters: ContinuationParameters, learned_from: Mapping[str, Any] | None
+) -> dict[str, Any]:
+    """Return the description of a learning for the metadata of a model."""
+    used = sum(len(answer.values) > 0 for answer in answers)
+    return {"answers": used, "parameters": asdict(parameters), **(learned_from or {})}
+
 
 SLUG = "corrected"
 

@@ -10,14 +10,18 @@ from mlsroad_pipeline.algorithms.core.labels import PointLabels, unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
-from mlsroad_pipeline.algorithms.features.intensity_ranks import known_intensity
-from mlsroad_pipeline.algorithms.features.voxel_scales import VoxelFeatures, compute_voxel_features, smooth_by_cells
+from mlsroad_pipeline.algorithms.features.voxel_scales import (
+    VoxelFeatures,
+    compute_voxel_features,
+    known_intensity,
+    smooth_by_cells,
+)
 from mlsroad_pipeline.algorithms.features.voxel_table import voxel_feature_names
 from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG, BoostedTreesParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.labelling import SoftLabels
 from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees
-from mlsroad_pipeline.algorithms.models.machines.grouped_decision import decide, largest_of_rows
+from mlsroad_pipeline.algorithms.models.machines.combinations import decide, largest_of_rows
 from mlsroad_pipeline.algorithms.stages import ground_of, inlier_rows, inliers
 
 

@@ -17,9 +17,8 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.features.voxel_table import intensity_columns, voxel_feature_names
 from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG, BoostedTreesParameters
 from mlsroad_pipeline.algorithms.models.boosted_trees.sampling import TrainingVoxels, join_voxels
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.bundle import Checkpoints, ModelBundle
 from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees
-from mlsroad_pipeline.algorithms.models.machines.checkpoints import Checkpoints
 
 _LEAST_SHARE = 1e-15
 """Share of a class without training voxels; LightGBM's value."""

@@ -8,8 +8,9 @@ are split into bytes, of which most nodes change one, as in RapidScorer (Ye et a
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -18,9 +19,56 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_arrays
-from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
+from mlsroad_pipeline.algorithms.geometry.threads import run_in_chunks
 from mlsroad_pipeline.algorithms.models.machines.boosted_kernels import add_trees, leaf_slots
-from mlsroad_pipeline.algorithms.models.machines.lightgbm_text import Fields, read_tree
+
+_NAN_MISSING = 2
+"""LightGBM's code of missing values that are NaN, in bits 2 and 3 of a decision type."""
+
+
+class Fields:
+    """Lines ``name=value`` of a part of a LightGBM model."""
+
+    def __init__(self, text: str) -> None:
+        self._values = dict(re.findall(r"^(\w+)=(.*)$", text, re.MULTILINE))
+
+    def integer(self, name: str) -> int:
+        """Return an integer."""
+        return int(self.text(name))
+
+    def numbers(self, name: str, kind: type) -> NDArray:
+        """Return a list of numbers as an array of a type."""
+        return np.array(self.text(name).split(), dtype=np.float64).astype(kind)
+
+    def text(self, name: str) -> str:
+        """Return a value as it stands; DataError if it is missing."""
+        if name not in self._values:
+            raise DataError(f"the LightGBM model has no {name!r}: it is damaged or of another version")
+        return self._values[name]
+
+
+def read_tree(lines: Fields) -> dict[str, NDArray]:
+    """Return the arrays of one tree; thresholds are the largest float32 values not above LightGBM's."""
+    if lines.integer("num_leaves") < 2:
+        none = np.zeros(0, np.int64)
+        leaf = lines.numbers("leaf_value", np.float64)[:1]
+        return {"feature": none, "threshold": none, "missing_left": none, "left": none, "right": none, "leaf": leaf}
+    decision = lines.numbers("decision_type", np.int64)
+    if (decision & 1).any():
+        raise DataError("the LightGBM model has categorical features: numerical ones alone are supported")
+    exact = lines.numbers("threshold", np.float64)
+    rounded = exact.astype(np.float32)
+    is_nan_missing = decision >> 2 & 3 == _NAN_MISSING
+    return {
+        "feature": lines.numbers("split_feature", np.int64),
+        "threshold": np.where(rounded > exact, np.nextafter(rounded, np.float32(-np.inf)), rounded),
+        # LightGBM compares NaN as 0 where the training had none in this feature.
+        "missing_left": np.where(is_nan_missing, (decision & 2) > 0, exact >= 0),
+        "left": lines.numbers("left_child", np.int64),
+        "right": lines.numbers("right_child", np.int64),
+        "leaf": lines.numbers("leaf_value", np.float64),
+    }
+
 
 MAX_LEAVES, MAX_THRESHOLDS = 64, 254
 
@@ -215,3 +263,29 @@ def _masks_of(left: list[int], right: list[int]) -> tuple[list[int], list[int]]:
 
     walk(0)
     return below, ordered
+
+
+class ThresholdCodes:
+    """Features as numbers among the thresholds of trees.
+
+    The kernel of the prediction has room for a limited number of thresholds per feature, so that trees which are added
+    again and again must not bring new ones. A feature that the trees do not test has one value.
+    """
+
+    def __init__(self, trees: BoostedTrees) -> None:
+        self._thresholds = [np.unique(trees.threshold[trees.feature == f]) for f in range(trees.n_features)]
+
+    def encode(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the number of thresholds below each value; NaN stays."""
+        out = np.zeros(values.shape, np.float32)
+        for f, thresholds in enumerate(self._thresholds):
+            if len(thresholds):
+                column = values[:, f].astype(np.float32)
+                out[:, f] = np.where(np.isnan(column), np.nan, np.searchsorted(thresholds, column))
+        return out
+
+    def decode(self, trees: BoostedTrees) -> BoostedTrees:
+        """Return trees on numbers as trees on values."""
+        limits = [self._thresholds[f] for f in trees.feature]
+        found = [own[min(int(t), len(own) - 1)] for own, t in zip(limits, trees.threshold, strict=True)]
+        return replace(trees, threshold=np.array(found, np.float32))

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_arrays
-from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
+from mlsroad_pipeline.algorithms.geometry.threads import run_in_chunks
 
 _ROWS = 32
 """Rows traversed in parallel, so that memory latency overlaps."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_results import Ground, SupervoxelPartition, SupervoxelTable
-from mlsroad_pipeline.algorithms.features.radiometry import COLOUR_FEATURES, INTENSITY_FEATURES
+from mlsroad_pipeline.algorithms.features.supervoxel_moments import COLOUR_FEATURES, INTENSITY_FEATURES
 from mlsroad_pipeline.algorithms.features.surroundings import BALL_FEATURES, describe_balls
 from mlsroad_pipeline.algorithms.geometry.sorting import rank_floats, rank_integers
 from mlsroad_pipeline.algorithms.geometry.voxels.grid import build_voxel_grid
@@ -18,9 +18,8 @@ from mlsroad_pipeline.algorithms.models.superpoint_transformer.graph import (
     SuperpointGraph,
     with_histograms,
 )
-from mlsroad_pipeline.algorithms.models.superpoint_transformer.levels import OWN_FEATURES, build_levels
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.levels import OWN_FEATURES, build_levels, means
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import N_LEVELS, HierarchyParameters
-from mlsroad_pipeline.algorithms.models.superpoint_transformer.superpoint_sums import means
 from mlsroad_pipeline.algorithms.stages import inlier_rows, inliers
 
 SHAPES = ("linearity", "planarity", "scattering", "verticality", "direction_z", "horizontal_linearity")

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
-from mlsroad_pipeline.algorithms.models.machines.checkpoints import Checkpoints
+from mlsroad_pipeline.algorithms.models.bundle import Checkpoints
 from mlsroad_pipeline.algorithms.models.machines.torch_training import (
     find_device,
     learning_rate,

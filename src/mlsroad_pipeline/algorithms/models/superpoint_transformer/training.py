@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.stage_parameters import StageParameters
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.machines.checkpoints import Checkpoints
+from mlsroad_pipeline.algorithms.models.bundle import Checkpoints, ModelBundle
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.building import point_feature_names
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.graph import SuperpointGraph
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.optimisation import train_network

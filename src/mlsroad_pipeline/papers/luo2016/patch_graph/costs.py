@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_positive
-from mlsroad_pipeline.algorithms.geometry.cell_grid import build_cell_grids
+from mlsroad_pipeline.algorithms.geometry.cells import build_cell_grids
 from mlsroad_pipeline.papers.shared.patches.table import Patches
 
 N_ABSOLUTE = 4

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
-from mlsroad_pipeline.algorithms.geometry.cell_grid import check_threads, run_in_chunks
+from mlsroad_pipeline.algorithms.geometry.threads import check_threads, run_in_chunks
 from mlsroad_pipeline.papers.luo2016.patch_graph import moves, search
 from mlsroad_pipeline.papers.luo2016.patch_graph.costs import PatchIndex
 from mlsroad_pipeline.papers.luo2016.patch_graph.search import DescriptionCells, NodeChooser, search_cells

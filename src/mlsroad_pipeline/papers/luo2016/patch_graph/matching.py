@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least
-from mlsroad_pipeline.algorithms.geometry.cell_grid import check_threads
+from mlsroad_pipeline.algorithms.geometry.threads import check_threads
 from mlsroad_pipeline.papers.luo2016.patch_graph.costs import CostWeights, PatchIndex, build_patch_index
 from mlsroad_pipeline.papers.luo2016.patch_graph.iterations import (
     MatchGraph,

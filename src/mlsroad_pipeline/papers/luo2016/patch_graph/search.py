@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
+from mlsroad_pipeline.algorithms.geometry.threads import run_in_chunks
 from mlsroad_pipeline.papers.luo2016.patch_graph.costs import PatchIndex, block_costs, bounded_cost
 from mlsroad_pipeline.papers.luo2016.patch_graph.moves import insert, largest, slot_of
 from mlsroad_pipeline.papers.shared.patches.table import UNKNOWN

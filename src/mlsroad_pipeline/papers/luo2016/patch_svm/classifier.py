@@ -14,8 +14,13 @@ from numpy.typing import NDArray
 from sklearn.model_selection import StratifiedGroupKFold
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.models.machines.kernel_machine import Choice, KernelMachine
-from mlsroad_pipeline.algorithms.models.machines.kernel_machine_training import choose_machine, fit_machine, standardise
+from mlsroad_pipeline.algorithms.models.machines.kernel_machine import (
+    Choice,
+    KernelMachine,
+    choose_machine,
+    fit_machine,
+    standardise,
+)
 from mlsroad_pipeline.papers.shared.patches.features import (
     PatchVariants,
     draw_training_patches,

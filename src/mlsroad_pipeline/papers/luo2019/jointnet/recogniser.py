@@ -13,9 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.features.accumulation_images import concatenate_objects, concatenate_values
-from mlsroad_pipeline.algorithms.models.bundle import arrays_under
-from mlsroad_pipeline.algorithms.models.machines.checkpoints import Checkpoints
-from mlsroad_pipeline.algorithms.models.machines.torch_training import find_device, load_weights, reproducible
+from mlsroad_pipeline.algorithms.models.bundle import Checkpoints, arrays_under
+from mlsroad_pipeline.algorithms.models.machines.torch_training import (
+    find_device,
+    load_weights,
+    reproducible,
+)
 from mlsroad_pipeline.papers.luo2019.jointnet.inputs import Points, encode
 from mlsroad_pipeline.papers.luo2019.jointnet.network import JointNet, MeasureRegression, train_regression
 from mlsroad_pipeline.papers.luo2019.jointnet.parameters import JointNetParameters

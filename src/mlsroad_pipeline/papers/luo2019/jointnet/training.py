@@ -13,8 +13,12 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
-from mlsroad_pipeline.algorithms.models.machines.checkpoints import Checkpoints
-from mlsroad_pipeline.algorithms.models.machines.torch_training import find_device, learning_rate, reproducible
+from mlsroad_pipeline.algorithms.models.bundle import Checkpoints
+from mlsroad_pipeline.algorithms.models.machines.torch_training import (
+    find_device,
+    learning_rate,
+    reproducible,
+)
 from mlsroad_pipeline.papers.luo2019.jointnet.inputs import Points, augment, encode
 from mlsroad_pipeline.papers.luo2019.jointnet.network import JointNet
 from mlsroad_pipeline.papers.luo2019.jointnet.parameters import JointNetParameters, TrainingParameters

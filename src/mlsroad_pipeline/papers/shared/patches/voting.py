@@ -9,7 +9,8 @@ from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_positive, check_xyz
-from mlsroad_pipeline.algorithms.geometry.cell_grid import build_cell_grids, check_threads, run_in_chunks
+from mlsroad_pipeline.algorithms.geometry.cells import build_cell_grids
+from mlsroad_pipeline.algorithms.geometry.threads import check_threads, run_in_chunks
 
 
 @njit(cache=True, nogil=True)

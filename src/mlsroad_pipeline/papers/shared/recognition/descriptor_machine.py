@@ -14,9 +14,9 @@ from sklearn.model_selection import StratifiedKFold
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least
-from mlsroad_pipeline.algorithms.models.machines.kernel_machine import KernelMachine
-from mlsroad_pipeline.algorithms.models.machines.kernel_machine_training import (
+from mlsroad_pipeline.algorithms.models.machines.kernel_machine import (
     Folds,
+    KernelMachine,
     choose_machine,
     fit_machine,
     standardise,

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.validation import check_xyz
-from mlsroad_pipeline.algorithms.geometry.cell_grid import bounding_box, build_cell_grids, check_threads, run_in_chunks
+from mlsroad_pipeline.algorithms.geometry.cells import bounding_box, build_cell_grids
+from mlsroad_pipeline.algorithms.geometry.threads import check_threads, run_in_chunks
 
 _SPACING_SAMPLE = 1000
 _MAX_ROWS = 2**20

@@ -16,9 +16,12 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import (
     SupervoxelParameters,
 )
 from mlsroad_pipeline.algorithms.features.eigen import SHAPE_FEATURES
-from mlsroad_pipeline.algorithms.features.height import GROUND_HEIGHT_FEATURES, OWN_HEIGHT_FEATURES
-from mlsroad_pipeline.algorithms.features.orientation import ORIENTATION_FEATURES
-from mlsroad_pipeline.algorithms.features.radiometry import INTENSITY_FEATURES
+from mlsroad_pipeline.algorithms.features.normals import ORIENTATION_FEATURES
+from mlsroad_pipeline.algorithms.features.supervoxel_moments import (
+    GROUND_HEIGHT_FEATURES,
+    INTENSITY_FEATURES,
+    OWN_HEIGHT_FEATURES,
+)
 from mlsroad_pipeline.algorithms.models.pool.log_linear import PoolParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask

@@ -18,8 +18,8 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least, check_positive
-from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
 from mlsroad_pipeline.algorithms.geometry.neighbors import nearest_neighbors
+from mlsroad_pipeline.algorithms.geometry.threads import run_in_chunks
 from mlsroad_pipeline.papers.shared.detection.detector import detect_by_description, label_described_objects
 from mlsroad_pipeline.papers.shared.detection.regions import (
     RegionParameters,

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_positive
-from mlsroad_pipeline.algorithms.inventory.lines.kerbs.ground_cells import GroundCells
-from mlsroad_pipeline.algorithms.inventory.lines.kerbs.step_kernels import fit_steps
+from mlsroad_pipeline.algorithms.inventory.lines.kerbs.step_kernels import GroundCells, fit_steps
 
 
 @dataclass(frozen=True)
@@ -19,7 +18,6 @@ class StepLimits:
 
     # Height of the step, metres. A smaller least height finds dropped kerbs and the edges of grass, too.
     least_height: float = 0.05
-    # Height of the step, metres. A smaller least height finds dropped kerbs and the edges of grass, too.
     most_height: float = 0.3
     # Largest root mean square distance from the two planes, metres. Larger accepts grass and rough edges.
     roughness: float = 0.02

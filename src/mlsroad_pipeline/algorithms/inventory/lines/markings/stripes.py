@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.geometry.cell_grid import build_cell_grids
+from mlsroad_pipeline.algorithms.geometry.cells import build_cell_grids, gather_cells
 from mlsroad_pipeline.algorithms.inventory.lines.markings.brightness import (
     BRIGHTNESS,
     CELL,
@@ -19,7 +19,6 @@ from mlsroad_pipeline.algorithms.inventory.lines.markings.brightness import (
     Y,
     Z,
 )
-from mlsroad_pipeline.algorithms.inventory.objects.block_search import gather_cells
 
 REACH = 1.5
 """Half length of a stripe, metres, and edge of the coarse grid."""

@@ -1,4 +1,4 @@
-"""The cell grid and its sort against NumPy and SciPy."""
+"""Cells, their sort and their hash table against NumPy and SciPy."""
 
 import itertools
 
@@ -7,7 +7,15 @@ import pytest
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.geometry.cell_grid import bounding_box, build_cell_grids, run_in_chunks
+from mlsroad_pipeline.algorithms.geometry.cells import (
+    bounding_box,
+    build_cell_grids,
+    build_table,
+    find_key,
+    order_of_cells,
+    sort_into_cells,
+)
+from mlsroad_pipeline.algorithms.geometry.threads import run_in_chunks
 
 UTM = np.array([451_234.5, 5_412_987.25, 312.0])
 
@@ -49,3 +57,37 @@ def test_bad_input_is_named():
         build_cell_grids(np.empty((0, 3)), cell_size=1.0)
     with pytest.raises(ParameterError, match="cell_size must be"):
         build_cell_grids(np.zeros((1, 3)), cell_size=0.0)
+
+
+def test_points_are_sorted_into_the_cells_of_floor(rng):
+    local, origin = rng.normal(0.0, 2.0, (3000, 3)), np.array([583_000.3, -4_477_000.7, 12.0])
+    index = np.floor((local + origin) / 0.3).astype(np.int64)
+    cells = sort_into_cells(local, origin=origin, size=0.3)
+    distinct, first, inverse = np.unique(index, axis=0, return_index=True, return_inverse=True)
+    assert cells.packed
+    np.testing.assert_array_equal(cells.order, np.lexsort(index.T[::-1]))
+    np.testing.assert_array_equal(cells.index, distinct)
+    np.testing.assert_array_equal(cells.order[cells.starts[:-1]], first)
+    np.testing.assert_array_equal(cells.owner(), inverse.ravel())
+
+
+def test_cells_far_apart_are_sorted_without_a_packed_key(rng):
+    index = rng.integers(-(2**40), 2**40, (50, 3))
+    np.testing.assert_array_equal(order_of_cells(index), np.lexsort(index.T[::-1]))
+    cells = sort_into_cells(np.repeat(index, 2, axis=0) + 0.5, origin=np.zeros(3), size=1.0)
+    assert not cells.packed
+    np.testing.assert_array_equal(cells.index, index[np.lexsort(index.T[::-1])])
+    np.testing.assert_array_equal(cells.starts, np.arange(0, 101, 2))
+
+
+def test_no_points_have_no_cells():
+    cells = sort_into_cells(np.zeros((0, 3)), origin=np.zeros(3), size=1.0)
+    assert len(cells.order) == len(cells.index) == len(cells.owner()) == 0
+    assert cells.starts.tolist() == [0]
+
+
+def test_the_hash_table_finds_its_keys_alone(rng):
+    keys = np.unique(rng.integers(0, 2**62, 500))
+    slots, values = build_table(keys)
+    assert [find_key(slots, values, int(key)) for key in keys] == list(range(len(keys)))
+    assert find_key(slots, values, int(keys[0]) + 1) == -1
