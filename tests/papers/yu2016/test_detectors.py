@@ -132,10 +132,10 @@ def test_bad_parameters_are_named():
         HoughForestParameters(n_trees=0)
     with pytest.raises(ParameterError, match="hough_forest.cell must be a finite number > 0, got 0"):
         HoughForestParameters(cell=0)
-    with pytest.raises(ParameterError, match="object_matching.feature_share must be between 0 and 1, got 2"):
-        ObjectMatchingParameters(feature_share=2)
-    with pytest.raises(ParameterError, match="bottom_up_top_down.max_models must be at least 1, got 0"):
-        BottomUpTopDownParameters(max_models=0)
+    with pytest.raises(ParameterError, match="object_matching.least must be between 0 and 1, got 2"):
+        ObjectMatchingParameters(least=2)
+    with pytest.raises(ParameterError, match="bottom_up_top_down.candidates must be at least 1, got 0"):
+        BottomUpTopDownParameters(candidates=0)
     with pytest.raises(ParameterError, match="n_radial must be at least 2, got 1"):
         OrientedPointParameters(n_radial=1)
     with pytest.raises(DataError, match="arrays of a Hough forest lack roots"):

@@ -96,6 +96,8 @@ def _factor(gram: Tensor, coefficients: tuple[float, float, float]) -> Tensor:
     return out
 
 
+_POWER = 0.9  # exponent of the polynomial decay of the learning rate (PSPNet paper)
+_AUXILIARY_WEIGHT = 0.4  # weight of the loss of the auxiliary head (PSPNet paper)
 _BESIDE = 0.3  # ratio of the learning rate of AdamW to that of Muon
 
 
@@ -121,7 +123,7 @@ def train_network(
             pixels = network_input(images).to(chosen)
             with torch.autocast(chosen.type, torch.bfloat16, enabled=_in_bfloat16(training.precision, chosen)):
                 main, auxiliary = model(pixels)
-            loss = _loss(main.float(), auxiliary.float(), torch.from_numpy(labels).to(chosen), weights, training)
+            loss = _loss(main.float(), auxiliary.float(), torch.from_numpy(labels).to(chosen), weights)
             model.zero_grad()
             loss.backward()
             for optimiser, schedule in zip(optimisers, schedules, strict=True):
@@ -142,7 +144,7 @@ def _ahead(batches: Iterator[Batch]) -> Iterator[Batch]:
 
 def _share(step: int, training: TrainingParameters) -> float:
     """Return the learning rate of a step as a share of the highest."""
-    return min(1.0, (step + 1) / training.warm_up) * float(1 - step / training.n_steps) ** training.power
+    return min(1.0, (step + 1) / training.warm_up) * float(1 - step / training.n_steps) ** _POWER
 
 
 def _in_bfloat16(precision: str, device: torch.device) -> bool:
@@ -190,17 +192,15 @@ def _adamw(kernels: list[nn.Parameter], others: list[nn.Parameter], training: Tr
     return torch.optim.AdamW(groups, training.learning_rate, fused=True)
 
 
-def _loss(main: Tensor, auxiliary: Tensor, labels: Tensor, weights: Tensor, training: TrainingParameters) -> Tensor:
+def _loss(main: Tensor, auxiliary: Tensor, labels: Tensor, weights: Tensor) -> Tensor:
     target = _thinned(labels, main)
     main = main.contiguous()  # one plane per class, as below
     logarithms = functional.log_softmax(main, dim=1)
     loss = functional.nll_loss(logarithms, target, weights, ignore_index=-1)
-    if training.overlap_weight:
-        loss = loss + training.overlap_weight * overlap_loss(logarithms.exp(), target)
-    if training.auxiliary_weight:
-        rest = functional.cross_entropy(auxiliary, _thinned(labels, auxiliary), weights, ignore_index=-1)
-        loss = loss + training.auxiliary_weight * rest
-    return loss
+    # The soft IoU loss favours rare classes, since all classes have the same weight in the mean IoU.
+    loss = loss + overlap_loss(logarithms.exp(), target)
+    rest = functional.cross_entropy(auxiliary, _thinned(labels, auxiliary), weights, ignore_index=-1)
+    return loss + _AUXILIARY_WEIGHT * rest
 
 
 def _thinned(labels: Tensor, like: Tensor) -> Tensor:

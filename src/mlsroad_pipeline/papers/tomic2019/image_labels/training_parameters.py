@@ -35,17 +35,12 @@ class TrainingParameters:
     class_crops: float = 0.5
     # Muon converges fastest from random weights, then AdamW; the PSPNet paper uses stochastic gradient descent
     optimiser: str = "muon"
-    # Initial learning rate; it falls as (1 - step / n_steps) ** `power`. 0.005 and 0.02 score the same with muon; use
+    # Initial learning rate; it falls as (1 - step / n_steps) ** 0.9. 0.005 and 0.02 score the same with muon; use
     # 0.003 with adamw, 0.01 with sgd for pre-trained ResNets.
     learning_rate: float = 0.01
-    power: float = 0.9  # Exponent of that polynomial
     warm_up: int = 50  # Steps of linear warm-up of the learning rate
     momentum: float = 0.95  # Momentum of muon and sgd (PSPNet paper: 0.9); adamw does not use it
     weight_decay: float = 0.01  # Weight decay; larger keeps the weights smaller. 0.0001 in the PSPNet paper, with sgd.
-    auxiliary_weight: float = 0.4  # Weight of the auxiliary head's loss
-    # Weight of the soft IoU loss beside the cross entropy; 0 in the PSPNet paper. Larger favours rare classes, since
-    # all classes have the same weight in the mean IoU.
-    overlap_weight: float = 1.0
     dropout: float = 0.1  # Dropout rate of the channels of the heads
     # Exponent of the inverse class frequency in the weights of pixels; 0 is unweighted, larger favours rare classes
     class_balance: float = 0.4
@@ -67,7 +62,7 @@ class TrainingParameters:
         if not 0 < low <= high < np.inf:
             raise ParameterError(f"scale must be two numbers with 0 < least <= largest, got {self.scale!r}")
         for name in (
-            "power", "momentum", "weight_decay", "auxiliary_weight", "overlap_weight", "dropout", "class_balance"
+            "momentum", "weight_decay", "dropout", "class_balance"
         ):  # fmt: skip
             value = getattr(self, name)
             if not np.isfinite(value) or value < 0:

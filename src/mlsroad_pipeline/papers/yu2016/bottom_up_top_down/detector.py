@@ -5,7 +5,7 @@ After Patterson et al. 2008 (ECCV); `docs/methods/detection_baselines.md` lists 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Self
@@ -38,6 +38,12 @@ from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.oriented_points import (
 
 SLUG = "bottom_up_top_down"
 
+N_AZIMUTHS, N_BANDS = 36, 5  # cells of the Gaussian images in azimuth and in elevation
+LEAST_SHARES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
+"""Candidate shares of a class among the nearest spin images, from which an object is a hypothesis; training chooses."""
+EXPONENTS = (0.0, 0.5, 1.0)  # of that share, by which the overlap is multiplied; 0 is that of the paper
+MAX_MODELS = 12  # largest number of models of a class
+
 _ARRAYS = (
     "images", "image_kinds", "centres", "normals", "objects", "kinds", "least_shares", "exponents", "thresholds",
     "geometry",
@@ -54,15 +60,6 @@ class BottomUpTopDownParameters:
     max_images: int = 500
     reach: float = 0.5  # Distance beyond which points of two aligned surfaces do not overlap, metres
     n_steps: int = 2  # Corrections of the alignment by the mean offset of the nearest points
-    n_azimuths: int = 36  # Cells of the Gaussian images in azimuth
-    n_bands: int = 5  # Cells of the Gaussian images in elevation, from horizontal to vertical normals
-    # Candidate thresholds on the share of a class among the nearest spin images, from which an object is a hypothesis.
-    # The best on the training objects is used.
-    least_shares: Sequence[float] = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
-    # Candidate exponents of that share, by which the overlap is multiplied. The best is used; 0 is that of the paper,
-    # in which spin images only propose.
-    exponents: Sequence[float] = (0.0, 0.5, 1.0)
-    max_models: int = 12  # Largest number of models of a class
     candidates: int = 24  # Number of training objects of a class from which models are selected, drawn at random
     max_per_class: int = 150  # Largest number of training objects of a class for database and models
     max_others: int = 600  # Largest number of training objects of no wanted class
@@ -70,14 +67,12 @@ class BottomUpTopDownParameters:
 
     def __post_init__(self) -> None:
         parse_groups(self, surfaces=OrientedPointParameters)
-        for name in ("max_images", "n_bands", "max_models", "candidates", "max_per_class"):
+        for name in ("max_images", "candidates", "max_per_class"):
             check_at_least(getattr(self, name), 1, f"{SLUG}.{name}")
         for name in ("n_steps", "max_others"):
             if getattr(self, name) < 0:
                 raise ParameterError(f"{SLUG}.{name} must not be negative, got {getattr(self, name)!r}")
         check_positive(self.reach, f"{SLUG}.reach")
-        if not self.least_shares or not self.exponents:
-            raise ParameterError(f"{SLUG}.least_shares and {SLUG}.exponents must name at least one value")
 
 
 @dataclass(frozen=True)
@@ -174,7 +169,7 @@ def overlaps(
 
 
 def _describe(scene: PointCloud, objects: Segments, stored: Mapping[str, Any]) -> Description:
-    return describe_surfaces(scene, objects, parameters=BottomUpTopDownParameters(**stored[SLUG]).surfaces)
+    return describe_surfaces(scene, objects, parameters=OrientedPointParameters(**stored[SLUG]["surfaces"]))
 
 
 detect_scene = partial(detect_by_description, detector=BottomUpTopDown)
@@ -200,7 +195,7 @@ def fit_bottom_up_top_down(
     known = drawn[owner].astype(np.int32)
     every_share = class_shares(parts, images, image_kinds, known, n_classes=n_classes, n_threads=n_threads)
     shares = every_share[drawn]
-    geometry = np.array([p.reach, p.n_steps, p.n_azimuths, p.n_bands], dtype=np.float64)
+    geometry = np.array([p.reach, p.n_steps, N_AZIMUTHS, N_BANDS], dtype=np.float64)
     rng = np.random.default_rng(p.seed)
     models: list[NDArray[np.int64]] = []
     chosen: list[tuple[float, float, float, float]] = []
@@ -208,7 +203,7 @@ def fit_bottom_up_top_down(
         mine = examples.candidates(k, p.candidates, rng)
         every = np.ones((len(truth), len(mine)), dtype=np.bool_)
         overlap = overlaps(sample, select_objects(sample, mine), geometry, wanted=every, n_threads=n_threads)
-        queries, gate = _choose_models(overlap, shares[:, k], mine, truth == k, p)
+        queries, gate = _choose_models(overlap, shares[:, k], mine, truth == k)
         models.append(np.sort(mine[queries]))
         wanted = (every_share[:, k] >= gate[0]) & (every_share[:, k] > 0)
         pairs = np.repeat(wanted[:, None], len(queries), axis=1)
@@ -229,16 +224,16 @@ def fit_bottom_up_top_down(
 
 
 def _choose_models(
-    overlap: NDArray, share: NDArray, mine: NDArray[np.int64], truth: NDArray[np.bool_], p: BottomUpTopDownParameters
+    overlap: NDArray, share: NDArray, mine: NDArray[np.int64], truth: NDArray[np.bool_]
 ) -> tuple[list[int], tuple[float, float]]:
     """Return the models, the least share and the exponent of a class that give the best F-score."""
     best: tuple[list[int], tuple[float, float]] = ([], (0.0, 0.0))
     reached = -1.0
-    for exponent in p.exponents:
-        for least in p.least_shares:
+    for exponent in EXPONENTS:
+        for least in LEAST_SHARES:
             gate = np.where((share >= least) & (share > 0), share**exponent, 0.0)
             similarities = (overlap * gate[:, None]).T
-            queries, _, f_score = choose_queries(similarities, mine, truth, max_queries=p.max_models)
+            queries, _, f_score = choose_queries(similarities, mine, truth, max_queries=MAX_MODELS)
             if f_score > reached:
                 reached, best = f_score, (queries, (least, exponent))
     return best

@@ -6,7 +6,7 @@ After Wang et al. 2015 (JSTARS 8(4)) and Gall and Lempitsky 2009; assumptions:
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Self
@@ -33,6 +33,13 @@ from mlsroad_pipeline.papers.yu2016.hough_forest._trees import grow_tree, vote
 
 SLUG = "hough_forest"
 
+MIN_PARTS = 4  # fewest training parts in a leaf
+N_TESTS = 40  # random splits evaluated at a node; more give purer leaves and more correlated trees
+N_VOTES = 8  # largest number of offsets that a leaf stores for a class, thinned evenly
+HEIGHT_CELL = 0.5  # metres, vertical size of the cells of the vote space
+EXPONENTS = (0.0, 0.5, 1.0)  # of the number of parts that peaks are divided by; 0 gives the sum of votes, 1 their mean
+MAX_PARTS = 60  # largest number of training parts of an object
+
 _FOREST = (
     "roots", "feature", "threshold", "left", "leaf_roots", "shares", "vote_starts", "votes",
 )  # fmt: skip
@@ -50,31 +57,19 @@ class HoughForestParameters:
     regions: RegionParameters = field(default_factory=_coarse_regions)
     n_trees: int = 24  # Number of trees. More give smoother votes and cost time.
     max_depth: int = 14  # Greatest depth of a tree
-    min_parts: int = 4  # Fewest training parts in a leaf
-    # Random splits evaluated at a node, of which the best is used. More give purer leaves and more correlated trees.
-    n_tests: int = 40
-    n_votes: int = 8  # Largest number of offsets that a leaf stores for a class, thinned evenly
     # Horizontal size of the cells of the vote space, metres. Smaller separates centres, and scatters votes.
     cell: float = 0.2
-    height_cell: float = 0.5  # Their vertical size, metres
-    # Candidate exponents of the number of voting parts that peaks are divided by; the best on the training objects is
-    # used. 0 gives the sum of votes, 1 their mean.
-    exponents: Sequence[float] = (0.0, 0.5, 1.0)
     max_per_class: int = 400  # Largest number of training objects of a class for the trees
     max_others: int = 1200  # Largest number of training objects of no wanted class
-    max_parts: int = 60  # Largest number of training parts of an object
     seed: int = 2016  # Seed of samples and splits
 
     def __post_init__(self) -> None:
         parse_groups(self, regions=RegionParameters)
-        for name in ("n_trees", "max_depth", "min_parts", "n_tests", "n_votes", "max_per_class", "max_parts"):
+        for name in ("n_trees", "max_depth", "max_per_class"):
             check_at_least(getattr(self, name), 1, f"{SLUG}.{name}")
         if self.max_others < 0:
             raise ParameterError(f"{SLUG}.max_others must not be negative, got {self.max_others!r}")
-        for name in ("cell", "height_cell"):
-            check_positive(getattr(self, name), f"{SLUG}.{name}")
-        if not self.exponents:
-            raise ParameterError(f"{SLUG}.exponents must name at least one power")
+        check_positive(self.cell, f"{SLUG}.cell")
 
 
 @dataclass(frozen=True)
@@ -146,7 +141,7 @@ def offsets_to_centre(parts: Description) -> NDArray[np.float64]:
 
 
 def _describe(scene: PointCloud, objects: Segments, stored: Mapping[str, Any]) -> Description:
-    return describe_parts(scene, objects, parameters=HoughForestParameters(**stored[SLUG]).regions)
+    return describe_parts(scene, objects, parameters=RegionParameters(**stored[SLUG]["regions"]))
 
 
 detect_scene = partial(detect_by_description, detector=HoughForest)
@@ -172,7 +167,7 @@ def fit_hough_forest(objects: TrainingObjects, parameters: HoughForestParameters
         for kind in np.unique(kinds):
             mine = np.flatnonzero(kinds == kind)
             seen[t, rng.choice(mine, len(mine))] = True
-        rows = _rows_of(sample, seen[t], place, p.max_parts)
+        rows = _rows_of(sample, seen[t], place, MAX_PARTS)
         trees.append(_tree(columns, rows, n_classes, p, rng))
     forest = HoughForest(_joined(trees, p), np.zeros(n_classes), np.zeros(n_classes), intensity)
     # Thresholds are chosen on all objects, see `TrainingObjects.sample`.
@@ -180,7 +175,7 @@ def fit_hough_forest(objects: TrainingObjects, parameters: HoughForestParameters
     unseen[:, drawn] = ~seen
     peaks = forest.peaks(parts, unseen, n_threads=n_threads)
     n_parts = np.maximum(np.diff(object_bounds(parts)), 1)
-    return _with_thresholds(forest, peaks, n_parts, labels, weights, p)
+    return _with_thresholds(forest, peaks, n_parts, labels, weights)
 
 
 def _rows_of(sample: Description, seen: NDArray[np.bool_], place: NDArray[np.int64], most: int) -> NDArray[np.int64]:
@@ -201,7 +196,7 @@ def _tree(
     features, labels, offsets = columns
     counts = np.bincount(labels[rows], minlength=n + 1)
     weights = (1.0 / np.maximum(counts, 1))[labels] * len(rows)  # all classes have equal weight
-    grown = grow_tree(features, labels, offsets, weights, rows, n + 1, p.max_depth, p.min_parts, p.n_tests, rng)
+    grown = grow_tree(features, labels, offsets, weights, rows, n + 1, p.max_depth, MIN_PARTS, N_TESTS, rng)
     feature, threshold, left, starts, by_leaf = grown
     shares = np.zeros((len(starts) - 1, n + 1))
     leaf = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
@@ -214,9 +209,9 @@ def _tree(
     cell = leaf[order] * n + labels[by_leaf[order]]
     first = np.searchsorted(cell, np.arange(len(shares) * n + 1))
     size = np.diff(first)[cell]
-    # Thin the votes of a leaf evenly to `n_votes`.
+    # Thin the votes of a leaf evenly to `N_VOTES`.
     rank = np.arange(len(cell)) - first[cell]
-    kept = (size <= p.n_votes) | ((rank + 1) * p.n_votes // size > rank * p.n_votes // size)
+    kept = (size <= N_VOTES) | ((rank + 1) * N_VOTES // size > rank * N_VOTES // size)
     starts_kept = np.concatenate([[0], np.cumsum(np.bincount(cell[kept], minlength=len(shares) * n))])
     return {
         "feature": feature, "threshold": threshold, "left": left, "shares": shares[:, :n].astype(np.float32),
@@ -232,24 +227,18 @@ def _joined(trees: list[dict[str, NDArray]], p: HoughForestParameters) -> dict[s
     joined["leaf_roots"] = np.cumsum([0, *(len(t["shares"]) for t in trees)])
     sizes = np.concatenate([np.diff(t["vote_starts"]) for t in trees])
     joined["vote_starts"] = np.concatenate([[0], np.cumsum(sizes)])
-    joined["cells"] = np.array([p.cell, p.height_cell])
+    joined["cells"] = np.array([p.cell, HEIGHT_CELL])
     return joined
 
 
 def _with_thresholds(
-    forest: HoughForest,
-    peaks: NDArray,
-    n_parts: NDArray,
-    labels: NDArray,
-    weights: NDArray[np.float64] | None,
-    p: HoughForestParameters,
+    forest: HoughForest, peaks: NDArray, n_parts: NDArray, labels: NDArray, weights: NDArray[np.float64] | None
 ) -> tuple[HoughForest, dict[str, Any]]:
     """Choose exponent and threshold of each class by the F-score."""
     exponents, thresholds, reached = [], [], []
     for k in range(len(forest.thresholds)):
         trials = [
-            (*best_threshold((peaks[:, k] / n_parts**e).astype(np.float32), labels == k, weights), e)
-            for e in p.exponents
+            (*best_threshold((peaks[:, k] / n_parts**e).astype(np.float32), labels == k, weights), e) for e in EXPONENTS
         ]
         f_score, threshold, exponent = trials[int(np.argmax([trial[0] for trial in trials]))]
         reached.append(f_score)

@@ -34,6 +34,10 @@ from mlsroad_pipeline.papers.yu2016.object_matching._correspondence import match
 
 SLUG = "object_matching"
 
+FEATURE_SHARE = 0.5  # weight of the dissimilarity of features; the rest is that of the geometric distance
+N_NEIGHBORS = 6  # feature points in an affine combination
+N_SWEEPS = 2  # iterations of the correspondences after the first
+
 _ARRAYS = ("descriptors", "centres", "objects", "kinds", "thresholds", "geometry")
 
 
@@ -48,13 +52,9 @@ class ObjectMatchingParameters:
     # Supervoxels and their neighbourhoods, the feature points that are matched. The time grows with the square of their
     # number.
     regions: RegionParameters = field(default_factory=_coarse_regions)
-    # Weight of the dissimilarity of features, 0 to 1; the remaining weight is that of the geometric distance
-    feature_share: float = 0.5
     reach: float = 1.0  # Distance at which the geometric cost of a feature point reaches its maximum, metres
     limit: float = 0.4  # Cost of an unmatched feature point; pairs of higher cost are not matched
-    n_neighbors: int = 6  # Feature points in an affine combination
     n_turns: int = 12  # Number of rotations about the vertical that are evaluated
-    n_sweeps: int = 2  # Iterations of the correspondences after the first
     least: float = 0.2  # Least ratio of the numbers of parts of candidate and prototype; below it the similarity is 0
     max_prototypes: int = 12  # Largest number of prototypes of a class
     candidates: int = 24  # Number of training objects of a class from which prototypes are selected, drawn at random
@@ -64,16 +64,14 @@ class ObjectMatchingParameters:
 
     def __post_init__(self) -> None:
         parse_groups(self, regions=RegionParameters)
-        for name in ("n_neighbors", "n_turns", "max_prototypes", "candidates", "max_per_class"):
+        for name in ("n_turns", "max_prototypes", "candidates", "max_per_class"):
             check_at_least(getattr(self, name), 1, f"{SLUG}.{name}")
-        for name in ("n_sweeps", "max_others"):
-            if getattr(self, name) < 0:
-                raise ParameterError(f"{SLUG}.{name} must not be negative, got {getattr(self, name)!r}")
+        if self.max_others < 0:
+            raise ParameterError(f"{SLUG}.max_others must not be negative, got {self.max_others!r}")
         for name in ("reach", "limit"):
             check_positive(getattr(self, name), f"{SLUG}.{name}")
-        for name in ("feature_share", "least"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ParameterError(f"{SLUG}.{name} must be between 0 and 1, got {getattr(self, name)!r}")
+        if not 0 <= self.least <= 1:
+            raise ParameterError(f"{SLUG}.least must be between 0 and 1, got {self.least!r}")
 
 
 @dataclass(frozen=True)
@@ -156,7 +154,7 @@ def object_similarity(
 
 
 def _describe(scene: PointCloud, objects: Segments, stored: Mapping[str, Any]) -> Description:
-    return describe_parts(scene, objects, parameters=ObjectMatchingParameters(**stored[SLUG]).regions)
+    return describe_parts(scene, objects, parameters=RegionParameters(**stored[SLUG]["regions"]))
 
 
 detect_scene = partial(detect_by_description, detector=ObjectMatcher)
@@ -173,7 +171,7 @@ def fit_object_matching(
     p = parameters
     parts, labels, n_classes, intensity, weights, n_threads = objects
     drawn, sample, truth = examples = objects.sample(p)
-    geometry = np.array([p.feature_share, p.reach, p.limit, p.n_neighbors, p.n_turns, p.n_sweeps, p.least])
+    geometry = np.array([FEATURE_SHARE, p.reach, p.limit, N_NEIGHBORS, p.n_turns, N_SWEEPS, p.least])
     rng = np.random.default_rng(p.seed)
     chosen: list[NDArray[np.int64]] = []
     thresholds, reached = [], []
