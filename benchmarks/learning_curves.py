@@ -58,8 +58,8 @@ from mlsroad_pipeline.execution.store import SceneStore
 from mlsroad_pipeline.model_store.bundle_files import load_bundle, save_bundle
 from mlsroad_pipeline.model_store.replay import read_replay
 from mlsroad_pipeline.model_store.shipped_models import load_shipped
+from mlsroad_pipeline.papers.comparison.recordings.parameters import Source, sources_of
 from mlsroad_pipeline.papers.comparison.recordings.scoring import unmixed
-from mlsroad_pipeline.papers.comparison.recordings.sources import Source, sources_of
 from mlsroad_pipeline.pipelines.boosted_trees import load_lightgbm
 
 SCENES = "data/03_primary/recordings/recordings_study/scenes"

@@ -17,8 +17,7 @@ from sklearn.metrics import f1_score
 
 from mlsroad_pipeline.algorithms.core.classes import find_scheme
 from mlsroad_pipeline.algorithms.models.methods import METHODS
-from mlsroad_pipeline.papers.shared.recognition.object_files import find_folds, listed_files, read_fold
-from mlsroad_pipeline.papers.shared.recognition.object_set import ObjectSet
+from mlsroad_pipeline.papers.shared.recognition.object_set import ObjectSet, find_folds, listed_files, read_fold
 from mlsroad_pipeline.papers.shared.recognition.recogniser import make_recogniser
 
 

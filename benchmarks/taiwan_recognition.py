@@ -21,7 +21,7 @@ from sydney_recognition import parameters_of
 from mlsroad_pipeline.algorithms.core.classes import find_scheme
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
-from mlsroad_pipeline.papers.luo2019.study.parameters import BASELINES
+from mlsroad_pipeline.papers.luo2019.study.plan import BASELINES
 from mlsroad_pipeline.papers.luo2019.study.sets import thin
 from mlsroad_pipeline.papers.shared.recognition.object_set import ObjectSet
 from mlsroad_pipeline.papers.shared.recognition.recogniser import make_recogniser, probabilities

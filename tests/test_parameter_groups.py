@@ -21,14 +21,14 @@ from mlsroad_pipeline.algorithms.segmentation.yang_dong import YangDongParameter
 from mlsroad_pipeline.label.object_scoring import ScoreParameters
 from mlsroad_pipeline.model_store.shipped_entry import ShippedParameters
 from mlsroad_pipeline.papers.comparison.recordings.parameters import StudyParameters as RecordingsStudyParameters
-from mlsroad_pipeline.papers.luo2016.study.parameters import StudyParameters
-from mlsroad_pipeline.papers.luo2019.study.parameters import StudyParameters as Luo2019StudyParameters
-from mlsroad_pipeline.papers.luo2019.study.set_parameters import SimulatedObjectsParameters
+from mlsroad_pipeline.papers.luo2016.study.plan import StudyParameters
+from mlsroad_pipeline.papers.luo2019.study.plan import StudyParameters as Luo2019StudyParameters
+from mlsroad_pipeline.papers.luo2019.study.sets import SimulatedObjectsParameters
 from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters
 from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
 from mlsroad_pipeline.papers.shared.recognition.cutting import RecognitionParameters
 from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import TrainingParameters
-from mlsroad_pipeline.papers.tomic2019.study.parameters import StudyParameters as Tomic2019StudyParameters
+from mlsroad_pipeline.papers.tomic2019.study.plan import StudyParameters as Tomic2019StudyParameters
 from mlsroad_pipeline.papers.yu2016.study.parameters import StudyParameters as Yu2016StudyParameters
 from mlsroad_pipeline.surveys.inspection import InspectParameters
 from mlsroad_pipeline.surveys.parameters import LabelParameters, SurveyParameters

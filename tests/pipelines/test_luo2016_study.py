@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from helpers.wiring import make_project, run, stage_counts, tracked_runs
 
-from mlsroad_pipeline.papers.luo2016.study.parameters import METHODS
+from mlsroad_pipeline.papers.luo2016.study.runs import METHODS
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 

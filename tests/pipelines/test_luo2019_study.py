@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from helpers.wiring import make_project, run
 
-from mlsroad_pipeline.papers.luo2019.study.parameters import METHODS
+from mlsroad_pipeline.papers.luo2019.study.plan import METHODS
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 

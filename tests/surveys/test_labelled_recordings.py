@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.algorithms.scenes.parts import TEST, TRAIN, Pose
-from mlsroad_pipeline.papers.comparison.recordings.sources import Source, sources_of
+from mlsroad_pipeline.papers.comparison.recordings.parameters import Source, sources_of
 from mlsroad_pipeline.surveys.recordings import read_scene
 
 CONFIG = read_yaml(CONF / "recordings/parameters.yml")["recordings_study"]

@@ -10,8 +10,7 @@ from kedro.pipeline import Node, Pipeline
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
-from mlsroad_pipeline.papers.shared.patches.labelled_patches import label_patches_along
-from mlsroad_pipeline.papers.shared.patches.labelling import build_patches
+from mlsroad_pipeline.papers.shared.patches.labelling import build_patches, label_patches_along
 from mlsroad_pipeline.pipelines.per_scene import PerScene
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.surveys.parameters import SurveyParameters

@@ -13,7 +13,7 @@ from mlsroad_pipeline.algorithms.models.methods import methods_of
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
 from mlsroad_pipeline.papers.shared.recognition.cutting import RecognitionParameters, cut_objects
-from mlsroad_pipeline.papers.shared.recognition.object_files import find_folds, listed_files, read_fold
+from mlsroad_pipeline.papers.shared.recognition.object_set import find_folds, listed_files, read_fold
 from mlsroad_pipeline.papers.shared.recognition.scores import score_recognitions
 from mlsroad_pipeline.pipelines.compare import compare_methods
 from mlsroad_pipeline.pipelines.per_scene import PerScene, fix_arguments

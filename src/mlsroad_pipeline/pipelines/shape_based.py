@@ -7,8 +7,7 @@ from kedro.pipeline import Node, Pipeline
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.papers.luo2016.shape_based.labeller import ShapeParameters, label_objects
-from mlsroad_pipeline.papers.luo2016.shape_based.training import fit, training_objects
+from mlsroad_pipeline.papers.luo2016.shape_based.labeller import ShapeParameters, fit, label_objects, training_objects
 from mlsroad_pipeline.pipelines.patch_labellers import TrainingScenes, gathering
 from mlsroad_pipeline.pipelines.per_scene import PerScene
 from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys

@@ -14,9 +14,9 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
-from mlsroad_pipeline.papers.luo2019.study.paper import OBJECTS
-from mlsroad_pipeline.papers.luo2019.study.set_parameters import SimulatedObjectsParameters
 from mlsroad_pipeline.papers.luo2019.study.sets import (
+    OBJECTS,
+    SimulatedObjectsParameters,
     SplitKey,
     composition_table,
     cut_street,

@@ -13,8 +13,7 @@ from mlsroad_pipeline.model_store.bundle_files import load_bundle, save_bundle
 from mlsroad_pipeline.papers.luo2016.patch_forest import classifier as patch_forest
 from mlsroad_pipeline.papers.luo2016.patch_forest.classifier import PatchForest, PatchForestParameters
 from mlsroad_pipeline.papers.luo2016.patch_svm import classifier as patch_svm
-from mlsroad_pipeline.papers.luo2016.patch_svm.classifier import PatchSvm, PatchSvmParameters
-from mlsroad_pipeline.papers.luo2016.patch_svm.training import fit_patch_svm
+from mlsroad_pipeline.papers.luo2016.patch_svm.classifier import PatchSvm, PatchSvmParameters, fit_patch_svm
 from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
 from mlsroad_pipeline.papers.shared.patches.features import COLOURED, GEOMETRY, draw_training_patches, patch_features
 from mlsroad_pipeline.papers.shared.patches.labelling import build_patches, label_patch_scene, label_patches

@@ -186,7 +186,7 @@ _TABLE = (
     ),
     Method(
         "patch_svm", "labelling", "papers.luo2016.patch_svm", ".classifier:PatchSvmParameters", ".classifier:PatchSvm",
-        ".training:train", ".classifier:label_cloud",
+        ".classifier:train", ".classifier:label_cloud",
     ),
     Method(
         "patch_forest", "labelling", "papers.luo2016.patch_forest", ".classifier:PatchForestParameters",
@@ -195,11 +195,11 @@ _TABLE = (
     Method(
         "shape_based", "labelling", "papers.luo2016.shape_based",
         ".labeller:ShapeParameters", ".labeller:label_objects",
-        ".training:fit", ".labeller:label_cloud",
+        ".labeller:fit", ".labeller:label_cloud",
     ),
     Method(
-        "max_margin_markov", "labelling", "papers.luo2016.max_margin_markov", ".training:MarginParameters",
-        ".classifier:MaxMarginMarkov", ".training:train", ".classifier:label_cloud",
+        "max_margin_markov", "labelling", "papers.luo2016.max_margin_markov", ".classifier:MarginParameters",
+        ".classifier:MaxMarginMarkov", ".classifier:train", ".classifier:label_cloud",
     ),
     Method(
         "superpoint_transformer", "labelling", "algorithms.models.superpoint_transformer",

@@ -8,10 +8,9 @@ from helpers.conf import base
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.models.methods import METHODS, methods_of
-from mlsroad_pipeline.papers.comparison.recordings.parameters import PROTOCOLS, SHIPPED, StudyParameters
+from mlsroad_pipeline.papers.comparison.recordings.parameters import PROTOCOLS, SHIPPED, StudyParameters, sources_of
 from mlsroad_pipeline.papers.comparison.recordings.plan import Run, StudyPlan, model_key
 from mlsroad_pipeline.papers.comparison.recordings.preparation import preparation_of
-from mlsroad_pipeline.papers.comparison.recordings.sources import sources_of
 
 FIELDS = {"title": "T", "coding": "oakland", "classes": ["ground"], "scanner": "s", "licence": "l"}
 TOY = {

@@ -8,13 +8,12 @@ from helpers.conf import base
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.papers.comparison.recordings.parameters import StudyParameters
+from mlsroad_pipeline.papers.comparison.recordings.parameters import StudyParameters, sources_of
 from mlsroad_pipeline.papers.comparison.recordings.plan import Run, StudyPlan
 from mlsroad_pipeline.papers.comparison.recordings.preparation import labelled_for
 from mlsroad_pipeline.papers.comparison.recordings.report import markdown_tables, summary
 from mlsroad_pipeline.papers.comparison.recordings.results import shown_rows, study_tables
 from mlsroad_pipeline.papers.comparison.recordings.scoring import score_points, unmixed
-from mlsroad_pipeline.papers.comparison.recordings.sources import sources_of
 from mlsroad_pipeline.papers.comparison.recordings.training import model_arrays, stored_model
 
 SCHEME = ClassScheme.from_config("common", base("classes")["schemes"]["common"])
@@ -76,7 +75,7 @@ def test_means_are_over_the_classes_of_the_recording_that_have_points(plan):
     truth = [GROUND] * 4 + [BUILDING] * 4 + [POLE] * 2 + [VEGETATION] * 4  # vegetation is no class of the recording
     label = [GROUND] * 4 + [BUILDING] * 2 + [GROUND] * 2 + [POLE] * 2 + [VEGETATION] * 4
     tables = study_tables(plan, {"general.shipped.toy": result(truth, label, [0.5] * 14)}, {"sparse.shipped": {}})
-    row = tables.benchmark.iloc[0]
+    row = tables["benchmark"].iloc[0]
     assert row["iou_ground"] == pytest.approx(4 / 6)
     assert row["iou_building"] == pytest.approx(2 / 4)
     assert "iou_pole" not in row  # 2 points, at least 3
@@ -84,9 +83,9 @@ def test_means_are_over_the_classes_of_the_recording_that_have_points(plan):
     assert row["overall_accuracy"] == pytest.approx(12 / 14)
     assert row["calibration_error"] == pytest.approx(12 / 14 - 0.5)
     assert row["cpu_seconds_per_million"] == pytest.approx(2e6 / 14)
-    scores = tables.scores.set_index(["split", "class", "metric"])["value"]
+    scores = tables["scores"].set_index(["split", "class", "metric"])["value"]
     assert scores["toy_shipped_all", "all", "mean_iou"] == pytest.approx(row["mean_iou"])
-    assert len(tables.reliability) == 30
+    assert len(tables["reliability"]) == 30
 
 
 def test_reports_show_the_test_part_only_of_runs_that_saw_the_rest(plan):
@@ -94,13 +93,13 @@ def test_reports_show_the_test_part_only_of_runs_that_saw_the_rest(plan):
     found = result(truth, truth, [0.9] * 8)
     results = {"general.shipped.toy": found, "patch_svm.own.toy": {k: v for k, v in found.items() if k != "all"}}
     tables = study_tables(plan, results, {"patch_svm.own.toy": {"cpu_seconds": np.array(7.0)}})
-    shown = shown_rows(tables.benchmark)
+    shown = shown_rows(tables["benchmark"])
     assert list(zip(shown["method"], shown["part"], strict=True)) == [("general", "all"), ("patch_svm", "test")]
     assert shown["train_cpu_seconds"].tolist()[1] == 7.0
-    text = markdown_tables(plan, tables.benchmark)
+    text = markdown_tables(plan, tables["benchmark"])
     assert "| general | shipped | 1.00 |" in text
     assert "**Toy** (S, L)" in text
-    told = summary(plan, tables.benchmark)
+    told = summary(plan, tables["benchmark"])
     assert len(told["runs"]) == 3
     assert told["sources"]["toy"]["classes"] == ["ground", "building", "pole"]
     assert pd.DataFrame(told["runs"])["mean_iou"].tolist() == [1.0, 1.0, 1.0]

@@ -7,11 +7,18 @@ import pytest
 from sklearn.cluster import KMeans
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.papers.luo2016.max_margin_markov.boosted_trees import BoostedTrees
-from mlsroad_pipeline.papers.luo2016.max_margin_markov.classifier import MaxMarginMarkov
-from mlsroad_pipeline.papers.luo2016.max_margin_markov.graph import build_markov_graph, kmeans_labels
-from mlsroad_pipeline.papers.luo2016.max_margin_markov.network import MarkovNetwork, clique_shares
-from mlsroad_pipeline.papers.luo2016.max_margin_markov.training import MarginParameters, fit_max_margin
+from mlsroad_pipeline.papers.luo2016.max_margin_markov.classifier import (
+    MarginParameters,
+    MaxMarginMarkov,
+    fit_max_margin,
+)
+from mlsroad_pipeline.papers.luo2016.max_margin_markov.network import (
+    BoostedTrees,
+    MarkovNetwork,
+    build_markov_graph,
+    clique_shares,
+    kmeans_labels,
+)
 from mlsroad_pipeline.papers.shared.patches.table import Patches, join_patches
 
 QUICK = MarginParameters(n_rounds=15, site_depth=4, batch_patches=1000, fit_rows=2000)

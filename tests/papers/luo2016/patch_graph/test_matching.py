@@ -7,11 +7,10 @@ import pytest
 from references.patch_graph import all_costs, match_cost, optimal_costs, planted_patches
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.papers.luo2016.patch_graph.costs import CostWeights
-from mlsroad_pipeline.papers.luo2016.patch_graph.exhaustive import NodeChooser, minority_classes
+from mlsroad_pipeline.papers.luo2016.patch_graph.costs import CostWeights, build_patch_index
 from mlsroad_pipeline.papers.luo2016.patch_graph.iterations import SearchParameters
 from mlsroad_pipeline.papers.luo2016.patch_graph.matching import build_match_graph
-from mlsroad_pipeline.papers.luo2016.patch_graph.patch_index import build_patch_index
+from mlsroad_pipeline.papers.luo2016.patch_graph.search import NodeChooser, minority_classes
 
 MOVES_ALONE = SearchParameters(exhaustive_budget=0, n_costly=0, minority_share=0.0, n_probes=0)
 PAPER = SearchParameters(exhaustive_budget=0, tolerance=0.0, promise=float("inf"), n_probes=0)

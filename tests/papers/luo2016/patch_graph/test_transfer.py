@@ -7,24 +7,28 @@ import pytest
 from references.patch_graph import all_costs, field_energy, lowest_energy, optimal_costs, planted_patches
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import PatchGraphClassifier, PatchGraphParameters
+from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import (
+    PatchGraphClassifier,
+    PatchGraphParameters,
+    cut_scenes,
+    thin_scenes,
+)
 from mlsroad_pipeline.papers.luo2016.patch_graph.costs import CostWeights
-from mlsroad_pipeline.papers.luo2016.patch_graph.cross_validation import label_held_out
 from mlsroad_pipeline.papers.luo2016.patch_graph.iterations import SearchParameters
-from mlsroad_pipeline.papers.luo2016.patch_graph.object_cliques import GroundClasses
 from mlsroad_pipeline.papers.luo2016.patch_graph.refined_classifier import (
     GridParameters,
     RefinedPatchGraphClassifier,
+    label_held_out,
     refine_classifier,
 )
 from mlsroad_pipeline.papers.luo2016.patch_graph.refinement import (
+    GroundClasses,
     RefinementParameters,
     ValidationScene,
     choose_parameters,
     edge_weights,
     refine,
 )
-from mlsroad_pipeline.papers.luo2016.patch_graph.training_scenes import cut_scenes, thin_scenes
 from mlsroad_pipeline.papers.luo2016.patch_graph.transfer import class_probabilities, match_patches, train_graph
 
 NO_EDGES = np.empty((0, 2), np.int32)

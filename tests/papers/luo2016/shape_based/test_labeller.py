@@ -9,9 +9,11 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.papers.luo2016.shape_based.cutting import (
+    SPIN_HEIGHTS,
     CutGraph,
     CutParameters,
     cut_out,
+    describe_objects,
     link_sites,
     locate,
     segment_objects,
@@ -19,11 +21,11 @@ from mlsroad_pipeline.papers.luo2016.shape_based.cutting import (
 from mlsroad_pipeline.papers.luo2016.shape_based.labeller import (
     ShapeParameters,
     build_objects,
+    fit,
     label_cloud,
     label_objects,
+    training_objects,
 )
-from mlsroad_pipeline.papers.luo2016.shape_based.shape import SPIN_HEIGHTS, describe_objects
-from mlsroad_pipeline.papers.luo2016.shape_based.training import fit, training_objects
 from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
 from mlsroad_pipeline.papers.shared.patches.labelling import build_patches
 from mlsroad_pipeline.papers.shared.patches.types import PatchStages

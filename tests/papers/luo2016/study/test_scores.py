@@ -10,13 +10,12 @@ from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import PatchGraphParameters
-from mlsroad_pipeline.papers.luo2016.study.objects import count_street
-from mlsroad_pipeline.papers.luo2016.study.paper import CLASSES, OBJECTS, paper_scores
-from mlsroad_pipeline.papers.luo2016.study.parameters import StudyParameters, StudyScale
-from mlsroad_pipeline.papers.luo2016.study.report import wide_table
-from mlsroad_pipeline.papers.luo2016.study.results import by_step, scores_frame, table_one
+from mlsroad_pipeline.papers.luo2016.study.plan import StudyParameters, StudyScale
+from mlsroad_pipeline.papers.luo2016.study.runs import count_street
 from mlsroad_pipeline.papers.luo2016.study.scores import (
+    CLASSES,
     MEANS,
+    OBJECTS,
     all_pairs,
     paired_differences,
     repetition_scores,
@@ -24,8 +23,10 @@ from mlsroad_pipeline.papers.luo2016.study.scores import (
     table_three,
     times_table,
 )
+from mlsroad_pipeline.papers.luo2016.study.study import by_step, scores_frame, table_one, wide_table
 from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
 from mlsroad_pipeline.papers.shared.studies.parameters import changed
+from mlsroad_pipeline.papers.shared.studies.tables import paper_table
 
 ALL = (*CLASSES, "other")
 N = len(ALL)
@@ -170,11 +171,10 @@ PRINTED = {  # the column "average" of Table III; its precision is recall and th
 
 @pytest.mark.parametrize("method", PRINTED)
 def test_transcribed_figures_have_the_averages_that_the_paper_prints(method):
-    table = paper_scores()
-    mine = table[table["method"] == method]
+    table = paper_table("luo2016", "table_3")
+    wide = table[table["method"] == method].drop(columns="method").set_index("metric").T.dropna()
     for metric, printed in zip(("recall", "precision", "f1"), PRINTED[method], strict=True):
-        assert mine[mine["metric"] == metric]["paper"].mean() == pytest.approx(printed, abs=0.0015)
-    wide = mine.pivot(index="class", columns="metric", values="paper").dropna()
+        assert wide[metric].mean() == pytest.approx(printed, abs=0.0015)
     harmonic = 2 * wide["precision"] * wide["recall"] / (wide["precision"] + wide["recall"])
     assert np.abs(harmonic - wide["f1"]).max() < 0.0025
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from sklearn.metrics import f1_score
 
-from mlsroad_pipeline.papers.luo2019.study.parameters import CLEAN, METHODS
-from mlsroad_pipeline.papers.luo2019.study.plan import MAIN, SYDNEY, UNDISTURBED, StudyRun
+from mlsroad_pipeline.papers.luo2019.study.plan import CLEAN, MAIN, METHODS, SYDNEY, UNDISTURBED, StudyRun
 from mlsroad_pipeline.papers.luo2019.study.results import _Tables
 
 

@@ -12,17 +12,14 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
-from mlsroad_pipeline.papers.luo2019.study import paper as luo2019_paper
 from mlsroad_pipeline.papers.luo2019.study import scores as luo2019
 from mlsroad_pipeline.papers.luo2019.study import sets as luo2019_sets
-from mlsroad_pipeline.papers.luo2019.study.parameters import StudyScale
+from mlsroad_pipeline.papers.luo2019.study.plan import StudyScale
 from mlsroad_pipeline.papers.luo2019.study.runs import disturb_objects, mislabel
-from mlsroad_pipeline.papers.luo2019.study.set_parameters import (
+from mlsroad_pipeline.papers.luo2019.study.sets import (
     CutParameters,
     ObjectSetParameters,
     SimulatedObjectsParameters,
-)
-from mlsroad_pipeline.papers.luo2019.study.sets import (
     SplitKey,
     composition_table,
     draw_split,
@@ -32,6 +29,7 @@ from mlsroad_pipeline.papers.luo2019.study.sets import (
 )
 from mlsroad_pipeline.papers.shared.recognition.disturbances import Disturbance
 from mlsroad_pipeline.papers.shared.recognition.object_set import ObjectSet
+from mlsroad_pipeline.papers.shared.studies.tables import paper_table
 from mlsroad_pipeline.simulation.parameters.presets import PRESETS
 
 CUT = CutParameters(min_points=5, purity=0.8, completeness=0.5, max_points=40, segmentation="yang_dong", reach=25.0)
@@ -104,8 +102,8 @@ def test_streets_are_in_one_split_alone():
 
 def test_a_split_has_the_papers_imbalance_as_far_as_there_are_objects(rng):
     members = ("car", "light_pole", "person", "gantry", "traffic_sign", "tree")
-    classes = zip(luo2019_paper.OBJECTS["smd6"], members, strict=True)
-    scheme = ClassScheme("smd6", tuple(luo2019_paper.OBJECTS["smd6"]), tuple((m,) for _, m in classes), (), (1,) * 6)
+    classes = zip(luo2019_sets.OBJECTS["smd6"], members, strict=True)
+    scheme = ClassScheme("smd6", tuple(luo2019_sets.OBJECTS["smd6"]), tuple((m,) for _, m in classes), (), (1,) * 6)
     wanted = wanted_objects("smd6", ObjectSetParameters(0.01, {}, 1, 3), scheme)["train"]
     assert wanted == {0: 9, 1: 17, 2: 5, 3: 6, 4: 21, 5: 8}
     streets = {}
@@ -190,9 +188,9 @@ def test_an_object_is_disturbed_the_same_whatever_stands_behind_it(rng):
 
 
 def test_the_papers_sets_have_the_sizes_that_it_tells():
-    assert sum(luo2019_paper.OBJECTS["hdr9"].values()) == 22652
-    assert sum(luo2019_paper.OBJECTS["smd6"].values()) == 9493
-    two = luo2019_paper.table_two()
+    assert sum(luo2019_sets.OBJECTS["hdr9"].values()) == 22652
+    assert sum(luo2019_sets.OBJECTS["smd6"].values()) == 9493
+    two = paper_table("luo2019", "table_2")
     assert two.loc[two["method"] == "jointnet", "paper_f1"].round(3).tolist() == [0.958, 0.923, 0.707]
 
 

@@ -11,17 +11,17 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.algorithms.stages import find_ground
-from mlsroad_pipeline.papers.luo2016.max_margin_markov.training import MarginParameters
-from mlsroad_pipeline.papers.luo2016.max_margin_markov.training import train as train_network
+from mlsroad_pipeline.papers.luo2016.max_margin_markov.classifier import MarginParameters
+from mlsroad_pipeline.papers.luo2016.max_margin_markov.classifier import train as train_network
 from mlsroad_pipeline.papers.luo2016.patch_forest import classifier as patch_forest
 from mlsroad_pipeline.papers.luo2016.patch_forest.classifier import PatchForestParameters
 from mlsroad_pipeline.papers.luo2016.patch_graph import labeller
 from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import PatchGraphParameters
 from mlsroad_pipeline.papers.luo2016.patch_graph.refined_classifier import GridParameters
-from mlsroad_pipeline.papers.luo2016.patch_svm import training as patch_svm_training
+from mlsroad_pipeline.papers.luo2016.patch_svm import classifier as patch_svm_training
 from mlsroad_pipeline.papers.luo2016.patch_svm.classifier import PatchSvmParameters
 from mlsroad_pipeline.papers.luo2016.shape_based import labeller as shape_based
-from mlsroad_pipeline.papers.luo2016.shape_based import training as shape_training
+from mlsroad_pipeline.papers.luo2016.shape_based import labeller as shape_training
 from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
 from mlsroad_pipeline.papers.shared.patches.labelling import label_patches
 from mlsroad_pipeline.papers.shared.patches.training import PatchTraining, join_training_scenes, number_surveys

@@ -11,7 +11,8 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.papers.shared.studies.figures import draw_bars, draw_curves, draw_lines, draw_panels, name_axes
 from mlsroad_pipeline.papers.shared.studies.parameters import chosen_scale
 from mlsroad_pipeline.papers.shared.studies.streets import timed
-from mlsroad_pipeline.papers.shared.studies.tables import Tables, mean_and_spread, paired_interval
+from mlsroad_pipeline.papers.shared.studies.study import Shown, Study
+from mlsroad_pipeline.papers.shared.studies.tables import mean_and_spread, paired_interval
 
 
 def test_interval_is_that_of_the_paired_t_test_over_what_is_defined():
@@ -39,13 +40,12 @@ def test_mean_and_spread_by_hand():
 
 
 @dataclass(frozen=True)
-class Two(Tables):
+class Two:
     first: int
     second: int
 
 
-def test_tables_are_in_the_order_of_their_names():
-    assert Two.names() == ("first", "second") and Two(second=2, first=1).as_tuple() == (1, 2)
+def test_a_scale_has_the_values_of_its_name():
     assert chosen_scale(Two, "study", "b", {"a": {}, "b": {"second": 2, "first": 1}}) == Two(1, 2)
 
 
@@ -86,3 +86,15 @@ def test_lines_and_curves_hold_their_values():
 def test_time_is_that_of_the_processor():
     total, seconds = timed(sum, range(300_000))
     assert total == 44_999_850_000 and 0 < seconds < 5
+
+
+def test_a_page_has_facts_figures_and_the_tables_that_have_rows():
+    study = Study(
+        "p", "Paper", parameters=(), plan=dict, stages=[], results=[], tables=("one", "two"), tabulate=dict,
+        captions={"bars": "Bars of two"}, draw=tuple, facts=lambda plan: {"scale": plan},
+        page=lambda plan, tables: [Shown(f"Table {name}", table, "By hand") for name, table in tables.items()],
+    )  # fmt: skip
+    tables = {"one": pd.DataFrame({"value": [0.25]}), "two": pd.DataFrame({"value": []})}
+    page = study.report("fast", tables, [draw_panels(1)[0]])
+    assert "fast" in page and "Bars of two" in page and "Table one" in page and "0.25" in page
+    assert "Table two" not in page

@@ -6,9 +6,8 @@ import pytest
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.metrics.confusion import scores
 from mlsroad_pipeline.papers.tomic2019.fusion.two_methods import best_labels, spread_confidence
-from mlsroad_pipeline.papers.tomic2019.study import paper as tomic2019_paper
-from mlsroad_pipeline.papers.tomic2019.study.parameters import Division, StudyParameters, StudyScale
-from mlsroad_pipeline.papers.tomic2019.study.plan import StudyPlan
+from mlsroad_pipeline.papers.tomic2019.study.plan import StudyParameters, StudyPlan, StudyScale
+from mlsroad_pipeline.papers.tomic2019.study.runs import Division
 from mlsroad_pipeline.papers.tomic2019.study.scores import (
     ALL_POINTS,
     FEATURES,
@@ -20,6 +19,7 @@ from mlsroad_pipeline.papers.tomic2019.study.scores import (
     TestSet,
     fuse_test_sets,
 )
+from mlsroad_pipeline.papers.tomic2019.study.study import paper_scores
 
 
 def drawn(rng, truth, right):
@@ -131,10 +131,10 @@ def test_features_learn_from_another_survey_or_their_own(train_on, expected):
 )
 def test_the_papers_figures_agree_with_each_other(method, accuracy, mean_f1):
     """Precision, recall, IoU and F1 of a class determine each other up to rounding of the third digit."""
-    table = tomic2019_paper.table_of_scores(method)
-    overall = table[table["class"] == "all"].set_index("metric")["paper"]
+    table = paper_scores(method).set_index("class")
+    overall = table.loc["all"]
     assert overall["overall_accuracy"] == accuracy and overall["mean_f1"] == pytest.approx(mean_f1, abs=6e-4)
-    wide = table[table["class"] != "all"].pivot(index="class", columns="metric", values="paper").dropna()
+    wide = table[["precision", "recall", "iou", "f1"]].dropna()
     np.testing.assert_allclose(wide["f1"], 2 * wide["iou"] / (1 + wide["iou"]), atol=0.0025)
     large = wide[wide["recall"] > 0.05]
     expected = 2 * large["precision"] * large["recall"] / (large["precision"] + large["recall"])

@@ -10,12 +10,10 @@ from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.papers.yu2016.study import paper as yu2016_paper
+from mlsroad_pipeline.papers.shared.studies.tables import paper_table
 from mlsroad_pipeline.papers.yu2016.study import scores as yu2016
-from mlsroad_pipeline.papers.yu2016.study.keys import model_key, run_key
 from mlsroad_pipeline.papers.yu2016.study.objects import touching_instances
-from mlsroad_pipeline.papers.yu2016.study.parameters import StudyParameters, StudyScale, StudySurvey
-from mlsroad_pipeline.papers.yu2016.study.results import found_by_detector
+from mlsroad_pipeline.papers.yu2016.study.parameters import StudyParameters, StudyScale, StudySurvey, model_key, run_key
 from mlsroad_pipeline.papers.yu2016.study.runs import joint_prevalence
 from mlsroad_pipeline.papers.yu2016.study.streets import (
     make_survey,
@@ -23,6 +21,7 @@ from mlsroad_pipeline.papers.yu2016.study.streets import (
     whole_gantries,
     without_streaks,
 )
+from mlsroad_pipeline.papers.yu2016.study.study import found_by_detector
 from mlsroad_pipeline.simulation.parameters.presets import PRESETS
 
 
@@ -71,14 +70,14 @@ def test_pooled_curve_measures_scores_by_their_threshold():
 
 def test_the_papers_tables_agree_with_each_other():
     """Table III follows from Table II, and the F-scores of Table V from its counts."""
-    two = yu2016_paper.table_two().set_index(["survey", "class"])
-    three = yu2016_paper.table_three().set_index(["survey", "metric"])["paper"]
-    for survey in yu2016_paper.SURVEYS:
+    two = paper_table("yu2016", "table_2").set_index(["survey", "class"])
+    three = paper_table("yu2016", "table_3").set_index(["survey", "metric"])["paper"]
+    for survey in ("RRS", "SPP"):
         objects, found, false = two.loc[(survey, "all"), ["paper_objects", "paper_found", "paper_false"]]
         assert found / objects == pytest.approx(three[survey, "recall"], abs=6e-4)
         assert found / (found + false) == pytest.approx(three[survey, "precision"], abs=6e-4)
         assert 2 * found / (objects + found + false) == pytest.approx(three[survey, "f_score"], abs=6e-4)
-    five = yu2016_paper.table_five()  # 0.923 is printed as 0.922
+    five = yu2016.paper_cars()  # 0.923 is printed as 0.922
     assert five["paper_f_score"].round(3).tolist() == [0.899, 0.916, 0.911, 0.923, 0.938, 0.949, 0.944, 0.954]
 
 

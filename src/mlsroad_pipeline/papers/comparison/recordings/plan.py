@@ -27,11 +27,12 @@ from mlsroad_pipeline.papers.comparison.recordings.parameters import (
     PROTOCOLS,
     SHIPPED,
     SIMULATED,
+    Source,
     StudyParameters,
+    sources_of,
 )
 from mlsroad_pipeline.papers.comparison.recordings.preparation import preparation_of
 from mlsroad_pipeline.papers.comparison.recordings.scoring import score_source
-from mlsroad_pipeline.papers.comparison.recordings.sources import Source, sources_of
 from mlsroad_pipeline.papers.comparison.recordings.streets import make_scenes
 from mlsroad_pipeline.papers.comparison.recordings.training import model_arrays, train_model
 from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters

@@ -27,7 +27,6 @@ from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_super
 from mlsroad_pipeline.papers.comparison.recordings.parameters import OWN
 from mlsroad_pipeline.papers.comparison.recordings.streets import ignoring, scenes_in
 from mlsroad_pipeline.papers.luo2016.shape_based import labeller as shape_based
-from mlsroad_pipeline.papers.luo2016.shape_based import training as shape_training
 from mlsroad_pipeline.papers.shared.patches.labelling import build_patches, label_patches
 from mlsroad_pipeline.papers.shared.patches.training import PatchTraining, join_training_scenes
 from mlsroad_pipeline.papers.shared.patches.types import PatchStages
@@ -176,8 +175,8 @@ def _fit_shapes(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
             ground: Any = scene.parts[f"{name}.ground"]
             built = shape_based.build_objects(ground, patches, setup.own)
             truth = scene.parts[f"{name}.{scene.use}"]["label"]
-            objects.append(shape_training.labelled_objects(built, truth, len(setup.scheme)))
-    return shape_training.fit(
+            objects.append(shape_based.labelled_objects(built, truth, len(setup.scheme)))
+    return shape_based.fit(
         objects,
         parameters=setup.own,
         stages=_patch_stages(setup.parameters),
@@ -274,5 +273,5 @@ _OF_METHOD = {
 def preparation_of(method: str) -> Preparation:
     """Return the preparation and training of a method."""
     if method not in _OF_METHOD:
-        raise ParameterError(f"the benchmark of recordings cannot train {method}: add it to studies.recordings")
+        raise ParameterError(f"the benchmark of recordings cannot train {method}: add it to its preparation.py")
     return _OF_METHOD[method]

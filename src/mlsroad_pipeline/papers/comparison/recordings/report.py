@@ -1,18 +1,26 @@
-"""Report, summary and text table of the benchmark of recordings."""
+"""Report, summary, text table and pictures of the benchmark of recordings."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.papers.comparison.recordings.parameters import PROTOCOLS
-from mlsroad_pipeline.papers.comparison.recordings.plan import StudyPlan
-from mlsroad_pipeline.papers.comparison.recordings.results import StudyTables, shown_rows
+from mlsroad_pipeline.papers.comparison.recordings.plan import Run, StudyPlan
+from mlsroad_pipeline.papers.comparison.recordings.results import shown_rows
+from mlsroad_pipeline.papers.comparison.recordings.scoring import unmixed
 from mlsroad_pipeline.papers.shared.studies.figures import draw_bars, draw_panels, legend_below, name_axes
-from mlsroad_pipeline.reporting.html.report import FactsSection, FiguresSection, Section, TableSection
+from mlsroad_pipeline.papers.shared.studies.study import Shown, Tables
+from mlsroad_pipeline.reporting.clouds.cloud_figures import cloud_figure, labelling_pictures
+from mlsroad_pipeline.reporting.clouds.view import birds_eye_view, oblique_view
+from mlsroad_pipeline.reporting.html.report import FactsSection, FiguresSection, Section, build_report
 
 CAPTIONS = {"mean_iou": "Mean IoU of each run by recording"}
 """Name of each figure to its caption."""
@@ -33,9 +41,9 @@ _FIGURES = {
 }
 
 
-def study_figures(tables: StudyTables) -> tuple[Figure, ...]:
+def study_figures(tables: Tables) -> tuple[Figure, ...]:
     """Draw the figures in the order of `CAPTIONS`."""
-    shown = shown_rows(tables.benchmark)
+    shown = shown_rows(tables["benchmark"])
     names = shown["method"] + ", " + shown["protocol"]
     wide = shown.assign(run=names).pivot(index="source", columns="run", values="mean_iou")
     wide = wide.reindex(index=list(dict.fromkeys(shown["source"])), columns=list(dict.fromkeys(names)))
@@ -46,9 +54,14 @@ def study_figures(tables: StudyTables) -> tuple[Figure, ...]:
     return (figure,)
 
 
-def study_sections(plan: StudyPlan, tables: StudyTables, figures: Sequence[Figure]) -> list[Section]:
-    """Return the sections of the report."""
-    shown = shown_rows(tables.benchmark)
+def study_facts(plan: StudyPlan) -> dict[str, Any]:
+    """Return the classes and how means are taken."""
+    return {"class scheme": plan.scheme.name, "means": NOTE}
+
+
+def study_page(plan: StudyPlan, tables: Tables) -> list[Shown]:
+    """Return the tables of the page."""
+    shown = shown_rows(tables["benchmark"])
     sources = pd.DataFrame(
         [
             {"recording": s.title, "scanner": s.scanner, "licence": s.licence, "classes": ", ".join(s.classes)}
@@ -56,15 +69,13 @@ def study_sections(plan: StudyPlan, tables: StudyTables, figures: Sequence[Figur
         ]
     )
     return [
-        FactsSection("Benchmark", {"class scheme": plan.scheme.name, "means": NOTE}),
-        TableSection("Recordings", sources),
-        TableSection("Mean IoU", mean_table(plan, shown).round(3)),
+        Shown("Recordings", sources),
+        Shown("Mean IoU", mean_table(plan, shown).round(3)),
         *(
-            TableSection(source.title, _of_source(shown, name).round(3))
+            Shown(source.title, _of_source(shown, name).round(3))
             for name, source in plan.sources.items()
             if name in set(shown["source"])
         ),
-        FiguresSection("Figures", dict(zip(CAPTIONS.values(), figures, strict=True))),
     ]
 
 
@@ -119,3 +130,52 @@ def summary(plan: StudyPlan, benchmark: pd.DataFrame) -> dict[str, Any]:
         for name, s in plan.sources.items()
     }
     return {"scheme": plan.scheme.name, "sources": sources, "runs": rows}
+
+
+REACH = 50.0
+"""Drawn surroundings of the middle of a scene, metres; beyond, points of single scans lie too far apart to see."""
+
+
+def source_pages(plan: StudyPlan, scenes: SceneCollection, runs: SceneCollection) -> dict[str, str]:
+    """Return one HTML page per recording with the pictures of its middle scene for the chosen runs.
+
+    A recording without a chosen run among those that are requested keeps its page.
+    """
+    asked = {run.key for run in plan.runs()}
+    pages = {}
+    for name, source in plan.sources.items():
+        keys = [f"{method}.{name}" for method in plan.study.pictured if f"{method}.{name}" in runs]
+        if not asked & set(keys):
+            continue
+        stems = list(source.paths(plan.root))
+        middle = f"{name}.{stems[len(stems) // 2]}"
+        scene = scenes[middle].load()
+        sections: list[Section] = [
+            FactsSection("Recording", {"scanner": source.scanner, "licence": source.licence, "scene": middle})
+        ]
+        for key in keys:
+            run = Run.parse(key)
+            label = runs.part("picture")[key].load()["label"]
+            figures = scene_figures(plan, run, scene, label)
+            sections.append(FiguresSection(f"{run.method}, {run.protocol}", figures))
+        pages[name] = build_report(sections, title=source.title)
+    return pages
+
+
+def scene_figures(
+    plan: StudyPlan, run: Run, scene: PointCloud, label: NDArray[np.integer]
+) -> Mapping[str, Figure | NDArray[np.uint8]]:
+    """Draw truth, prediction and errors of a scene from above and from the side."""
+    middle = np.median(scene.xyz[:, :2], axis=0)
+    rows = np.flatnonzero(np.abs(scene.xyz[:, :2] - middle).max(axis=1) <= REACH)
+    xyz = scene.xyz[rows]
+    truth = plan.scheme.encode(scene["label"][rows], source=scene.source)
+    predicted = unmixed(truth, label[rows], plan.scheme, plan.sources[run.source].mixed)
+    views = {"From above": birds_eye_view(xyz), "From the side": oblique_view(xyz, elevation=8.0)}
+    return {
+        name: cloud_figure(
+            labelling_pictures(xyz, view, classes=plan.scheme, truth=truth, predicted=predicted),
+            view, classes=plan.scheme, present=np.concatenate([truth, predicted]), title=name,
+        )
+        for name, view in views.items()
+    }  # fmt: skip

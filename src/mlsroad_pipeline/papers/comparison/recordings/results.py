@@ -15,25 +15,15 @@ from mlsroad_pipeline.algorithms.metrics.confusion import LabellingScores, score
 from mlsroad_pipeline.algorithms.metrics.scores import ALL, COLUMNS, check_scores
 from mlsroad_pipeline.papers.comparison.recordings.parameters import PROTOCOLS
 from mlsroad_pipeline.papers.comparison.recordings.plan import Run, StudyPlan, model_key
-from mlsroad_pipeline.papers.shared.studies.tables import Tables
 
 PARTS = ("all", "test")
 """Scored points of a recording: all, or those of its test part."""
 
 
-@dataclass(frozen=True)
-class StudyTables(Tables):
-    """Tables of the benchmark."""
-
-    scores: pd.DataFrame  # common table of scores; splits are ``<source>_<protocol>_<part>``
-    benchmark: pd.DataFrame  # one row per run and part, see `benchmark_row`
-    reliability: pd.DataFrame  # accuracy and mean confidence by bin of confidence
-
-
 def study_tables(
     plan: StudyPlan, results: Mapping[str, Mapping[str, Any]], times: Mapping[str, Mapping[str, NDArray]]
-) -> StudyTables:
-    """Make the tables of all stored runs."""
+) -> dict[str, pd.DataFrame]:
+    """Make the tables of all stored runs; splits of the scores are ``<source>_<protocol>_<part>``."""
     long, wide, bins = [], [], []
     for run in stored_runs(plan, results):
         result = results[run.key]
@@ -43,7 +33,8 @@ def study_tables(
             long.append(_long_rows(run, part, figures))
             wide.append(benchmark_row(run, part, figures, result, trained))
             bins.append(_bins(run, part, figures.table))
-    return StudyTables(check_scores(pd.concat(long, ignore_index=True)), pd.DataFrame(wide), pd.concat(bins))
+    scores = check_scores(pd.concat(long, ignore_index=True))
+    return {"scores": scores, "benchmark": pd.DataFrame(wide), "reliability": pd.concat(bins)}
 
 
 def stored_runs(plan: StudyPlan, results: Mapping[str, Any]) -> list[Run]:

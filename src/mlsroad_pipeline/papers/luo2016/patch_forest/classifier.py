@@ -11,11 +11,15 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.validation import check_at_least
 from mlsroad_pipeline.algorithms.models.machines.flat_forest import FlatForest
-from mlsroad_pipeline.papers.shared.patches.features import draw_training_patches, patch_features, variants_of
+from mlsroad_pipeline.papers.shared.patches.features import (
+    PatchVariants,
+    draw_training_patches,
+    patch_features,
+    variants_of,
+)
 from mlsroad_pipeline.papers.shared.patches.labelling import label_patch_cloud
 from mlsroad_pipeline.papers.shared.patches.table import Patches
 from mlsroad_pipeline.papers.shared.patches.training import train_model
-from mlsroad_pipeline.papers.shared.patches.variants import PatchVariants
 
 SLUG = "patch_forest"
 

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
 from mlsroad_pipeline.algorithms.geometry.threads import check_threads, run_in_chunks
-from mlsroad_pipeline.papers.luo2016.patch_graph import exhaustive, moves
-from mlsroad_pipeline.papers.luo2016.patch_graph.description_cells import DescriptionCells, search_cells
-from mlsroad_pipeline.papers.luo2016.patch_graph.exhaustive import NodeChooser
-from mlsroad_pipeline.papers.luo2016.patch_graph.patch_index import PatchIndex
+from mlsroad_pipeline.papers.luo2016.patch_graph import moves, search
+from mlsroad_pipeline.papers.luo2016.patch_graph.costs import PatchIndex
+from mlsroad_pipeline.papers.luo2016.patch_graph.search import DescriptionCells, NodeChooser, search_cells
 
 
 @dataclass(frozen=True)
@@ -140,12 +139,12 @@ class _State:
             )  # fmt: skip
 
         def outwards(first: int, last: int) -> None:
-            exhaustive.search_all_targets(
+            search.search_all_targets(
                 self.source, self.target, self.apart, nodes, first, last, self.new_matches, self.new_costs
             )
 
         def inwards(first: int, last: int) -> None:
-            exhaustive.search_to_nodes(self.source, nodes, first, last, self.new_matches, self.new_costs)
+            search.search_to_nodes(self.source, nodes, first, last, self.new_matches, self.new_costs)
 
         run_in_chunks(propagate, len(self.matches), n_threads=self.n_threads)
         run_in_chunks(outwards, len(nodes), n_threads=self.n_threads)

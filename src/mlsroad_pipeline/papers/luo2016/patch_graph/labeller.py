@@ -10,12 +10,12 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import PatchGraphClassifier, PatchGraphParameters
-from mlsroad_pipeline.papers.luo2016.patch_graph.object_cliques import GroundClasses
 from mlsroad_pipeline.papers.luo2016.patch_graph.refined_classifier import (
     GridParameters,
     RefinedPatchGraphClassifier,
     refine_classifier,
 )
+from mlsroad_pipeline.papers.luo2016.patch_graph.refinement import GroundClasses
 from mlsroad_pipeline.papers.shared.patches.labelling import label_patch_cloud
 from mlsroad_pipeline.papers.shared.patches.training import PatchTraining, bundle_model, train_model
 

@@ -10,16 +10,18 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least
 from mlsroad_pipeline.algorithms.geometry.threads import check_threads
-from mlsroad_pipeline.papers.luo2016.patch_graph.costs import CostWeights
-from mlsroad_pipeline.papers.luo2016.patch_graph.description_cells import DescriptionCells, build_description_cells
-from mlsroad_pipeline.papers.luo2016.patch_graph.exhaustive import minority_classes
+from mlsroad_pipeline.papers.luo2016.patch_graph.costs import CostWeights, PatchIndex, build_patch_index
 from mlsroad_pipeline.papers.luo2016.patch_graph.iterations import (
     MatchGraph,
     SearchParameters,
     find_matches,
     make_chooser,
 )
-from mlsroad_pipeline.papers.luo2016.patch_graph.patch_index import PatchIndex, build_patch_index
+from mlsroad_pipeline.papers.luo2016.patch_graph.search import (
+    DescriptionCells,
+    build_description_cells,
+    minority_classes,
+)
 from mlsroad_pipeline.papers.shared.patches.table import Patches
 
 __all__ = [

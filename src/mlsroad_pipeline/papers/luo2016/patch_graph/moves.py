@@ -11,8 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.papers.luo2016.patch_graph.costs import bounded_cost
-from mlsroad_pipeline.papers.luo2016.patch_graph.patch_index import PatchIndex
+from mlsroad_pipeline.papers.luo2016.patch_graph.costs import PatchIndex, bounded_cost
 
 _SEEN = 2048  # entries of the filter of repeated candidates, a power of two
 

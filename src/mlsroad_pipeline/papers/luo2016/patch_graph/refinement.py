@@ -1,4 +1,7 @@
-"""Refinement of transferred labels by a pairwise Markov random field (Luo et al. 2016, section III-D)."""
+"""Refinement of transferred labels by a Markov random field (Luo et al. 2016, section III-D).
+
+Higher-order cliques are the patches of separate objects and of columns around masts (robust P^n Potts model).
+"""
 
 from __future__ import annotations
 
@@ -13,8 +16,118 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_column
 from mlsroad_pipeline.algorithms.energy import robust_potts
 from mlsroad_pipeline.algorithms.energy.alpha_expansion import minimize
+from mlsroad_pipeline.algorithms.energy.robust_potts import Cliques
+from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
-from mlsroad_pipeline.papers.luo2016.patch_graph.object_cliques import GroundClasses, clique_support, object_cliques
+
+BAND = (1.0, 2.5)
+"""Heights above ground at which masts are looked for, metres: above plants and below crowns."""
+
+WIDTH, EXTENT = 0.7, 1.0
+"""Largest horizontal and least vertical extent of a mast in that band, metres."""
+
+LEAST_IN_BAND = 4
+"""Fewest patches of a mast in that band."""
+
+
+def separate_masts(
+    component: NDArray[np.integer],
+    positions: NDArray[np.floating],
+    edges: NDArray[np.int32],
+    above: NDArray[np.bool_],
+    *,
+    radius: float,
+) -> NDArray[np.int64]:
+    """Divide components at their masts: the patches within a radius of the axis of a mast are a component of their own.
+
+    A mast is a narrow upright cluster between 1.0 and 2.5 m above ground. It stays with its component if its column
+    holds half of the component or more, as the mast of a lamp that stands alone.
+    """
+    n, height = len(component), positions[:, 2]
+    divided = component.astype(np.int64)
+    band = above & (height >= BAND[0]) & (height <= BAND[1])
+    clusters = connected_components(edges[band[edges].all(axis=1)], n_nodes=n)
+    members = _groups(component, above)
+    for mast in _groups(clusters, band).values():
+        extent = np.ptp(positions[mast], axis=0)
+        if len(mast) < LEAST_IN_BAND or extent[:2].max() > WIDTH or extent[2] < EXTENT:
+            continue
+        own = members[int(component[mast[0]])]
+        offset = positions[own, :2] - np.median(positions[mast, :2], axis=0)
+        column = own[(offset**2).sum(axis=1) <= radius**2]
+        if len(column) < 0.5 * len(own):
+            divided[column] = n + clusters[mast[0]]
+    return divided
+
+
+def _groups(number: NDArray[np.integer], chosen: NDArray[np.bool_]) -> dict[int, NDArray[np.int64]]:
+    """Return the chosen patches of each number."""
+    rows = np.flatnonzero(chosen)
+    rows = rows[np.argsort(number[rows], kind="stable")]
+    numbers, starts = np.unique(number[rows], return_index=True)
+    return dict(zip(numbers.tolist(), np.split(rows, starts[1:]), strict=True)) if len(rows) else {}
+
+
+LEAST_PATCHES = 4
+"""Fewest patches of a clique."""
+
+
+@dataclass(frozen=True)
+class GroundClasses:
+    """Ground classes with special weights in equation 11."""
+
+    grass: int = -1  # Labels, possibly equal; -1 if the scheme lacks the class
+    road: int = -1  # Labels, possibly equal; -1 if the scheme lacks the class
+
+
+def object_cliques(
+    labels: NDArray[np.integer],
+    edges: NDArray[np.int32],
+    n_classes: int,
+    *,
+    ground: GroundClasses,
+    weight: float,
+    truncation: float,
+    positions: NDArray[np.floating] | None = None,
+    mast_radius: float = 0.0,
+) -> Cliques:
+    """Return a clique for each connected component of the patches that are neither grass nor road."""
+    n = len(labels)
+    rows = np.flatnonzero((labels != ground.grass) & (labels != ground.road))
+    above = np.zeros(n, np.bool_)
+    above[rows] = True
+    number = connected_components(edges[above[edges].all(axis=1)], n_nodes=n).astype(np.int64)
+    if mast_radius > 0:
+        if positions is None:
+            raise ParameterError("mast_radius needs the positions of the patches")
+        number = separate_masts(number, positions, edges, above, radius=mast_radius)
+    component = np.unique(number[rows], return_inverse=True)[1]
+    sizes = np.bincount(component)
+    ordered = np.argsort(component, kind="stable")
+    large = sizes >= LEAST_PATCHES
+    members = rows[ordered][large[component[ordered]]].astype(np.int32)
+    counts = sizes[large]
+    return Cliques(
+        np.concatenate([[0], np.cumsum(counts)]),
+        members,
+        np.zeros((len(counts), n_classes)),
+        np.multiply(counts, weight, dtype=np.float64),
+        np.multiply(counts, truncation, dtype=np.float64),
+    )
+
+
+def clique_support(cliques: Cliques, labels: NDArray[np.integer], shape: tuple[int, int]) -> NDArray[np.float64]:
+    """Return what each label saves a patch in its clique, given the labels of the others."""
+    support = np.zeros(shape)
+    owner = np.repeat(np.arange(len(cliques)), np.diff(cliques.indptr))
+    counts = np.zeros((len(cliques), shape[1]))
+    np.add.at(counts, (owner, labels[cliques.members]), 1.0)
+    most = counts.argmax(axis=1) if len(cliques) else np.zeros(0, np.int64)
+    deviating = np.diff(cliques.indptr) - counts.max(axis=1, initial=0.0)
+    rate = np.where(deviating < cliques.truncation, cliques.maximum / cliques.truncation, 0.0)
+    support[cliques.members, most[owner]] = rate[owner]
+    return support
+
 
 CRITERIA = ("mean_f1", "overall_accuracy")
 """Criteria of `choose_parameters`."""

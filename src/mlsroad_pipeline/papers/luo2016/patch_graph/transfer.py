@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_column
-from mlsroad_pipeline.papers.luo2016.patch_graph.costs import N_ABSOLUTE, CostWeights
-from mlsroad_pipeline.papers.luo2016.patch_graph.description_cells import DescriptionCells
+from mlsroad_pipeline.papers.luo2016.patch_graph.costs import N_ABSOLUTE, CostWeights, PatchIndex, build_patch_index
 from mlsroad_pipeline.papers.luo2016.patch_graph.iterations import (
     MatchGraph,
     SearchParameters,
@@ -19,7 +18,7 @@ from mlsroad_pipeline.papers.luo2016.patch_graph.iterations import (
     make_chooser,
 )
 from mlsroad_pipeline.papers.luo2016.patch_graph.matching import check_matches, match_with_each_other
-from mlsroad_pipeline.papers.luo2016.patch_graph.patch_index import PatchIndex, build_patch_index
+from mlsroad_pipeline.papers.luo2016.patch_graph.search import DescriptionCells
 from mlsroad_pipeline.papers.shared.patches.table import UNKNOWN, Patches
 
 _ARRAYS = ("matches", "labels", "rows", "objective", "coloured")

@@ -1,17 +1,35 @@
-"""One-against-one support vector machine with a Gaussian kernel on patches (Luo et al. 2016, section IV-C)."""
+"""Support vector machine with a Gaussian kernel on patches (Luo et al. 2016, section IV-C), and its training."""
 
 from __future__ import annotations
 
+import logging
+import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import partial
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from sklearn.model_selection import StratifiedGroupKFold
 
-from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.models.machines.kernel_machine import Choice, KernelMachine
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.models.machines.kernel_machine import (
+    Choice,
+    KernelMachine,
+    choose_machine,
+    fit_machine,
+    standardise,
+)
+from mlsroad_pipeline.papers.shared.patches.features import (
+    PatchVariants,
+    draw_training_patches,
+    patch_features,
+    variants_of,
+)
 from mlsroad_pipeline.papers.shared.patches.labelling import label_patch_cloud
-from mlsroad_pipeline.papers.shared.patches.variants import PatchVariants
+from mlsroad_pipeline.papers.shared.patches.table import Patches
+from mlsroad_pipeline.papers.shared.patches.training import train_model
 
 SLUG = "patch_svm"
 
@@ -50,3 +68,89 @@ class PatchSvm(PatchVariants):
 
 label_cloud = partial(label_patch_cloud, classifier=PatchSvm)
 """Entry point of the models."""
+
+
+logger = logging.getLogger(__name__)
+
+
+def fit_patch_svm(
+    patches: Patches,
+    edges: NDArray[np.int32] | None = None,
+    *,
+    parameters: PatchSvmParameters,
+    n_classes: int,
+    n_threads: int = 1,
+) -> PatchSvm:
+    """Train on labelled patches.
+
+    C and gamma maximise the mean F1 on held-out scenes; ties go to the smaller values. With fewer scenes than folds,
+    each scene is cut across its longer side into one part per fold, and a warning is logged.
+    """
+    sample = draw_training_patches(patches, parameters.max_per_class, seed=parameters.seed)
+    trained = np.unique(sample.label).astype(np.int64)
+    if len(trained) < 2:
+        raise DataError(f"{SLUG} needs patches of at least two classes, got only class {int(trained[0])}")
+    small = draw_training_patches(patches, parameters.cv_per_class, seed=parameters.seed)
+    folds = _folds(small, parameters)
+    if not folds:
+        raise DataError(f"{SLUG}: no fold has training patches of two classes: add training scenes")
+    machines = {}
+    choice: Choice | None = None
+    for variant in reversed(variants_of(sample)):
+        features = patch_features(sample, variant)
+        shift, scale = standardise(features)
+        held_out = (patch_features(small, variant) - shift) / scale
+        if choice is None:
+            choice = choose_machine(
+                held_out, small.label, folds, costs=parameters.costs, gammas=parameters.gammas, n_threads=n_threads
+            )
+        machines[variant] = fit_machine(
+            features, sample.label, choice, held_out=held_out, held_out_labels=small.label, folds=folds
+        )
+    classifier = PatchSvm(n_classes, trained, machines)
+    classifier.choice = choice
+    return classifier
+
+
+def _describe(classifier: PatchSvm) -> dict[str, Any]:
+    assert classifier.choice is not None  # set by `fit_patch_svm`
+    return {"chosen": asdict(classifier.choice)}
+
+
+train = partial(train_model, slug=SLUG, fit=fit_patch_svm, describe=_describe)
+"""Trains a model on a `PatchTraining` with `PatchSvmParameters`; its metadata hold the choice of cross-validation."""
+
+
+def _groups(patches: Patches, n_folds: int) -> NDArray[np.int64]:
+    """Return the scene of each patch or, with fewer scenes than folds, its part of the scene."""
+    scenes, groups = np.unique(patches.scene, return_inverse=True)
+    if len(scenes) >= n_folds:
+        return groups.astype(np.int64)
+    logger.warning(
+        "%s: %d training scenes are fewer than %d folds: each is cut into %d adjacent parts",
+        SLUG, len(scenes), n_folds, n_folds,
+    )  # fmt: skip
+    parts = np.zeros(len(groups), np.int64)
+    for scene in range(len(scenes)):
+        rows = np.flatnonzero(groups == scene)
+        plan = patches.centroid[rows, :2]
+        along = plan[:, int(np.ptp(plan, axis=0).argmax())]
+        rank = np.argsort(np.argsort(along, kind="stable"), kind="stable")
+        parts[rows] = scene * n_folds + rank * n_folds // len(rows)
+    return parts
+
+
+def _folds(patches: Patches, parameters: PatchSvmParameters) -> list[tuple[NDArray, NDArray]]:
+    groups = _groups(patches, parameters.n_folds)
+    if len(np.unique(groups)) < parameters.n_folds:
+        raise DataError(
+            f"{SLUG}: {len(patches)} labelled patches are too few for {parameters.n_folds} folds: add training scenes"
+        )
+    splitter = StratifiedGroupKFold(parameters.n_folds, shuffle=True, random_state=parameters.seed)
+    # Rare classes may be absent from a fold; the stratification treats them as one class.
+    frequent = np.where(np.bincount(patches.label)[patches.label] >= parameters.n_folds, patches.label, -1)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="The least populated class")
+        parts = list(splitter.split(groups, frequent, groups))
+    filled = [(train, test) for train, test in parts if len(train) and len(test)]
+    return [fold for fold in filled if len(np.unique(patches.label[fold[0]])) > 1]

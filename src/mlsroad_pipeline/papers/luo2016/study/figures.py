@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.papers.luo2016.study.paper import CLASSES, FIGURE_7, FIGURE_9
-from mlsroad_pipeline.papers.luo2016.study.parameters import PRINTED, PRINTED_REFINED, REFINED
-from mlsroad_pipeline.papers.luo2016.study.plan import StudyPlan, street_key
-from mlsroad_pipeline.papers.luo2016.study.results import StudyTables
-from mlsroad_pipeline.papers.luo2016.study.scores import MEANS
+from mlsroad_pipeline.papers.luo2016.study.plan import StudyPlan
+from mlsroad_pipeline.papers.luo2016.study.runs import PRINTED, PRINTED_REFINED, REFINED
+from mlsroad_pipeline.papers.luo2016.study.scores import CLASSES, MEANS
 from mlsroad_pipeline.papers.shared.studies.figures import draw_bars, draw_lines, draw_panels, legend_below, name_axes
+from mlsroad_pipeline.papers.shared.studies.streets import street_key
+from mlsroad_pipeline.papers.shared.studies.study import Tables
+from mlsroad_pipeline.papers.shared.studies.tables import paper_table
 from mlsroad_pipeline.reporting.clouds.cloud_figures import INK, cloud_figure, labelling_pictures
 from mlsroad_pipeline.reporting.clouds.view import oblique_view
 from mlsroad_pipeline.reporting.figures import SERIES
@@ -27,7 +28,6 @@ CAPTIONS = {
 }
 """Name of each figure to its caption."""
 
-
 PICTURED = ("max_margin_markov", PRINTED, PRINTED_REFINED, REFINED)
 """Methods of Figure 6; the first three are those of the paper."""
 
@@ -36,12 +36,12 @@ STRETCH = 25.0
 
 
 def study_figures(
-    tables: StudyTables, plan: StudyPlan, streets: SceneCollection, runs: SceneCollection
+    tables: Tables, plan: StudyPlan, streets: SceneCollection, runs: SceneCollection
 ) -> tuple[Figure, ...]:
     """Draw the figures in the order of `CAPTIONS`."""
-    size = _lines(tables.patch_size, "Patch size L, m", ("train_seconds",), FIGURE_7)
-    radius = _lines(tables.search_radius, "Local search radius, m", ("train_seconds", "objective"), FIGURE_9)
-    return _methods(tables.table_3), _labelled(plan, streets, runs), size, radius
+    size = _lines(tables["patch_size"], "Patch size L, m", ("train_seconds",), "figure_7")
+    radius = _lines(tables["search_radius"], "Local search radius, m", ("train_seconds", "objective"), "figure_9")
+    return _methods(tables["table_3"]), _labelled(plan, streets, runs), size, radius
 
 
 def _labelled(plan: StudyPlan, streets: SceneCollection, runs: SceneCollection) -> Figure:
@@ -79,18 +79,16 @@ def _methods(table: pd.DataFrame) -> Figure:
 _LABELS = {"train_seconds": "Training, CPU s", "objective": "Objective (eq. 1)"}
 
 
-def _lines(
-    table: pd.DataFrame, label: str, columns: Sequence[str], paper: Mapping[float, Mapping[str, float]]
-) -> Figure:
+def _lines(table: pd.DataFrame, label: str, columns: Sequence[str], printed: str) -> Figure:
     """Draw F1 of the classes with the printed values of the paper as diamonds, and other columns."""
     figure, panels = draw_panels(1 + len(columns), width=4.4)
     names = [*CLASSES, "mean of seven"]
     draw_lines(panels[0], table["value"], {name: table[name] for name in names}, bold=("mean of seven",))
-    for value, classes in paper.items():
-        for name, f1 in classes.items():
-            colour = INK if name in MEANS else SERIES[names.index(name)]
-            panels[0].plot(value, f1, "D", color="white", markeredgecolor=colour, markersize=4)
-    known = [*table[names].min().dropna(), *(f1 for classes in paper.values() for f1 in classes.values())]
+    paper = paper_table("luo2016", printed)
+    for value, name, f1 in paper.itertuples(index=False, name=None):
+        colour = INK if name in MEANS else SERIES[names.index(name)]
+        panels[0].plot(value, f1, "D", color="white", markeredgecolor=colour, markersize=4)
+    known = [*table[names].min().dropna(), *paper["f1"]]
     lowest = np.floor(10 * min(known, default=0.0)) / 10
     name_axes(panels[0], x=label, y="F1 (diamonds: luo2016)", unit_range="y", lowest=lowest)
     for axes, column in zip(panels[1:], columns, strict=True):

@@ -1,8 +1,8 @@
-"""Runs of the study of Luo et al. 2016 and their tasks."""
+"""Scales, streets, settings and runs of the study of Luo et al. 2016, and their tasks."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,35 +10,95 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme, find_scheme
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
+from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
-from mlsroad_pipeline.papers.luo2016.max_margin_markov.training import MarginParameters
+from mlsroad_pipeline.papers.luo2016.max_margin_markov.classifier import MarginParameters
 from mlsroad_pipeline.papers.luo2016.patch_forest.classifier import PatchForestParameters
 from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import PatchGraphParameters
 from mlsroad_pipeline.papers.luo2016.patch_graph.refined_classifier import GridParameters
 from mlsroad_pipeline.papers.luo2016.patch_svm.classifier import PatchSvmParameters
 from mlsroad_pipeline.papers.luo2016.shape_based.labeller import ShapeParameters
-from mlsroad_pipeline.papers.luo2016.study.parameters import (
+from mlsroad_pipeline.papers.luo2016.study.runs import (
     AS_PRINTED,
     GRAPH,
     METHODS,
     PRINTED,
     REFINES,
     RUNS,
-    StudyParameters,
-    StudyScale,
+    RunResult,
+    cut_patches,
+    train_and_score,
 )
-from mlsroad_pipeline.papers.luo2016.study.runs import RunResult, cut_patches, train_and_score
 from mlsroad_pipeline.papers.luo2016.study.scores import repetition_scores
 from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
 from mlsroad_pipeline.papers.shared.patches.types import PatchStages
-from mlsroad_pipeline.papers.shared.studies.parameters import changed
+from mlsroad_pipeline.papers.shared.studies.parameters import ScaledStudy, changed
+from mlsroad_pipeline.papers.shared.studies.streets import street_key
 
 
-def street_key(seed: int) -> str:
-    """Return the key of a street."""
-    return f"seed_{seed}"
+@dataclass(frozen=True)
+class StudyScale:
+    """Streets and settings of one scale."""
+
+    # ``preset`` and changes of `SimulationParameters`, without the seed. Fewer and longer training streets are more
+    # similar to each other.
+    survey: Mapping[str, Any]
+    # Changes of `survey` for test streets. Longer streets take more time and reduce the spread between seeds.
+    test_survey: Mapping[str, Any]
+    # ``train``: seeds of the training streets, together more than K scenes of 10 m. ``test``: seeds of the test
+    # streets, each scored separately. No test street is a training street of any repetition. With its own training
+    # streets per repetition, the spread includes that of training; each repetition costs one training per method.
+    repetitions: Sequence[Mapping[str, Any]]
+    patch_sizes: Sequence[float]  # Patch sizes L of Figures 7 and 8, metres
+    search_radii: Sequence[float]  # Local search radii R_loc of Figures 9 to 11, metres
+    sensitivity: int  # Repetitions of Figures 7 to 11: the first ones, each with its own training and test streets
+    # Maximum patches per training scene in Figures 9 to 11; the search of the paper takes minutes with all patches
+    radius_patches: int
+    # Changes of `PatchParameters` for all methods but the printed ones, such as more bins than the paper's
+    patches: Mapping[str, Any]
+    methods: Mapping[str, Mapping[str, Any]]  # Slug to changes of the method's parameters at this scale
+    # Slug to the settings that are tried on training streets, each a mapping of parameters. As many for baselines as
+    # for the graph keep the comparison fair. Methods without settings here use their own grid search.
+    tuning: Mapping[str, Sequence[Mapping[str, Any]]]
+
+    def __post_init__(self) -> None:
+        if not self.repetitions or not all(
+            set(r) == {"train", "test"} and r["train"] and r["test"] for r in self.repetitions
+        ):
+            raise ParameterError(
+                "luo2016_study.repetitions: each must name its streets as {train: [seeds], test: [seeds]}"
+            )
+        tests = [seed for repetition in self.repetitions for seed in repetition["test"]]
+        both = sorted({seed for repetition in self.repetitions for seed in repetition["train"]} & set(tests))
+        if both or len(set(tests)) < len(tests):
+            raise ParameterError(
+                f"luo2016_study.repetitions: test streets must be distinct and not in training, got {tests}, "
+                f"in training {both}"
+            )
+        check_at_least(self.sensitivity, 0, "luo2016_study.sensitivity")
+        check_at_least(self.radius_patches, 1, "luo2016_study.radius_patches")
+        for name in ("patch_sizes", "search_radii"):
+            for value in getattr(self, name):
+                check_positive(value, f"luo2016_study.{name}")
+        unknown = sorted(set(self.tuning) - set(RUNS))
+        if unknown:
+            raise ParameterError(
+                f"luo2016_study.tuning: {unknown} are not trained (trained methods: {', '.join(RUNS)})"
+            )
+        if "seed" in self.survey or "seed" in self.test_survey:
+            raise ParameterError(
+                "luo2016_study: survey and test_survey must not have a seed; seeds belong in repetitions"
+            )
+
+
+@dataclass(frozen=True)
+class StudyParameters(ScaledStudy[StudyScale], group="luo2016_study", kind=StudyScale):
+    """Parameters of the study of Luo et al. 2016."""
+
+    scheme: str  # Class scheme; its class ``other`` is learned and counted, but excluded from means
 
 
 def patches_key(seed: int, sizes: PatchParameters) -> str:

@@ -1,4 +1,4 @@
-"""Worker functions of the study of Luo et al. 2016: cut streets into patches, train and score methods."""
+"""Worker functions of the study of Luo et al. 2016: cut streets into patches, count objects, train and score."""
 
 from __future__ import annotations
 
@@ -13,16 +13,14 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
-from mlsroad_pipeline.papers.luo2016.max_margin_markov.training import fit_max_margin
+from mlsroad_pipeline.algorithms.models.machines.class_balance import majority_labels
+from mlsroad_pipeline.papers.luo2016.max_margin_markov.classifier import fit_max_margin
 from mlsroad_pipeline.papers.luo2016.patch_forest.classifier import PatchForest
 from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import PatchGraphClassifier
 from mlsroad_pipeline.papers.luo2016.patch_graph.labeller import ground_classes
 from mlsroad_pipeline.papers.luo2016.patch_graph.refined_classifier import refine_classifier
-from mlsroad_pipeline.papers.luo2016.patch_svm.training import fit_patch_svm
+from mlsroad_pipeline.papers.luo2016.patch_svm.classifier import fit_patch_svm
 from mlsroad_pipeline.papers.luo2016.shape_based import labeller as shape_based
-from mlsroad_pipeline.papers.luo2016.shape_based import training as shape_training
-from mlsroad_pipeline.papers.luo2016.study.objects import StreetCounts, count_street
-from mlsroad_pipeline.papers.luo2016.study.parameters import REFINES
 from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
 from mlsroad_pipeline.papers.shared.patches.labelling import build_patches, label_patches
 from mlsroad_pipeline.papers.shared.patches.table import Patches
@@ -30,6 +28,56 @@ from mlsroad_pipeline.papers.shared.patches.training import join_training_scenes
 from mlsroad_pipeline.papers.shared.patches.types import PatchLabels, PatchStages, ScenePatches
 from mlsroad_pipeline.papers.shared.patches.voting import vote_on_points
 from mlsroad_pipeline.papers.shared.studies.streets import timed
+
+GRAPH, REFINED = "patch_graph", "patch_graph_mrf"
+PRINTED, PRINTED_REFINED = "patch_graph_printed", "patch_graph_mrf_printed"
+METHODS = (
+    "patch_svm", "patch_forest", "shape_based", "max_margin_markov", PRINTED, PRINTED_REFINED, GRAPH, REFINED,
+)  # fmt: skip
+"""The methods in the order of the paper's Table III; the last two are the improved ones."""
+
+AS_PRINTED = (PRINTED, PRINTED_REFINED)
+"""Methods on the patches of the paper."""
+
+REFINES = {PRINTED: PRINTED_REFINED, GRAPH: REFINED}
+"""Label transfer to its refinement."""
+
+RUNS = tuple(method for method in METHODS if method not in REFINES.values())
+"""Trained methods: one run gives label transfer and its refinement."""
+
+LEAST_POINTS = 100
+"""Fewest points of an object that is counted; most objects with fewer are cut off at an end of the street."""
+
+
+class StreetCounts(TypedDict):
+    """Counts of a street by class, each of shape (classes,)."""
+
+    points: NDArray[np.int64]
+    objects: NDArray[np.int64]  # instances of the simulator
+    touching: NDArray[np.int64]  # objects with a patch beside a patch of another object
+
+
+def count_street(points: PointCloud, patches: ScenePatches, scheme: ClassScheme) -> StreetCounts:
+    """Count the points and objects of each class; ground has no objects."""
+    labels, n = scheme.encode(points["label"], source=points.source), len(scheme)
+    names, instance = np.unique(points["instance"], return_inverse=True)
+    whole = np.bincount(instance) >= LEAST_POINTS
+    kinds, _ = majority_labels(labels, instance, n)
+    counted = whole & (names > 0) & (kinds >= 0)
+    owner = patches["patch_of_point"]
+    known = owner >= 0
+    objects = np.full(len(patches["height"]), -1)
+    most, _ = majority_labels(instance[known], owner[known], len(names))
+    objects[: len(most)] = most
+    pairs = objects[patches["edges"]]
+    both = pairs[(pairs[:, 0] != pairs[:, 1]) & counted[pairs].all(axis=1)]
+    near = np.zeros(len(names), np.bool_)
+    near[both] = True
+    return {
+        "points": np.bincount(labels[labels >= 0], minlength=n),
+        "objects": np.bincount(kinds[counted], minlength=n),
+        "touching": np.bincount(kinds[counted & near], minlength=n),
+    }
 
 
 class CutStreet(TypedDict):
@@ -194,12 +242,12 @@ def _run_objects(
 ) -> None:
     def learn() -> Any:
         rows = [
-            shape_training.training_objects(
+            shape_based.training_objects(
                 s["points"], _ground(s["points"]), s["patches"], scheme=tally.scheme, parameters=parameters
             )
             for s in train.values()
         ]
-        return shape_training.fit(rows, parameters=parameters, stages=stages, scheme=tally.scheme, trained_on={})
+        return shape_based.fit(rows, parameters=parameters, stages=stages, scheme=tally.scheme, trained_on={})
 
     bundle, seconds = timed(learn)
     tally.add(shape_based.SLUG, train_seconds=seconds, classes_given=", ".join(bundle.metadata["classes_given"]))

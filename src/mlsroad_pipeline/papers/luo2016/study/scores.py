@@ -10,8 +10,13 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.metrics.confusion import scores
-from mlsroad_pipeline.papers.luo2016.study.paper import CLASSES, OBJECTS, paper_scores
-from mlsroad_pipeline.papers.shared.studies.tables import paired_interval
+from mlsroad_pipeline.papers.shared.studies.tables import paired_interval, paper_table
+
+CLASSES = ("road", "grass", "palm tree", "cycas", "brushwood", "light pole", "vehicle")
+"""The seven classes of Table I that means are taken over; `other` is excluded."""
+
+OBJECTS = CLASSES[2:]
+"""The five classes of objects, the only ones that shape-based recognition predicts."""
 
 METRICS = ("precision", "recall", "f1")
 MEANS = {"mean of seven": CLASSES, "mean of five": OBJECTS}
@@ -53,7 +58,7 @@ def table_three(scored: pd.DataFrame) -> pd.DataFrame:
     """Return mean and spread over the repetitions next to the paper's Table III."""
     grouped = scored.groupby(["method", "class", "metric"], sort=False)["value"]
     table = grouped.agg(mean="mean", spread="std", repetitions="count").reset_index()
-    paper = paper_scores()
+    paper = paper_table("luo2016", "table_3").melt(["method", "metric"], var_name="class", value_name="paper")
     printed = paper[paper["method"].isin(("patch_graph", "patch_graph_mrf"))]
     paper = pd.concat([paper, printed.assign(method=printed["method"] + "_printed")])
     means = [

@@ -20,8 +20,7 @@ from mlsroad_pipeline.algorithms.models.machines.torch_training import (
     reproducible,
 )
 from mlsroad_pipeline.papers.luo2019.jointnet.inputs import Points, encode
-from mlsroad_pipeline.papers.luo2019.jointnet.measure_regression import MeasureRegression, train_regression
-from mlsroad_pipeline.papers.luo2019.jointnet.network import JointNet
+from mlsroad_pipeline.papers.luo2019.jointnet.network import JointNet, MeasureRegression, train_regression
 from mlsroad_pipeline.papers.luo2019.jointnet.parameters import JointNetParameters
 from mlsroad_pipeline.papers.luo2019.jointnet.training import to_tensors, train_network
 from mlsroad_pipeline.papers.shared.recognition.object_set import check_training

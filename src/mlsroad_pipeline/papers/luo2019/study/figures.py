@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from mlsroad_pipeline.papers.luo2019.study.parameters import (
+from mlsroad_pipeline.papers.luo2019.study.plan import (
     CLEAN,
     COMBINED,
     JOINTNET,
@@ -19,7 +19,7 @@ from mlsroad_pipeline.papers.luo2019.study.parameters import (
     METHODS,
     SUB_NETWORKS,
 )
-from mlsroad_pipeline.papers.luo2019.study.results import LEVELS, StudyTables
+from mlsroad_pipeline.papers.luo2019.study.results import LEVELS
 from mlsroad_pipeline.papers.shared.studies.figures import (
     draw_bars,
     draw_curves,
@@ -28,6 +28,7 @@ from mlsroad_pipeline.papers.shared.studies.figures import (
     legend_below,
     name_axes,
 )
+from mlsroad_pipeline.papers.shared.studies.study import Tables
 
 _TITLES = {
     "noise": "Standard deviation of Gaussian noise", "keep": "Share of the points kept", "outliers": "Rate of outliers",
@@ -45,17 +46,14 @@ CAPTIONS = {
 """Name of each figure to its caption."""
 
 
-def study_figures(tables: StudyTables) -> tuple[Figure, ...]:
+def study_figures(tables: Tables) -> tuple[Figure, ...]:
     """Draw the figures in the order of `CAPTIONS`."""
+    curves = tables["curves"]
+    seven, eleven, fourteen = (curves[curves["figure"] == number] for number in (7, 11, 14))
     return (
-        _figure_7(tables.curves[tables.curves["figure"] == 7]),
-        _figure_9(tables.sub_networks),
-        _figure_10(tables.confusion_counts),
-        _figure_11(tables.curves[tables.curves["figure"] == 11]),
-        _figure_12(tables.robustness),
-        _figure_13(tables.training),
-        _figure_14(tables.curves[tables.curves["figure"] == 14]),
-    )
+        _figure_7(seven), _figure_9(tables["sub_networks"]), _figure_10(tables["confusion_counts"]), _figure_11(eleven),
+        _figure_12(tables["robustness"]), _figure_13(tables["training"]), _figure_14(fourteen),
+    )  # fmt: skip
 
 
 def _curve_panel(axes: Axes, curves: pd.DataFrame, settings: Iterable[str], title: str, *, legend: bool) -> None:

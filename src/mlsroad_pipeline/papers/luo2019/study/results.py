@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.metrics.scores import recognition_scores
-from mlsroad_pipeline.papers.luo2019.study import paper as luo2019_paper
-from mlsroad_pipeline.papers.luo2019.study.parameters import BASELINES, CLEAN, JOINTNET, METHODS, SUB_NETWORKS
+from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.papers.luo2019.study.plan import (
     ALONE,
+    BASELINES,
+    CLEAN,
     GRID,
+    JOINTNET,
     MAIN,
+    METHODS,
     PUBLISHED,
     SIZE,
+    SUB_NETWORKS,
     SYDNEY,
     TRAINING,
     StudyPlan,
@@ -35,7 +37,7 @@ from mlsroad_pipeline.papers.luo2019.study.scores import (
     street_confusions,
     weighted_f1,
 )
-from mlsroad_pipeline.papers.shared.studies.tables import Tables
+from mlsroad_pipeline.papers.shared.studies.tables import paper_table
 
 Results = Mapping[str, Recognised]
 """Key of a run to its class scores."""
@@ -45,30 +47,6 @@ Facts = Mapping[str, TrainingFacts]
 
 LEVELS = ("level=1", "level=2", "level=3")
 """Test sets 1, 2 and 3 of the paper."""
-
-
-@dataclass(frozen=True)
-class StudyTables(Tables):
-    """Tables of the study."""
-
-    scores: pd.DataFrame  # table of scores of undisturbed objects; its splits are the sets
-    # table_1, table_2, table_3, table_4: the paper's tables with its values next to ours; table 3 is empty without
-    # the Sydney Urban Objects
-    table_1: pd.DataFrame
-    table_2: pd.DataFrame
-    table_3: pd.DataFrame
-    table_4: pd.DataFrame
-    # Figure 9: F1 of each class on the undisturbed and the three disturbed test sets, of networks without the measures
-    sub_networks: pd.DataFrame
-    confusion_counts: pd.DataFrame  # Figure 10: objects by true and recognised class of the same networks
-    robustness: pd.DataFrame  # Figure 12: accuracy and mean F1 of each method by disturbance of the test objects
-    # mean F1 of the other methods minus that of `jointnet`, under every disturbance, with 95 % intervals
-    differences: pd.DataFrame
-    image_sizes: pd.DataFrame  # Figure 7: accuracy, mean F1 and average precision by image size
-    size_grid: pd.DataFrame  # the same for combinations of image sizes
-    training: pd.DataFrame  # Figures 13 and 14: accuracy and mean F1 by disturbance of the training objects
-    curves: pd.DataFrame  # precision-recall curves of Figures 7, 11 and 14
-    tuning: pd.DataFrame  # settings tried on validation objects
 
 
 class _Condition:
@@ -96,44 +74,47 @@ class _Condition:
         return pd.DataFrame({"threshold": threshold, "precision": precision, "recall": recall})
 
 
-def study_tables(plan: StudyPlan, results: Results, facts: Facts, networks: Mapping[str, NetworkCost]) -> StudyTables:
-    """Make the tables."""
-    made = _Tables(plan, results, facts, networks)
+def study_tables(plan: StudyPlan, runs: SceneCollection, networks: SceneCollection) -> dict[str, pd.DataFrame]:
+    """Make the tables; scores are those of undisturbed objects, their splits are the sets.
+
+    Figures 9 and 10 are `sub_networks` and `confusion_counts`, of networks without the measures.
+    """
+    made = _Tables(plan, runs.load_all("results"), runs.load_all("facts"), networks.load_all())
     efficiency = made.efficiency()
     sub_networks, confusions = made.sub_networks()
     sizes, curves_7 = made.variants(SIZE)
     grid, _ = made.variants(GRID)
     training, curves_14 = made.variants(TRAINING)
-    return StudyTables(
-        scores=made.scores(),
-        table_1=_table_one(efficiency),
-        table_2=made.table_two(),
-        table_3=made.table_three(),
-        table_4=_table_four(efficiency),
-        sub_networks=sub_networks,
-        confusion_counts=confusions,
-        robustness=made.robustness(),
-        differences=made.differences(),
-        image_sizes=sizes.rename(columns={"disturbance": "view", "level": "size"}),
-        size_grid=grid.rename(columns={"disturbance": "kind", "level": "sizes"}),
-        training=training,
-        curves=pd.concat([curves_7.assign(figure=7), made.curves().assign(figure=11), curves_14.assign(figure=14)]),
-        tuning=made.tuning(),
-    )
+    return {
+        "scores": made.scores(),
+        "table_1": _table_one(efficiency),
+        "table_2": made.table_two(),
+        "table_3": made.table_three(),
+        "table_4": _table_four(efficiency),
+        "sub_networks": sub_networks,
+        "confusion_counts": confusions,
+        "robustness": made.robustness(),
+        "differences": made.differences(),
+        "image_sizes": sizes.rename(columns={"disturbance": "view", "level": "size"}),
+        "size_grid": grid.rename(columns={"disturbance": "kind", "level": "sizes"}),
+        "training": training,
+        "curves": pd.concat([curves_7.assign(figure=7), made.curves().assign(figure=11), curves_14.assign(figure=14)]),
+        "tuning": made.tuning(),
+    }
 
 
 def _table_four(efficiency: pd.DataFrame) -> pd.DataFrame:
     """Return Table 4; the paper's PointNet has the published size, and a descriptor has four bytes per dimension."""
     table = efficiency[efficiency["method"].isin((*BASELINES, PUBLISHED, JOINTNET))].copy()
     table.insert(2, "footprint_bytes", 4 * table["dimension"])
-    paper = luo2019_paper.table_four()
+    paper = paper_table("luo2019", "table_4")
     paper["method"] = paper["method"].replace({BASELINES[-1]: PUBLISHED})
     return table.merge(paper, on="method", how="left")
 
 
 def _table_one(efficiency: pd.DataFrame) -> pd.DataFrame:
     chosen = efficiency[efficiency["method"].isin((*SUB_NETWORKS, JOINTNET))].drop(columns="dimension")
-    paper = luo2019_paper.table_one().set_index("method")
+    paper = paper_table("luo2019", "table_1").set_index("method")
     rows = paper.reindex(["jointnet" if m == JOINTNET else "sub-networks" for m in chosen["method"]])
     return pd.concat([chosen.reset_index(drop=True), rows.reset_index(drop=True)], axis=1)
 
@@ -146,19 +127,19 @@ class _Tables:
         self.main = plan.of_group(MAIN)
         self.sets = tuple(dict.fromkeys(run.dataset for run in self.main))
 
-    def _scheme(self, name: str) -> ClassScheme:
-        return self.plan.schemes[name]
-
     def _of(self, name: str, method: str) -> list[StudyRun]:
         return [run for run in self.main if run.dataset == name and run.method == method]
 
     def _under(self, name: str, method: str, condition: str) -> _Condition:
-        return _Condition(self._of(name, method), self.results, condition, len(self._scheme(name)))
+        return _Condition(self._of(name, method), self.results, condition, len(self.plan.schemes[name]))
 
     def scores(self) -> pd.DataFrame:
         tables = [
             recognition_scores(
-                self._under(name, method, CLEAN).matrix(), method=method, split=name, classes=self._scheme(name).classes
+                self._under(name, method, CLEAN).matrix(),
+                method=method,
+                split=name,
+                classes=self.plan.schemes[name].classes,
             )
             for name in self.sets
             for method in METHODS
@@ -172,21 +153,21 @@ class _Tables:
                 runs = self._of(name, method)
                 # The paper's values for Sydney are those of the last fold.
                 runs = [run for run in runs if name != SYDNEY or run.test == runs[-1].test]
-                clean = _Condition(runs, self.results, CLEAN, len(self._scheme(name)))
+                clean = _Condition(runs, self.results, CLEAN, len(self.plan.schemes[name]))
                 objects = len(clean.label) // len(self.plan.scale.seeds)
                 rows.append({"set": name, "method": method, "objects": objects, **mean_figures(clean.matrix())})
-        return pd.DataFrame(rows).merge(luo2019_paper.table_two(), on=["set", "method"], how="left")
+        return pd.DataFrame(rows).merge(paper_table("luo2019", "table_2"), on=["set", "method"], how="left")
 
     def table_three(self) -> pd.DataFrame:
         """Return the weighted F1 of the folds: their mean, as in the paper, and that of all folds together."""
         columns, rows = ["method", "weighted_f1", "together"], []
         if SYDNEY not in self.sets:
             return pd.DataFrame(columns=[*columns, "paper"])
-        n_classes = len(self._scheme(SYDNEY))
+        n_classes = len(self.plan.schemes[SYDNEY])
         for method in METHODS:
             folds = [_Condition([run], self.results, CLEAN, n_classes).matrix() for run in self._of(SYDNEY, method)]
             rows.append((method, np.mean([weighted_f1(fold) for fold in folds]), weighted_f1(np.sum(folds, axis=0))))
-        return pd.DataFrame(rows, columns=columns).merge(luo2019_paper.table_three(), on="method", how="outer")
+        return pd.DataFrame(rows, columns=columns).merge(paper_table("luo2019", "table_3"), on="method", how="outer")
 
     def efficiency(self) -> pd.DataFrame:
         rows = []
@@ -194,9 +175,7 @@ class _Tables:
             network = self.networks.get(method)
             facts = [self.facts[run.key] for run in self.main if run.method == method]
             weights = None if network is None else float(network["weight_bytes"]) / 1e6
-            slots = (
-                3 if method in (BASELINES[-1], PUBLISHED) else 2
-            )  # Adam has two slots for a weight, momentum has one
+            slots = 3 if method in (BASELINES[-1], PUBLISHED) else 2  # Adam has two slots for a weight, momentum one
             row: dict[str, Any] = {
                 "method": method,
                 "dimension": int(facts[0]["dimension"]) or None if facts else None,
@@ -217,7 +196,7 @@ class _Tables:
 
     def sub_networks(self) -> tuple[pd.DataFrame, pd.DataFrame]:
         name, rows, counts = self.plan.sets[0], [], []
-        classes = self._scheme(name).classes
+        classes = self.plan.schemes[name].classes
         for level in (CLEAN, *LEVELS):
             for method in (*SUB_NETWORKS, JOINTNET):
                 runs = [run for run in self.plan.of_group(ALONE) if run.method == method]
@@ -260,7 +239,7 @@ class _Tables:
         rows, curves = [], []
         for run in self.plan.of_group(group):
             for condition in run.conditions:
-                one = _Condition([run], self.results, condition, len(self._scheme(run.dataset)))
+                one = _Condition([run], self.results, condition, len(self.plan.schemes[run.dataset]))
                 curve = one.curve()
                 names = {"set": run.dataset, **_level(run.setting), "tested_on": condition}
                 area = area_under(curve["precision"].to_numpy(), curve["recall"].to_numpy())

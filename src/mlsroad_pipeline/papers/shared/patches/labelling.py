@@ -25,6 +25,7 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, missing_attributes
 from mlsroad_pipeline.algorithms.models.machines.class_balance import majority_labels
+from mlsroad_pipeline.algorithms.scenes.corridor import CorridorArrays, corridor_from_arrays
 from mlsroad_pipeline.algorithms.stages import ground_of, inliers
 from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters, extract_patches
 from mlsroad_pipeline.papers.shared.patches.table import Patches
@@ -108,3 +109,12 @@ def prepare_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[Ground, Scene
     stored = bundle.metadata["parameters"]
     ground = ground_of(cloud, GroundParameters(**stored["ground"]))
     return ground, build_patches(cloud, ground, PatchParameters(**stored["patches"]))
+
+
+def label_patches_along(
+    scene: PointCloud, patches: ScenePatches, corridor: CorridorArrays, *, scheme: ClassScheme
+) -> PatchLabels:
+    """Return the class of each patch and its station along the corridor that the survey is cut along."""
+    line = corridor_from_arrays(corridor)
+    station = None if line is None else line.locate(patches["centroid"], origin=scene.origin)[0]
+    return label_patches(scene, patches, scheme, station=station)

@@ -21,6 +21,11 @@ from mlsroad_pipeline.simulation.street.drive import PAUSE
 Value = TypeVar("Value")
 
 
+def street_key(seed: int) -> str:
+    """Return the key of a street in the stores of a study."""
+    return f"seed_{seed}"
+
+
 def timed(function: Callable[..., Value], *arguments: Any, **options: Any) -> tuple[Value, float]:
     """Call a function, and return its value and its CPU time in seconds."""
     start = time.process_time()

@@ -1,10 +1,10 @@
-"""Tables of all studies: base class, paired intervals, means with spread."""
+"""Tables of all studies: values of the papers, paired intervals, means with spread."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from importlib.resources import files
+from io import StringIO
 
 import numpy as np
 import pandas as pd
@@ -12,18 +12,10 @@ from numpy.typing import NDArray
 from scipy import stats
 
 
-@dataclass(frozen=True)
-class Tables:
-    """Base class of the tables of a study; the fields of a derived class are its tables, named as in the catalog."""
-
-    @classmethod
-    def names(cls) -> tuple[str, ...]:
-        """Return the names of the tables in their order."""
-        return tuple(entry.name for entry in fields(cls))
-
-    def as_tuple(self) -> tuple[Any, ...]:
-        """Return the tables in their order."""
-        return tuple(getattr(self, name) for name in self.names())
+def paper_table(paper: str, name: str) -> pd.DataFrame:
+    """Return a table of values that a paper prints, from the files of its study."""
+    file = files("mlsroad_pipeline.papers").joinpath(paper, "study", "paper", f"{name}.csv")
+    return pd.read_csv(StringIO(file.read_text(encoding="utf-8")), comment="#")
 
 
 def paired_interval(differences: NDArray[np.floating], confidence: float = 0.95) -> tuple[float, float, float, int]:

@@ -14,10 +14,10 @@ from mlsroad_pipeline.algorithms.core.palette import class_palette
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.papers.shared.studies.figures import draw_bars, draw_panels, legend_below, name_axes
+from mlsroad_pipeline.papers.shared.studies.study import Tables
 from mlsroad_pipeline.papers.tomic2019.fusion.two_methods import best_labels
 from mlsroad_pipeline.papers.tomic2019.study.plan import PRINTED, StudyPlan
-from mlsroad_pipeline.papers.tomic2019.study.results import StudyTables, method_name
-from mlsroad_pipeline.papers.tomic2019.study.scores import FEATURES, IMAGES, POOL, RULE
+from mlsroad_pipeline.papers.tomic2019.study.scores import FEATURES, IMAGES, POOL, RULE, method_name
 from mlsroad_pipeline.reporting.clouds.cloud_figures import cloud_figure, labelling_pictures
 from mlsroad_pipeline.reporting.clouds.view import View, birds_eye_view, look_at
 
@@ -38,7 +38,7 @@ Arrays = Mapping[str, NDArray]
 
 
 def study_figures(
-    tables: StudyTables,
+    tables: Tables,
     plan: StudyPlan,
     streets: SceneCollection,
     by_features: SceneCollection,
@@ -140,12 +140,12 @@ def _segmented(plan: StudyPlan, images: Arrays, pixels: Arrays, xyz: NDArray, se
     return figure
 
 
-def _bars(tables: StudyTables) -> Figure:
+def _bars(tables: Tables) -> Figure:
     """Draw F1 of the classes on test set 2, with the paper's values as diamonds."""
     figure, (axes,) = draw_panels(1, width=11, height=4.2)
     shown = {
-        PRINTED: tables.table_3, method_name(IMAGES, ""): tables.table_4,
-        method_name(RULE, PRINTED): tables.table_5, method_name(POOL, PRINTED): tables.table_5,
+        PRINTED: tables["table_3"], method_name(IMAGES, ""): tables["table_4"],
+        method_name(RULE, PRINTED): tables["table_5"], method_name(POOL, PRINTED): tables["table_5"],
     }  # fmt: skip
     rows = {name: table[table["method"] == name].set_index("class") for name, table in shown.items()}
     classes = list(rows[PRINTED].index)

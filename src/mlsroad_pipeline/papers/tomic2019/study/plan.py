@@ -1,36 +1,97 @@
-"""Plan of the study of Tomic et al. 2019 and its tasks."""
+"""Scales, surveys, their division and the forests of the study of Tomic et al. 2019, and its tasks."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import cycle
 from typing import Any
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme, find_scheme
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.stage_parameters import (
     FeatureParameters,
     GroundParameters,
     StageParameters,
     SupervoxelParameters,
 )
+from mlsroad_pipeline.algorithms.features.eigen import SHAPE_FEATURES
+from mlsroad_pipeline.algorithms.features.normals import ORIENTATION_FEATURES
+from mlsroad_pipeline.algorithms.features.supervoxel_moments import (
+    GROUND_HEIGHT_FEATURES,
+    INTENSITY_FEATURES,
+    OWN_HEIGHT_FEATURES,
+)
 from mlsroad_pipeline.algorithms.models.pool.log_linear import PoolParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
-from mlsroad_pipeline.papers.shared.studies.parameters import changed
+from mlsroad_pipeline.papers.shared.studies.parameters import ScaledStudy, changed
+from mlsroad_pipeline.papers.shared.studies.streets import street_key, street_tasks
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import ForestParameters
 from mlsroad_pipeline.papers.tomic2019.fusion.labeller import FusionParameters
 from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.papers.tomic2019.study import runs
-from mlsroad_pipeline.papers.tomic2019.study.parameters import (
-    PAPER_COLUMNS,
-    PAPER_FEATURES,
-    Division,
-    ForestVariant,
-    StudyParameters,
-    StudyScale,
-)
+from mlsroad_pipeline.papers.tomic2019.study.runs import Division, ForestVariant
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
+
+PAPER_FEATURES = (
+    *SHAPE_FEATURES, *ORIENTATION_FEATURES, *OWN_HEIGHT_FEATURES, *GROUND_HEIGHT_FEATURES, *INTENSITY_FEATURES
+)  # fmt: skip
+"""Features of section 2.1: shape from eigenvalues, height, orientation and radiometry."""
+
+PAPER_COLUMNS = ("intensity", "label")
+"""Point attributes that the method of section 2.1 uses; colour is left to the images."""
+
+
+@dataclass(frozen=True)
+class StudyScale:
+    """Surveys and settings of one scale."""
+
+    # ``preset`` and changes of `SimulationParameters` of the divided surveys, without the seed
+    survey: Mapping[str, Any]
+    seeds: Sequence[int]  # Seeds of these surveys; one experiment each
+    # The same for the streets whose images train the network; the kinds alternate
+    photographs: Sequence[Mapping[str, Any]]
+    photograph_seeds: Sequence[int]  # Seeds of the training images; none is in `seeds`
+    gap: float = 10.0  # See `Division`
+    # Survey whose first half trains the feature-based method: the next survey in the list, or the labelled survey
+    # itself. In the paper, training streets and test set 2 are different streets (its Figures 7 and 9).
+    train_on: str = "other"
+    # ``image_labels``, ``detrended_forest`` or ``fusion`` to changes of their parameters at this scale
+    methods: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        every = [*self.seeds, *self.photograph_seeds]
+        if not self.photographs:
+            raise ParameterError("tomic2019_study.photographs must have at least one kind of street")
+        if not self.seeds or not self.photograph_seeds or len(set(every)) < len(every):
+            raise ParameterError(
+                f"tomic2019_study: seeds and photograph_seeds must be non-empty and distinct, got "
+                f"{list(self.seeds)} and {list(self.photograph_seeds)}"
+            )
+        if self.train_on not in ("other", "same"):
+            raise ParameterError(f"tomic2019_study.train_on must be 'other' or 'same', got {self.train_on!r}")
+        if any("seed" in survey for survey in (self.survey, *self.photographs)):
+            raise ParameterError(
+                "tomic2019_study: survey and photographs must not have a seed; use seeds and photograph_seeds"
+            )
+        if self.train_on == "other" and len(self.seeds) < 2:
+            raise ParameterError("tomic2019_study.train_on is 'other', but seeds has one survey; add one or use 'same'")
+
+
+@dataclass(frozen=True)
+class StudyParameters(ScaledStudy[StudyScale], group="tomic2019_study", kind=StudyScale):
+    """Parameters of the study of Tomic et al. 2019."""
+
+    # Changes of the parameters of forest, features and supervoxels for method 1 as printed in section 2.1
+    printed_forest: Mapping[str, Any]
+    # Changes of the parameters of forest, features and supervoxels for method 1 as printed in section 2.1
+    printed_features: Mapping[str, Any]
+    # Changes of the parameters of forest, features and supervoxels for method 1 as printed in section 2.1
+    printed_supervoxels: Mapping[str, Any] = field(default_factory=dict)
+    # Further changes of the forest for the variants with regularised labels (the paper's second conclusion)
+    regularised: Mapping[str, Any] = field(default_factory=dict)
+
 
 PRINTED, OWN = "printed_forest", "detrended_forest"
 """Method 1 with the features of section 2.1, and with those of this project."""
@@ -87,11 +148,6 @@ class StudyPlan:
         return self.streets[(self.streets.index(street) + 1) % len(self.streets)]
 
 
-def street_key(seed: int) -> str:
-    """Return the key of a street."""
-    return f"seed_{seed}"
-
-
 def plan_study(
     study: StudyParameters,
     classes: Mapping[str, Any],
@@ -133,6 +189,16 @@ def _printed_variants(
         PLAIN_SMOOTHED: (smooth, plain),
     }  # fmt: skip
     return {name: ForestVariant(*parts, PAPER_COLUMNS, PAPER_FEATURES) for name, parts in each.items()}
+
+
+def make_surveys(plan: StudyPlan) -> dict[str, SceneTask]:
+    """Create one task per divided survey that simulates it."""
+    return street_tasks(runs.make_survey, plan.surveys(), ground=plan.ground)
+
+
+def make_photographs(plan: StudyPlan) -> dict[str, SceneTask]:
+    """Create one task per street that simulates training images of the network."""
+    return street_tasks(runs.make_photographs, plan.photographed())
 
 
 def train_network(plan: StudyPlan, photographs: SceneCollection) -> dict[str, SceneTask]:

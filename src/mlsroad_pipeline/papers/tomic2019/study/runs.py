@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,9 @@ from mlsroad_pipeline.algorithms.cameras.cityscapes import (
     point_probabilities,
 )
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters, StageParameters
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.pool.log_linear import PoolParameters
@@ -25,15 +26,14 @@ from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_super
 from mlsroad_pipeline.papers.shared.studies.streets import cut_street, survey_path, timed
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.labeller import prepare, supervoxel_probabilities
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.nearest import nearest_supervoxels
+from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import ForestParameters, training_rows
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import fit as fit_forest
-from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import training_rows
 from mlsroad_pipeline.papers.tomic2019.image_labels import labeller as image_labeller
 from mlsroad_pipeline.papers.tomic2019.image_labels.labeller import label_through_images
 from mlsroad_pipeline.papers.tomic2019.image_labels.pspnet_weights import from_arrays
 from mlsroad_pipeline.papers.tomic2019.image_labels.segmentation import segment_image
 from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.papers.tomic2019.image_labels.visibility import visibility_method
-from mlsroad_pipeline.papers.tomic2019.study.parameters import Division, ForestVariant, Part
 from mlsroad_pipeline.papers.tomic2019.study.scores import TestSet, fuse_test_sets
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
 from mlsroad_pipeline.simulation.runtime.survey import Survey, simulate_survey
@@ -42,6 +42,53 @@ COLUMNS = ("rgb", "intensity", "label")
 """Point attributes that the study keeps."""
 
 Arrays = Mapping[str, NDArray]
+Part = Literal["train", "test", "test1", "test2"]
+
+
+@dataclass(frozen=True)
+class Division:
+    """Division of a survey along the road: a training half, test set 1 and test set 2, a quarter each."""
+
+    length: float  # Length of the survey, metres
+    # Road between the parts that belongs to none, metres. A larger gap keeps objects from lying in two parts.
+    gap: float = 10.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.gap < self.length / 4:
+            raise ParameterError(
+                f"tomic2019_study.gap must be at least 0 and below a quarter of the survey's {self.length:g} m, "
+                f"got {self.gap!r}"
+            )
+
+    def rows(self, station: NDArray[np.floating], part: Part) -> NDArray[np.int64]:
+        """Return the points of a part."""
+        half, quarter, margin = self.length / 2, 0.75 * self.length, self.gap / 2
+        low, high = {
+            "train": (-np.inf, half - margin),
+            "test": (half + margin, np.inf),
+            "test1": (half + margin, quarter - margin),
+            "test2": (quarter + margin, np.inf),
+        }[part]
+        rows = np.flatnonzero((station >= low) & (station <= high))
+        if not len(rows):
+            raise DataError(f"no point of the survey lies in the part {part!r} of its road")
+        return rows
+
+
+@dataclass(frozen=True)
+class ForestVariant:
+    """Parameters of a feature-based method."""
+
+    forest: ForestParameters  # forest
+    stages: StageParameters  # ground filter, supervoxels and features
+    columns: Sequence[str]  # point attributes that it uses
+    names: Sequence[str] | None = None  # names of its features, without detrended ones; None means all
+
+    def chosen_features(self, names: Sequence[str]) -> NDArray[np.int64]:
+        """Return the columns of the features that are used."""
+        if self.names is None:
+            return np.arange(len(names))
+        return np.flatnonzero([name.removesuffix("_detrended") in self.names for name in names])
 
 
 def make_survey(*, simulation: SimulationParameters, ground: GroundParameters) -> dict[str, Any]:

@@ -109,3 +109,8 @@ def fuse_test_sets(first: TestSet, second: TestSet, *, pool: PoolParameters | No
     redundancy = count_agreement([labels, *each], fused.rule)
     scores = FusionScores(confusions, learned.cameras.f1, learned.methods.f1, redundancy, learned.pool.penalty)
     return Fused(labellings, scores)
+
+
+def method_name(labelling: str, forest: str) -> str:
+    """Return the name of a labelling in the tables."""
+    return {FEATURES: forest, IMAGES: "image_labels"}.get(labelling, f"{labelling}.{forest}")

@@ -6,8 +6,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from mlsroad_pipeline.papers.shared.studies.figures import draw_bars, draw_curves, draw_panels, legend_below, name_axes
+from mlsroad_pipeline.papers.shared.studies.study import Tables
 from mlsroad_pipeline.papers.yu2016.study.parameters import SEGMENTATIONS
-from mlsroad_pipeline.papers.yu2016.study.results import StudyTables
 from mlsroad_pipeline.reporting.clouds.cloud_figures import INK
 from mlsroad_pipeline.reporting.figures import SERIES
 
@@ -20,9 +20,9 @@ CAPTIONS = {
 _PANELS = {"pattern": "Feature regions (a)", "words_per_group": "Words per group (b)", "k": "Neighbours k (c)"}
 
 
-def study_figures(tables: StudyTables) -> tuple[Figure, ...]:
+def study_figures(tables: Tables) -> tuple[Figure, ...]:
     """Draw the figures in the order of `CAPTIONS`."""
-    return _coverage(tables.segmentation), _curves(tables.curves)
+    return _coverage(tables["segmentation"]), _curves(tables["curves"])
 
 
 def _coverage(table: pd.DataFrame) -> Figure:

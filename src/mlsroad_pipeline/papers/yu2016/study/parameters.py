@@ -1,4 +1,4 @@
-"""Parameters of the study of Yu et al. 2016: scales, surveys and settings of Figure 12."""
+"""Parameters of the study of Yu et al. 2016: scales, surveys, settings of Figure 12, and keys of the stores."""
 
 from __future__ import annotations
 
@@ -9,6 +9,37 @@ from typing import Any
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least
 from mlsroad_pipeline.papers.shared.studies.parameters import ScaledStudy
+
+
+def street_key(survey: str, seed: int) -> str:
+    """Return the key of a street."""
+    return f"{survey}.seed_{seed}"
+
+
+def run_key(survey: str, seed: int) -> str:
+    """Return the key of a street in the result of a run."""
+    return f"{survey}_{seed}"
+
+
+def survey_of_run(key: str) -> str:
+    """Return the survey of a key of `run_key`."""
+    return key.rpartition("_")[0]
+
+
+def model_key(detector: str, surveys: Sequence[str]) -> str:
+    """Return the key of the model of a detector that is trained on some surveys."""
+    return f"{detector}.{'_'.join(surveys)}"
+
+
+def detector_of_model(key: str) -> str:
+    """Return the detector of a key of `model_key`."""
+    return key.partition(".")[0]
+
+
+def setting_key(name: str) -> str:
+    """Return the key of a setting in a store."""
+    return name.replace("=", "-").replace(".", "_")
+
 
 WORDS, PRINTED = "visual_words", "visual_words_printed"
 METHODS_OF_STUDY = ("hough_forest", "object_matching", "bottom_up_top_down", WORDS, PRINTED)

@@ -18,7 +18,7 @@ from mlsroad_pipeline.papers.shared.detection.scoring import (
     count_detections_of_scene,
 )
 from mlsroad_pipeline.papers.shared.studies.streets import timed
-from mlsroad_pipeline.papers.yu2016.study.keys import survey_of_run
+from mlsroad_pipeline.papers.yu2016.study.parameters import survey_of_run
 
 
 class TrainingStreet(TypedDict):

@@ -10,11 +10,28 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.metrics.detection import DetectionCounts, count_detections, precision_recall_curve
-from mlsroad_pipeline.papers.shared.studies.tables import paired_interval
-from mlsroad_pipeline.papers.yu2016.study import paper as yu2016_paper
+from mlsroad_pipeline.papers.shared.studies.tables import paired_interval, paper_table
 from mlsroad_pipeline.papers.yu2016.study.runs import StreetDetections
 
 FIGURES = ("recall", "precision", "quality", "f_score")
+
+THREADS = 16
+"""Threads of the paper's computer."""
+
+
+def paper_speed() -> pd.DataFrame:
+    """Return Table IV as points per second and thread."""
+    table = paper_table("yu2016", "table_4")
+    return table[["survey", "step"]].assign(paper=table["points"] / table["seconds"] / THREADS)
+
+
+def paper_cars() -> pd.DataFrame:
+    """Return Table V as recall, precision and F-score."""
+    table = paper_table("yu2016", "table_5")
+    tp, fp, objects = table["tp"], table["fp"], table["objects"]
+    return table[["survey", "method"]].assign(
+        paper_recall=tp / objects, paper_precision=tp / (tp + fp), paper_f_score=2 * tp / (tp + fp + objects)
+    )
 
 
 def counts_of(street: StreetDetections, classes: Sequence[int]) -> DetectionCounts:
@@ -40,7 +57,7 @@ def table_two(streets: Mapping[str, Mapping[str, StreetDetections]], classes: Se
             total = joined([counts_of(street, chosen) for street in each.values()])
             rows.append((survey, name, total.tp + total.fn, total.tp, total.fp))
     table = pd.DataFrame(rows, columns=["survey", "class", "objects", "found", "false"])
-    return table.merge(yu2016_paper.table_two(), on=["survey", "class"], how="left")
+    return table.merge(paper_table("yu2016", "table_2"), on=["survey", "class"], how="left")
 
 
 def figures_by_survey(

@@ -1,0 +1,59 @@
+"""Contents of a study: plan, stages of scene tasks, tables, figures and a page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from mlsroad_pipeline.execution.task import SceneTask
+from mlsroad_pipeline.reporting.html.report import FactsSection, FiguresSection, Section, TableSection, build_report
+
+Tables = Mapping[str, pd.DataFrame]
+"""Tables of a study by name."""
+
+
+class Stage(NamedTuple):
+    """Node that creates scene tasks from the plan and earlier stages."""
+
+    name: str  # name of the node
+    tasks: Callable[..., Mapping[str, SceneTask]]  # takes the plan and the inputs, and returns a task per key
+    inputs: Sequence[str]  # scene stores; a name with a dot is one of the catalog, others are the study's
+    output: str  # scene store of the study
+
+
+class Shown(NamedTuple):
+    """Table on the page of a study; it is left out if it is empty."""
+
+    title: str
+    table: pd.DataFrame
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Study:
+    """Contents of a study."""
+
+    name: str  # parameters, pipeline and entries of the catalog begin with ``<name>_study``
+    title: str  # title of the page
+    parameters: Sequence[str]  # groups of parameters that the plan is made from, besides the study's own
+    plan: Callable[..., Any]  # takes the parameters of the study and these groups
+    stages: Sequence[Stage]
+    results: Sequence[str]  # scene stores that the tables are made from
+    tables: Sequence[str]  # names of the tables
+    tabulate: Callable[..., Tables]  # takes the plan and the stores of `results`, and returns the tables
+    captions: Mapping[str, str]  # name of each figure to its caption; its catalog entry ends in ``_figure``
+    draw: Callable[..., Sequence[Figure]]  # takes the tables and the entries of `shown`, and returns the figures
+    facts: Callable[[Any], Mapping[str, Any]]  # takes the plan, and returns facts of the runs
+    page: Callable[[Any, Tables], Sequence[Shown]]  # takes the plan and the tables, and returns those of the page
+    shown: Sequence[str] = ()  # the plan and scene stores, where figures need more than the tables
+
+    def report(self, plan: Any, tables: Tables, figures: Sequence[Figure]) -> str:
+        """Return the page: facts, figures and tables."""
+        pictures = FiguresSection("Figures", dict(zip(self.captions.values(), figures, strict=True)))
+        tabled = [TableSection(*shown) for shown in self.page(plan, tables) if len(shown.table)]
+        sections: list[Section] = [FactsSection("Runs", self.facts(plan)), pictures, *tabled]
+        return build_report(sections, title=self.title)
