@@ -7,7 +7,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components as scipy_components
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.geometry.graphs import connected_components, unique_edges
+from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
 
 
 @pytest.mark.parametrize("n_edges", [0, 30, 80, 300])
@@ -21,11 +21,6 @@ def test_components_equal_scipy(rng, n_edges):
     np.testing.assert_array_equal(connected_components(edges[::-1, ::-1], n_nodes=100), expected)
 
 
-def test_unique_edges_keep_one_of_each_pair():
-    assert unique_edges([[2, 0], [0, 2], [1, 1], [3, 2]], n_nodes=4).tolist() == [[0, 2], [2, 3]]
-
-
-@pytest.mark.parametrize("function", [connected_components, unique_edges])
 @pytest.mark.parametrize(
     ("edges", "message"),
     [
@@ -35,9 +30,9 @@ def test_unique_edges_keep_one_of_each_pair():
         ([0, 1, 2], r"shape \(e, 2\)"),
     ],
 )
-def test_bad_edges_are_named(function, edges, message):
+def test_bad_edges_are_named(edges, message):
     with pytest.raises(DataError, match=message):
-        function(edges, n_nodes=3)
+        connected_components(edges, n_nodes=3)
 
 
 def test_no_nodes():

@@ -19,7 +19,6 @@ from mlsroad_pipeline.algorithms.features.voxel_levels import (
     Cells,
     find_voxels,
     halve,
-    spread_owners,
     sum_by_owner,
     sum_windows,
 )
@@ -31,6 +30,7 @@ from mlsroad_pipeline.algorithms.features.voxel_table import (
     write_level,
     write_surroundings,
 )
+from mlsroad_pipeline.algorithms.geometry.cells import spread_owners
 from mlsroad_pipeline.algorithms.geometry.sorting import radix_argsort, rank_few
 from mlsroad_pipeline.algorithms.geometry.threads import check_threads, run_in_chunks
 

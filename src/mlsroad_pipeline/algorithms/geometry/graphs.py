@@ -69,10 +69,3 @@ def connected_components(edges: ArrayLike, *, n_nodes: int) -> NDArray[np.int32]
     [0, 1, 2, 1, 0]
     """
     return _components(check_edges(edges, n_nodes), n_nodes)
-
-
-def unique_edges(edges: ArrayLike, *, n_nodes: int) -> NDArray[np.int64]:
-    """Return each undirected edge once."""
-    pairs = np.sort(check_edges(edges, n_nodes), axis=1)
-    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
-    return np.unique(pairs, axis=0)
