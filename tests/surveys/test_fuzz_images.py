@@ -23,7 +23,7 @@ from mlsroad_pipeline.papers.tomic2019.image_labels.pspnet_weights import load_p
 from mlsroad_pipeline.surveys.camera_files import read_images
 from mlsroad_pipeline.surveys.masks import MaskLegend, read_class_map, read_mask
 
-N_CASES = int(os.environ.get("MLSROAD_FUZZ", "60"))
+N_CASES = int(os.environ.get("MLSROAD_FUZZ", "30"))
 
 CAMERA = Camera([[5.0, 0, 2], [0, 5.0, 1.5], [0, 0, 1]], None, np.eye(3), np.zeros(3), 5, 4)
 NUMBERS = np.array([[0, 13, 5, 255, 10]] * 4, dtype=np.uint8)
