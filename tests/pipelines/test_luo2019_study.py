@@ -12,6 +12,9 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 FAST = {
     "luo2019_study": {"scale": "fast"},
     "simulated_objects": {"scale": "fast"},
+    "jointnet": {"training": {"n_turns": 2, "regression_copies": 2}},
+    "jointnet_tuned": {"training": {"n_turns": 2}},
+    "pointnet": {"n_turns": 2},
     "execution": {"backend": "sequential"},
 }
 
