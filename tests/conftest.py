@@ -49,7 +49,7 @@ LONG = (
 """Longest test files; they run first, so that the processes end at about the same time."""
 
 PROCESSES = re.compile(r"subprocess|Popen|LocalCluster|KernelManager|get_context|forkserver|loky|dask")
-TRAINING = re.compile(r"(train|fit|learn|continue)(ed)?(_\w+)?")
+TRAINING = re.compile(r"(?!trained_methods)(train|fit|learn|continue)(ed)?(_\w+)?")
 """Names and constants of tests that start processes, and of those that train a model."""
 
 MEMORY = Path("/dev/shm")
