@@ -5,6 +5,7 @@ import inspect
 import os
 import re
 import sys
+from collections.abc import Container
 
 # Tests run in one process per core; more OpenMP threads take 20 % more time. Read at the first import of NumPy.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -45,8 +46,17 @@ LONG = (
     "pipelines/test_yu2016_study.py",
     "pipelines/test_boosted_trees.py",
     "pipelines/test_add_a_method.py",
+    "formats/test_fuzz.py",
+    "formats/test_round_trips.py",
+    "formats/test_recordings.py",
+    "formats/test_las_damage.py",
+    "formats/test_hostile.py",
+    "surveys/test_fuzz_sides.py",
+    "surveys/test_fuzz_images.py",
+    "simulation/runtime/test_survey.py",
+    "execution/test_faults.py",
 )
-"""Longest test files; they run first, so that the processes end at about the same time."""
+"""Longest test files; they are slow, and run first, so that the processes end at about the same time."""
 
 PROCESSES = re.compile(r"subprocess|Popen|LocalCluster|KernelManager|get_context|forkserver|loky|dask")
 TRAINING = re.compile(r"(?!trained_methods)(train|fit|learn|continue)(ed)?(_\w+)?")
@@ -115,12 +125,14 @@ def _is_of_tests(value) -> bool:
     return place is not None and Path(place).is_relative_to(REPOSITORY / "tests")
 
 
-def _add_marks(items) -> None:
-    """Mark the tests that start processes and those that train, by the names in them, their fixtures and helpers."""
+def _add_marks(items, long: Container[Path]) -> None:
+    """Mark the tests of long files, and those that start processes or train, by names in them, fixtures and helpers."""
     found: dict[object, set[str]] = {}
     for item in items:
         fixtures = [definitions[-1].func for definitions in item._fixtureinfo.name2fixturedefs.values()]
         own = [function for function in map(inspect.unwrap, (item.function, *fixtures)) if _is_of_tests(function)]
+        if item.path in long:
+            item.add_marker("slow")
         words = {repr(getattr(item, "callspec", None) and item.callspec.params)}
         words = words.union(*(_words_of_calls(function, found) for function in own))
         if any(map(PROCESSES.search, words)):
@@ -131,10 +143,10 @@ def _add_marks(items) -> None:
 
 def pytest_collection_modifyitems(items):
     """Add marks, and run long files first; tests of a file keep their order."""
-    _add_marks(items)
     place = {REPOSITORY / "tests" / name: k for k, name in enumerate(LONG)}
     if missing := [str(path) for path in place if not path.is_file()]:
         raise pytest.UsageError(f"LONG in tests/conftest.py names missing files: {missing}")
+    _add_marks(items, place)
     items.sort(key=lambda item: place.get(item.path, len(LONG)))
 
 
