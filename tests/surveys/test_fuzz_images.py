@@ -10,11 +10,11 @@ import onnx
 import pytest
 import torch
 import yaml
+from conftest import REPOSITORY
 from helpers.mutations import mutated, mutated_table, mutated_value, refusals
 from onnx import TensorProto, helper, numpy_helper
 from PIL import Image
 
-from conftest import REPOSITORY
 from mlsroad_pipeline.algorithms.cameras.camera import Camera
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
