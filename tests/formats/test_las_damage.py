@@ -98,7 +98,7 @@ def test_flipped_bytes_never_end_in_anything_but_a_read_error(tmp_path, laz):
     path, small, rng = tmp_path / "bad.laz", tmp_path / "small.laz", np.random.default_rng(5)
     make_las(small, rng, n=500, point_format=6, extras=False)
     refused = 0
-    for whole, n_header, n_points in ((small.read_bytes(), 60, 20), (laz, 4, 4)):  # one chunk, and two
+    for whole, n_header, n_points in ((small.read_bytes(), 400, 40), (laz, 4, 4)):  # one chunk, and two
         points = int.from_bytes(whole[96:100], "little")
         for at in [*rng.integers(0, points, n_header), *rng.integers(points, len(whole), n_points)]:
             data = bytearray(whole)
