@@ -4,7 +4,7 @@ BIN := .venv/bin
 export KEDRO_DISABLE_TELEMETRY := true
 export DO_NOT_TRACK := 1
 
-.PHONY: setup run compare models test coverage lint bench docs clean
+.PHONY: setup run compare models test quick coverage lint bench docs clean
 
 setup:
 	@./scripts/setup.sh
@@ -22,6 +22,9 @@ models: setup
 
 test: setup lint
 	@$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+
+quick: setup
+	@$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -m "not slow and not process and not training"
 
 coverage: setup
 	@$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --timeout=900 --cov --cov-report=term

@@ -1,12 +1,14 @@
-"""Docstrings: those of the reference have all sections of numpydoc, all others a summary."""
+"""Docstrings: those of the reference have all sections of numpydoc, all others a summary; their examples are right."""
 
 import ast
+import doctest
 import importlib
 import inspect
 import re
 import tomllib
 from pathlib import Path
 
+import pytest
 from numpydoc.validate import validate
 
 from mlsroad_pipeline import simulation
@@ -20,6 +22,7 @@ EXPORTED = sorted(
     for name in re.findall(r"^::: (\S+)", page.read_text(), re.M)
 )
 """Modules and single names in the reference, and the simulator, of which the names in `__all__` are shown."""
+WITH_EXAMPLES = sorted(path for path in SOURCES.rglob("*.py") if ">>> " in path.read_text(encoding="utf-8"))
 
 
 def members(module):
@@ -95,3 +98,11 @@ def test_everything_public_has_a_docstring():
             if not name.startswith("_") and not overload and not ast.get_docstring(node):
                 missing.append(f"{path.relative_to(SOURCES)}: {name or 'module'}")
     assert missing == []
+
+
+@pytest.mark.parametrize("path", WITH_EXAMPLES, ids=lambda path: path.stem)
+def test_examples_give_what_they_show(path, tmp_path):
+    module = importlib.import_module(".".join(path.relative_to(SOURCES.parent).with_suffix("").parts))
+    done = doctest.testmod(module, extraglobs={"tmp_path": tmp_path})
+    assert done.failed == 0  # doctest prints the example and what it gave
+    assert done.attempted == path.read_text(encoding="utf-8").count(">>> ")

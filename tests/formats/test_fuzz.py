@@ -22,7 +22,7 @@ from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.registry import format_of_name, get_format
 from mlsroad_pipeline.formats.sydney import SydneyFormat
 
-N_CASES = int(os.environ.get("MLSROAD_FUZZ", "150"))
+N_CASES = int(os.environ.get("MLSROAD_FUZZ", "75"))
 SECONDS = 20
 MEMORY = 2 << 30
 NAMES = {

@@ -108,7 +108,7 @@ def fill(array, rng, point_format):
         array["classification_flags"][...] &= 0xCF  # one scanner channel: packets of several are refused
 
 
-@settings(EXAMPLES, max_examples=60)
+@settings(EXAMPLES, max_examples=30)
 @given(
     layout=st.sampled_from(LAYOUTS),
     scale=st.sampled_from([1e-4, 0.001, 0.01, 0.25]),

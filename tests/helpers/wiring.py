@@ -58,7 +58,8 @@ def make_project(folder: Path, *, tiny: bool = True) -> Path:
         changed.write_text(yaml.safe_dump({"simulation": simulation}), encoding="utf-8")
         for name in ("methods", "studies"):
             catalog = folder / f"conf/base/catalog_{name}.yml"
-            text, kind = catalog.read_text(encoding="utf-8"), "figure_dataset.FigureDataset\n"
+            text, kind = catalog.read_text(encoding="utf-8"), ".FigureDataset\n"
+            assert kind in text, catalog
             small = text.replace(kind, f"{kind}  dpi: 50\n")  # drawing larger ones takes a sixth of a run
             catalog.write_text(small, encoding="utf-8")
     shutil.copy(REPOSITORY / "pyproject.toml", folder)

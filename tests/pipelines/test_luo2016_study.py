@@ -10,7 +10,13 @@ from mlsroad_pipeline.papers.luo2016.study.runs import METHODS
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
-FAST = {"luo2016_study": {"scale": "fast"}, "execution": {"backend": "sequential"}}
+GRID = {"smoothness": [0.8, 6.4], "colour_decay": [0.0]}
+FAST = {
+    "luo2016_study": {"scale": "fast"},
+    "patch_graph_mrf": GRID,
+    "patch_graph_mrf_printed": GRID,
+    "execution": {"backend": "sequential"},
+}
 
 
 @pytest.fixture(scope="module")

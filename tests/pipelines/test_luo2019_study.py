@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 from helpers.wiring import make_project, run
 
+from mlsroad_pipeline.papers.luo2019.study import efficiency
 from mlsroad_pipeline.papers.luo2019.study.plan import METHODS
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
@@ -12,6 +13,9 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 FAST = {
     "luo2019_study": {"scale": "fast"},
     "simulated_objects": {"scale": "fast"},
+    "jointnet": {"training": {"n_turns": 2, "regression_copies": 2}},
+    "jointnet_tuned": {"training": {"n_turns": 2}},
+    "pointnet": {"n_turns": 2},
     "execution": {"backend": "sequential"},
 }
 
@@ -19,7 +23,9 @@ FAST = {
 @pytest.fixture(scope="module")
 def project(tmp_path_factory):
     folder = make_project(tmp_path_factory.mktemp("luo2019"))
-    run(folder, "luo2019_study", **FAST)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(efficiency, "STEPS", 2)  # timing takes seconds per network
+        run(folder, "luo2019_study", **FAST)
     return folder
 
 

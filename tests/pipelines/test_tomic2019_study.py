@@ -6,7 +6,12 @@ from helpers.wiring import make_project, run
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
-FAST = {"tomic2019_study": {"scale": "fast"}, "execution": {"backend": "sequential"}}
+FAST = {
+    "tomic2019_study": {"scale": "fast"},
+    "detrended_forest": {"fallback_trees": 5},
+    "image_labels": {"magnification": 1.4},
+    "execution": {"backend": "sequential"},
+}
 
 
 @pytest.fixture(scope="module")

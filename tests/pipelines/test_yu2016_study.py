@@ -11,6 +11,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 FAST = {
     "yu2016_study": {"scale": "fast"},
     "detection": {"classes": ["light pole", "traffic sign", "car"], "min_points": 10},
+    "visual_words": {"without_intensity": False},
     "execution": {"backend": "sequential"},
 }
 

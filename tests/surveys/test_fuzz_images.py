@@ -10,11 +10,11 @@ import onnx
 import pytest
 import torch
 import yaml
+from conftest import REPOSITORY
 from helpers.mutations import mutated, mutated_table, mutated_value, refusals
 from onnx import TensorProto, helper, numpy_helper
 from PIL import Image
 
-from conftest import REPOSITORY
 from mlsroad_pipeline.algorithms.cameras.camera import Camera
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
@@ -23,7 +23,7 @@ from mlsroad_pipeline.papers.tomic2019.image_labels.pspnet_weights import load_p
 from mlsroad_pipeline.surveys.camera_files import read_images
 from mlsroad_pipeline.surveys.masks import MaskLegend, read_class_map, read_mask
 
-N_CASES = int(os.environ.get("MLSROAD_FUZZ", "60"))
+N_CASES = int(os.environ.get("MLSROAD_FUZZ", "30"))
 
 CAMERA = Camera([[5.0, 0, 2], [0, 5.0, 1.5], [0, 0, 1]], None, np.eye(3), np.zeros(3), 5, 4)
 NUMBERS = np.array([[0, 13, 5, 255, 10]] * 4, dtype=np.uint8)

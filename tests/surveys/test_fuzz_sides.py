@@ -24,7 +24,7 @@ from mlsroad_pipeline.surveys.camera_files import read_images, read_poses
 from mlsroad_pipeline.surveys.trajectory_files import read_trajectory
 from mlsroad_pipeline.surveys.truth_tables import read_truth
 
-N_CASES = int(os.environ.get("MLSROAD_FUZZ", "100"))
+N_CASES = int(os.environ.get("MLSROAD_FUZZ", "50"))
 
 VIEW = {
     "K": [[500, 0, 320], [0, 500, 240], [0, 0, 1]],

@@ -6,10 +6,10 @@ import zlib
 
 import numpy as np
 import pytest
+from conftest import REPOSITORY
 from helpers.yaml_files import read_yaml
 from PIL import Image as Picture
 
-from conftest import REPOSITORY
 from mlsroad_pipeline.algorithms.cameras.camera import Camera
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError, ParameterError, ReadError

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from conftest import REPOSITORY
 from helpers.yaml_files import read_yaml
 
-from conftest import REPOSITORY
 from mlsroad_pipeline.algorithms.cameras.cityscapes import (
     CITYSCAPES,
     encode_label_image,
