@@ -39,7 +39,9 @@ def violations(source):
 
 
 def test_modules_open_no_file_and_name_no_orchestration():
-    found = {str(path.relative_to(ALGORITHMS)): violations(path.read_text("utf-8")) for path in ALGORITHMS.rglob("*.py")}
+    found = {
+        str(path.relative_to(ALGORITHMS)): violations(path.read_text("utf-8")) for path in ALGORITHMS.rglob("*.py")
+    }
     assert len(found) > 100 and {path: wrong for path, wrong in found.items() if wrong} == {}
 
 
