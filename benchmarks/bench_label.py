@@ -2,7 +2,7 @@
 
     python benchmarks/bench_label.py --millions 5 20 100 --folder FOLDER
     python benchmarks/bench_label.py --millions 5 20 --methods patch_graph_mrf visual_words    # or --methods all
-    python benchmarks/bench_label.py --millions 20 --backends loky dask --workers 4            # the same bytes?
+    python benchmarks/bench_label.py --millions 20 --backends loky dask --scheduler tcp://127.0.0.1:8786    # the same bytes?
 
 A simulated street of that many points is made once and kept in FOLDER. The models must be registered (`make run`).
 Memory is PSS summed over the process tree and processor time its sum, sampled every half second. `digest` is of the
@@ -104,6 +104,7 @@ def main() -> None:
     arguments.add_argument("--env", default="local")
     arguments.add_argument("--methods", nargs="+", default=["detrended_forest"])
     arguments.add_argument("--backends", nargs="+", default=["loky"], choices=["loky", "dask", "sequential"])
+    arguments.add_argument("--scheduler", help="address of the scheduler of the backend dask")
     arguments.add_argument("--workers", type=int, default=2)
     options = arguments.parse_args()
     methods = options.methods
@@ -113,7 +114,7 @@ def main() -> None:
         survey = make_survey(options.folder, millions)
         for method, backend in itertools.product(methods, options.backends):
             output = options.folder / f"labelled_{millions}M_{method}_{backend}"
-            found = run_label(survey, output, options.env, method, backend, options.workers)
+            found = run_label(survey, output, options.env, method, backend, options.workers, options.scheduler)
             figures = {"points_per_s": round(millions * 1e6 / found["seconds"]), **found, "digest": digest(output)}
             rounded = {key: round(value, 2) if isinstance(value, float) else value for key, value in figures.items()}
             what = {"method": method, "backend": backend, "workers": options.workers, "million_points": millions}

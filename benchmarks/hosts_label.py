@@ -1,12 +1,11 @@
 """`label` on Dask workers on several hosts, compared with loky processes, on the cores of this machine.
 
-Run as root: python benchmarks/hosts_label.py --folder FOLDER --millions 5 [--cases loky warm cut ...]
+Run as root: python benchmarks/hosts_label.py --folder FOLDER --millions 5 [--cases loky first cut ...]
 
 The scheduler and each worker have a host of their own, a network namespace joined to the others by a bridge; all share
-FOLDER. Cases, `--rounds` times each: loky; `mlsroad_pipeline.label.dask_workers` (warm); the same with one worker
-killed after 10 s, with the network of one worker cut for 10 s (cut) or for good (lost), and with that of the scheduler
-cut for good (alone); workers of `dask worker` in their first and in their second run (plain, again). A run that fails
-is completed by loky. Prints seconds, processor seconds of driver, scheduler and workers, the error of a failed run, and
+FOLDER. Cases, `--rounds` times each: loky; workers of `dask worker` in their first and in their second run (first,
+again); a first run with one worker killed after 10 s, with the network of one worker cut for 10 s (cut) or for good
+(lost), and with that of the scheduler cut for good (alone). A run that fails is completed by loky. Prints seconds, processor seconds of driver, scheduler and workers, the error of a failed run, and
 the digest of the results. Ends with status 1 if a digest differs.
 """
 
@@ -27,10 +26,9 @@ from _common import Tree, members, parser
 from bench_label import digest, make_survey, run_label
 from distributed import Client
 
-PLAIN = ("distributed.cli.dask_worker", "--nthreads", "1", "--no-dashboard")
-OWN = ("mlsroad_pipeline.label.dask_workers", "--workers", "1")
+WORKER = ("distributed.cli.dask_worker", "--nthreads", "1", "--no-dashboard")
 BRIDGE, ADDRESS = "mlsroad-br", "tcp://10.77.0.2:8786"
-CASES = ("loky", "warm", "killed", "cut", "lost", "alone", "plain", "again")
+CASES = ("loky", "first", "again", "killed", "cut", "lost", "alone")
 AFTER, FOR = 10.0, 10.0
 """Seconds after which a fault happens, and for which a network is cut."""
 
@@ -86,7 +84,7 @@ def end(process: psutil.Popen) -> None:
 @contextmanager
 def cluster(n_workers: int, case: str) -> Iterator[dict[str, list[psutil.Popen]]]:
     """Start a scheduler and workers, each on its host, and plan the fault of the case; end them."""
-    module, *options = PLAIN if case in ("plain", "again") else OWN
+    module, *options = WORKER
     processes = {"scheduler": [started(2, "distributed.cli.dask_scheduler", "--host", "10.77.0.2", "--no-dashboard")]}
     try:
         time.sleep(4)
