@@ -2,7 +2,7 @@
 
     python benchmarks/bench_label.py --millions 5 20 100 --folder FOLDER
     python benchmarks/bench_label.py --millions 5 20 --methods patch_graph_mrf visual_words    # or --methods all
-    python benchmarks/bench_label.py --millions 20 --backends loky dask --scheduler tcp://127.0.0.1:8786    # the same bytes?
+    python benchmarks/bench_label.py --millions 20 --backends loky dask --scheduler tcp://127.0.0.1:8786
 
 A simulated street of that many points is made once and kept in FOLDER. The models must be registered (`make run`).
 Memory is PSS summed over the process tree and processor time its sum, sampled every half second. `digest` is of the
