@@ -6,7 +6,8 @@ The scheduler and each worker have a host of their own, a network namespace join
 FOLDER. Cases, `--rounds` times each: loky; workers of `dask worker` in their first and in their second run (first,
 again); a first run with one worker killed after 10 s, with the network of one worker cut for 10 s (cut) or for good
 (lost), and with that of the scheduler cut for good (alone). A run that fails is completed by loky. Prints seconds,
-processor seconds of driver, scheduler and workers, the error of a failed run, and the digest of the results. Ends with status 1 if a digest differs.
+processor seconds of driver, scheduler and workers, the error of a failed run, and the digest of the results. Ends with
+status 1 if a digest differs.
 """
 
 import json
