@@ -152,5 +152,5 @@ def test_mlsroad_label_assigns_a_system_and_says_the_same_with_nothing_on_stderr
 
 def test_misspelt_section_is_the_last_line_of_the_command(project):
     done, lines = typed(project, "kedro", "run", "--pipelines=label", "--params=labl.survey=in")
-    assert done.returncode != 0 and lines[-1].endswith("--params: labl is no section; did you mean label?")
+    assert done.returncode != 0 and lines[-1].endswith("--params: unknown section labl; did you mean label?")
     assert not [line for line in lines if "UserWarning" in line or "DeprecationWarning" in line], done.stderr

@@ -18,12 +18,12 @@ def project(tmp_path_factory):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("labl.survey=a.laz", "--params: labl is no section; did you mean label?"),
-        ("label.survy=a.laz", "--params: label.survy is no parameter; did you mean label.survey?"),
+        ("labl.survey=a.laz", "--params: unknown section labl; did you mean label?"),
+        ("label.survy=a.laz", "--params: unknown parameter label.survy; did you mean label.survey?"),
         ("label=3", "--params: label is a section, got 3: set parameters below it"),
-        ("exekution.n_workers=2", "--params: exekution is no section; did you mean execution?"),
-        ("foo.bar=1", "--params: foo is no section; known: "),
-        ("simulation.survey.mine.length=4", "simulation.survey is no parameter; did you mean simulation.surveys?"),
+        ("exekution.n_workers=2", "--params: unknown section exekution; did you mean execution?"),
+        ("foo.bar=1", "--params: unknown section foo; known: "),
+        ("simulation.survey.mine.length=4", "unknown parameter simulation.survey; did you mean simulation.surveys?"),
     ],
 )
 def test_misspelt_name_on_the_command_line(project, text, message):
@@ -38,13 +38,13 @@ def test_misspelt_name_in_a_file_of_an_environment(tmp_path):
     file.write_text(yaml.safe_dump({"inspekt": {"survey": "a.laz"}}), encoding="utf-8")
     with pytest.raises(ParameterError) as caught:
         parameters_of(folder, "local")
-    assert str(file) in str(caught.value) and "inspekt is no section; did you mean inspect?" in str(caught.value)
+    assert str(file) in str(caught.value) and "unknown section inspekt; did you mean inspect?" in str(caught.value)
 
 
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("run: {pipelins: label}", "run.pipelins is no option of the command; did you mean pipelines?"),
+        ("run: {pipelins: label}", "unknown option run.pipelins; did you mean pipelines?"),
         ("run: label", "`run:` holds no options such as `pipelines` and `params`"),
         ("- label", "it holds neither options under `run:` nor sections of parameters"),
         ("{", "while parsing a flow node"),

@@ -45,7 +45,7 @@ def options_of(text: str) -> dict[str, Any]:
     for name in options:
         if name not in _OPTIONS:
             near = get_close_matches(str(name), _OPTIONS, n=1) or _OPTIONS
-            raise ValueError(f"run.{name} is no option of the command; did you mean {' or '.join(near)}?")
+            raise ValueError(f"unknown option run.{name}; did you mean {' or '.join(near)}?")
     return {str(name): value for name, value in options.items()}
 
 

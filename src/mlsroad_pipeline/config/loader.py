@@ -49,12 +49,12 @@ def check_names(given: Mapping[str, Any], base: Mapping[str, Any], source: str) 
     >>> check_names({"labl": {"survey": "a.laz"}}, {"label": {"survey": ""}}, "--params")
     Traceback (most recent call last):
     ...
-    mlsroad_pipeline.algorithms.core.exceptions.ParameterError: --params: labl is no section; did you mean label?
+    mlsroad_pipeline.algorithms.core.exceptions.ParameterError: --params: unknown section labl; did you mean label?
     """
     for section, values in given.items():
         if section not in base and section not in SETTINGS:
             near = nearest_name(section, (*base, *SETTINGS))
-            raise ParameterError(f"{source}: {section} is no section; {near}")
+            raise ParameterError(f"{source}: unknown section {section}; {near}")
         known = base.get(section)
         if isinstance(known, Mapping) and not isinstance(values, Mapping):
             raise ParameterError(f"{source}: {section} is a section, got {values!r}: set parameters below it")
@@ -62,7 +62,7 @@ def check_names(given: Mapping[str, Any], base: Mapping[str, Any], source: str) 
             for key in values:
                 if key not in known:
                     near = nearest_name(f"{section}.{key}", [f"{section}.{name}" for name in known])
-                    raise ParameterError(f"{source}: {section}.{key} is no parameter; {near}")
+                    raise ParameterError(f"{source}: unknown parameter {section}.{key}; {near}")
 
 
 def nearest_name(name: str, known: Iterable[str]) -> str:

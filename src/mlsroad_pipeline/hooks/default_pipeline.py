@@ -28,7 +28,7 @@ class DefaultPipelineHooks:
         if name is None and not self._changed:
             return
         if name is not None and name not in pipelines:
-            raise ParameterError(f"{KEY} is {name!r}, which is no pipeline ({', '.join(sorted(pipelines))})")
+            raise ParameterError(f"unknown {KEY} {name!r} (known: {', '.join(sorted(pipelines))})")
         pipelines["__default__"] = (
             joined({part: pipelines[part] for part in comparison()}) if name is None else pipelines[name]
         )

@@ -149,9 +149,9 @@ def test_models_that_are_damaged_or_of_other_classes_are_named(rng, slug, tmp_pa
 
 def test_methods_and_parameters_that_do_not_exist_are_named(rng):
     bundle = trained(rng)
-    with pytest.raises(ParameterError, match="'mystery' is no recogniser"):
+    with pytest.raises(ParameterError, match="unknown recogniser 'mystery'"):
         recognisers.load_recogniser(ModelBundle("mystery", bundle.arrays, bundle.metadata))
-    with pytest.raises(ParameterError, match="'mystery' is no recogniser"):
+    with pytest.raises(ParameterError, match="unknown recogniser 'mystery'"):
         recognisers.make_recogniser("mystery", None)
     with pytest.raises(ParameterError, match="recognition.purity must be above 0"):
         recognition_objects.RecognitionParameters(purity=0)

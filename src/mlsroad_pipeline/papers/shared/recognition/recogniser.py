@@ -33,7 +33,7 @@ logger = logging.getLogger(__name__)
 def _recogniser_of(slug: str) -> Method:
     method = METHODS.get(slug)
     if method is None or method.task != "recognition":
-        raise ParameterError(f"{slug!r} is no recogniser (recognisers: {', '.join(methods_of('recognition'))})")
+        raise ParameterError(f"unknown recogniser {slug!r} (known: {', '.join(methods_of('recognition'))})")
     return method
 
 
