@@ -1,17 +1,14 @@
 """Fixtures shared by all tests."""
 
 import gc
-import inspect
 import os
 import re
-import sys
 from collections.abc import Container
 
 # Tests run in one process per core; more OpenMP threads take 20 % more time. Read at the first import of NumPy.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 from pathlib import Path
-from types import CodeType
 
 import numpy as np
 import psutil
@@ -58,9 +55,11 @@ LONG = (
 )
 """Longest test files; they are slow, and run first, so that the processes end at about the same time."""
 
-PROCESSES = re.compile(r"subprocess|Popen|LocalCluster|KernelManager|get_context|forkserver|loky|dask")
-TRAINING = re.compile(r"(?!trained_methods)(train|fit|learn|continue)(ed)?(_\w+)?")
-"""Names and constants of tests that start processes, and of those that train a model."""
+PROCESSES = re.compile(
+    r"subprocess|Popen|LocalCluster|KernelManager|get_context|forkserver|loky|dask|wiring|tracked_project"
+)
+TRAINING = re.compile(r"\b(train|fit|learn|continue)(ed)?(_\w+)?\(")
+"""What files of tests contain that start processes, and those that train a model."""
 
 MEMORY = Path("/dev/shm")
 GIGABYTES = 8
@@ -97,48 +96,11 @@ def real_data():
     return find
 
 
-def _words(code: CodeType) -> set[str]:
-    """Return the names of a function and of those inside it, and its strings in quotes."""
-    inner = [constant for constant in code.co_consts if isinstance(constant, CodeType)]
-    strings = {repr(constant) for constant in code.co_consts if isinstance(constant, str)}
-    return strings.union(code.co_names, *map(_words, inner))
-
-
-def _words_of_calls(value, found: dict[object, set[str]]) -> set[str]:
-    """Return the words of a function or class of the tests, and of those that it uses."""
-    if value not in found:
-        found[value] = set()
-        functions = [v for v in vars(value).values() if inspect.isfunction(v)] if inspect.isclass(value) else [value]
-        for function in functions:
-            words, names = _words(function.__code__), function.__globals__
-            used = (inspect.unwrap(names[word]) for word in words if callable(names.get(word)))
-            own = [one for one in used if _is_of_tests(one)]
-            found[value] = words.union(found[value], *(_words_of_calls(one, found) for one in own))
-    return found[value]
-
-
-def _is_of_tests(value) -> bool:
-    """Return whether a value is a function or a class of the tests and their helpers."""
-    if not (inspect.isfunction(value) or inspect.isclass(value)):
-        return False
-    place = getattr(sys.modules.get(value.__module__), "__file__", None)
-    return place is not None and Path(place).is_relative_to(REPOSITORY / "tests")
-
-
-def _add_marks(items, long: Container[Path]) -> None:
-    """Mark the tests of long files, and those that start processes or train, by names in them, fixtures and helpers."""
-    found: dict[object, set[str]] = {}
-    for item in items:
-        fixtures = [definitions[-1].func for definitions in item._fixtureinfo.name2fixturedefs.values()]
-        own = [function for function in map(inspect.unwrap, (item.function, *fixtures)) if _is_of_tests(function)]
-        if item.path in long:
-            item.add_marker("slow")
-        words = {repr(getattr(item, "callspec", None) and item.callspec.params)}
-        words = words.union(*(_words_of_calls(function, found) for function in own))
-        if any(map(PROCESSES.search, words)):
-            item.add_marker("process")
-        if any(map(TRAINING.fullmatch, words)):
-            item.add_marker("training")
+def _marks_of(path: Path, long: Container[Path]) -> list[str]:
+    """Return the marks of the tests of a file: of long files, and by what their source contains."""
+    source = path.read_text(encoding="utf-8")
+    found = {"slow": path in long, "process": PROCESSES.search(source), "training": TRAINING.search(source)}
+    return [mark for mark, is_found in found.items() if is_found]
 
 
 def pytest_collection_modifyitems(items):
@@ -146,7 +108,10 @@ def pytest_collection_modifyitems(items):
     place = {REPOSITORY / "tests" / name: k for k, name in enumerate(LONG)}
     if missing := [str(path) for path in place if not path.is_file()]:
         raise pytest.UsageError(f"LONG in tests/conftest.py names missing files: {missing}")
-    _add_marks(items, place)
+    marks = {path: _marks_of(path, place) for path in {item.path for item in items}}
+    for item in items:
+        for mark in marks[item.path]:
+            item.add_marker(mark)
     items.sort(key=lambda item: place.get(item.path, len(LONG)))
 
 
