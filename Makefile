@@ -19,6 +19,8 @@ compare: setup
 
 models: setup
 	@$(BIN)/kedro run --env=general
+	@$(BIN)/kedro run --env=general --pipelines=ground_colour
+	@$(BIN)/kedro run --env=general --pipelines=object_classifier
 
 test: setup lint
 	@$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder

@@ -1,12 +1,13 @@
 """Leave one block of Oakland 3-D out: poles, signs and vehicles found with labels, and scores, of models of the others.
 
-    python benchmarks/oakland_objects.py [FOLDER] [--judges data/07_model_output/object_judges] [--weight 10]
+    python benchmarks/oakland_objects.py [FOLDER] [--candidates STORE] [--weight 10]
 
 FOLDER holds the blocks and objects.csv; by default it is $MLSROAD_DATA/oakland. Each block is labelled by boosted trees
-of the ten others. Its candidates are scored by the shipped judge, and with `--judges`, the folder of
-`object_judges.py`, also by a judge that learns from the candidates of simulated streets and, with `--weight`, from
-those of the ten other blocks. The trees that classify upright lines are the shipped ones. Objects with a score from 0.4
-count; distances are 0.5 m, and 2 m for vehicles, whose reference is the mean of the seen side.
+of the ten others. Its candidates are scored by the shipped object classifier. With `--candidates`, they are also scored
+by classifiers trained on the candidates of simulated streets and, with `--weight`, on those of the ten other blocks;
+STORE is the store of the pipeline, data/05_model_input/general/object_classifier/candidates. The trees that classify
+upright lines are the shipped ones. Objects with a score from 0.4 count; distances are 0.5 m, and 2 m for vehicles,
+whose reference is the mean of the seen side.
 """
 
 from __future__ import annotations
@@ -16,10 +17,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from _common import DATA, parser
-from judge_candidates import find_candidate_rows
-from judge_streets import SCHEME, Street
 from oakland_cross_validation import files_of, read_blocks, trees_trial
-from object_judges import fit, stem_version
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
@@ -27,18 +25,23 @@ from mlsroad_pipeline.algorithms.geometry.assignment import assign_one_to_one
 from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import FEATURE_COLUMNS
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import ClassEvidence, group_shares
 from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectClassifier
+from mlsroad_pipeline.algorithms.inventory.training.candidates import find_candidate_rows
+from mlsroad_pipeline.algorithms.inventory.training.classifiers import fit
+from mlsroad_pipeline.algorithms.inventory.training.streets import Street
 from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import (
     describe_scene,
     parameters_of,
     voxel_probabilities,
 )
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.model_store.object_classifiers import shipped_classifier
+from mlsroad_pipeline.model_store.shipped_models import load_shipped
 
 REACH = {"pole": 0.5, "sign": 0.5, "vehicle": 2.0}
 LEAST_SCORE = 0.4
 COLUMNS = list(FEATURE_COLUMNS)
+SCHEME = bundle_scheme(load_shipped("pool"))
 
 
 def street_of(name: str, cloud: PointCloud, bundle: ModelBundle) -> Street:
@@ -52,7 +55,9 @@ def street_of(name: str, cloud: PointCloud, bundle: ModelBundle) -> Street:
     )  # fmt: skip
     none = np.zeros(n, np.int32)
     height = np.where(known, ground["height"], 0.0).astype(np.float64)
-    return Street(name, cloud.xyz.astype(np.float64), cloud.origin, height, evidence, none, none, pd.DataFrame())
+    return Street(
+        name, cloud.xyz.astype(np.float64), cloud.origin, height, evidence, none, none, pd.DataFrame(), SCHEME
+    )
 
 
 def with_truth(candidates: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
@@ -65,22 +70,22 @@ def with_truth(candidates: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
     return candidates.assign(true=true)
 
 
-def shipped_scores(candidates: pd.DataFrame, judge: ObjectClassifier) -> np.ndarray:
-    """Return the scores of the shipped judge."""
+def shipped_scores(candidates: pd.DataFrame, classifier: ObjectClassifier) -> np.ndarray:
+    """Return the scores of the shipped classifier."""
     scores = np.zeros(len(candidates))
     for kind in candidates["kind"].unique():
         mine = (candidates["kind"] == kind).to_numpy()
-        scores[mine] = judge.probabilities(kind, candidates.loc[mine, COLUMNS].to_numpy(np.float32))[:, 0]
+        scores[mine] = classifier.probabilities(kind, candidates.loc[mine, COLUMNS].to_numpy(np.float32))[:, 0]
     return scores
 
 
 def learned_scores(
-    candidates: pd.DataFrame, simulated: pd.DataFrame, judge: ObjectClassifier, weight: float
+    candidates: pd.DataFrame, simulated: pd.DataFrame, classifier: ObjectClassifier, weight: float
 ) -> np.ndarray:  # fmt: skip
-    """Return the scores of judges that learn from simulated streets and from the other blocks."""
-    scores = shipped_scores(candidates, judge)
+    """Return the scores of classifiers that learn from simulated streets and from the other blocks."""
+    scores = shipped_scores(candidates, classifier)
     for kind in REACH:
-        a, b = judge.calibration[kind]
+        a, b = classifier.calibration[kind]
         own = simulated[(simulated["kind"] == kind) & ~simulated["ignored"].astype(bool)]
         for block in candidates["street"].unique():
             mine = (candidates["kind"] == kind) & (candidates["street"] == block)
@@ -111,24 +116,27 @@ def main() -> None:
     """Label, find candidates, score, print."""
     arguments = parser(__doc__)
     arguments.add_argument("folder", nargs="?", type=Path, default=DATA / "oakland")
-    arguments.add_argument("--judges", type=Path)
+    arguments.add_argument("--candidates", type=Path)
     arguments.add_argument("--weight", type=float, default=10.0)
     options = arguments.parse_args()
     clouds = read_blocks(files_of(options.folder))
-    truth, judge, trial = pd.read_csv(options.folder / "objects.csv"), shipped_classifier(), trees_trial(clouds, SCHEME)
+    truth, classifier, trial = (
+        pd.read_csv(options.folder / "objects.csv"),
+        shipped_classifier(),
+        trees_trial(clouds, SCHEME),
+    )
     found = []
     for name, cloud in clouds.items():
         bundle = trial.train([rows for other, rows in trial.samples.items() if other != name], 2026)
-        found.append(find_candidate_rows(street_of(name, cloud, bundle), judge))
+        found.append(find_candidate_rows(street_of(name, cloud, bundle), classifier))
     candidates = with_truth(pd.concat(found, ignore_index=True), truth)
-    print("| judge | kind | true | listed | found | precision | recall | F |\n|---|---|---|---|---|---|---|---|")
-    report("shipped", candidates, shipped_scores(candidates, judge), truth)
-    if options.judges is not None:
-        paths = sorted(options.judges.glob(f"*/candidates_{stem_version(judge)}_*.parquet"))
-        tables = [pd.read_parquet(path) for path in paths]
+    print("| classifier | kind | true | listed | found | precision | recall | F |\n|---|---|---|---|---|---|---|---|")
+    report("shipped", candidates, shipped_scores(candidates, classifier), truth)
+    if options.candidates is not None:
+        tables = [pd.read_parquet(path) for path in sorted(options.candidates.glob("*/candidates.parquet"))]
         simulated = pd.concat([table for table in tables if len(table)], ignore_index=True)
         for weight in (0.0, options.weight):
-            scores = learned_scores(candidates, simulated, judge, weight)
+            scores = learned_scores(candidates, simulated, classifier, weight)
             report(f"simulated, other blocks with weight {weight:g}", candidates, scores, truth)
 
 

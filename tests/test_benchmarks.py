@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
@@ -54,49 +53,3 @@ def test_a_small_forest_and_a_small_cloud_give_ratios(benchmark, capsys, rng):
     table = run_all.ratio_table(found)
     assert str(len(cloud))[0] in table
     assert all(f"{row['ratio']:.2f}" in table for row in found)
-
-
-def test_a_disturbed_street_has_probabilities_and_keeps_its_ground(benchmark):
-    streets = benchmark("judge_streets")
-    rng = np.random.default_rng(0)
-    local = rng.uniform(0, 9, (300, 3))
-    height = np.where(np.arange(300) % 3 == 0, 0.0, local[:, 2])
-    probabilities = rng.dirichlet(np.ones(len(streets.SCHEME)), 100).astype(np.float32)
-    owner = np.where(np.arange(300) % 50 == 7, -1, np.arange(300) % 100)
-    evidence = streets.ClassEvidence(probabilities, owner, streets.group_shares(streets.SCHEME))
-    codes = [streets.TAXONOMY[name] for name in ("light_pole", "car")]
-    objects = pd.DataFrame({"label": codes, "instance": [3, 4], "x": 4.0, "y": 5.0})
-    street = streets.Street("s", local, np.zeros(3), height, evidence, owner, owner, objects)
-    first, again, other = (streets.disturb(street, seed) for seed in (1, 1, 2))
-    assert first.evidence.probabilities.sum(axis=1) == pytest.approx(np.ones(100), abs=1e-5)
-    assert np.array_equal(first.evidence.probabilities, again.evidence.probabilities)
-    assert not np.allclose(first.evidence.probabilities, other.evidence.probabilities)
-    moved = first.local - local
-    still, raised, pole = height == 0, height > 1, owner == 3
-    assert (moved[still & ~pole] == 0).all() and (moved[:, 2] == 0).all()
-    shear = moved[1, :2] / height[1]
-    rest = raised & ~pole
-    assert moved[rest, :2] / height[rest, None] == pytest.approx(np.tile(shear, (rest.sum(), 1)))
-    lean = moved[raised & pole, :2] / height[raised & pole, None] - shear
-    assert np.ptp(lean, axis=0) == pytest.approx(0, abs=1e-9)
-    assert np.abs(lean).max() > 1e-4
-
-
-def test_drawn_poles_are_labelled_tree_and_drawn_trunks_pole(benchmark):
-    streets = benchmark("judge_streets")
-    codes = [streets.TAXONOMY[name] for name in ("light_pole", "tree", "car")]
-    objects = pd.DataFrame({"label": np.repeat(codes, 40), "instance": np.arange(1, 121), "x": 0.0, "y": 0.0})
-    instance = np.repeat(np.arange(1, 121), 2)
-    truth = np.repeat(objects["label"].to_numpy(), 2)
-    truth[81:160:2] = streets.TAXONOMY["trunk"]  # a crown and a trunk of each tree
-    logits = np.tile(np.arange(len(streets.SCHEME), dtype=float), (240, 1))
-    owner = np.arange(240)
-    evidence = streets.ClassEvidence(np.exp(logits), owner, streets.group_shares(streets.SCHEME))
-    street = streets.Street("s", np.zeros((240, 3)), np.zeros(3), np.zeros(240), evidence, truth, instance, objects)
-    out = streets.confuse_poles(street, logits, np.random.default_rng(2))
-    tree, pole = streets.SCHEME.classes.index("tree"), streets.SCHEME.classes.index("pole")
-    changed = out[:, tree] == pole
-    assert ((out[:, pole] == tree) == changed).all()
-    assert 10 <= changed[:80].sum() <= 30 and (changed[:80:2] == changed[1:80:2]).all()
-    assert not changed[80:160:2].any() and 4 <= changed[81:160:2].sum() <= 16
-    assert not changed[160:].any()

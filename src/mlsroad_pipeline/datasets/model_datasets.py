@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Never
 
+import numpy as np
 from kedro.io import AbstractDataset
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
@@ -62,6 +63,33 @@ class ShippedModelDataset(AbstractDataset[tuple[ModelBundle, ShippedModel], dict
 
     def _exists(self) -> bool:
         return (self._folder / REGISTRY).is_file()
+
+    def _describe(self) -> dict[str, Any]:
+        return {"filepath": str(self._folder)}
+
+
+class ShippedFilesDataset(AbstractDataset[Mapping[str, Mapping[str, Any] | str], dict[str, str]]):
+    """Files in a folder of the package: compressed arrays (`.npz`) and texts. Saving replaces those that it gets."""
+
+    def __init__(self, *, filepath: str, metadata: Mapping[str, Any] | None = None) -> None:
+        self._folder = local_path(filepath, "filepath")
+        self.metadata = metadata
+
+    def load(self) -> dict[str, str]:
+        """Return the paths of the files by name."""
+        return {path.name: str(path) for path in sorted(self._folder.iterdir())}
+
+    def save(self, data: Mapping[str, Mapping[str, Any] | str]) -> None:
+        """Write texts as they are, and mappings of arrays as compressed NPZ."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        for name, content in data.items():
+            if isinstance(content, str):
+                (self._folder / name).write_text(content, encoding="utf-8")
+            else:
+                np.savez_compressed(self._folder / name, **content)
+
+    def _exists(self) -> bool:
+        return self._folder.is_dir() and any(self._folder.iterdir())
 
     def _describe(self) -> dict[str, Any]:
         return {"filepath": str(self._folder)}

@@ -6,9 +6,9 @@ import hashlib
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.plain_text import printable
@@ -68,11 +68,12 @@ def with_classifier(bundle: ModelBundle, classifier: ObjectClassifier) -> ModelB
     return ModelBundle(bundle.slug, {**bundle.arrays, **own}, bundle.metadata)
 
 
-def write_candidate_replay(candidates: Mapping[str, LabelledCandidates], path: Path = FOLDER / REPLAY) -> None:
-    """Write the candidates to replay; features are rounded to 16 bits."""
-    arrays: dict[str, Any] = {f"{kind}/values": found.values.astype(np.float16) for kind, found in candidates.items()}
-    arrays |= {f"{kind}/true": found.true for kind, found in candidates.items()}
-    np.savez_compressed(path, **arrays)
+def candidate_replay_arrays(candidates: Mapping[str, LabelledCandidates]) -> dict[str, NDArray]:
+    """Return the arrays of the file of candidates to replay; features are rounded to 16 bits."""
+    arrays: dict[str, NDArray] = {
+        f"{kind}/values": found.values.astype(np.float16) for kind, found in candidates.items()
+    }
+    return arrays | {f"{kind}/true": found.true for kind, found in candidates.items()}
 
 
 def read_candidate_replay(path: Path = FOLDER / REPLAY) -> dict[str, LabelledCandidates]:

@@ -15,17 +15,15 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.formats.npz import DAMAGE, MANGLED
 
 FILE = Path(__file__).with_name("shipped_replay") / "general.npz"
-"""Voxels of simulated streets, drawn in proportion to their training weights: `benchmarks/replay_voxels.py`."""
+"""Voxels of simulated streets, drawn in proportion to their training weights by the pipeline `general_model`."""
 
 
-def write_replay(
-    values: NDArray[np.floating], allowed: NDArray[np.bool_], classes: Sequence[str], path: Path = FILE
-) -> None:
-    """Write a sample; features are rounded to 16 bits."""
+def replay_arrays(
+    values: NDArray[np.floating], allowed: NDArray[np.bool_], classes: Sequence[str]
+) -> dict[str, NDArray]:
+    """Return the arrays of the file of a sample; features are rounded to 16 bits."""
     names = np.array(voxel_feature_names())
-    np.savez_compressed(
-        path, values=values.astype(np.float16), allowed=allowed, classes=np.array(classes), features=names
-    )
+    return {"values": values.astype(np.float16), "allowed": allowed, "classes": np.array(classes), "features": names}
 
 
 def read_replay(bundle: ModelBundle, path: Path = FILE) -> Replay:

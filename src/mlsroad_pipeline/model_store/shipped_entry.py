@@ -34,6 +34,11 @@ class ShippedParameters:
     # Weight of the network in the pool with the trees, 0 to 1. Larger follows the network more, which did not learn
     # from recordings.
     network_weight: float = 0.5
+    # Streets that train the object classifier, as in `simulation.surveys`
+    classifier_streets: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    colour_streets: int = 48  # Number of streets that train the colour of the ground
+    # Parameters of the simulator that replace those of the streets for the colour of the ground
+    colour_survey: Mapping[str, Any] = field(default_factory=dict)
 
     def command(self) -> str:
         """Return the command that trains the model."""

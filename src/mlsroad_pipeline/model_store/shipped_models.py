@@ -177,6 +177,14 @@ def load_shipped(name: str, folder: Path = FOLDER) -> ModelBundle:
     return replace(bundle, metadata={**bundle.metadata, "shipped": shipped})
 
 
+def shipped_again(name: str) -> tuple[ModelBundle, ShippedModel]:
+    """Return a model of the package as `save_shipped` takes it, and its entry."""
+    bundle = load_shipped(name)
+    return replace(bundle, metadata={k: v for k, v in bundle.metadata.items() if k != "shipped"}), shipped_models()[
+        name
+    ]
+
+
 def save_shipped(bundle: ModelBundle, model: ShippedModel, folder: Path = FOLDER) -> ShippedModel:
     """Write the files of a model, its registry entry and its card."""
     target = folder / model.name

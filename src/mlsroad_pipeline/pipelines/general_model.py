@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from joblib import cpu_count
 from kedro.pipeline import Node, Pipeline
@@ -14,7 +15,7 @@ from kedro.pipeline import Node, Pipeline
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme, find_scheme
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG, BoostedTreesParameters
-from mlsroad_pipeline.algorithms.models.boosted_trees.sampling import coarse_training_voxels
+from mlsroad_pipeline.algorithms.models.boosted_trees.sampling import coarse_training_voxels, join_voxels
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import SLUG as NETWORK
@@ -22,6 +23,7 @@ from mlsroad_pipeline.algorithms.quality.scene_facts import stored_facts
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
 from mlsroad_pipeline.model_store.bundle_files import ModelFile
+from mlsroad_pipeline.model_store.replay import FILE, replay_arrays
 from mlsroad_pipeline.model_store.shipped_entry import ShippedParameters, describe_model, shipped_pool, split_scores
 from mlsroad_pipeline.model_store.shipped_models import ShippedModel
 from mlsroad_pipeline.pipelines import composition
@@ -32,6 +34,9 @@ from mlsroad_pipeline.pipelines.training_facts import FACTS, with_training_facts
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.recordings import TrainingRecording, described_recordings, read_training_scene
 from mlsroad_pipeline.surveys.simulated import selected_surveys
+
+REPLAYED = 6000
+"""Number of voxels that `mlsroad learn` replays."""
 
 
 def read_training_recordings(shipped: ShippedParameters, classes: Mapping[str, Any]) -> dict[str, SceneTask]:
@@ -87,6 +92,18 @@ def train_general_model(
     return model, model
 
 
+def draw_replay(
+    simulated: SceneCollection, parameters: BoostedTreesParameters, survey: SurveyParameters, classes: Mapping[str, Any]
+) -> dict[str, dict[str, Any]]:
+    """Draw voxels of simulated streets in proportion to their training weights, which `mlsroad learn` replays."""
+    scheme = training_scheme(survey, classes)
+    values, allowed, weight = join_voxels(list(simulated.load_all().values()), scheme=scheme, prior=parameters.prior)
+    rows = np.random.default_rng(2026).choice(
+        len(values), min(REPLAYED, len(values)), replace=False, p=weight / weight.sum()
+    )
+    return {FILE.name: replay_arrays(values[rows], allowed[rows], scheme.classes)}
+
+
 def ship_general_model(
     model: ModelFile,
     network: ModelFile,
@@ -125,7 +142,13 @@ def create_pipeline(**_: object) -> Pipeline:
         ["shipped_model", "shipped_pool"],
         name="ship_general_model",
     )  # fmt: skip
-    return Pipeline([parts.to_outputs(f"{SLUG}.scores", f"{NETWORK}.model"), ship])
+    replay = Node(
+        draw_replay,
+        [f"{SLUG}.training_set", _TREES, "params:survey", "params:classes"],
+        "shipped_replay",
+        name="draw_replay",
+    )
+    return Pipeline([parts.to_outputs(f"{SLUG}.scores", f"{NETWORK}.model"), ship, replay])
 
 
 def _trees() -> Pipeline:

@@ -1,0 +1,1 @@
+"""Training of the object classifier on simulated streets."""

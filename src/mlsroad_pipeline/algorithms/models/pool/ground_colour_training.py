@@ -1,0 +1,142 @@
+"""Training of the regression by which the pool divides the ground into paved and natural ground by colour.
+
+The terms of the regression are computed three times for each street: with its own colours, and with two other drawings
+of asphalt, paving, dry grass, shade and camera. Each street has the same weight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
+from mlsroad_pipeline.algorithms.models.machines.grouped_decision import decide
+from mlsroad_pipeline.algorithms.models.pool.ground_colour import (
+    INTERCEPT,
+    TERMS,
+    ground_classes,
+    ground_terms,
+    natural_share,
+)
+from mlsroad_pipeline.algorithms.models.pool.labeller import PooledVoxels, members_of, pooled_voxels
+from mlsroad_pipeline.algorithms.models.pool.recolouring import recoloured
+
+VARIANTS, FOLDS = 2, 4
+LEAST_POINTS = 2000
+"""Natural points of a street below which its F1 is left out of the means."""
+
+
+class Ground(NamedTuple):
+    """Ground of a street, or of some voxels of it.
+
+    Attributes
+    ----------
+    terms : ndarray of float64, shape (k, terms)
+        Terms of the regression of voxels with colour.
+    paved, natural : ndarray of float64, shape (k,)
+        Points of the voxels by their true class.
+    points : ndarray of float64, shape (k,)
+        All points of the voxels, including those of other classes.
+    rest : ndarray of float64, shape (3,)
+        True positives, false positives and false negatives of natural ground outside these voxels.
+    before : ndarray of bool, shape (k,)
+        Voxels that the pool labels natural ground without colour.
+    """
+
+    terms: NDArray[np.float64]
+    paved: NDArray[np.float64]
+    natural: NDArray[np.float64]
+    points: NDArray[np.float64]
+    rest: NDArray[np.float64]
+    before: NDArray[np.bool_]
+
+    def f1(self, found: NDArray[np.bool_]) -> float:
+        """Return F1 of natural ground over all points."""
+        right, wrong = self.natural[found].sum(), (self.points - self.natural)[found].sum()
+        counts = self.rest + np.array([right, wrong, self.natural[~found].sum()])
+        return float(2 * counts[0] / max(2 * counts[0] + counts[1] + counts[2], 1))
+
+
+def grounds_of(cloud: PointCloud, bundle: ModelBundle, seed: int) -> list[Ground]:
+    """Return the ground of a simulated street that the pool labels, with its own colours and with others."""
+    truth = bundle_scheme(bundle).encode(cloud["label"])
+    pooled = pooled_voxels(cloud, bundle)
+    if pooled is None:
+        raise DataError(f"{cloud.source}: the pool labels no point")
+    probabilities, owner, _ = pooled
+    labels, _ = decide(probabilities, next(iter(members_of(bundle).values())).arrays.get("groups"))
+    pair = ground_classes(bundle.classes)
+    on_ground = np.flatnonzero((owner >= 0) & np.isin(labels[owner], pair))
+    found = []
+    for variant in range(1 + VARIANTS):
+        rgb = cloud["rgb"].copy()
+        if variant:
+            rng = np.random.default_rng([seed, variant])
+            rgb[on_ground] = recoloured(cloud.xyz[on_ground], rgb[on_ground], cloud["label"][on_ground], rng)
+        found.append(ground_of(pooled, labels, truth, rgb, pair))
+    return found
+
+
+def ground_of(
+    pooled: PooledVoxels, labels: NDArray[np.integer], truth: NDArray[np.integer], rgb: NDArray[np.uint8],
+    pair: tuple[int, int],
+) -> Ground:  # fmt: skip
+    """Return the ground of a labelled cloud with the true classes of its points, -1 for none, and their colours."""
+    probabilities, owner, region = pooled
+    known = owner >= 0
+    paved, natural, points = (
+        np.bincount(owner[known & chosen], minlength=len(labels)).astype(np.float64)
+        for chosen in (truth == pair[0], truth == pair[1], truth >= 0)
+    )
+    rows, terms = ground_terms(probabilities, labels, pair, rgb, owner, region)
+    others = np.ones(len(labels), np.bool_)
+    others[rows] = False
+    named = others & (labels == pair[1])
+    rest = [natural[named].sum(), (points - natural)[named].sum(), natural[others & ~named].sum()]
+    table = np.stack([terms[name] for name in TERMS], axis=1)
+    return Ground(table, paved[rows], natural[rows], points[rows], np.array(rest), labels[rows] == pair[1])
+
+
+def fit(grounds: Sequence[Ground]) -> dict[str, float]:
+    """Return the weights of the regression, rounded; each ground has the same weight."""
+    from sklearn.linear_model import LogisticRegression  # noqa: PLC0415  # slow to import
+
+    terms = np.concatenate([one.terms for one in grounds for _ in range(2)])
+    truth = np.concatenate([np.repeat([1, 0], len(one.terms)) for one in grounds])
+    sizes = [max((one.natural + one.paved).sum(), 1) for one in grounds]
+    weight = np.concatenate(
+        [np.append(one.natural, one.paved) / size for one, size in zip(grounds, sizes, strict=True)]
+    )
+    used = weight > 0
+    spread = terms[used].std(axis=0)
+    regression = LogisticRegression(C=10.0, max_iter=1000, tol=1e-6)
+    regression.fit(terms[used] / spread, truth[used], sample_weight=weight[used])
+    weights = dict(zip(TERMS, regression.coef_[0] / spread, strict=True))
+    return {name: round(float(value), 2) for name, value in {**weights, INTERCEPT: regression.intercept_[0]}.items()}
+
+
+def held_out_f1(surveys: Sequence[Sequence[Ground]]) -> NDArray[np.float64]:
+    """Return F1 of natural ground of each street, by weights trained on the other folds of streets.
+
+    The columns are F1 without colour, with the colours of the street, and the mean of F1 with other colours. Streets
+    with little natural ground are left out.
+    """
+    rows: list[list[float]] = []
+    for fold in range(min(FOLDS, len(surveys))):
+        weights = fit([one for k, street in enumerate(surveys) if k % FOLDS != fold for one in street])
+        for street in surveys[fold::FOLDS]:
+            if street[0].natural.sum() < LEAST_POINTS:
+                continue
+            after = [one.f1(_share_of(one, weights) > 0.5) for one in street]
+            rows.append([street[0].f1(street[0].before), after[0], float(np.mean(after[1:]))])
+    return np.reshape(rows, (-1, 3))
+
+
+def _share_of(ground: Ground, weights: dict[str, float]) -> NDArray[np.float64]:
+    """Return the share of natural ground of the voxels."""
+    return natural_share(dict(zip(TERMS, ground.terms.T, strict=True)), weights)
