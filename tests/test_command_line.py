@@ -108,5 +108,5 @@ def test_wrong_parameters_are_named_before_anything_runs(project, text, message)
 
 def test_wrong_execution_is_named_before_anything_runs(project):
     given = from_command_line("execution.n_workers=0")
-    with pytest.raises(DatasetError, match="n_workers must be a whole number > 0 or null, got 0"):
+    with pytest.raises(DatasetError, match=r"n_workers .*got 0"):
         context_of(project, "base", **given).catalog.get("scenes")

@@ -135,5 +135,5 @@ def test_reports_come_back_and_other_text_is_refused(tmp_path):
     page = "<!DOCTYPE html>\n<html>Straße</html>\n"
     dataset.save(page)
     assert dataset.load() == page
-    with pytest.raises(DatasetError, match=r"r.html: needs an HTML page, got 'plain'"):
+    with pytest.raises(DatasetError, match=r"r.html: .*got 'plain'"):
         dataset.save("plain")

@@ -54,7 +54,7 @@ def test_parts_are_read_one_by_one(store):
     assert scenes.part("arrays")["s"].load()["a"].tolist() == [0, 1, 2]
     assert scenes.load_all("table")["s"].v.tolist() == [1]
     assert scenes.part("arrays")["s"].fingerprint != scenes["s"].fingerprint
-    with pytest.raises(DataError, match=r"scene 's' has no part 'other' \(parts: points, arrays, table\)"):
+    with pytest.raises(DataError, match="scene 's' has no part 'other'"):
         scenes.part("other")
 
 

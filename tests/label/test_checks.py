@@ -87,14 +87,14 @@ def test_a_system_that_a_format_cannot_hold_ends_the_run_before_the_labelling():
 def test_two_results_of_one_path_are_named(tmp_path, names, changes, path):
     for name in names:
         ply(tmp_path / "in" / name) if name.endswith("ply") else las(tmp_path / "in" / name, n=len(name))  # no copies
-    with pytest.raises(ParameterError, match=rf"out/{path} would hold {names[1]} and {names[0]}: rename one") as caught:
+    with pytest.raises(ParameterError, match=rf"out/{path} would hold {names[1]} and {names[0]}") as caught:
         paths(tmp_path / "in", tmp_path / "out", **changes)
     assert len(str(caught.value).splitlines()) == 1
 
 
 def test_a_result_is_never_a_file_of_the_survey(tmp_path):
     first, second = las(tmp_path / "a/x.laz"), las(tmp_path / "b/y.laz")
-    with pytest.raises(ParameterError, match=rf"{first} is a file of the survey; choose another label\.output"):
+    with pytest.raises(ParameterError, match=rf"{first} is a file of the survey"):
         paths([str(first), str(second)], tmp_path)
 
 

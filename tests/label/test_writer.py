@@ -153,7 +153,7 @@ def test_ranges_progress_and_failures(tmp_path, rng):
         write_labelled(source, source, make_labels)
     with pytest.raises(ParameterError, match=r"written as \.laz, got .*b\.las"):
         write_labelled(source, tmp_path / "b.las", make_labels)
-    with pytest.raises(ParameterError, match=r"chunk_size must be at least 1, got 0"):
+    with pytest.raises(ParameterError, match=r"chunk_size .*got 0"):
         write_labelled(source, target, make_labels, chunk_size=0)
     source.write_bytes(source.read_bytes()[:-90_000])
     with pytest.raises(ReadError, match=r"a\.laz is (damaged|truncated)"):

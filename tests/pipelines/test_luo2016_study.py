@@ -10,7 +10,7 @@ from mlsroad_pipeline.papers.luo2016.study.runs import METHODS
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
-GRID = {"smoothness": [0.8, 6.4], "colour_decay": [0.0]}
+GRID = {"smoothness": [0.1, 0.8, 6.4], "colour_decay": [0.0]}
 FAST = {
     "luo2016_study": {"scale": "fast"},
     "patch_graph_mrf": GRID,

@@ -109,7 +109,7 @@ def test_the_fusion_learns_from_masks_and_labels_with_them(project, survey, tmp_
     seen = scores[(scores["split"] == "test_visible") & (scores["metric"] == "overall_accuracy")]["value"].item()
     assert seen > 0.85  # a network of thirty steps has 0.3
     out = tmp_path / "out"
-    with pytest.raises(Exception, match=r"model 'fusion' labels through masks: set image_labels\.masks"):
+    with pytest.raises(Exception, match="model 'fusion' labels through masks"):
         label(own, survey, out, method="fusion", **LONG)
     parameters = {"label": {"survey": str(survey), "output": str(out), "method": "fusion", "least_score": 0}}
     run(own, "label", **joined(masked, LONG, parameters))

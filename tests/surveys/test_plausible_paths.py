@@ -158,9 +158,7 @@ def test_names_of_files_that_cannot_be_written_are_refused_first_and_long_ones_h
 
     keys = [file.key for file in planned("\u6d4b" * 50 + "a.laz", "\u6d4b" * 50 + "b.laz", "street.laz").files]
     assert len(set(keys)) == 3 and max(map(len, keys)) == 127 and keys[2] == "survey.street_laz"
-    with pytest.raises(
-        ReadError, match=r"na\\udcefve\.laz' is a file of the survey with a name that is not UTF-8: rename it"
-    ):
+    with pytest.raises(ReadError, match=r"na\\udcefve\.laz' is a file of the survey with a name that is not UTF-8"):
         plan_labelling(LabelParameters(survey=str(folder), output="out"), IngestParameters())
     output = LabelParameters(survey="x.laz", output="out")
     with pytest.raises(
@@ -184,9 +182,7 @@ def test_a_glob_that_leaves_its_folder_is_an_error(tmp_path):
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "s.txt").write_text("0 0 0\n1 1 1\n")
     pattern = str(tmp_path / "a" / "*" / ".." / ".." / "other" / "*.txt")
-    with pytest.raises(
-        ParameterError, match=r"leaves its folder by '\.\.' after a wildcard: .*s\.txt; name the folder"
-    ):
+    with pytest.raises(ParameterError, match=r"leaves its folder by '\.\.' after a wildcard: .*s\.txt"):
         Survey.at(pattern).files()
 
 

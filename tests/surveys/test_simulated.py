@@ -222,12 +222,12 @@ def test_one_survey_alone_and_its_files_are_announced(tmp_path):
         "survey_000.laz", "survey_001.laz", "survey_002.laz", "trajectory.csv",
     ]  # fmt: skip
     assert set(simulate_surveys({"enabled": True, "only": "b", "surveys": surveys}, Roots)) == {"b"}
-    with pytest.raises(ParameterError, match=r"unknown simulation.only 'x' \(known: a, b, c\)"):
+    with pytest.raises(ParameterError, match=r"unknown simulation.only 'x'"):
         simulate_surveys({"enabled": True, "only": "x", "surveys": surveys}, Roots)
 
 
 def test_bad_layouts_are_named(tmp_path):
-    with pytest.raises(ParameterError, match="piece_length must be a finite number > 0, got -1"):
+    with pytest.raises(ParameterError, match=r"piece_length .*got -1"):
         SurveyFiles(piece_length=-1)
     with pytest.raises(ParameterError, match="unknown simulation parameters: peice_length"):
         simulation_parameters({"peice_length": 3})

@@ -91,7 +91,7 @@ def test_weights_count(objects):
     found = compute_images(objects, weights=[np.full(len(p), 3.0) for p in objects], relative=False)
     for image, other in zip(found, wanted, strict=True):
         np.testing.assert_allclose(image, other, rtol=1e-6)
-    with pytest.raises(DataError, match=r"weights of object 1 must have shape \(50,\), got \(3,\)"):
+    with pytest.raises(DataError, match=r"weights of object 1 .*got \(3,\)"):
         compute_images(objects[:2], weights=[np.ones(400), np.ones(3)])
     with pytest.raises(DataError, match="weights of object 1 has inf"):
         compute_images(objects[:2], weights=[np.ones(400), np.full(50, np.inf)])
@@ -163,9 +163,9 @@ def test_bad_objects_are_named(objects):
     broken[7, 1] = np.nan
     with pytest.raises(DataError, match="object 1 has 1 points with NaN or infinite coordinates, the first at row 7"):
         compute_images([objects[1], broken])
-    with pytest.raises(DataError, match="object 2 needs at least 1 points, got 0"):
+    with pytest.raises(DataError, match=r"object 2 .*got 0"):
         compute_images([*objects[:2], np.zeros((0, 3))])
-    with pytest.raises(DataError, match=r"object 0 must have shape \(n, 3\), got \(4, 2\)"):
+    with pytest.raises(DataError, match=r"object 0 .*got \(4, 2\)"):
         concatenate_objects([np.zeros((4, 2))])
-    with pytest.raises(ParameterError, match=r"sizes must be three numbers of at least 1, got \(16, 0, 16\)"):
+    with pytest.raises(ParameterError, match=r"sizes .*got \(16, 0, 16\)"):
         compute_images(objects, sizes=(16, 0, 16))

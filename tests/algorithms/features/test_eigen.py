@@ -157,7 +157,7 @@ def test_bad_input_is_named():
         compute_eigen_features(xyz)
     with pytest.raises(ParameterError, match="exactly one of radius and k, got radius=1 and k=3"):
         compute_eigen_features(xyz, radius=1, k=3)
-    with pytest.raises(ParameterError, match="radius must be a finite number > 0, got nan"):
+    with pytest.raises(ParameterError, match=r"radius .*got nan"):
         compute_eigen_features(xyz, radius=np.nan)
     with pytest.raises(ParameterError, match="k must be at least 1"):
         compute_eigen_features(xyz, k=0)

@@ -97,14 +97,14 @@ def test_normals_face_up_or_the_viewpoint(rng):
 
 def test_bad_input_is_named(rng):
     xyz, normals = random_cloud(rng, 10)
-    with pytest.raises(ParameterError, match="n_bins must be from 1 to 255, got 0"):
+    with pytest.raises(ParameterError, match=r"n_bins .*got 0"):
         compute_fpfh(xyz, normals, radius=0.1, n_bins=0)
-    with pytest.raises(ParameterError, match="radius must be a finite number > 0, got -1"):
+    with pytest.raises(ParameterError, match=r"radius .*got -1"):
         compute_fpfh(xyz, normals, radius=-1)
-    with pytest.raises(ParameterError, match="n_threads must be at least 1, got 0"):
+    with pytest.raises(ParameterError, match=r"n_threads .*got 0"):
         compute_fpfh(xyz, normals, radius=0.1, n_threads=0)
-    with pytest.raises(DataError, match=r"normals must have shape \(10, 3\), got \(9, 3\)"):
+    with pytest.raises(DataError, match=r"normals .*got \(9, 3\)"):
         compute_fpfh(xyz, normals[:9], radius=0.1)
-    with pytest.raises(DataError, match=r"viewpoint must be three finite coordinates, got \[1, 2\]"):
+    with pytest.raises(DataError, match=r"viewpoint .*got \[1, 2\]"):
         compute_normals(xyz, k=3, viewpoint=[1, 2])
     assert compute_fpfh(np.zeros((0, 3)), np.zeros((0, 3)), radius=1).shape == (0, 33)

@@ -59,11 +59,11 @@ def test_empty_images_and_bad_input():
     empty = compute_gaussian_images(np.full((3, 3), np.nan), [0, 3])
     assert (empty == 0).all()
     assert align_gaussian_images(empty, empty)[1] == 0
-    with pytest.raises(DataError, match=r"normals must have shape \(n, 3\), got \(3,\)"):
+    with pytest.raises(DataError, match=r"normals .*got \(3,\)"):
         compute_gaussian_images(np.zeros(3), [0, 3])
     with pytest.raises(DataError, match="indptr must rise from 0 to the 2 normals"):
         compute_gaussian_images(np.zeros((2, 3)), [0, 3])
-    with pytest.raises(ParameterError, match="n_azimuths must be an even number > 1, got 5"):
+    with pytest.raises(ParameterError, match=r"n_azimuths .*got 5"):
         compute_gaussian_images(np.zeros((0, 3)), [0], n_azimuths=5)
     with pytest.raises(DataError, match="cannot be aligned"):
         align_gaussian_images(np.zeros((1, 2, 4)), np.zeros((1, 2, 6)))

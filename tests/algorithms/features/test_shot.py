@@ -52,7 +52,7 @@ def test_shot_of_a_floor_has_one_bin_of_cosine(rng):
 def test_shot_without_normals_is_zero(cloud):
     assert (compute_shot(cloud, np.full(cloud.shape, np.nan), np.zeros(3), radius=1.0) == 0).all()
     assert (compute_shot(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(3), radius=1.0) == 0).all()
-    with pytest.raises(ParameterError, match="radius must be a finite number > 0, got 0"):
+    with pytest.raises(ParameterError, match=r"radius .*got 0"):
         compute_shot(cloud, cloud, np.zeros(3), radius=0)
     with pytest.raises(DataError, match=r"normals must have shape \(301, 3\)"):
         compute_shot(cloud, cloud[:4], np.zeros(3), radius=1.0)
@@ -72,5 +72,5 @@ def test_layers_follow_the_definition_and_do_not_turn(cloud):
 def test_layers_of_hardly_anything(rng):
     found = describe_layers([np.full((3, 3), 2.0), rng.normal(size=(1, 3))], n_layers=4)
     assert np.isfinite(found).all() and found.reshape(2, 4, 10)[:, 0, 0].tolist() == [1.0, 1.0]
-    with pytest.raises(ParameterError, match="n_layers must be at least 1, got 0"):
+    with pytest.raises(ParameterError, match=r"n_layers .*got 0"):
         describe_layers([np.zeros((1, 3))], n_layers=0)

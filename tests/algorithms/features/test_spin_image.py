@@ -57,9 +57,9 @@ def test_threads_and_missing_normals(rng):
 
 def test_bad_input(rng):
     points = rng.normal(size=(5, 3))
-    with pytest.raises(DataError, match=r"normals must have shape \(5, 3\), got \(4, 3\)"):
+    with pytest.raises(DataError, match=r"normals .*got \(4, 3\)"):
         compute_spin_images(points, points[:4], radius=1.0)
-    with pytest.raises(ParameterError, match="n_axial must be at least 2, got 1"):
+    with pytest.raises(ParameterError, match=r"n_axial .*got 1"):
         compute_spin_images(points, points, radius=1.0, n_axial=1)
-    with pytest.raises(ParameterError, match="radius must be a finite number > 0, got 0"):
+    with pytest.raises(ParameterError, match=r"radius .*got 0"):
         compute_spin_images(points, points, radius=0)

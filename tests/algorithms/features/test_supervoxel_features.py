@@ -217,9 +217,9 @@ def test_bad_input_is_named(scene):
         compute(xyz=np.empty((0, 3)), labels=np.empty(0, np.int32))
     with pytest.raises(DataError, match=r"labels must have shape"):
         compute(labels=labels[:-1])
-    with pytest.raises(DataError, match=rf"labels must be in 0..{n - 1} .* got -1..{n - 1}"):
+    with pytest.raises(DataError, match=rf"labels .*got -1..{n - 1}"):
         compute(labels=np.where(np.arange(len(labels)) == 0, -1, labels))
-    with pytest.raises(DataError, match="labels must be integers, got float64"):
+    with pytest.raises(DataError, match=r"labels .*got float64"):
         compute(labels=labels.astype(float))
     with pytest.raises(DataError, match=r"1 of .* supervoxels have no point, the first is 3"):
         compute(labels=np.where(labels == 3, 2, labels))
@@ -235,9 +235,9 @@ def test_bad_input_is_named(scene):
         compute(intensity=intensity[:5])
     with pytest.raises(DataError, match="height_above_ground must have shape"):
         compute(height_above_ground=intensity[:5])
-    with pytest.raises(DataError, match=r"too large for columns of 0\.5 m: remove outliers"):
+    with pytest.raises(DataError, match=r"too large for columns of 0\.5 m"):
         compute(xyz=np.vstack([xyz[:-1], [[1e7, 1e7, 0]]]))
-    with pytest.raises(ParameterError, match="region must be 'own', 'neighborhood' or 'both', got 'far'"):
+    with pytest.raises(ParameterError, match=r"region .*got 'far'"):
         compute(region="far")
     with pytest.raises(ParameterError, match="column_size must be"):
         compute(column_size=0)

@@ -91,11 +91,11 @@ def test_bad_input_is_named():
         radius_neighbors(bad, radius=1.0)
     with pytest.raises(DataError, match=r"queries has 1 points with NaN"):
         nearest_neighbors(np.zeros((2, 3)), k=1, queries=bad)
-    with pytest.raises(ParameterError, match=r"radius must be a finite number > 0, got -1"):
+    with pytest.raises(ParameterError, match=r"radius .*got -1"):
         radius_neighbors(np.zeros((2, 3)), radius=-1)
     with pytest.raises(ParameterError, match=r"k must be at least 1, got 0"):
         nearest_neighbors(np.zeros((2, 3)), k=0)
-    with pytest.raises(ParameterError, match=r"n_threads must be at least 1, got 0"):
+    with pytest.raises(ParameterError, match=r"n_threads .*got 0"):
         radius_neighbors(np.zeros((2, 3)), radius=1.0, n_threads=0)
-    with pytest.raises(ParameterError, match=r"n_threads must be at least 1, got 0"):
+    with pytest.raises(ParameterError, match=r"n_threads .*got 0"):
         nearest_neighbors(np.zeros((2, 3)), k=1, n_threads=0)

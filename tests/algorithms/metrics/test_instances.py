@@ -81,7 +81,7 @@ def test_order_of_points_and_names_do_not_matter(rng):
 def test_bad_input():
     with pytest.raises(DataError, match=r"instances have shape \(2,\), segments \(3,\)"):
         find_overlaps([1, 2], [1, 2, 3])
-    with pytest.raises(DataError, match="segments must be integers, got float64"):
+    with pytest.raises(DataError, match=r"segments .*got float64"):
         find_overlaps([1, 2], [1.0, 2.0])
-    with pytest.raises(ParameterError, match=r"iou_threshold must be at least 0\.5 and below 1, got 0\.3"):
+    with pytest.raises(ParameterError, match=r"iou_threshold .*got 0\.3"):
         score_segmentation([1], [1], iou_threshold=0.3)

@@ -156,7 +156,7 @@ def test_codes_outside_the_taxonomy_are_named():
 
 def test_bad_calls_are_named():
     cloud = PointCloud(np.zeros((1, 3)))
-    with pytest.raises(ParameterError, match="max_gap must be a finite number > 0, got 0"):
+    with pytest.raises(ParameterError, match=r"max_gap .*got 0"):
         inspect_chunk(cloud, max_gap=0)
     with pytest.raises(DataError, match="no chunks"):
         merge([])

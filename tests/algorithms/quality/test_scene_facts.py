@@ -94,5 +94,5 @@ def test_facts_that_one_side_lacks_are_not_compared():
 
 
 def test_damaged_range_names_the_fact():
-    with pytest.raises(DataError, match=r"training_facts of 'spacing' must have 5 quantiles, got \[1\]"):
+    with pytest.raises(DataError, match=r"training_facts of 'spacing' .*got \[1\]"):
         unusual_facts({"spacing": 1.0}, {"spacing": [1]})

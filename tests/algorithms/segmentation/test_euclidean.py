@@ -101,7 +101,7 @@ def test_tolerance_must_be_positive(tolerance):
 
 
 def test_bad_input_is_named():
-    with pytest.raises(ParameterError, match="min_points must be at least 1, got 0"):
+    with pytest.raises(ParameterError, match=r"min_points .*got 0"):
         cluster(np.zeros((2, 3)), tolerance=0.1, min_points=0)
     with pytest.raises(DataError, match="first at row 1"):
         cluster([[0.0, 0, 0], [np.nan, 0, 0]], tolerance=0.1)

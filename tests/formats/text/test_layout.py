@@ -42,7 +42,7 @@ def test_the_marks_can_be_given(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("1,5 2,5 3,5\n4 5 6\n")
     assert TEXT.read(path, DEFAULT).xyz.tolist() == [[1.5, 2.5, 3.5], [4, 5, 6]]
-    with pytest.raises(MissingColumnError, match=r"no column 'x' \(columns: 1,5, 2,5, 3,5\)"):
+    with pytest.raises(MissingColumnError, match="no column 'x'"):
         TEXT.read(path, ReadOptions(decimal=".", delimiter=" "))
     path.write_text("1,2,3\n4,5,6\n")
     assert TEXT.read(path, DEFAULT).xyz.tolist() == [[1, 2, 3], [4, 5, 6]]

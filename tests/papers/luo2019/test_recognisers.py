@@ -61,7 +61,7 @@ def test_bad_objects_and_few_points(slug, rng):
         probabilities = found.predict_proba([np.full((n, 3), 3.0), rng.normal(size=(n, 3))])
         assert np.isfinite(probabilities).all() and probabilities.shape == (2, 3)
     assert found.predict_proba([]).shape == (0, 3)
-    with pytest.raises(DataError, match="object 1 needs at least 1 points, got 0"):
+    with pytest.raises(DataError, match=r"object 1 .*got 0"):
         found.predict_proba([objects[0], np.zeros((0, 3))])
     with pytest.raises(DataError, match="object 0 has 1 points with NaN"):
         found.predict_proba([np.array([[0, np.nan, 0]])])
@@ -91,11 +91,11 @@ def test_pointnet_starts_with_transforms_that_change_nothing_and_does_not_mind_o
 
 
 def test_parameters_out_of_range_are_named():
-    with pytest.raises(ParameterError, match="radii must be numbers at least 0, got .-1"):
+    with pytest.raises(ParameterError, match=r"radii .*got .-1"):
         DescriptorParameters(radii=[-1.0])
     with pytest.raises(ParameterError, match="costs must be numbers > 0"):
         DescriptorParameters(costs=[0.0])
     with pytest.raises(ParameterError, match="widths must be 3 numbers"):
         PointNetParameters(widths=[64])
-    with pytest.raises(ParameterError, match="device must be one of auto, cpu, cuda, got 'tpu'"):
+    with pytest.raises(ParameterError, match=r"device .*got 'tpu'"):
         PointNetRecogniser(PointNetParameters(device="tpu")).fit(*shapes(np.random.default_rng(1), 2))

@@ -128,15 +128,15 @@ def test_a_street_of_weight_zero_is_excluded_from_threshold_selection(slug, rng)
 
 
 def test_bad_parameters_are_named():
-    with pytest.raises(ParameterError, match="hough_forest.n_trees must be at least 1, got 0"):
+    with pytest.raises(ParameterError, match=r"hough_forest.n_trees .*got 0"):
         HoughForestParameters(n_trees=0)
-    with pytest.raises(ParameterError, match="hough_forest.cell must be a finite number > 0, got 0"):
+    with pytest.raises(ParameterError, match=r"hough_forest.cell .*got 0"):
         HoughForestParameters(cell=0)
-    with pytest.raises(ParameterError, match="object_matching.least must be between 0 and 1, got 2"):
+    with pytest.raises(ParameterError, match=r"object_matching.least .*got 2"):
         ObjectMatchingParameters(least=2)
-    with pytest.raises(ParameterError, match="bottom_up_top_down.candidates must be at least 1, got 0"):
+    with pytest.raises(ParameterError, match=r"bottom_up_top_down.candidates .*got 0"):
         BottomUpTopDownParameters(candidates=0)
-    with pytest.raises(ParameterError, match="n_radial must be at least 2, got 1"):
+    with pytest.raises(ParameterError, match=r"n_radial .*got 1"):
         OrientedPointParameters(n_radial=1)
     with pytest.raises(DataError, match="arrays of a Hough forest lack roots"):
         HoughForest.from_arrays({}, intensity=True)

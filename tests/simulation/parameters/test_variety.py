@@ -44,7 +44,7 @@ def test_one_of_many_or_all_of_them_may_be_selected():
     assert len(selected_surveys({**simulation, "only": None})) == 13
     assert list(selected_surveys({**simulation, "only": "b"})) == [f"b_{k:03d}" for k in range(12)]
     assert list(selected_surveys({**simulation, "only": "b_003"})) == ["b_003"]
-    with pytest.raises(ParameterError, match=r"unknown simulation.only 'b_012' \(known: a, b_000"):
+    with pytest.raises(ParameterError, match=r"unknown simulation.only 'b_012'"):
         selected_surveys({**simulation, "only": "b_012"})
 
 

@@ -275,11 +275,9 @@ def test_parameters_are_read_from_configuration():
     assert street_parameters("suburb") == STREETS["suburb"]
     assert street_parameters({"kind": "ring_road", "hard_cases": 0.5}) == replace(STREETS["ring_road"], hard_cases=0.5)
     assert street_parameters({}) == StreetParameters()
-    with pytest.raises(
-        ParameterError, match=r"kind of street 'alley' is unknown \(kinds: town, suburb, ring_road, campus, old_town, "
-    ):
+    with pytest.raises(ParameterError, match="kind of street 'alley' is unknown"):
         street_parameters("alley")
-    with pytest.raises(ParameterError, match="a street is the name of a kind or a mapping of parameters, got 3"):
+    with pytest.raises(ParameterError, match=r"a street .*got 3"):
         street_parameters(3)
     with pytest.raises(ParameterError, match="unknown street parameters: lamp"):
         street_parameters({"lamp": 3})

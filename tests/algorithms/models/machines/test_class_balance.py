@@ -71,7 +71,7 @@ def test_a_forest_on_samples_does_not_depend_on_the_jobs(overlap):
 
 
 def test_a_bound_below_one_is_named(overlap):
-    with pytest.raises(ParameterError, match="max_per_class must be an integer of at least 1, got 0"):
+    with pytest.raises(ParameterError, match=r"max_per_class .*got 0"):
         DetrendedForestClassifier(2, max_per_class=0).fit(*overlap)
 
 
@@ -101,9 +101,9 @@ def test_the_majority_is_counted_without_ignored_points():
 
 
 def test_majority_labels_name_bad_input():
-    with pytest.raises(DataError, match=r"point_labels must be in -1\.\.1, got 0\.\.2"):
+    with pytest.raises(DataError, match=r"point_labels .*got 0\.\.2"):
         majority_labels([0, 2], [0, 0], 2)
-    with pytest.raises(DataError, match=r"point_labels must have shape \(3,\), got \(2,\)"):
+    with pytest.raises(DataError, match=r"point_labels .*got \(2,\)"):
         majority_labels([0, 1], [0, 0, 0], 2)
-    with pytest.raises(DataError, match="group_of_point must not be negative, got -2"):
+    with pytest.raises(DataError, match=r"group_of_point .*got -2"):
         majority_labels([0, 1], [0, -2], 2)

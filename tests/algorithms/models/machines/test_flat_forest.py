@@ -66,7 +66,7 @@ def test_the_result_does_not_depend_on_threads_rows_or_a_trip_to_disk(rng, tmp_p
 def test_bad_input_is_named(rng):
     forest, values = grow(rng, missing=False)
     flat = FlatForest.from_trees(forest.estimators_)
-    with pytest.raises(DataError, match=r"features must have shape \(n, 9\), got \(1200, 8\)"):
+    with pytest.raises(DataError, match=r"features .*got \(1200, 8\)"):
         flat.predict_proba(values[:, :8])
     values[5, 2] = np.inf
     with pytest.raises(DataError, match="features contain infinity in row 5"):

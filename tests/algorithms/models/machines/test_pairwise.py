@@ -75,7 +75,7 @@ def test_decisions_of_a_machine_are_those_of_scikit_learn(rng, n_classes):
 def test_machine_names_bad_input(rng):
     model = SVC(gamma=0.3).fit(rng.random((10, 3)), np.arange(10) % 2)
     machine = KernelMachine.from_svc(model, np.zeros(3), np.ones(3), np.zeros((1, 2)))
-    with pytest.raises(DataError, match=r"features must have shape \(n, 3\), got \(4, 2\)"):
+    with pytest.raises(DataError, match=r"features .*got \(4, 2\)"):
         machine.decide(np.zeros((4, 2), np.float32))
     with pytest.raises(DataError, match="lack gamma, sigmoids"):
         arrays = machine.to_arrays()

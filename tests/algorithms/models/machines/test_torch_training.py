@@ -58,9 +58,7 @@ def test_a_gpu_that_fails_is_told_once(cuda, caplog, available, warning, error, 
     (record,) = caplog.records
     assert "Networks run on the CPU, which is slower: PyTorch cannot use the GPU" in record.message
     assert reason in record.message and "\n" not in record.message
-    with pytest.raises(
-        ParameterError, match=r"device is 'cuda', but PyTorch cannot use the GPU \(.*: use 'auto' or 'cpu'"
-    ):
+    with pytest.raises(ParameterError, match=r"device is 'cuda', but PyTorch cannot use the GPU \(.*"):
         find_device("cuda")
     assert find_device("cpu").type == "cpu"
 

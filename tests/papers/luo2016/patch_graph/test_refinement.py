@@ -99,7 +99,7 @@ def test_models_without_cliques_still_load_and_wrong_weights_are_named():
     earlier = {**arrays, "refinement": arrays["refinement"][:5]}
     assert RefinedPatchGraphClassifier.from_arrays(earlier).parameters == field
     assert RefinedPatchGraphClassifier.from_arrays(arrays).parameters == field
-    with pytest.raises(ParameterError, match=r"clique_truncation must be in \(0, 0.5\], got 0.6"):
+    with pytest.raises(ParameterError, match=r"clique_truncation .*got 0.6"):
         GridParameters(clique_weight=(0.5,), clique_truncation=0.6)
     with pytest.raises(ParameterError, match="clique_weight must list at least one value"):
         GridParameters(clique_weight=())

@@ -253,7 +253,7 @@ def test_wrong_scales_are_named(change, message):
 def test_wrong_studies_are_named():
     given = {"scale": "s", "scales": {"s": SCALE}, "scheme": "luo2016"}
     assert StudyParameters(**given).chosen_scale() == StudyScale(**SCALE)
-    with pytest.raises(ParameterError, match=r"scale 'x' is unknown \(scales: s\)"):
+    with pytest.raises(ParameterError, match="scale 'x' is unknown"):
         StudyParameters(**{**given, "scale": "x"})
     with pytest.raises(ParameterError, match="scales.s must have"):
         StudyParameters(**{**given, "scales": {"s": {}}})

@@ -235,7 +235,7 @@ def test_no_step_is_longer_than_the_clipped_gradient_allows(rng):
     short, free = (float((weights_after_one_step(clip) - start).norm()) for clip in (0.01, 0.0))
     assert short == pytest.approx(0.1 * 0.01, rel=1e-3)
     assert free > 10 * short
-    with pytest.raises(ParameterError, match=r"training\.clip must be at least 0\.0, got -1\.0"):
+    with pytest.raises(ParameterError, match=r"training\.clip .*got -1\.0"):
         parameters(clip=-1.0)
 
 
@@ -248,7 +248,7 @@ def test_objects_of_hardly_any_points_get_a_class(rng, n_points):
         probabilities = found.predict_proba(few, intensities=given)
         assert np.isfinite(probabilities).all() and probabilities.sum() == pytest.approx(1.0)
     assert found.predict_proba([]).shape == (0, 3)
-    with pytest.raises(DataError, match="object 0 needs at least 1 points, got 0"):
+    with pytest.raises(DataError, match=r"object 0 .*got 0"):
         found.predict_proba([np.zeros((0, 3))])
     with pytest.raises(DataError, match="object 0 has 1 points with NaN"):
         found.predict_proba([np.array([[0, 0, np.nan]])])
@@ -256,16 +256,16 @@ def test_objects_of_hardly_any_points_get_a_class(rng, n_points):
 
 def test_bad_input_is_named(rng):
     objects, classes = shapes(rng, 2)
-    with pytest.raises(DataError, match="jointnet needs objects of at least two classes, got .'pole'. alone"):
+    with pytest.raises(DataError, match=r"jointnet .*got .'pole'. alone"):
         JointNetRecogniser(parameters()).fit(objects, ["pole"] * 6)
-    with pytest.raises(DataError, match=r"classes must have shape \(6,\), got \(5,\)"):
+    with pytest.raises(DataError, match=r"classes .*got \(5,\)"):
         JointNetRecogniser(parameters()).fit(objects, classes[:5])
-    with pytest.raises(ParameterError, match="inputs.views must be some of hssi, vqai, vaai, got .'side'."):
+    with pytest.raises(ParameterError, match=r"inputs.views .*got .'side'."):
         InputParameters(views=["side"])
     for window, told in ([2.0], r"two lengths, got \[2.0\]"), ([2.0, 0.0], "a finite number > 0, got 0.0"):
         with pytest.raises(ParameterError, match=f"inputs.window must be {told}"):
             InputParameters(window=window)
-    with pytest.raises(ParameterError, match="training.schedule must be one of one_cycle, halving, got 'steps'"):
+    with pytest.raises(ParameterError, match=r"training.schedule .*got 'steps'"):
         TrainingParameters(schedule="steps")
     with pytest.raises(ParameterError, match="network.cnn3_widths must be 4 numbers"):
         NetworkParameters(cnn3_widths=[4])

@@ -122,11 +122,11 @@ def test_result_does_not_depend_on_threads_or_order_of_points(rng):
 
 
 def test_bad_input(rng):
-    with pytest.raises(DataError, match="objects must be integers, got float64"):
+    with pytest.raises(DataError, match=r"objects .*got float64"):
         describe_regions(np.zeros((2, 3)), [0.0, 1.0])
-    with pytest.raises(ParameterError, match="pattern must be 'first_order' or 'single', got 'both'"):
+    with pytest.raises(ParameterError, match=r"pattern .*got 'both'"):
         RegionParameters(pattern="both")
-    with pytest.raises(ParameterError, match="k must be between 0 and 5, got 6"):
+    with pytest.raises(ParameterError, match=r"k .*got 6"):
         build_groups(describe_regions(np.zeros((2, 3)), [0, 0]), k=6)
     with pytest.raises(DataError, match="no contextual groups to join"):
         join_groups([])

@@ -300,9 +300,9 @@ def test_bad_input(rng):
         DetectionParameters(classes=("tram",)).labels_in(SCHEME)
     with pytest.raises(ParameterError, match="detection.classes must name at least one class"):
         DetectionParameters(classes=())
-    with pytest.raises(ParameterError, match="iou_threshold must be between 0 and 1, got 1"):
+    with pytest.raises(ParameterError, match=r"iou_threshold .*got 1"):
         DetectionParameters(iou_threshold=1)
-    with pytest.raises(ParameterError, match="segmentation.method must be .* got 'magic'"):
+    with pytest.raises(ParameterError, match=r"segmentation.method .*got 'magic'"):
         SegmentationParameters("magic")
 
 

@@ -105,9 +105,9 @@ def test_bad_input_is_named(street):
         PatchParameters(voxel_size=0.15)
     with pytest.raises(ParameterError, match="integer multiple"):
         PatchParameters(voxel_size=0.4)
-    with pytest.raises(ParameterError, match="n_bins must be from 1 to 255, got 256"):
+    with pytest.raises(ParameterError, match=r"n_bins .*got 256"):
         PatchParameters(n_bins=256)
-    with pytest.raises(DataError, match=r"height of 2 patches must have shape \(2,\), got \(3,\)"):
+    with pytest.raises(DataError, match=r"height of 2 patches .*got \(3,\)"):
         Patches(np.zeros((2, 4)), None, np.zeros(3), np.zeros((2, 3)), np.zeros(2), np.zeros(2))
     with pytest.raises(DataError, match="fpfh of patch 1 is not finite"):
         Patches(np.array([[0.0], [np.nan]]), None, np.zeros(2), np.zeros((2, 3)), np.zeros(2), np.zeros(2))

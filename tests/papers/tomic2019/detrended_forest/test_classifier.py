@@ -145,11 +145,11 @@ def test_bad_input_is_named(blobs):
         fit(values, np.full(252, -1))
     with pytest.raises(DataError, match="all 252 labelled supervoxels have class 2"):
         fit(values, np.full(252, 2))
-    with pytest.raises(DataError, match=r"labels must be in -1\.\.1, got 0\.\.2"):
+    with pytest.raises(DataError, match=r"labels .*got 0\.\.2"):
         fit(values, labels, n_classes=2)
-    with pytest.raises(DataError, match=r"labels must have shape \(252,\), got \(3,\)"):
+    with pytest.raises(DataError, match=r"labels .*got \(3,\)"):
         fit(values, labels[:3])
-    with pytest.raises(DataError, match=r"features must have shape \(s, f\), got \(252,\)"):
+    with pytest.raises(DataError, match=r"features .*got \(252,\)"):
         fit(values[:, 0], labels)
     with pytest.raises(DataError, match="features contain infinity in row 1"):
         fit(np.where(np.arange(252)[:, None] == 1, np.inf, values), labels)
@@ -167,7 +167,7 @@ def test_features_that_differ_from_training_are_rejected(blobs):
         model.predict_proba(named(values, ("a", "b", "c", "luma")))
     with pytest.raises(DataError, match="their order"):
         model.predict_proba(named(values, ("b", "a", "c", "noise")))
-    with pytest.raises(DataError, match=r"features must have shape \(n, 4\), got \(252, 3\)"):
+    with pytest.raises(DataError, match=r"features .*got \(252, 3\)"):
         model.predict_proba(values[:, :3])
 
 
@@ -176,12 +176,12 @@ def test_features_that_differ_from_training_are_rejected(blobs):
     [("n_trees", 0), ("n_trees", 2.5), ("max_depth", 0), ("min_samples_leaf", 0), ("n_jobs", 0), ("n_classes", 0)],
 )
 def test_parameters_outside_their_domain_are_named(blobs, name, value):
-    with pytest.raises(ParameterError, match=f"{name} must be an integer of at least 1, got {value}"):
+    with pytest.raises(ParameterError, match=rf"{name} .*got {value}"):
         fit(*blobs, **{name: value})
 
 
 def test_an_unknown_class_weight_is_named(blobs):
-    with pytest.raises(ParameterError, match=r"class_weight must be .* got 'fair'"):
+    with pytest.raises(ParameterError, match=r"class_weight .*got 'fair'"):
         fit(*blobs, class_weight="fair")
 
 

@@ -53,19 +53,19 @@ def test_points_take_the_most_probable_class_and_its_probability(rng):
 
 def test_bad_input_is_named(rng):
     xyz, centroids, probabilities = rng.random((5, 3)), rng.random((2, 3)), np.full((2, 3), 1 / 3)
-    with pytest.raises(ParameterError, match="rule must be 'nearest' or 'own', got 'far'"):
+    with pytest.raises(ParameterError, match=r"rule .*got 'far'"):
         label_points(xyz, centroids, probabilities, rule="far")
     with pytest.raises(DataError, match="rule 'own' needs supervoxel_labels"):
         label_points(xyz, centroids, probabilities, rule="own")
-    with pytest.raises(DataError, match=r"supervoxel_labels must be in 0\.\.1, got 0\.\.2"):
+    with pytest.raises(DataError, match=r"supervoxel_labels .*got 0\.\.2"):
         label_points(xyz, centroids, probabilities, rule="own", supervoxel_labels=[0, 1, 2, 0, 0])
     with pytest.raises(DataError, match=r"supervoxel_labels must have shape \(5,\)"):
         label_points(xyz, centroids, probabilities, rule="own", supervoxel_labels=[0])
-    with pytest.raises(DataError, match=r"probabilities must be finite, of shape \(2, c\), got \(3, 3\)"):
+    with pytest.raises(DataError, match=r"probabilities .*got \(3, 3\)"):
         label_points(xyz, centroids, np.eye(3))
     with pytest.raises(DataError, match="probabilities must be finite"):
         label_points(xyz, centroids, probabilities * np.nan)
-    with pytest.raises(DataError, match="centroids needs at least 1 points, got 0"):
+    with pytest.raises(DataError, match=r"centroids .*got 0"):
         label_points(xyz, np.empty((0, 3)), np.empty((0, 3)))
     with pytest.raises(DataError, match="NaN or infinite coordinates, the first at row 4"):
         label_points(np.vstack([xyz[:4], [[0, np.nan, 0]]]), centroids, probabilities)
@@ -90,7 +90,7 @@ def test_probabilities_are_smoothed_over_neighbours(rng):
 
 def test_smoothing_names_bad_input():
     probabilities = np.eye(3, dtype=np.float32)
-    with pytest.raises(ParameterError, match=r"weight must be in \[0, 1\], got 1.5"):
+    with pytest.raises(ParameterError, match=r"weight .*got 1.5"):
         smooth_probabilities(probabilities, csr_array((3, 3)), weight=1.5)
-    with pytest.raises(DataError, match=r"adjacency must have shape \(3, 3\), got \(2, 2\)"):
+    with pytest.raises(DataError, match=r"adjacency .*got \(2, 2\)"):
         smooth_probabilities(probabilities, csr_array((2, 2)), weight=0.5)

@@ -61,7 +61,7 @@ def test_drives_that_cannot_be_divided_are_named():
         divide_scenes(["test.one.000", "test.one.001", "test.two.000"], 0.5)
     with pytest.raises(DataError, match="not trained on"):
         divide_scenes([], 0.5)
-    with pytest.raises(ParameterError, match=r"share must be in \(0, 1\), got 1"):
+    with pytest.raises(ParameterError, match=r"share .*got 1"):
         FusionParameters(share=1)
 
 

@@ -218,17 +218,17 @@ def test_bad_input(rng):
         count_words(np.array([0, 1]), np.array([0]), n_objects=1, stopped=np.zeros(2, bool))
     with pytest.raises(DataError, match="bags of 60 and 3 words cannot be compared"):
         similarity(counts, csr_array((1, 3)))
-    with pytest.raises(ParameterError, match="max_queries must be at least 1, got 0"):
+    with pytest.raises(ParameterError, match=r"max_queries .*got 0"):
         DetectorParameters(max_queries=0)
-    with pytest.raises(ParameterError, match="decision must be 'weighted' or 'nearest', got 'best'"):
+    with pytest.raises(ParameterError, match=r"decision .*got 'best'"):
         DetectorParameters(decision="best")
-    with pytest.raises(ParameterError, match="size_share must be between 0 and 1, got 2"):
+    with pytest.raises(ParameterError, match=r"size_share .*got 2"):
         DetectorParameters(size_share=2)
-    with pytest.raises(ParameterError, match=r"size_margin must be 0 or at least 1, got 0\.5"):
+    with pytest.raises(ParameterError, match=r"size_margin .*got 0\.5"):
         DetectorParameters(size_margin=0.5)
     with pytest.raises(ParameterError, match="penalty must be above 0, got 0"):
         DetectorParameters(penalty=0)
-    with pytest.raises(DataError, match=r"30 objects need sizes of shape \(30, 4\), got \(30, 3\)"):
+    with pytest.raises(DataError, match=r"30 objects .*got \(30, 3\)"):
         VisualWordsDetector(["pole"]).fit(counts, labels, sizes=np.zeros((30, 3)))
 
 

@@ -108,11 +108,11 @@ def test_bad_input(rng):
         nearest_words(words, words.select(np.zeros(0, int)))
     with pytest.raises(DataError, match=r"groups of shape \(2, 20\) cannot be compared with words of shape \(3, 20\)"):
         nearest_words(random_groups(rng, 4, 2), words)
-    with pytest.raises(ParameterError, match="floor must be between 0 and 1, got -1"):
+    with pytest.raises(ParameterError, match=r"floor .*got -1"):
         nearest_words(words, words, floor=-1)
-    with pytest.raises(ParameterError, match="n_threads must be at least 1, got 0"):
+    with pytest.raises(ParameterError, match=r"n_threads .*got 0"):
         WordIndex(words, np.eye(20)).search(words, n_threads=0)
-    with pytest.raises(DataError, match="a covariance needs features, got none"):
+    with pytest.raises(DataError, match=r"a covariance .*got none"):
         inverse_covariance(np.zeros((0, 20)))
     with pytest.raises(DataError, match="a covariance needs finite features, 1 are not"):
         inverse_covariance(np.array([[0.0, np.nan], [1.0, 2.0]]))

@@ -94,9 +94,9 @@ def test_bad_input(rng):
         build_vocabulary(groups.select(np.zeros(0, int)), [])
     with pytest.raises(DataError, match="scenes"):
         build_vocabulary(groups, [0])
-    with pytest.raises(ParameterError, match="branches must be at least 2 and at most matrix, got 1 and 500"):
+    with pytest.raises(ParameterError, match=r"branches .*got 1 and 500"):
         VocabularyParameters(branches=1)
-    with pytest.raises(ParameterError, match="stop_share must be between 0 and 1, got 2"):
+    with pytest.raises(ParameterError, match=r"stop_share .*got 2"):
         VocabularyParameters(stop_share=2)
     with pytest.raises(DataError, match="cannot be compared"):
         Vocabulary(groups, np.eye(20), np.zeros(4, bool), 0.05).quantise(
