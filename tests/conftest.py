@@ -57,6 +57,7 @@ LONG = (
 
 PROCESSES = re.compile(
     r"subprocess|Popen|LocalCluster|KernelManager|get_context|forkserver|loky|dask|wiring|tracked_project"
+    r"|forked_commands|browser_page|served\("
 )
 TRAINING = re.compile(r"\b(train|fit|learn|continue)(ed)?(_\w+)?\(")
 """What files of tests contain that start processes, and those that train a model."""
