@@ -34,34 +34,18 @@ from mlsroad_pipeline.model_store.object_classifiers import CARD, CLASSIFIER, RE
 from mlsroad_pipeline.model_store.shipped_entry import ShippedParameters
 from mlsroad_pipeline.model_store.shipped_models import FOLDER
 from mlsroad_pipeline.pipelines.boosted_trees import load_lightgbm
-from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters, simulation_parameters
-from mlsroad_pipeline.simulation.parameters.variety import expanded_surveys
-from mlsroad_pipeline.simulation.runtime.survey import simulate_survey
-
-MOST_POINTS = 2_500_000
-"""Points of a street from which on it is left out."""
+from mlsroad_pipeline.surveys.training_streets import MOST_POINTS, simulate_street, street_parameters, street_surveys
 
 POOL = FOLDER / SLUG
 
 
 def classifier_streets(shipped: ShippedParameters) -> dict[str, Mapping[str, Any]]:
     """Return the surveys of the streets that are used: two of three."""
-    surveys = expanded_surveys(shipped.classifier_streets)
+    surveys = street_surveys(shipped.classifier_streets)
     used = {name: one for k, (name, one) in enumerate(surveys.items()) if one is not None and k % 3 < 2}
     if not used:
         raise ParameterError("shipped.classifier_streets is empty: kedro run --env=general has the streets")
     return used
-
-
-def simulate_street(*, simulation: SimulationParameters) -> dict[str, Any]:
-    """Simulate a street; one of too many points is returned without points."""
-    survey = simulate_survey(simulation, n_threads=1)
-    cloud = survey.cloud.select(np.arange(len(survey.cloud) if len(survey.cloud) <= MOST_POINTS else 0))
-    points = {
-        "xyz": cloud.xyz.astype(np.float32), "origin": np.asarray(survey.origin), "intensity": cloud["intensity"],
-        "truth": cloud["label"].astype(np.uint8), "instance": cloud["instance"].astype(np.int32),
-    }  # fmt: skip
-    return {"points": points, "objects": survey.objects}
 
 
 def label_street(*, points: Mapping[str, NDArray], model: ModelBundle, name: str) -> dict[str, NDArray]:
@@ -81,7 +65,7 @@ def label_street(*, points: Mapping[str, NDArray], model: ModelBundle, name: str
 def simulate_classifier_streets(shipped: ShippedParameters) -> dict[str, SceneTask]:
     """Create one task per street that simulates it."""
     surveys = classifier_streets(shipped)
-    return {k: SceneTask(simulate_street, {}, {"simulation": simulation_parameters(one)}) for k, one in surveys.items()}
+    return {k: SceneTask(simulate_street, {}, {"simulation": street_parameters(one)}) for k, one in surveys.items()}
 
 
 def label_classifier_streets(streets: SceneCollection) -> dict[str, SceneTask]:

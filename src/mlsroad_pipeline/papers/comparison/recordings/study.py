@@ -8,7 +8,7 @@ import pandas as pd
 
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
-from mlsroad_pipeline.model_store.shipped_models import load_shipped
+from mlsroad_pipeline.label.model_choice import shipped_bundle
 from mlsroad_pipeline.papers.comparison.recordings import report
 from mlsroad_pipeline.papers.comparison.recordings.plan import (
     StudyPlan,
@@ -31,7 +31,7 @@ def read_recordings(plan: StudyPlan) -> dict[str, SceneTask]:
 
 def score_recordings(plan: StudyPlan, scenes: SceneCollection, models: SceneCollection) -> dict[str, SceneTask]:
     """Create one task per run that labels a recording and scores the labels."""
-    return score_runs(plan, scenes, models, {name: load_shipped(name) for name in plan.study.models})
+    return score_runs(plan, scenes, models, {name: shipped_bundle(name) for name in plan.study.models})
 
 
 def tabulate(plan: StudyPlan, runs: SceneCollection, models: SceneCollection) -> dict[str, pd.DataFrame]:

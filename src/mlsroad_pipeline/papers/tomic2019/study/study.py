@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -160,7 +160,7 @@ def _overall(each: pd.DataFrame) -> pd.DataFrame:
     printed = {PRINTED: FEATURES, method_name(IMAGES, ""): IMAGES, method_name(RULE, PRINTED): RULE}
     paper = {method: paper_scores(name).set_index("class").loc["all"] for method, name in printed.items()}
     for metric in OVERALL:
-        values = {method: float(row[metric]) for method, row in paper.items()}
+        values = {method: float(cast(float, row[metric])) for method, row in paper.items()}
         table[f"paper_{metric}"] = table["method"].map(values).where(table["part"] == ALL_POINTS)
     return table
 
