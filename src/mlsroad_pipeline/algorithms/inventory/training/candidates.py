@@ -19,7 +19,7 @@ from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import (
 from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import NEITHER, POLE, TRUNK, ObjectClassifier
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.stem_features import STEM_FEATURES, find_scene_stems
-from mlsroad_pipeline.algorithms.inventory.scoring.object_matching import REACH
+from mlsroad_pipeline.algorithms.inventory.scoring.object_scores import REACH
 from mlsroad_pipeline.algorithms.inventory.training.streets import CUT, Street, true_objects, variant_of_street
 
 SHORTEST, STRETCHED = 0.4, 1.2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -67,7 +68,9 @@ def kind_classifiers(
 
     `n_true` has the number of true objects by variant and kind.
     """
-    parts = [dict(value) for value in (stems.features, stems.trees, stems.calibration, stems.typical)]
+    parts: list[dict[str, Any]] = [
+        dict(value) for value in (stems.features, stems.trees, stems.calibration, stems.typical)
+    ]
     figures: Figures = {group: {} for group in GROUPS_OF_VARIANTS}
     for kind in KINDS:
         rows = learned_rows(candidates, kind)

@@ -15,15 +15,17 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
-from mlsroad_pipeline.algorithms.models.machines.grouped_decision import decide
-from mlsroad_pipeline.algorithms.models.pool.ground_colour import (
+from mlsroad_pipeline.algorithms.models.machines.combinations import decide
+from mlsroad_pipeline.algorithms.models.pool.labeller import (
     INTERCEPT,
     TERMS,
+    PooledVoxels,
     ground_classes,
     ground_terms,
+    members_of,
     natural_share,
+    pooled_voxels,
 )
-from mlsroad_pipeline.algorithms.models.pool.labeller import PooledVoxels, members_of, pooled_voxels
 from mlsroad_pipeline.algorithms.models.pool.recolouring import recoloured
 
 VARIANTS, FOLDS = 2, 4

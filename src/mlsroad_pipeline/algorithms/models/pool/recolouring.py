@@ -20,7 +20,8 @@ def recoloured(
     xyz: NDArray[np.floating], rgb: NDArray[np.uint8], code: NDArray[np.integer], rng: np.random.Generator
 ) -> NDArray[np.uint8]:
     """Return other colours of points; black points, which no camera saw, stay black and others do not become so."""
-    light, seen = (rgb / 255.0) ** GAMMA, rgb.any(axis=1)
+    light = (rgb / 255.0) ** GAMMA
+    seen: NDArray[np.bool_] = np.asarray(rgb.any(axis=1))
     if rng.random() < 0.4:  # camera and scanner are not aligned
         _, other = cKDTree(xyz).query(xyz + np.append(rng.normal(0, 0.12, 2), 0))
         light, seen = light[other], seen[other]
