@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from helpers.wiring import make_project, run
-from mlsroad_pipeline.algorithms.models.pool.ground_colour import INTERCEPT, TERMS
 
 from mlsroad_pipeline.algorithms.inventory.objects.object_features import FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.stem_features import STEM_FEATURES
+from mlsroad_pipeline.algorithms.models.pool.labeller import INTERCEPT, TERMS
 from mlsroad_pipeline.model_store import object_classifiers
 from mlsroad_pipeline.model_store.object_classifiers import CARD, CLASSIFIER, REPLAY, read_candidate_replay
 from mlsroad_pipeline.model_store.shipped_models import load_shipped, shipped_models

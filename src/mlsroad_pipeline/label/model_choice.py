@@ -254,8 +254,3 @@ def available_models(store: ModelStore | None = None) -> list[AvailableModel]:
         AvailableModel(item.registered_name, item.method, str(item.version), item.aliases, False, item.trained_on)
         for item in registered
     ]
-
-
-def shipped_bundle(name: str) -> ModelBundle:
-    """Return a model of the package by its name."""
-    return load_shipped(name)

@@ -31,7 +31,7 @@ def test_all_places_of_a_method_exist(slug):
     assert method.slug == slug
     assert dataclasses.is_dataclass(parameters)
     assert all(map(callable, (use, train, label)))
-    assert method.place("label_cloud").startswith("mlsroad_pipeline.algorithms.")
+    assert method.place("label_cloud").startswith("mlsroad_pipeline.")
     if method.task == "detection":
         assert callable(method.load("describe"))
         assert hasattr(parameters(), method.description)
@@ -49,7 +49,7 @@ def test_tasks_divide_the_table_in_its_order():
 def test_the_table_imports_no_method():
     script = "import sys, mlsroad_pipeline.algorithms.models.bundle; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.split()
-    folders = {f"mlsroad_pipeline.algorithms.{method.folder}" for method in METHODS.values()}
+    folders = {f"mlsroad_pipeline.{method.folder}" for method in METHODS.values()}
     assert not folders & set(loaded)
     assert not {"torch", "numba", "sklearn", "scipy"} & set(loaded)
 

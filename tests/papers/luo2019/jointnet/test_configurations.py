@@ -1,13 +1,10 @@
 """Configurations of JointNet: as printed, and tuned where the text leaves a choice."""
 
-import json
-
 import numpy as np
 import pytest
 from helpers.conf import base
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.model_store.bundle_files import load_bundle
 from mlsroad_pipeline.papers.luo2019.jointnet.parameters import JointNetParameters, TrainingParameters
 from mlsroad_pipeline.papers.luo2019.jointnet.recogniser import JointNetRecogniser
 
@@ -45,21 +42,6 @@ def test_both_configurations_have_the_stated_values(slug, wanted):
     assert given["training"]["augmentation"] == wanted["augmentation"]
     assert given["network"]["batch_norm"] is False and given["network"]["dropout"] == 0.3  # keeps 0.7
     JointNetParameters(**given)
-
-
-def test_a_stored_model_of_old_names_gets_those_of_today(tmp_path):
-    def stored(inputs):
-        training = {"machine_share": 0.25, "epochs": 3}
-        metadata = {"classes": ["a"], "parameters": {"recogniser": {"inputs": inputs, "training": training}}}
-        content = {"format": 1, "slug": "jointnet_printed", "arrays": ["x"], "metadata": metadata}
-        (tmp_path / "model.json").write_text(json.dumps(content))
-        np.savez(tmp_path / "arrays.npz", x=np.zeros(1))
-        bundle = load_bundle(tmp_path)
-        read = JointNetParameters(**bundle.metadata["parameters"]["recogniser"])
-        return bundle.slug, read.inputs.clean, read.training.regression_share
-
-    assert stored({"window": [2.0, 4.0], "bilinear": True}) == ("jointnet_tuned", 0.0, 0.25)
-    assert stored({"window": None, "printed_rows": True, "clean": 0.0}) == ("jointnet_printed", 0.0, 0.25)
 
 
 def test_the_sum_over_a_batch_is_the_mean_at_a_larger_rate(rng):

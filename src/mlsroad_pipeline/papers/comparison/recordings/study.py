@@ -8,7 +8,6 @@ import pandas as pd
 
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
-from mlsroad_pipeline.label.model_choice import shipped_bundle
 from mlsroad_pipeline.papers.comparison.recordings import report
 from mlsroad_pipeline.papers.comparison.recordings.plan import (
     StudyPlan,
@@ -16,7 +15,6 @@ from mlsroad_pipeline.papers.comparison.recordings.plan import (
     plan_study,
     prepare_scenes,
     read_scenes,
-    score_runs,
     train_models,
 )
 from mlsroad_pipeline.papers.comparison.recordings.results import study_tables
@@ -27,11 +25,6 @@ from mlsroad_pipeline.surveys.recordings import read_scene
 def read_recordings(plan: StudyPlan) -> dict[str, SceneTask]:
     """Create one task per file of a recording that reads it, and one per street that simulates it."""
     return read_scenes(plan, read_scene)
-
-
-def score_recordings(plan: StudyPlan, scenes: SceneCollection, models: SceneCollection) -> dict[str, SceneTask]:
-    """Create one task per run that labels a recording and scores the labels."""
-    return score_runs(plan, scenes, models, {name: shipped_bundle(name) for name in plan.study.models})
 
 
 def tabulate(plan: StudyPlan, runs: SceneCollection, models: SceneCollection) -> dict[str, pd.DataFrame]:
@@ -53,7 +46,6 @@ STUDY = Study(
         Stage("read_recordings", read_recordings, [], "scenes"),
         Stage("prepare_recordings", prepare_scenes, ["scenes"], "prepared"),
         Stage("train_on_recordings", train_models, ["prepared"], "models"),
-        Stage("score_recordings", score_recordings, ["scenes", "models"], "runs"),
     ],
     results=["runs", "models"],
     tables=("scores", "benchmark", "reliability"),
