@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import FEATURE_COLUMNS
 from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import (
@@ -81,7 +82,7 @@ def kind_classifiers(
         false = table.to_numpy(np.float32)[target == 0]
         for part, value in zip(parts, (FEATURES, fit(table, target, kind), (a, b), medians(false)), strict=True):
             part[kind] = value
-        held = rows[["true"]].assign(score=1 / (1 + np.exp(-(a * scores + b))))
+        held = rows[["true"]].assign(score=expit(a * scores + b))
         for group, variants in GROUPS_OF_VARIANTS.items():
             mine = rows["variant"].isin(variants)
             if mine.any():
@@ -125,7 +126,7 @@ def calibrated(scores: NDArray, target: NDArray) -> tuple[float, float]:
     """Return factor and summand of logistic calibration, by Newton's method."""
     a, b = 1.0, 0.0
     for _ in range(50):
-        p = 1.0 / (1.0 + np.exp(-(a * scores + b)))
+        p = expit(a * scores + b)
         w = np.maximum(p * (1.0 - p), 1e-9)
         gradient = np.array([(scores * (p - target)).sum() + 1e-3 * (a - 1.0), (p - target).sum()])
         hessian = np.array([[(w * scores**2).sum() + 1e-3, (w * scores).sum()], [(w * scores).sum(), w.sum()]])
