@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 from scipy.special import expit
 
 from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import FEATURE_COLUMNS
@@ -123,14 +124,16 @@ def held_out_scores(table: pd.DataFrame, target: NDArray, streets: pd.Series, cl
 
 
 def calibrated(scores: NDArray, target: NDArray) -> tuple[float, float]:
-    """Return factor and summand of logistic calibration, by Newton's method."""
-    a, b = 1.0, 0.0
-    for _ in range(50):
-        p = expit(a * scores + b)
-        w = np.maximum(p * (1.0 - p), 1e-9)
-        gradient = np.array([(scores * (p - target)).sum() + 1e-3 * (a - 1.0), (p - target).sum()])
-        hessian = np.array([[(w * scores**2).sum() + 1e-3, (w * scores).sum()], [(w * scores).sum(), w.sum()]])
-        a, b = np.array([a, b]) - np.linalg.solve(hessian, gradient)
+    """Return factor and summand of logistic calibration; a small penalty keeps the factor near 1 where data are few."""
+
+    def loss(weights: NDArray) -> tuple[float, NDArray]:
+        z = weights[0] * scores + weights[1]
+        error = expit(z) - target
+        gradient = np.array([(scores * error).sum() + 1e-3 * (weights[0] - 1.0), error.sum() + 1e-6 * weights[1]])
+        penalty = 5e-4 * (weights[0] - 1.0) ** 2 + 5e-7 * weights[1] ** 2
+        return float((np.logaddexp(0.0, z) - target * z).sum() + penalty), gradient
+
+    a, b = minimize(loss, np.array([1.0, 0.0]), jac=True, method="L-BFGS-B").x
     return float(a), float(b)
 
 
