@@ -285,12 +285,15 @@ def test_killed_labelling_goes_on_where_it_stopped_with_the_bytes_of_an_undistur
             command, cwd=project, env=environment, stdout=log, stderr=log, start_new_session=True
         )
         deadline = time.monotonic() + 300
-        done = 0
-        while done < 3 and time.monotonic() < deadline and process.poll() is None:
+        while (
+            len(stored_records(tmp_path / "out", "results")) < 3
+            and time.monotonic() < deadline
+            and process.poll() is None
+        ):
             time.sleep(0.005)
-            done = len(stored_records(tmp_path / "out", "results"))
         os.killpg(process.pid, signal.SIGKILL)
         assert process.wait() == -signal.SIGKILL, (tmp_path / "log").read_text()[-2000:]
+    done = len(stored_records(tmp_path / "out", "results"))
     assert done >= 3
     assert not (tmp_path / "out" / "survey.laz").exists()
     with caplog.at_level("INFO", logger="mlsroad_pipeline"):
