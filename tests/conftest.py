@@ -60,7 +60,7 @@ PROCESSES = re.compile(
     r"|forked_commands|browser_page|served\("
 )
 TRAINING = re.compile(r"\b(train|fit|learn|continue)(ed)?(_\w+)?\(")
-"""What files of tests contain that start processes, and those that train a model."""
+"""Patterns of test files that start processes, and of test files that train a model."""
 
 MEMORY = Path("/dev/shm")
 GIGABYTES = 8

@@ -1,4 +1,4 @@
-"""What a run logs: progress with an ETA from the durations of earlier runs, and at the end scores and reports."""
+"""Log of a run: progress with an ETA from the durations of earlier runs, then scores and reports."""
 
 from __future__ import annotations
 

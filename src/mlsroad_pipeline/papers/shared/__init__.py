@@ -1,1 +1,1 @@
-"""What two papers share: patches, detection, recognition, evaluation, figures, studies."""
+"""Parts that several papers use: patches, detection, recognition, evaluation, figures, studies."""
