@@ -27,7 +27,7 @@ def test_copies_links_and_empty_tiles_are_listed_once(tmp_path, rng):
     las = make_las(root_file(root, "a.laz"), rng, point_format=6, extras=False)
     las.write(str(root / "a.las"))
     shutil.copy(root / "a.laz", root / "a.copc.laz")
-    make_las(root_file(root, "b.laz"), rng, point_format=6, extras=False)
+    make_las(root_file(root, "b.laz"), rng, point_format=6, extras=False).write(str(root / "b.las"))
     (root / "west").mkdir()
     (root / "west" / "back").symlink_to(root)
     (root / "west" / "loop").symlink_to(root / "west")
@@ -47,6 +47,7 @@ def test_copies_links_and_empty_tiles_are_listed_once(tmp_path, rng):
     reasons = dict(listing.skipped)
     assert reasons["a.copc.laz"] == "is a cloud-optimised copy of a.laz: skipped"
     assert reasons["a.las"] == "is a copy of a.laz: skipped"
+    assert reasons["b.las"] == "is a copy of b.laz: skipped"
     for ending in ("ply", "pcd", "e57", "laz"):
         assert "without points: skipped" in reasons[f"tiles/empty_{ending}.{ending}"]
     assert len(Survey.at(str(root / "**" / "*.laz")).listing().files) == 2

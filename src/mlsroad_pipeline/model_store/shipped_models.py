@@ -105,8 +105,9 @@ class ModelScores:
 
     data: str  # The data set
     points: int  # Number of scored points
-    overall_accuracy: float  # Scores
-    mean_f1: float  # Scores
+    # overall_accuracy, mean_f1: scores
+    overall_accuracy: float
+    mean_f1: float
     f1: Mapping[str, float | None]  # F1 of each class; None for classes without points
     command: str  # Command that prints the scores
 

@@ -33,8 +33,9 @@ from mlsroad_pipeline.surveys.plan import held_out_keys
 class TrainingScenes:
     """Training scenes in their stores, and facts for the metadata of a model."""
 
-    patches: SceneCollection  # Patches of all scenes, and the classes of the patches of the training scenes
-    labels: SceneCollection  # Patches of all scenes, and the classes of the patches of the training scenes
+    # patches, labels: patches of all scenes, and the classes of the patches of the training scenes
+    patches: SceneCollection
+    labels: SceneCollection
     stages: PatchStages  # Parameters of the preparation
     scheme: ClassScheme  # The classes
     trained_on: Mapping[str, Any]  # Metadata of the training data

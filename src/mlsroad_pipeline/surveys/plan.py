@@ -167,8 +167,9 @@ class RangeOfRows:
     """Consecutive rows of a file."""
 
     file: PlannedFile  # The file
-    start: int  # First row and the row after the last one
-    stop: int  # First row and the row after the last one
+    # start, stop: first row and the row after the last one
+    start: int
+    stop: int
     n_total: int  # Number of points of the whole file
     constant: tuple[str, ...]  # Columns with a single value in the whole file; they are not read
 

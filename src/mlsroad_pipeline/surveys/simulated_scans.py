@@ -24,10 +24,12 @@ from mlsroad_pipeline.simulation.runtime.survey import SurveyPieces
 class RangeImage:
     """Size and field of view of a range image."""
 
-    rows: int  # Numbers of its rows and columns
-    columns: int  # Numbers of its rows and columns
-    top: float = 3.0  # Elevations of its upper and lower edge, degrees
-    bottom: float = -25.0  # Elevations of its upper and lower edge, degrees
+    # rows, columns: numbers of its rows and columns
+    rows: int
+    columns: int
+    # top, bottom: elevations of its upper and lower edge, degrees
+    top: float = 3.0
+    bottom: float = -25.0
 
     def __post_init__(self) -> None:
         check_at_least(self.rows, 1, "rows")

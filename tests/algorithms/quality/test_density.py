@@ -5,7 +5,7 @@ import pytest
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk, merge
-from mlsroad_pipeline.algorithms.quality.density import density_figures
+from mlsroad_pipeline.algorithms.quality.density import count_places, density_figures
 
 UTM = np.array([389_300.0, 5_819_700.0, 0.0])
 
@@ -37,3 +37,17 @@ def test_place_does_not_matter(rng):
 def test_no_cell_and_one_cell(n):
     found = density_figures(np.zeros(n, np.int64), np.full(n, 7), 1.0)
     np.testing.assert_equal(tuple(found), (7.0, 7.0, 1.0) if n else (np.nan,) * 3)
+
+
+@pytest.mark.parametrize(
+    ("xy", "places"),
+    [
+        (np.zeros((0, 2)), 0),
+        ([[0.0, 0.0], [10.0, 20.0]], 1),
+        ([[0.0, 0.0], [600.0, 700.0]], 1),  # two cells that touch at a corner
+        ([[0.0, 0.0], [1100.0, 0.0]], 2),
+        ([[0.0, 0.0], [600.0, 0.0], [1100.0, 0.0], [9000.0, 0.0]], 2),
+    ],
+)
+def test_places_are_groups_of_cells_that_touch(xy, places):
+    assert count_places(np.asarray(xy)) == places

@@ -34,15 +34,17 @@ _MAX_RASTER = 2**26
 class ColumnRaster:
     """Raster of columns of points."""
 
-    low: NDArray[np.float64]  # Lowest and highest z of each cell, metres; infinite for empty cells
-    high: NDArray[np.float64]  # Lowest and highest z of each cell, metres; infinite for empty cells
+    # low, high: lowest and highest z of each cell, metres; infinite for empty cells
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
     lowest: NDArray[np.float64]  # Lowest z within the relief radius
     base: NDArray[np.int64]  # Slice of bit 0 of `occupied`, that of `lowest`
     # Bit b is set if slice ``base + b`` contains a point; the last bit includes all higher slices
     occupied: NDArray[np.uint64]
-    west: float  # Corner of the first cell and height of the first slice, metres
-    south: float  # Corner of the first cell and height of the first slice, metres
-    bottom: float  # Corner of the first cell and height of the first slice, metres
+    # west, south, bottom: corner of the first cell and height of the first slice, metres
+    west: float
+    south: float
+    bottom: float
     cell_size: float  # Edge of a cell and height of a slice, metres
 
 

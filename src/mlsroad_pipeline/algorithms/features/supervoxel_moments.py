@@ -124,8 +124,9 @@ class ColumnStatistics:
 
     mean: NDArray[np.float64]  # Mean, in the unit of the column
     std: NDArray[np.float64]  # Population standard deviation, in the unit of the column
-    minimum: NDArray[np.float64]  # Minimum and maximum, in the unit of the column
-    maximum: NDArray[np.float64]  # Minimum and maximum, in the unit of the column
+    # minimum, maximum: minimum and maximum, in the unit of the column
+    minimum: NDArray[np.float64]
+    maximum: NDArray[np.float64]
 
 
 def summarise_column(values: NDArray, labels: NDArray[np.int32], n_supervoxels: int) -> ColumnStatistics:

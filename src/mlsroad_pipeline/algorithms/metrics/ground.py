@@ -18,8 +18,9 @@ class GroundScores:
     type_2: float  # Share of the true object points that are classified as ground
     total: float  # Share of all points that are misclassified
     kappa: float  # Cohen's kappa: agreement beyond chance; NaN if truth and prediction consist of the same single class
-    n_ground: int  # Numbers of scored points by true class
-    n_object: int  # Numbers of scored points by true class
+    # n_ground, n_object: numbers of scored points by true class
+    n_ground: int
+    n_object: int
 
 
 def count_ground(is_ground: ArrayLike, reference: ArrayLike, *, valid: ArrayLike | None = None) -> NDArray[np.int64]:

@@ -17,12 +17,15 @@ _FRAGMENT = 0.1  # minimum share of an instance or segment for a relevant part
 class Overlaps:
     """Numbers of points shared by segments and instances."""
 
-    instances: NDArray[np.int64]  # Numbers of the instances and segments, ascending
-    segments: NDArray[np.int64]  # Numbers of the instances and segments, ascending
-    instance_sizes: NDArray[np.int64]  # Numbers of points of the instances and segments
-    segment_sizes: NDArray[np.int64]  # Numbers of points of the instances and segments
-    instance: NDArray[np.int64]  # Index into `instances` and `segments` of each pair that shares points
-    segment: NDArray[np.int64]  # Index into `instances` and `segments` of each pair that shares points
+    # instances, segments: numbers of the instances and segments, ascending
+    instances: NDArray[np.int64]
+    segments: NDArray[np.int64]
+    # instance_sizes, segment_sizes: numbers of points of the instances and segments
+    instance_sizes: NDArray[np.int64]
+    segment_sizes: NDArray[np.int64]
+    # instance, segment: index into `instances` and `segments` of each pair that shares points
+    instance: NDArray[np.int64]
+    segment: NDArray[np.int64]
     shared: NDArray[np.int64]  # Number of points shared by the pair
 
     @property
@@ -38,13 +41,15 @@ class InstanceScores:
 
     coverage: float  # Mean over instances of the best IoU with a segment
     weighted_coverage: float  # Coverage weighted by the points of the instances
-    precision: float  # Share of segments and of instances that match one to one with an IoU above the threshold
-    recall: float  # Share of segments and of instances that match one to one with an IoU above the threshold
+    # precision, recall: share of segments and of instances that match one to one with an IoU above the threshold
+    precision: float
+    recall: float
     # Share of instances split over at least two segments that lie mostly in it and contain at least a tenth of it
     over_segmentation: float
     under_segmentation: float  # Share of segments with at least two instances that make up at least a tenth of it each
-    n_instances: int  # Numbers of scored instances and segments
-    n_segments: int  # Numbers of scored instances and segments
+    # n_instances, n_segments: numbers of scored instances and segments
+    n_instances: int
+    n_segments: int
 
 
 def find_overlaps(instances: ArrayLike, segments: ArrayLike, *, background: int = 0) -> Overlaps:

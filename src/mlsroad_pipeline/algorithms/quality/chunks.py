@@ -55,8 +55,9 @@ class TimeQuality:
     # First and last time in each bin. A gap longer than a bin lies between consecutive occupied bins.
     earliest: NDArray[np.float64]
     latest: NDArray[np.float64]
-    first: float  # Times of the first and the last stored point
-    last: float  # Times of the first and the last stored point
+    # first, last: times of the first and the last stored point
+    first: float
+    last: float
     n_backward: int  # Number of stored points with a smaller time than their predecessor
 
 
@@ -71,10 +72,12 @@ class ChunkQuality:
     n_not_finite: int
     n_duplicates: int
     n_withheld: int
-    low: NDArray[np.float64]  # World extent of the finite points, metres; infinite without finite points
-    high: NDArray[np.float64]  # World extent of the finite points, metres; infinite without finite points
-    cells: NDArray[np.int64]  # Keys of the occupied cells of 1 m, and their numbers of points
-    cell_counts: NDArray[np.int64]  # Keys of the occupied cells of 1 m, and their numbers of points
+    # low, high: world extent of the finite points, metres; infinite without finite points
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    # cells, cell_counts: keys of the occupied cells of 1 m, and their numbers of points
+    cells: NDArray[np.int64]
+    cell_counts: NDArray[np.int64]
     sketch: DuplicateSketch  # Sample of the points, for duplicates across chunks
     columns: frozenset[str]  # Column names
     classes: dict[int, int]  # Number of points per label code; empty without labels

@@ -39,8 +39,9 @@ def cell_positions(keys: NDArray[np.int64], side: float) -> NDArray[np.float64]:
 class DensityFigures(NamedTuple):
     """Figures of the point density."""
 
-    density: float  # Mean and median of the points per square metre in occupied cells
-    median_density: float  # Mean and median of the points per square metre in occupied cells
+    # density, median_density: mean and median of the points per square metre in occupied cells
+    density: float
+    median_density: float
     # Median distance of the points from the centre, over that of the occupied cells; the centre is the mean of the
     # cells, weighted by the squares of their numbers of points. A single scan of a rotating scanner has 0.2 to 0.45, a
     # street surveyed by line scanners 0.5 to 1.

@@ -26,8 +26,9 @@ class ColumnSummary:
     """Summary of the values of a column, updated chunk by chunk."""
 
     dtype: str  # Type, with the number of values per point if it is not 1
-    minimum: float = np.nan  # Smallest and largest finite value; NaN without finite values
-    maximum: float = np.nan  # Smallest and largest finite value; NaN without finite values
+    # minimum, maximum: smallest and largest finite value; NaN without finite values
+    minimum: float = np.nan
+    maximum: float = np.nan
     n_missing: int = 0  # Number of NaN or infinite values
     # Number of points per code, for columns of codes; None with more than `MAX_CODES` codes
     counts: dict[int, int] | None = None

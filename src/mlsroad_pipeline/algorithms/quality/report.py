@@ -15,31 +15,36 @@ class QualityReport:
     """Quality report of a file."""
 
     source: str  # The file
-    n_points: int  # Numbers of points and of points with a NaN or infinite coordinate
-    n_not_finite: int  # Numbers of points and of points with a NaN or infinite coordinate
+    # n_points, n_not_finite: numbers of points and of points with a NaN or infinite coordinate
+    n_points: int
+    n_not_finite: int
     # Number of exact duplicates; an estimate if `duplicates_exact` is False, at least the number within chunks
     n_duplicates: int
     duplicates_exact: bool  # Whether `n_duplicates` is exact: the file is one chunk or fits into the sketch
     n_withheld: int  # Number of points flagged withheld (LAS)
     n_places: int  # Number of places that lie more than 500 m apart
-    low: tuple[float, ...]  # World extent, metres; NaN without finite points
-    high: tuple[float, ...]  # World extent, metres; NaN without finite points
+    # low, high: world extent, metres; NaN without finite points
+    low: tuple[float, ...]
+    high: tuple[float, ...]
     density: float  # Mean and median of the points per square metre in occupied cells of 1 m; NaN without finite points
     # Mean and median of the points per square metre in occupied cells of 1 m; NaN without finite points
     median_density: float
     concentration: float  # How closely the points lie about one place, see `DensityFigures`; NaN without finite points
-    present: tuple[str, ...]  # `STANDARD_COLUMNS` that all chunks have, and the others
-    missing: tuple[str, ...]  # `STANDARD_COLUMNS` that all chunks have, and the others
+    # present, missing: `STANDARD_COLUMNS` that all chunks have, and the others
+    present: tuple[str, ...]
+    missing: tuple[str, ...]
     # Number of points per taxonomy class, ``unknown_<code>`` for other codes; empty without labels
     classes: dict[str, int]
-    time_start: float  # First and last gps_time, seconds; NaN without times
-    time_end: float  # First and last gps_time, seconds; NaN without times
+    # time_start, time_end: first and last gps_time, seconds; NaN without times
+    time_start: float
+    time_end: float
     n_gaps: int  # Number of gaps in time longer than `max_gap`, independent of the order of the points
     longest_gap: float  # Longest gap, seconds; 0 without gaps, NaN without times
     n_backward: int  # Number of stored points with a smaller time than their predecessor
     n_times_not_finite: int  # Number of NaN or infinite times
-    intensity_min: float  # Range of the intensity; NaN without intensity
-    intensity_max: float  # Range of the intensity; NaN without intensity
+    # intensity_min, intensity_max: range of the intensity; NaN without intensity
+    intensity_min: float
+    intensity_max: float
     max_gap: float  # Largest step in time that is not a gap, seconds
 
     def as_row(self) -> dict[str, str | int | float | bool]:

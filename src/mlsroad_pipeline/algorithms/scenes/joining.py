@@ -25,12 +25,15 @@ class SceneSpan:
     """Bins of one scene, as half-open ranges."""
 
     id: str  # Name of the scene, such as ``"scene_00012"``, numbered along the corridor
-    first: int  # Bins of the core
-    stop: int  # Bins of the core
-    buffer_first: int  # Bins of the core and its buffers
-    buffer_stop: int  # Bins of the core and its buffers
-    n_core: int  # Number of points in the core, and in core and buffers
-    n_points: int  # Number of points in the core, and in core and buffers
+    # first, stop: bins of the core
+    first: int
+    stop: int
+    # buffer_first, buffer_stop: bins of the core and its buffers
+    buffer_first: int
+    buffer_stop: int
+    # n_core, n_points: number of points in the core, and in core and buffers
+    n_core: int
+    n_points: int
     context: int = 0  # Bins of further context on both sides of the buffers
     context_step: int = 1  # One of so many points of the context is taken
 

@@ -18,8 +18,9 @@ NEITHER, TRAIN, TEST = 0, 1, 2
 class Pose:
     """Place of a scan in the frame of its drive."""
 
-    x: float  # Position of the scanner, metres
-    y: float  # Position of the scanner, metres
+    # x, y: position of the scanner, metres
+    x: float
+    y: float
     heading: float  # Direction of the scanner's x axis, degrees counterclockwise
 
     def placed(self, xy: NDArray[np.floating]) -> NDArray[np.float64]:

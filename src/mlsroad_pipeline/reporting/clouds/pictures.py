@@ -26,8 +26,9 @@ _SCENE_SIZE = (1100, 460)
 class MapFrame(NamedTuple):
     """Frame of a map in metres: its x axis (`right`), its y axis upwards (`up`), lower left corner and size."""
 
-    right: NDArray[np.float64]  # Axes of the map in world coordinates
-    up: NDArray[np.float64]  # Axes of the map in world coordinates
+    # right, up: axes of the map in world coordinates
+    right: NDArray[np.float64]
+    up: NDArray[np.float64]
     low: NDArray[np.float64]  # Corner along the axes, metres
     size: NDArray[np.float64]  # Width and height, metres
 

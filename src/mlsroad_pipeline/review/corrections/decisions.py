@@ -103,11 +103,13 @@ class Anchor:
     """Object that a decision is about, as it was when the decision was made."""
 
     inventory: str  # Digest of the numbers and places of all objects
-    kind: str  # Its kind and its class
-    name: str  # Its kind and its class
-    x: float  # Its base point
-    y: float  # Its base point
-    z: float  # Its base point
+    # kind, name: its kind and its class
+    kind: str
+    name: str
+    # x, y, z: its base point
+    x: float
+    y: float
+    z: float
     point_count: int  # Number of its points
     nearest: float | None = None  # Distance in plan to the nearest other object of its kind, metres; None without one
 

@@ -34,13 +34,15 @@ class ObjectState(TypedDict, total=False):
     # Class or kind that the user gave; that of the inventory for an accepted object; empty for a rejected one
     checked_class: str
     checked_kind: str  # Kind that the user gave, else that of the inventory
-    x: float  # Base that the user gave; missing if it was not moved
-    y: float  # Base that the user gave; missing if it was not moved
-    z: float  # Base that the user gave; missing if it was not moved
+    # x, y, z: base that the user gave; missing if it was not moved
+    x: float
+    y: float
+    z: float
     merged_into: int  # Number of the object that it belongs to
     decision: int  # Identifier of the last decision
-    who: str  # User and time of the last decision
-    made: str  # User and time of the last decision
+    # who, made: user and time of the last decision
+    who: str
+    made: str
 
 
 @dataclass(frozen=True)

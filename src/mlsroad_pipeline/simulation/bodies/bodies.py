@@ -22,12 +22,13 @@ ANKLE, FOOT, SHOULDER, HIP = 0.039, 0.152, 0.115, 0.052
 class Skeleton(NamedTuple):
     """Joints of a body that faces +x; the right one of a pair comes first."""
 
-    hips: Floats  # Joints, metres
-    knees: Floats  # Joints, metres
-    ankles: Floats  # Joints, metres
-    shoulders: Floats  # Joints, metres
-    elbows: Floats  # Joints, metres
-    wrists: Floats  # Joints, metres
+    # hips, knees, ankles, shoulders, elbows, wrists: joints, metres
+    hips: Floats
+    knees: Floats
+    ankles: Floats
+    shoulders: Floats
+    elbows: Floats
+    wrists: Floats
     feet: Floats  # Unit vectors from heel to toe
     head: Floats  # Its middle, metres
 

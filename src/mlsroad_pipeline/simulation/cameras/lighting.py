@@ -19,8 +19,9 @@ class Light:
     """Sun, sky and exposure of a survey."""
 
     sun: NDArray[np.float64]  # Unit vector towards the sun
-    sun_rgb: NDArray[np.float64]  # Irradiance from the sun and from the sky
-    sky_rgb: NDArray[np.float64]  # Irradiance from the sun and from the sky
+    # sun_rgb, sky_rgb: irradiance from the sun and from the sky
+    sun_rgb: NDArray[np.float64]
+    sky_rgb: NDArray[np.float64]
     haze: float  # Share of light lost per metre
 
 

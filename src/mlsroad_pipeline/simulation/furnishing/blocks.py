@@ -25,8 +25,9 @@ PASS_INSTANCES = 10_000_000
 class ObjectRecord(NamedTuple):
     """Truth about one object."""
 
-    instance: int  # Instance number and taxonomy code of the whole
-    label: int  # Instance number and taxonomy code of the whole
+    # instance, label: instance number and taxonomy code of the whole
+    instance: int
+    label: int
     design: str  # Name of its design
     base: NDArray[np.float64]  # Base point, street-local metres; of a moving object when the van passes it
     moving: bool  # Whether it moves

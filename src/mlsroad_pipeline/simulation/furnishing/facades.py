@@ -36,10 +36,11 @@ class Openings:
     """Doors and windows of a front, one row each."""
 
     cell: NDArray[np.float64]  # Left, right, bottom and top of the part of the wall around it, metres
-    left: NDArray[np.float64]  # The opening itself, metres
-    right: NDArray[np.float64]  # The opening itself, metres
-    low: NDArray[np.float64]  # The opening itself, metres
-    high: NDArray[np.float64]  # The opening itself, metres
+    # left, right, low, high: the opening itself, metres
+    left: NDArray[np.float64]
+    right: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
     recess: NDArray[np.float64]  # Depth of its pane behind the wall, metres
 
     def of(self, rows: NDArray) -> Openings:

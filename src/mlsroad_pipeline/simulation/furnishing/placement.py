@@ -26,12 +26,14 @@ _GAP = 0.04  # free room around a footprint, metres
 class Box(NamedTuple):
     """Upright box around an object."""
 
-    length: float  # Along and across the object's own x axis, which is its front or arm, metres
-    width: float  # Along and across the object's own x axis, which is its front or arm, metres
+    # length, width: along and across the object's own x axis, which is its front or arm, metres
+    length: float
+    width: float
     height: float  # Of its top above its base, metres
     heading: float  # Direction of the x axis, radians counter-clockwise from east
-    x: float  # Middle of the box, street-local metres; an arm shifts it from the base
-    y: float  # Middle of the box, street-local metres; an arm shifts it from the base
+    # x, y: middle of the box, street-local metres; an arm shifts it from the base
+    x: float
+    y: float
 
 
 @dataclass(frozen=True)

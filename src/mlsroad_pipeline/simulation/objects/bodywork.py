@@ -31,16 +31,17 @@ class Body:
 
     half: float  # Half of the width
     clear: float  # Height of the sills above the road
-    top: Knots  # Silhouette from above, and the belt line; the first and the last x are the body's ends
-    belt: Knots  # Silhouette from above, and the belt line; the first and the last x are the body's ends
+    # top, belt: silhouette from above, and the belt line; the first and the last x are the body's ends
+    top: Knots
+    belt: Knots
     shoulder: Knots  # Half width of the roof or bonnet over that of the body
     axles: Sequence[float]  # Positions of the wheels
     radius: float  # Of the wheels
     rounding: float = 0.45  # Length over which the ends are drawn in, seen from above
     drawn_in: float = 0.16  # Share of the width by which the ends are drawn in
-    # Glass in the sides above the belt line, and over the whole width above: windscreen, rear window
+    # side_panes, top_panes: glass in the sides above the belt line, and over the whole width above: windscreen, rear
+    # window
     side_panes: Spans = ()
-    # Glass in the sides above the belt line, and over the whole width above: windscreen, rear window
     top_panes: Spans = ()
     open: Spans = ()  # Stretches without skin above the belt line
 

@@ -37,15 +37,16 @@ class CarRanges:
     width: Range  # Metres
     height: Range  # Metres
     cowl: Range  # Lower and upper end of the windscreen, and of the rear window, as shares of the length from the front
-    # Lower and upper end of the windscreen, and of the rear window, as shares of the length from the front
+    # screen_top, roof_end: lower and upper end of the windscreen, and of the rear window, as shares of the length from
+    # the front
     screen_top: Range
-    # Lower and upper end of the windscreen, and of the rear window, as shares of the length from the front
     roof_end: Range
     tail: Range  # Lower and upper end of the windscreen, and of the rear window, as shares of the length from the front
     belt: Range = (0.60, 0.66)  # Height of the belt line over the total height
     deck: Range = (0.95, 1.08)  # Height of the tail below the rear window over that of the belt line
-    clear: Range = (0.14, 0.2)  # Ground clearance and radius of the wheels, metres
-    radius: Range = (0.29, 0.34)  # Ground clearance and radius of the wheels, metres
+    # clear, radius: ground clearance and radius of the wheels, metres
+    clear: Range = (0.14, 0.2)
+    radius: Range = (0.29, 0.34)
 
 
 _KINDS = {

@@ -31,13 +31,15 @@ class Measures(NamedTuple):
     # Direction of the lean, degrees clockwise from grid north; without meaning at a tilt of 0
     lean_azimuth: float = np.nan
     panels: int = 0  # Number of plates of traffic signs; the other fields are those of the largest
-    panel_bottom: float = np.nan  # Heights of its lower edge and its middle above the base, metres
-    panel_centre: float = np.nan  # Heights of its lower edge and its middle above the base, metres
+    # panel_bottom, panel_centre: heights of its lower edge and its middle above the base, metres
+    panel_bottom: float = np.nan
+    panel_centre: float = np.nan
     panel_width: float = np.nan  # Metres
     panel_height: float = np.nan  # Metres
     panel_azimuth: float = np.nan  # Direction that its front faces, degrees clockwise from grid north
-    panel_x: float = np.nan  # Its middle, metres, in the frame of the mesh
-    panel_y: float = np.nan  # Its middle, metres, in the frame of the mesh
+    # panel_x, panel_y: its middle, metres, in the frame of the mesh
+    panel_x: float = np.nan
+    panel_y: float = np.nan
 
 
 _MASTS = tuple(TAXONOMY[name] for name in ("light_pole", "utility_pole", "traffic_light", "traffic_sign", "gantry"))

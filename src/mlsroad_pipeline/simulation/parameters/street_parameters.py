@@ -28,29 +28,27 @@ class StreetParameters:
     lamp_spacing: float = 0.0  # Distance between street lamps, metres, 10 to 100; 0 draws 25 to 40
     buildings: float = 1.0  # Probability that a lot is built on; 0 leaves all land open
     boundaries: float = 1.0  # Share of property lines that keep their fence, wall or hedge
-    trees: float = 1.0  # Factor on their numbers; 0 is none, 2 about twice as many
-    palms: float = 1.0  # Factor on their numbers; 0 is none, 2 about twice as many
-    cycas: float = 1.0  # Factor on their numbers; 0 is none, 2 about twice as many
-    shrubs: float = 1.0  # Factor on their numbers; 0 is none, 2 about twice as many
-    # Factor on bins, benches, bollards and the like; on traffic signs; on people; on moving vehicles
+    # trees, palms, cycas, shrubs: factor on their numbers; 0 is none, 2 about twice as many
+    trees: float = 1.0
+    palms: float = 1.0
+    cycas: float = 1.0
+    shrubs: float = 1.0
+    # clutter, signs, people, traffic: factor on bins, benches, bollards and the like; on traffic signs; on people; on
+    # moving vehicles
     clutter: float = 1.0
-    # Factor on bins, benches, bollards and the like; on traffic signs; on people; on moving vehicles
     signs: float = 1.0
-    # Factor on bins, benches, bollards and the like; on traffic signs; on people; on moving vehicles
     people: float = 1.0
-    # Factor on bins, benches, bollards and the like; on traffic signs; on people; on moving vehicles
     traffic: float = 1.0
-    # Factor on bus stops, one in every second block of 60 m at 1; on gantries over roads with a median, one in every
-    # fifth block
+    # stations, gantries: factor on bus stops, one in every second block of 60 m at 1; on gantries over roads with a
+    # median, one in every fifth block
     stations: float = 1.0
-    # Factor on bus stops, one in every second block of 60 m at 1; on gantries over roads with a median, one in every
-    # fifth block
     gantries: float = 1.0
     lorries: float = 1.0  # Factor on the share of trucks among moving vehicles, 6 % at 1; 0 is none
     # Factor on bicycles and motorcycles, parked and ridden. Values above 1 add some and change nothing else.
     two_wheelers: float = 1.0
-    bends: float = 1.0  # Factors on the curvature, up to 1.5, and on the grades, up to 2; 0 is straight, or level
-    slopes: float = 1.0  # Factors on the curvature, up to 1.5, and on the grades, up to 2; 0 is straight, or level
+    # bends, slopes: factors on the curvature, up to 1.5, and on the grades, up to 2; 0 is straight, or level
+    bends: float = 1.0
+    slopes: float = 1.0
     lane_width: float = 0.0  # Mean width of a lane, metres, 2.5 to 4; 0 draws 3.1 to 3.6
     pavement: float = 0.0  # Mean width of the pavement, metres, 0.5 to 8; 0 draws 1.9 to 3.8
     # Share of houses with their facade at the pavement, the others have front gardens; -1 draws it per side

@@ -19,10 +19,12 @@ class Variation:
     """Changes of a scanner system and its mounting; the default changes nothing."""
 
     height: float = 0.0  # Added to the height above the road, metres
-    pitch: float = 0.0  # Turns of the whole system about the vehicle's y and x axes, degrees
-    roll: float = 0.0  # Turns of the whole system about the vehicle's y and x axes, degrees
-    rate: float = 1.0  # Factors on the pulse rate, and so on the density along a profile, and on the range noise
-    noise: float = 1.0  # Factors on the pulse rate, and so on the density along a profile, and on the range noise
+    # pitch, roll: turns of the whole system about the vehicle's y and x axes, degrees
+    pitch: float = 0.0
+    roll: float = 0.0
+    # rate, noise: factors on the pulse rate, and so on the density along a profile, and on the range noise
+    rate: float = 1.0
+    noise: float = 1.0
     sensitivity: float = 0.0  # Added to the sensitivity, decibels
     dropout: float = 0.0  # Added to the share of returns that are lost
     field: tuple[float, float] | None = None  # First and last angle of the heads, degrees

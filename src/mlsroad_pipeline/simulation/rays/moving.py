@@ -27,8 +27,9 @@ _LAG = 1.0  # bound on an object's way during a bundle and between two knots, me
 class Motion(NamedTuple):
     """Motion of an object along the street."""
 
-    station: float  # Its station (m) at one moment (s)
-    time: float  # Its station (m) at one moment (s)
+    # station, time: its station (m) at one moment (s)
+    station: float
+    time: float
     speed: float  # Speed along the alignment, m/s; negative against it
     offset: float  # Distance to the left of the centre line, metres
 

@@ -36,10 +36,11 @@ class TriangleSoup:
 
     vertices: NDArray[np.float32]  # Relative to `centre`, in the frame of `box`, metres
     faces: NDArray[np.uint32]  # Vertex indices
-    attributes: NDArray[np.float32]  # As those of `StaticGeometry`
-    instances: NDArray[np.int32]  # As those of `StaticGeometry`
-    centre: NDArray[np.float64]  # As those of `StaticGeometry`
-    box: NDArray[np.float64]  # As those of `StaticGeometry`
+    # attributes, instances, centre, box: as those of `StaticGeometry`
+    attributes: NDArray[np.float32]
+    instances: NDArray[np.int32]
+    centre: NDArray[np.float64]
+    box: NDArray[np.float64]
 
 
 def triangle_soup(

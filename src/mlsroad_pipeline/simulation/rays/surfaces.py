@@ -36,8 +36,9 @@ class Hits(NamedTuple):
 class Surfaces(NamedTuple):
     """Surfaces at the hits of rays."""
 
-    label: NDArray[np.uint8]  # Taxonomy code and kind of the surface
-    kind: NDArray[np.uint8]  # Taxonomy code and kind of the surface
+    # label, kind: taxonomy code and kind of the surface
+    label: NDArray[np.uint8]
+    kind: NDArray[np.uint8]
     rgb: NDArray[np.float32]  # Linear albedo
     reflectivity: NDArray[np.float32]  # Albedo at the scanner's wavelength
     relief: NDArray[np.float32]  # Height of vegetation or grain on the ground there, metres

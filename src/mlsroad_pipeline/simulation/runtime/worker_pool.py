@@ -37,8 +37,9 @@ class Chunk:
     number: int  # The vehicle's block
     records: list[ObjectRecord] = field(default_factory=list)  # Truth about the objects of a new block within range
     cloud: PointCloud | None = None  # Points, see `SurveyStream.scan`
-    images: list[Image] = field(default_factory=list)  # Images, see `SurveyStream.photograph`
-    depths: list[Any] = field(default_factory=list)  # Images, see `SurveyStream.photograph`
+    # images, depths: images, see `SurveyStream.photograph`
+    images: list[Image] = field(default_factory=list)
+    depths: list[Any] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

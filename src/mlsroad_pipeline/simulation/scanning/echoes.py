@@ -29,19 +29,22 @@ class Receiver(NamedTuple):
 
     min_range: float  # Fields and properties of `Device`
     max_range: float  # Fields and properties of `Device`
-    range_noise: float  # Fields and properties of `Device`
-    range_step: float  # Fields and properties of `Device`
-    pulse_length: float  # Fields and properties of `Device`
-    sensitivity: float  # Fields and properties of `Device`
-    blooming: float  # Fields and properties of `Device`
-    divergence: float  # Fields and properties of `Device`
-    step: float  # Fields and properties of `Device`
+    # range_noise, range_step, pulse_length, sensitivity, blooming, divergence, step: fields and properties of `Device`
+    range_noise: float
+    range_step: float
+    pulse_length: float
+    sensitivity: float
+    blooming: float
+    divergence: float
+    step: float
     dropout: float  # Share of returns that are lost
-    beams: int  # Numbers of beams and of returns kept
-    max_returns: int  # Numbers of beams and of returns kept
+    # beams, max_returns: numbers of beams and of returns kept
+    beams: int
+    max_returns: int
     corrected: bool  # Whether intensity is reflectance
-    dark: float  # Amplitudes of `Device.intensity_scale`; both 0 without it
-    bright: float  # Amplitudes of `Device.intensity_scale`; both 0 without it
+    # dark, bright: amplitudes of `Device.intensity_scale`; both 0 without it
+    dark: float
+    bright: float
 
 
 class Slots(NamedTuple):

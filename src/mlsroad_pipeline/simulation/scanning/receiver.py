@@ -41,8 +41,9 @@ class Returns(NamedTuple):
     intensity: NDArray[np.float32]
     face: NDArray[np.int32]  # Face that contributed most to the return
     normal: NDArray[np.float32]  # Its unit normal
-    number: NDArray[np.uint8]  # Return number, and number of returns of its pulse
-    total: NDArray[np.uint8]  # Return number, and number of returns of its pulse
+    # number, total: return number, and number of returns of its pulse
+    number: NDArray[np.uint8]
+    total: NDArray[np.uint8]
 
 
 def receive(

@@ -28,8 +28,9 @@ class Drive:
 
     time: NDArray[np.float64]  # Seconds since the start, `RATE` per second
     station: NDArray[np.float64]  # Metres along the alignment
-    true: NDArray[np.float64]  # x, y, z (street-local metres), roll, pitch, heading
-    reported: NDArray[np.float64]  # x, y, z (street-local metres), roll, pitch, heading
+    # true, reported: x, y, z (street-local metres), roll, pitch, heading
+    true: NDArray[np.float64]
+    reported: NDArray[np.float64]
     start: float  # GPS seconds at time 0
     body: NDArray[np.float64]  # The vehicle in its own frame: from and to along x, y and z, metres
 

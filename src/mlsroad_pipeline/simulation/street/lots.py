@@ -19,8 +19,9 @@ class Lot:
     """Lot beside the street, or beside a side street."""
 
     side: int  # 0 is left, 1 is right; of a side street, 0 is the side ahead along the main street
-    start: float  # Stations, metres; of a side street, distances beyond the main carriageway
-    end: float  # Stations, metres; of a side street, distances beyond the main carriageway
+    # start, end: stations, metres; of a side street, distances beyond the main carriageway
+    start: float
+    end: float
     kind: str  # ``"row"`` (facade at the pavement), ``"house"`` (behind a front garden) or ``"open"``
     boundary: str  # Boundary on the property line: ``"fence"``, ``"wall"``, ``"hedge"`` or ``"none"``
     setback: float  # Distance of the building from the property line, metres

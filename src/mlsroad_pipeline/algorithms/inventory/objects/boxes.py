@@ -19,8 +19,9 @@ class Box(NamedTuple):
     """Rectangle in plan."""
 
     centre: NDArray[np.float64]  # Centre, metres
-    length: float  # Longer and shorter side, metres
-    width: float  # Longer and shorter side, metres
+    # length, width: longer and shorter side, metres
+    length: float
+    width: float
     azimuth: float  # Direction of the longer side, degrees clockwise from north, 0 to 180
 
 

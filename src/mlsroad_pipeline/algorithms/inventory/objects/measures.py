@@ -68,12 +68,13 @@ class ObjectMeasures(TypedDict, total=False):
     facing: float
     clearance: float
     visible_share: float
-    x_min: float  # Smallest and largest coordinates of the points
-    x_max: float  # Smallest and largest coordinates of the points
-    y_min: float  # Smallest and largest coordinates of the points
-    y_max: float  # Smallest and largest coordinates of the points
-    z_min: float  # Smallest and largest coordinates of the points
-    z_max: float  # Smallest and largest coordinates of the points
+    # x_min, x_max, y_min, y_max, z_min, z_max: smallest and largest coordinates of the points
+    x_min: float
+    x_max: float
+    y_min: float
+    y_max: float
+    z_min: float
+    z_max: float
     facing_from: str  # Source of the facing of a panel: ``post``, ``unknown``, or empty
     footprint: str  # Convex hull in plan as WKT; empty if it has no area
     point_count: int  # Number of points

@@ -76,10 +76,12 @@ class ObjectRule:
     tolerance: float
     vertical_tolerance: float | None = None  # Largest vertical gap, metres, not below `tolerance`; None is `tolerance`
     min_points: int = 10  # Objects with fewer points are discarded
-    min_height: float = 0.0  # Bounds of the height above the base, metres
-    max_height: float = np.inf  # Bounds of the height above the base, metres
-    min_width: float = 0.0  # Bounds of the longest horizontal side, metres
-    max_width: float = np.inf  # Bounds of the longest horizontal side, metres
+    # min_height, max_height: bounds of the height above the base, metres
+    min_height: float = 0.0
+    max_height: float = np.inf
+    # min_width, max_width: bounds of the longest horizontal side, metres
+    min_width: float = 0.0
+    max_width: float = np.inf
     # Largest height of the bottom of an object above the ground, metres; not tested where the ground is unknown
     max_clearance: float = np.inf
     # Edge length of the voxels for measuring, metres; the measures are accurate to about half of it. At most

@@ -17,8 +17,9 @@ class Voxels:
     """Voxels of an object."""
 
     xyz: NDArray[np.float64]  # Mean point per voxel, world coordinates, metres
-    low: NDArray[np.float64]  # Smallest and largest coordinates per voxel, metres
-    high: NDArray[np.float64]  # Smallest and largest coordinates per voxel, metres
+    # low, high: smallest and largest coordinates per voxel, metres
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
     ground: NDArray[np.float64]  # Mean elevation of the ground below, metres; NaN if unknown
     count: NDArray[np.int64]  # Points per voxel
     disagreeing: NDArray[np.int64]  # Points whose own label is of another class than the object

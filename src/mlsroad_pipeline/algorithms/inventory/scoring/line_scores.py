@@ -19,8 +19,9 @@ STEP = 0.1
 class LineScores(NamedTuple):
     """Lengths of true and listed lines, metres, and their shares within a distance of each other."""
 
-    true: float  # Length of the true and of the listed lines, metres
-    listed: float  # Length of the true and of the listed lines, metres
+    # true, listed: length of the true and of the listed lines, metres
+    true: float
+    listed: float
     found: float  # Share of the true length with a listed line nearby; NaN without true lines
     right: float  # Share of the listed length with a true line nearby; NaN without listed lines
 

@@ -37,9 +37,10 @@ class ContinuationParameters:
     # Share of the voxels of a class, those with the highest confidence, that the confident ones are drawn from
     confident: float = 0.5
     replayed: int = 4000  # Maximum voxels of the model's own training data in a set of trees
-    answer_weight: float = 1.0  # Weight of each source; 0 leaves a source out, but not the answers
-    replay_weight: float = 1.0  # Weight of each source; 0 leaves a source out, but not the answers
-    confident_weight: float = 1.0  # Weight of each source; 0 leaves a source out, but not the answers
+    # answer_weight, replay_weight, confident_weight: weight of each source; 0 leaves a source out, but not the answers
+    answer_weight: float = 1.0
+    replay_weight: float = 1.0
+    confident_weight: float = 1.0
     seed: int = 2026  # Seed of samples and trees
 
     def __post_init__(self) -> None:

@@ -126,8 +126,9 @@ _BLOCK = 64
 class Choice:
     """Hyperparameters chosen by cross-validation."""
 
-    cost: float  # C, and gamma of the Gaussian kernel
-    gamma: float  # C, and gamma of the Gaussian kernel
+    # cost, gamma: C, and gamma of the Gaussian kernel
+    cost: float
+    gamma: float
     mean_f1: float  # Mean F1 over the classes on held-out samples
 
 
@@ -135,8 +136,9 @@ class Choice:
 class KernelMachine:
     """Support vectors, coefficients, and the sigmoids that map decision values to probabilities."""
 
-    shift: NDArray[np.float32]  # Features are standardised as (x - shift) / scale
-    scale: NDArray[np.float32]  # Features are standardised as (x - shift) / scale
+    # shift, scale: features are standardised as (x - shift) / scale
+    shift: NDArray[np.float32]
+    scale: NDArray[np.float32]
     vectors: NDArray[np.float32]  # Support vectors in standardised features, class by class
     n_vectors: NDArray[np.int64]  # Number of support vectors of each class
     # Dual coefficients in the layout of LIBSVM: for a vector of class i, row j - 1 holds the coefficient against class

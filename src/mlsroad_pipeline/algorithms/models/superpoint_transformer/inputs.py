@@ -85,8 +85,9 @@ _SMALL = 0.05
 class Scale:
     """Means and standard deviations of the features of points and of each level."""
 
-    means: tuple[NDArray[np.float32], ...]  # One row for the points, then one for each level
-    deviations: tuple[NDArray[np.float32], ...]  # One row for the points, then one for each level
+    # means, deviations: one row for the points, then one for each level
+    means: tuple[NDArray[np.float32], ...]
+    deviations: tuple[NDArray[np.float32], ...]
 
     def to_arrays(self) -> dict[str, NDArray]:
         """Return the scale as plain arrays."""
@@ -132,8 +133,9 @@ class LevelInputs:
 
     nodes: NDArray[np.float32]  # Features and positions of the superpoints
     edges: NDArray[np.float32]  # Features of the edges, sorted by target
-    target: NDArray[np.int64]  # Superpoints of the edges
-    source: NDArray[np.int64]  # Superpoints of the edges
+    # target, source: superpoints of the edges
+    target: NDArray[np.int64]
+    source: NDArray[np.int64]
     parent: NDArray[np.int64]  # Superpoint of the next level
     histogram: NDArray[np.float32]  # Labelled points of each class
 

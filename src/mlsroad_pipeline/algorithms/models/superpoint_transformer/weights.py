@@ -24,17 +24,19 @@ class Layer:
     """Linear layer with layer normalisation and leaky ReLU."""
 
     linear: NDArray[np.float32]  # Weights, transposed
-    bias: NDArray[np.float32]  # Bias of the linear layer; gain and shift of the normalisation
-    gain: NDArray[np.float32]  # Bias of the linear layer; gain and shift of the normalisation
-    shift: NDArray[np.float32]  # Bias of the linear layer; gain and shift of the normalisation
+    # bias, gain, shift: bias of the linear layer; gain and shift of the normalisation
+    bias: NDArray[np.float32]
+    gain: NDArray[np.float32]
+    shift: NDArray[np.float32]
 
 
 @dataclass(frozen=True)
 class Attention:
     """Attention block. Columns of queries, keys and values are sorted by component, then by head."""
 
-    gain: NDArray[np.float32]  # Gain and shift of the normalisation before the block
-    shift: NDArray[np.float32]  # Gain and shift of the normalisation before the block
+    # gain, shift: gain and shift of the normalisation before the block
+    gain: NDArray[np.float32]
+    shift: NDArray[np.float32]
     # Weights of queries, keys and values of the superpoints; those of queries include the scale of the logits
     node: NDArray[np.float32]
     bias: NDArray[np.float32]  # Their bias

@@ -112,11 +112,9 @@ class PatchIndex(NamedTuple):
     scene: NDArray[np.int32]  # Scene of each patch, 0 to s - 1
     scene_starts: NDArray[np.int64]  # Start of each scene
     cell: NDArray[np.int32]  # Cell of each patch
-    # Range of patches (first, one past the last) of each row of cells within the propagation radius of a cell, and
-    # within the radius of the local search
+    # near, far: range of patches (first, one past the last) of each row of cells within the propagation radius of a
+    # cell, and within the radius of the local search
     near: NDArray[np.int32]
-    # Range of patches (first, one past the last) of each row of cells within the propagation radius of a cell, and
-    # within the radius of the local search
     far: NDArray[np.int32]
     by_height: NDArray[np.int32]  # Patches sorted by height within each scene
     heights: NDArray[np.float32]  # Their heights, metres

@@ -76,8 +76,9 @@ LEAST_PATCHES = 4
 class GroundClasses:
     """Ground classes with special weights in equation 11."""
 
-    grass: int = -1  # Labels, possibly equal; -1 if the scheme lacks the class
-    road: int = -1  # Labels, possibly equal; -1 if the scheme lacks the class
+    # grass, road: labels, possibly equal; -1 if the scheme lacks the class
+    grass: int = -1
+    road: int = -1
 
 
 def object_cliques(

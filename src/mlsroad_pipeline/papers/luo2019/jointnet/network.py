@@ -179,8 +179,9 @@ LANDMARKS, MOST_SAMPLES = 400, 20_000
 class MeasureRegression:
     """Trained kernel logistic regression, as flat arrays."""
 
-    shift: NDArray[np.float32]  # Measures are standardised as (x - shift) / scale
-    scale: NDArray[np.float32]  # Measures are standardised as (x - shift) / scale
+    # shift, scale: measures are standardised as (x - shift) / scale
+    shift: NDArray[np.float32]
+    scale: NDArray[np.float32]
     landmarks: NDArray[np.float32]  # Standardised measures that span the kernel
     mixing: NDArray[np.float32]  # Inverse square root of the kernel of the landmarks
     coefficients: NDArray[np.float32]  # Weights of the classes

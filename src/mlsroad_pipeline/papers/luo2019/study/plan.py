@@ -38,10 +38,11 @@ class StudyScale:
     # Image sizes of Figure 7, each tried for one kind of image while the others keep theirs (luo2019: 8 to 256).
     # Computing time grows with the square of the size.
     sizes: Sequence[int]
-    noise: Sequence[float]  # Levels of test objects in Figure 12
-    keep: Sequence[float]  # Levels of test objects in Figure 12
-    outliers: Sequence[float]  # Levels of test objects in Figure 12
-    occlusion: Sequence[float]  # Levels of test objects in Figure 12
+    # noise, keep, outliers, occlusion: levels of test objects in Figure 12
+    noise: Sequence[float]
+    keep: Sequence[float]
+    outliers: Sequence[float]
+    occlusion: Sequence[float]
     # Levels of training objects in Figure 13, by kind; ``labels`` are shares of wrong classes (Figure 14c, luo2019:
     # 1/32 to 8/32)
     training: Mapping[str, Sequence[float]]

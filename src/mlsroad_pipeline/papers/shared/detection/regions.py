@@ -33,11 +33,9 @@ _BINS = 4  # of each of the four pair features: 16 in all
 class RegionParameters:
     """Parameters of feature regions."""
 
-    # Voxel size and seed resolution of the supervoxels, metres (yu2016: 0.05 and 0.1). Larger values give fewer and
-    # coarser words.
+    # voxel_size, seed_resolution: voxel size and seed resolution of the supervoxels, metres (yu2016: 0.05 and 0.1).
+    # Larger values give fewer and coarser words.
     voxel_size: float = 0.1
-    # Voxel size and seed resolution of the supervoxels, metres (yu2016: 0.05 and 0.1). Larger values give fewer and
-    # coarser words.
     seed_resolution: float = 0.2
     # A region is a supervoxel with its first-order neighbours, as in the paper, or alone (its Figure 12a)
     pattern: Literal["first_order", "single"] = "first_order"

@@ -28,8 +28,9 @@ class Backbone:
     blocks: tuple[int, int, int, int]  # Blocks per stage
     # 4 for bottleneck blocks (three convolutions, four times the channels at the end), 1 for basic blocks (two)
     expansion: int
-    head: int  # Channels of the head and of the auxiliary head
-    auxiliary: int  # Channels of the head and of the auxiliary head
+    # head, auxiliary: channels of the head and of the auxiliary head
+    head: int
+    auxiliary: int
     # Channels of the decoder at the resolutions of the third, second and first stage and of the stem, with skip
     # connections; each stage then halves the resolution instead of being dilated. Empty for no decoder, as in the
     # paper.

@@ -83,11 +83,11 @@ class StudyScale:
 class StudyParameters(ScaledStudy[StudyScale], group="tomic2019_study", kind=StudyScale):
     """Parameters of the study of Tomic et al. 2019."""
 
-    # Changes of the parameters of forest, features and supervoxels for method 1 as printed in section 2.1
+    # Changes of the parameters of the forest for method 1 as printed in section 2.1
     printed_forest: Mapping[str, Any]
-    # Changes of the parameters of forest, features and supervoxels for method 1 as printed in section 2.1
+    # Changes of the parameters of the features for method 1 as printed in section 2.1
     printed_features: Mapping[str, Any]
-    # Changes of the parameters of forest, features and supervoxels for method 1 as printed in section 2.1
+    # Changes of the parameters of the supervoxels for method 1 as printed in section 2.1
     printed_supervoxels: Mapping[str, Any] = field(default_factory=dict)
     # Further changes of the forest for the variants with regularised labels (the paper's second conclusion)
     regularised: Mapping[str, Any] = field(default_factory=dict)

@@ -147,8 +147,9 @@ class OrientedPointParameters:
     normal_radius: float = 0.3  # Neighbourhood of the normals, metres
     # Neighbourhood of the spin images, metres. Larger describes more of an object and is more sensitive to occlusion.
     image_radius: float = 1.0
-    n_radial: int = 9  # Size of the spin images: 153 bins
-    n_axial: int = 17  # Size of the spin images: 153 bins
+    # n_radial, n_axial: size of the spin images: 153 bins
+    n_radial: int = 9
+    n_axial: int = 17
     max_points: int = 40  # Largest number of oriented points of an object, by farthest-point sampling
 
     def __post_init__(self) -> None:

@@ -74,11 +74,11 @@ class StudySurvey:
 
     # ``preset`` and changes of `SimulationParameters`, without the seed; ``street`` is a mapping
     survey: Mapping[str, Any]
-    train: Sequence[int]  # Seeds of the training and test streets; no street is in both
-    test: Sequence[int]  # Seeds of the training and test streets; no street is in both
-    # Changes of `survey` for training and for test streets
+    # train, test: seeds of the training and test streets; no street is in both
+    train: Sequence[int]
+    test: Sequence[int]
+    # train_survey, test_survey: changes of `survey` for training and for test streets
     train_survey: Mapping[str, Any] = field(default_factory=dict)
-    # Changes of `survey` for training and for test streets
     test_survey: Mapping[str, Any] = field(default_factory=dict)
     rare: Sequence[int] = ()  # Streets of `train` with more rare objects that are easily confused with a class
     # Changes of these streets in addition to `train_survey`

@@ -37,8 +37,9 @@ class Cells(NamedTuple):
     order: NDArray[np.int64]  # Words in the order of the cells
     starts: NDArray[np.int64]  # First word of each cell
     places: NDArray[np.float32]  # Coordinates of the words in the first directions
-    low: NDArray[np.float32]  # Bounding boxes of the cells in these directions
-    high: NDArray[np.float32]  # Bounding boxes of the cells in these directions
+    # low, high: bounding boxes of the cells in these directions
+    low: NDArray[np.float32]
+    high: NDArray[np.float32]
     ranges: NDArray[np.float64]  # Minimum and maximum of angle and of ratio in each cell
 
 
