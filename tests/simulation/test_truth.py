@@ -8,8 +8,7 @@ import pytest
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.simulation import PRESETS, SurveyStream
-from mlsroad_pipeline.simulation.furnishing.blocks import PASS_INSTANCES
-from mlsroad_pipeline.simulation.furnishing.layout import populate
+from mlsroad_pipeline.simulation.furnishing.blocks import PASS_INSTANCES, populate
 from mlsroad_pipeline.simulation.runtime.survey import SurveyPieces
 from mlsroad_pipeline.simulation.street.ground import GROUND_LABELS
 

@@ -15,7 +15,7 @@ from mlsroad_pipeline.simulation.cameras.colouring import colour_points, spread_
 from mlsroad_pipeline.simulation.model.meshes import Surface
 from mlsroad_pipeline.simulation.model.solids import box
 from mlsroad_pipeline.simulation.rays.scene import RayScene
-from mlsroad_pipeline.simulation.street.poses import pose_at
+from mlsroad_pipeline.simulation.street.drive import pose_at
 
 
 def project(xyz, image):

@@ -13,7 +13,7 @@ from mlsroad_pipeline.simulation.model.meshes import RED, join, rotation_matrix
 from mlsroad_pipeline.simulation.model.solids import tube
 from mlsroad_pipeline.simulation.objects import utility_poles
 from mlsroad_pipeline.simulation.objects.dimensions import Measures, measure, sign_plates, tilt
-from mlsroad_pipeline.simulation.objects.sign_plates import SHAPES, sign_plate
+from mlsroad_pipeline.simulation.objects.traffic_signs import SHAPES, sign_plate
 
 
 @pytest.mark.parametrize("name", [d.name for d in utility_poles.DESIGNS])

@@ -10,7 +10,7 @@ from mlsroad_pipeline.simulation.model.solids import box
 from mlsroad_pipeline.simulation.parameters.devices import Device, ScannerSystem
 from mlsroad_pipeline.simulation.parameters.known_scanners import SCANNERS, scanner_system
 from mlsroad_pipeline.simulation.rays.scene import RayScene
-from mlsroad_pipeline.simulation.scanning.power import lowered_power, power_of
+from mlsroad_pipeline.simulation.scanning.amplitudes import lowered_power, power_of
 from mlsroad_pipeline.simulation.scanning.receiver import FULL_SCALE_DB, receive
 from mlsroad_pipeline.simulation.scanning.scanner import Pulses
 from mlsroad_pipeline.simulation.street.ground import GRASS

@@ -14,8 +14,7 @@ from mlsroad_pipeline.simulation.cameras.lighting import Light, expose, radiance
 from mlsroad_pipeline.simulation.model.meshes import rotation_matrix
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
 from mlsroad_pipeline.simulation.rays.scene import RayScene
-from mlsroad_pipeline.simulation.street.drive import RATE, Drive
-from mlsroad_pipeline.simulation.street.poses import pose_at, pose_between
+from mlsroad_pipeline.simulation.street.drive import RATE, Drive, pose_at, pose_between
 from mlsroad_pipeline.simulation.street.street import generator
 
 CAMERAS: dict[str, tuple[float, float, tuple[float, float, float], float]] = {

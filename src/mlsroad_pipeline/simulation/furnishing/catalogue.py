@@ -10,8 +10,7 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.simulation import objects
-from mlsroad_pipeline.simulation.model.design import Design
-from mlsroad_pipeline.simulation.model.meshes import Mesh
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh
 
 
 @cache

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.simulation.furnishing import catalogue
 from mlsroad_pipeline.simulation.furnishing.placement import Site
-from mlsroad_pipeline.simulation.model.design import Design
+from mlsroad_pipeline.simulation.model.meshes import Design
 from mlsroad_pipeline.simulation.street.junctions import (
     CONTROL,
     HALF_WIDTH,
@@ -27,11 +27,8 @@ _SIGNS = {"stop": ("octagonal_sign",), "give_way": ("yield_sign",), "zebra": ("s
 
 
 def sign(site: Site, meaning: str) -> Design:
-    """Choose a traffic sign for a purpose (a key of `_SIGNS`), any sign if the catalogue has none of its shape."""
-    known = {design.name for design in catalogue.designs()["traffic_sign"]}
-    fitting = [name for name in _SIGNS[meaning] if name in known]
-    name = str(site.rng.choice(fitting)) if fitting else None
-    return catalogue.choose("traffic_sign", site.rng, name)
+    """Choose a traffic sign for a purpose, a key of `_SIGNS`."""
+    return catalogue.choose("traffic_sign", site.rng, str(site.rng.choice(_SIGNS[meaning])))
 
 
 def arms_of(site: Site) -> list[NDArray[np.float64]]:

@@ -10,8 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
-from mlsroad_pipeline.simulation.model.design import Design
-from mlsroad_pipeline.simulation.model.meshes import Mesh
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh
 from mlsroad_pipeline.simulation.street.street import BLOCK, MARGIN, Street, generator
 
 INSTANCES_PER_BLOCK = 2048
@@ -144,10 +143,10 @@ class Site:
         c, n = np.cos(yaw), np.sin(yaw)
         return np.array([s + c * middle[0] - n * middle[1], left + n * middle[0] + c * middle[1], *half, yaw])
 
-    def fits(self, box: NDArray[np.float64], *, edge: tuple[float, float] | None = None, gap: float = _GAP) -> bool:
+    def fits(self, box: NDArray[np.float64], *, edge: tuple[float, float] | None = None) -> bool:
         """Return whether a footprint is free and, with `edge`, within these distances from the curb."""
         corners = _corners(box)
-        if corners[0].min() < self.start or corners[0].max() > self.end or overlaps(self.boxes, box, gap) >= 0:
+        if corners[0].min() < self.start or corners[0].max() > self.end or overlaps(self.boxes, box, _GAP) >= 0:
             return False
         if edge is None:
             return True
@@ -161,9 +160,8 @@ class Site:
         """Place a mesh without a check for overlaps."""
         name, label = (design.name, design.label) if isinstance(design, Design) else design
         ground = self.street.ground
-        xy, heading = self.street.alignment.place([s], [left])
-        base = np.array([xy[0, 0], xy[0, 1], float(ground.height([s], [left])[0])])
-        turn = float(heading[0]) + yaw
+        base, heading = self.street.on_ground(s, left)
+        turn = heading + yaw
         pitch = roll = 0.0
         if tilt:
             c, n = np.cos(yaw), np.sin(yaw)
@@ -205,10 +203,10 @@ class Site:
 
     def try_add(
         self, design: Design, s: float, left: float, yaw: float, *, edge: tuple[float, float] | None = None,
-        tilt: bool = False, hard_case: str = "", mesh: Mesh | None = None,
+        tilt: bool = False, mesh: Mesh | None = None,
     ) -> Placed | None:  # fmt: skip
         """Build an object and place it if it fits; see `add` and `fits`."""
         built = design.build(self.rng) if mesh is None else mesh
         if not self.fits(self.footprint(built, s, left, yaw), edge=edge):
             return None
-        return self.add(design, built, s, left, yaw, tilt=tilt, hard_case=hard_case)
+        return self.add(design, built, s, left, yaw, tilt=tilt)

@@ -6,9 +6,9 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.simulation.furnishing import catalogue
+from mlsroad_pipeline.simulation.furnishing.parking import cyclists, is_left_out
 from mlsroad_pipeline.simulation.furnishing.placement import INSTANCES_PER_BLOCK
-from mlsroad_pipeline.simulation.furnishing.two_wheelers import cyclists, is_left_out
-from mlsroad_pipeline.simulation.model.design import Design
+from mlsroad_pipeline.simulation.model.meshes import Design
 from mlsroad_pipeline.simulation.objects.people import WALKERS
 from mlsroad_pipeline.simulation.rays.scene import Motion, Mover
 from mlsroad_pipeline.simulation.street.drive import Drive

@@ -1,12 +1,16 @@
-"""Triangle meshes with a surface per face."""
+"""Triangle meshes with a surface per face, and designs: recipes that build another mesh for every random stream."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_positive
 
 # Kinds of reflection.
 DIFFUSE, GLASS, RETRO, FOLIAGE, PAINT, GROUND, BRICK, BARK = range(8)
@@ -66,3 +70,22 @@ def join(meshes: Sequence[Mesh]) -> Mesh:
         np.concatenate([m.faces + offset for m, offset in zip(meshes, offsets, strict=True)]),
         np.concatenate([m.attributes for m in meshes]),
     )
+
+
+@dataclass(frozen=True)
+class Design:
+    """One way to build an object of a class."""
+
+    name: str  # Name, unique among all designs, such as ``"double_arm_lamp"``
+    label: str  # Taxonomy class of the whole; faces may have finer ones
+    # From a random generator to a mesh in metres that stands on z = 0 with its foot at the origin, front or arm along
+    # +x. Equal streams give equal meshes; no two streams give the same.
+    build: Callable[[np.random.Generator], Mesh]
+    clearance: float  # Half of the length along the street that it keeps free, metres
+    weight: float = 1.0  # Relative frequency among the designs of its class
+
+    def __post_init__(self) -> None:
+        if self.label not in TAXONOMY:
+            raise ParameterError(f"design {self.name!r}: {self.label!r} is not in the taxonomy")
+        check_positive(self.clearance, "clearance")
+        check_positive(self.weight, "weight")

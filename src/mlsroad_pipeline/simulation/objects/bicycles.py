@@ -13,13 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
-from mlsroad_pipeline.simulation.bodies.bodies import SHANK, THIGH, draw_build
-from mlsroad_pipeline.simulation.bodies.riding import Contacts, helmeted, seat_rider
-from mlsroad_pipeline.simulation.model.batches import Floats, blades, tubes, unit
-from mlsroad_pipeline.simulation.model.design import Design
+from mlsroad_pipeline.simulation.bodies import SHANK, THIGH, Contacts, draw_build, helmeted, seat_rider
 from mlsroad_pipeline.simulation.model.materials import car_paint, material
-from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
-from mlsroad_pipeline.simulation.model.solids import box
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, Surface, join
+from mlsroad_pipeline.simulation.model.solids import Floats, blades, box, tubes, unit
 
 
 class _Frame(NamedTuple):

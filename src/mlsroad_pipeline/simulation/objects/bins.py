@@ -39,8 +39,7 @@ def wheelie_bin(rng: np.random.Generator) -> Mesh:
     for y in (-0.42 * width, 0.42 * width):
         parts.append(tube([[axle[0], y - 0.03, axle[1]], [axle[0], y + 0.03, axle[1]]], 0.1, dark, sides=10))
     grip = [[-0.6 * depth, y, 0.92 * height] for y in (-0.4 * width, 0.4 * width)]
-    parts.append(tube(grip, 0.018, body, sides=5))
-    parts.append(box([0.1, 0.7 * width, 0.06], [0.3 * depth, 0, 0.03], body))
+    parts += [tube(grip, 0.018, body, sides=5), box([0.1, 0.7 * width, 0.06], [0.3 * depth, 0, 0.03], body)]
     return join(parts)
 
 
@@ -111,8 +110,7 @@ def bottle_bank(rng: np.random.Generator) -> Mesh:
     for side in (-1, 1):
         at = [side * 0.86 * radius, 0, 0.74 * height]
         parts.append(ellipsoid(at, [0.1, 0.14, 0.12], dark, rings=3, sides=8))
-    parts.append(tube([[0, 0, height - 0.02], [0, 0, height + 0.1]], 0.04, dark, sides=5))
-    return join(parts)
+    return join([*parts, tube([[0, 0, height - 0.02], [0, 0, height + 0.1]], 0.04, dark, sides=5)])
 
 
 def pillar_box(rng: np.random.Generator) -> Mesh:

@@ -11,12 +11,10 @@ from functools import partial
 
 import numpy as np
 
-from mlsroad_pipeline.simulation.model.batches import blades, tubes
-from mlsroad_pipeline.simulation.model.design import Design
-from mlsroad_pipeline.simulation.model.meshes import DIFFUSE, Mesh, Surface, join
-from mlsroad_pipeline.simulation.plants.crowns import UNDERGROUND, Colours, grow_tree
-from mlsroad_pipeline.simulation.plants.habits import Habit
-from mlsroad_pipeline.simulation.plants.plant_materials import bark, foliage, same_as
+from mlsroad_pipeline.simulation.model.materials import bark, foliage, same_as
+from mlsroad_pipeline.simulation.model.meshes import DIFFUSE, Design, Mesh, Surface, join
+from mlsroad_pipeline.simulation.model.solids import blades, tubes
+from mlsroad_pipeline.simulation.plants.crowns import UNDERGROUND, Colours, Habit, grow_tree
 
 _ROUND = Habit(
     height=(6.0, 13.0), width=(0.52, 0.78), clear=(0.2, 0.32), profile=(0.5, 0.5), leader=(0.35, 0.6),

@@ -6,7 +6,6 @@ from functools import partial
 
 import numpy as np
 
-from mlsroad_pipeline.simulation.model.design import Design
 from mlsroad_pipeline.simulation.model.materials import (
     SIGN_BLUE,
     SIGN_GREEN,
@@ -17,7 +16,7 @@ from mlsroad_pipeline.simulation.model.materials import (
     material,
     retroreflective,
 )  # fmt: skip
-from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, Surface, join
 from mlsroad_pipeline.simulation.model.solids import box, polygon, quads, tube
 from mlsroad_pipeline.simulation.objects.parts import (
     UNDERGROUND,
@@ -54,10 +53,8 @@ def _flag(rng: np.random.Generator) -> Mesh:
     half = float(outline[:, 1].max())
     y, z = side * (radius + size / 2), height - half - 0.03
     parts = [tube([[0, 0, -UNDERGROUND], [0, 0, height]], radius, metal), panel(outline, sheet, sheet, [0, y, z])]
-    for x in (-0.008, 0.008):
-        parts.append(panel(outline * 0.45, mark, mark, [x, y, z]))
-    for dz in (-0.6 * half, 0.6 * half):
-        parts.append(tube([[0, 0, z + dz], [0, y, z + dz]], 0.012, metal, sides=4))
+    parts += [panel(outline * 0.45, mark, mark, [x, y, z]) for x in (-0.008, 0.008)]
+    parts += [tube([[0, 0, z + dz], [0, y, z + dz]], 0.012, metal, sides=4) for dz in (-0.6 * half, 0.6 * half)]
     if rng.random() < 0.75:
         parts.append(_card(rng, metal))
     return leaned(join(parts), rng)
@@ -141,8 +138,7 @@ def _solid_shelter(rng: np.random.Generator) -> Mesh:
     thick, tall = rng.uniform(0.08, 0.22), height + UNDERGROUND
     z = (height - UNDERGROUND) / 2
     parts = [box([thick, length, tall], [-depth / 2 + thick / 2, 0, z], skin)]
-    for side in (-1, 1):
-        parts.append(box([depth, thick, tall], [0, side * (length - thick) / 2, z], skin))
+    parts += [box([depth, thick, tall], [0, side * (length - thick) / 2, z], skin) for side in (-1, 1)]
     rise = rng.uniform(0.0, 0.6)
     eave, ends = depth / 2 + rng.uniform(0.1, 0.35), length / 2 + rng.uniform(0.1, 0.3)
     shoulder = height + rise * (1 - depth / 2 / eave)

@@ -9,15 +9,18 @@ import numpy as np
 from mlsroad_pipeline.simulation.model.materials import car_paint, cloth, material
 from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
 from mlsroad_pipeline.simulation.model.solids import box, quads, tube
-from mlsroad_pipeline.simulation.objects.bodywork import Body, pillars, rails, skin
-from mlsroad_pipeline.simulation.objects.parts import loft, tinted
-from mlsroad_pipeline.simulation.objects.vehicle_parts import (
+from mlsroad_pipeline.simulation.objects.bodywork import (
+    Body,
     lamps,
     mirrors,
+    pillars,
+    rails,
     seats,
+    skin,
     steering_wheel,
     wheels,
 )
+from mlsroad_pipeline.simulation.objects.parts import loft, tinted
 
 _LABEL = "bus"
 
@@ -57,8 +60,7 @@ def _coach(
             cushions += [[x + dx, y + dy, z] for dx, dy in ((-0.2, -0.42), (0.25, -0.42), (0.25, 0.42), (-0.2, 0.42))]
     parts.append(quads(np.reshape(cushions, (-1, 4, 3)), cover))
     rail = material("galvanised", _LABEL, rng)
-    for x in rows[1::3]:
-        parts.append(tube([[x, 0.25, floor], [x, 0.25, height - 0.15]], 0.018, rail, sides=3))
+    parts += [tube([[x, 0.25, floor], [x, 0.25, height - 0.15]], 0.018, rail, sides=3) for x in rows[1::3]]
     return body, parts
 
 

@@ -12,19 +12,21 @@ from itertools import pairwise
 
 import numpy as np
 
-from mlsroad_pipeline.simulation.model.design import Design
 from mlsroad_pipeline.simulation.model.materials import car_paint, cloth, material
-from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, Surface, join
 from mlsroad_pipeline.simulation.model.solids import box, tube
-from mlsroad_pipeline.simulation.objects.bodywork import Body, pillars, rails, skin
-from mlsroad_pipeline.simulation.objects.parts import loft, rounded, tinted
-from mlsroad_pipeline.simulation.objects.vehicle_parts import (
+from mlsroad_pipeline.simulation.objects.bodywork import (
+    Body,
     lamps,
     mirrors,
+    pillars,
+    rails,
     seats,
+    skin,
     steering_wheel,
     wheels,
 )
+from mlsroad_pipeline.simulation.objects.parts import loft, rounded, tinted
 
 Range = tuple[float, float]
 

@@ -10,14 +10,11 @@ from functools import partial
 
 import numpy as np
 
-from mlsroad_pipeline.simulation.model.batches import Floats, bearing, blades, lift, tubes, unit
-from mlsroad_pipeline.simulation.model.design import Design
-from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
-from mlsroad_pipeline.simulation.plants.crowns import UNDERGROUND, Colours, grow_tree
-from mlsroad_pipeline.simulation.plants.habits import Habit, Outline
-from mlsroad_pipeline.simulation.plants.plant_materials import bark, foliage, same_as
+from mlsroad_pipeline.simulation.model.materials import bark, foliage, same_as
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, Surface, join
+from mlsroad_pipeline.simulation.model.solids import Floats, bearing, blades, lift, tubes, unit
+from mlsroad_pipeline.simulation.plants.crowns import UNDERGROUND, Colours, Habit, Outline, grow_tree
 
-_GOLDEN = 2.39996
 _PINE = Habit(
     height=(6.0, 13.5), width=(0.42, 0.7), clear=(0.38, 0.6), profile=(0.45, 0.4), leader=(0.6, 0.85),
     rise=(0.1, 0.7), girth=(14, 20), limbs=(9, 13), droop=(0.0, 0.1), density=(0.7, 1.2), clump=(0.22, 0.38),
@@ -82,8 +79,7 @@ def _spruce(rng: np.random.Generator) -> Mesh:
     direction[:, 2] -= rng.uniform(0.1, 0.9)
     size = (0.14 + 0.12 * length[which]) * rng.uniform(0.6, 1.2, n)
     roots = a + part * (b - a)
-    meshes.append(lift(blades(roots, direction, size, 0.42 * size, leaf, rng)))
-    return join(meshes)
+    return join([*meshes, lift(blades(roots, direction, size, 0.42 * size, leaf, rng))])
 
 
 def _column(

@@ -7,12 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from mlsroad_pipeline.simulation.model.design import Design
 from mlsroad_pipeline.simulation.model.materials import SIGN_BLUE, SIGN_GREEN, material
-from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, Surface, join
 from mlsroad_pipeline.simulation.model.solids import box, tube
 from mlsroad_pipeline.simulation.objects.parts import UNDERGROUND, lathe
-from mlsroad_pipeline.simulation.objects.sign_plates import board
+from mlsroad_pipeline.simulation.objects.traffic_signs import board
 
 
 def _beam(rng: np.random.Generator, x: tuple[float, float], level: float, metal: Surface) -> list[Mesh]:
@@ -28,8 +27,7 @@ def _beam(rng: np.random.Generator, x: tuple[float, float], level: float, metal:
     deep, tall, panels = rng.uniform(0.4, 0.7), rng.uniform(0.5, 0.9), max(int((end - start) / 1.6), 2)
     parts = []
     for y in (-deep / 2, deep / 2):
-        for z in (level, level + tall):
-            parts.append(tube([[start, y, z], [end, y, z]], 0.05, metal, sides=4))
+        parts += [tube([[start, y, z], [end, y, z]], 0.05, metal, sides=4) for z in (level, level + tall)]
         nodes = np.linspace(start, end, panels + 1)
         zigzag = np.column_stack([nodes, np.full(panels + 1, y), level + tall * (np.arange(panels + 1) % 2)])
         parts.append(tube(zigzag, 0.03, metal, sides=3))

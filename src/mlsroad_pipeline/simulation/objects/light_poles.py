@@ -10,13 +10,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.simulation.model.design import Design
 from mlsroad_pipeline.simulation.model.materials import cloth, material
-from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, Surface, join
 from mlsroad_pipeline.simulation.model.solids import box, ellipsoid, tube
 from mlsroad_pipeline.simulation.objects.masts import arm, ballast, banner, luminaire, mast, metal
 from mlsroad_pipeline.simulation.objects.parts import UNDERGROUND, lathe, leaned, tinted
-from mlsroad_pipeline.simulation.objects.sign_plates import sign_plate
+from mlsroad_pipeline.simulation.objects.traffic_signs import sign_plate
 
 
 def _shaft(rng: np.random.Generator, low: float, high: float) -> tuple[list[Mesh], float, float, Surface]:

@@ -11,13 +11,10 @@ from functools import partial
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
-from mlsroad_pipeline.simulation.bodies.bodies import capsules, draw_build
-from mlsroad_pipeline.simulation.bodies.riding import Contacts, helmeted, seat_rider
-from mlsroad_pipeline.simulation.model.batches import tubes
-from mlsroad_pipeline.simulation.model.design import Design
+from mlsroad_pipeline.simulation.bodies import Contacts, capsules, draw_build, helmeted, seat_rider
 from mlsroad_pipeline.simulation.model.materials import car_paint, material
-from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
-from mlsroad_pipeline.simulation.model.solids import box, ellipsoid
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, Surface, join
+from mlsroad_pipeline.simulation.model.solids import box, ellipsoid, tubes
 from mlsroad_pipeline.simulation.objects.bicycles import wheel
 
 _LABEL = "motorcycle"
@@ -68,8 +65,7 @@ def _motorcycle(rng: np.random.Generator) -> tuple[Mesh, Contacts]:
     cushion = capsules(
         [[-0.02, 0, seat - 0.06]], [[-base / 2 + 0.12, 0, seat + rng.uniform(-0.03, 0.06)]], 0.11, 0.09, rubber
     )
-    meshes.append(cushion)
-    meshes.append(box([rng.uniform(0.38, 0.5), rng.uniform(0.3, 0.42), 0.34], [0.06, 0, 0.42], metal, taper=0.8))
+    meshes += [cushion, box([rng.uniform(0.38, 0.5), rng.uniform(0.3, 0.42), 0.34], [0.06, 0, 0.42], metal, taper=0.8)]
     meshes.append(box([0.5, 0.22, 0.2], [-0.12, 0, 0.62], rubber))
     swing = np.stack([np.array([[-0.12, k, 0.42], [-base / 2, k, radius]]) for k in (-0.1, 0.1)])
     meshes.append(tubes(swing, 0.03, metal, sides=5))
@@ -79,8 +75,7 @@ def _motorcycle(rng: np.random.Generator) -> tuple[Mesh, Contacts]:
     meshes.append(ellipsoid(lamp, [0.09, 0.1, 0.1], material("aluminium", _LABEL, rng), rings=3, sides=7))
     if rng.random() < 0.4:
         meshes.append(ellipsoid(lamp + np.array([-0.02, 0, 0.02]), [0.2, 0.2, 0.3], paint, rings=4, sides=8))
-    for x in (-base / 2, base / 2):
-        meshes.append(_fender(np.array([x, 0, radius]), radius, paint))
+    meshes += [_fender(np.array([x, 0, radius]), radius, paint) for x in (-base / 2, base / 2)]
     meshes += _luggage(rng, np.array([-base / 2 - 0.02, 0, seat + 0.02]), share=0.3)
     half = rng.uniform(0.19, 0.24)
     pegs = np.array([[-0.05, -half, 0.36], [-0.05, half, 0.36]])
@@ -113,8 +108,7 @@ def _scooter(rng: np.random.Generator) -> tuple[Mesh, Contacts]:
     lean = float(np.arctan2(top[0] - foot[0], top[2] - foot[2] - 0.15))
     width = rng.uniform(0.36, 0.46)
     shield = box([0.06, width, top[2] - 0.4], [0, 0, (top[2] - 0.4) / 2], paint, taper=0.75)
-    meshes.append(shield.moved(foot, pitch=lean))
-    meshes.append(box([0.5, 0.36, 0.08], [0.06, 0, 0.3], rubber))
+    meshes += [shield.moved(foot, pitch=lean), box([0.5, 0.36, 0.08], [0.06, 0, 0.3], rubber)]
     body = capsules([[-0.24, 0, 0.5]], [[-base / 2 - 0.08, 0, 0.62]], rng.uniform(0.19, 0.23), 0.13, paint, sides=8)
     meshes += [body, box([0.2, 0.3, 0.42], [-0.22, 0, 0.48], paint, taper=0.85)]
     saddle = capsules([[-0.14, 0, seat - 0.07]], [[-base / 2 - 0.05, 0, seat - 0.04]], 0.11, 0.1, rubber)

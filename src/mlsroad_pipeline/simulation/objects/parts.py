@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.simulation.model.meshes import DIFFUSE, Mesh, Surface, join, rotation_matrix
-from mlsroad_pipeline.simulation.model.solids import plate
+from mlsroad_pipeline.simulation.model.solids import fan_faces, plate
 
 UNDERGROUND = 0.3
 """Depth of masts and feet below the ground, so that a sloping street leaves no gap, metres."""
@@ -84,9 +84,7 @@ def loft(sections: ArrayLike, surface: Surface, *, closed: bool = True) -> Mesh:
 def fan(corners: ArrayLike, surface: Surface) -> Mesh:
     """Return a convex polygon as triangles about its first corner; corners run counter-clockwise from its front."""
     points = np.asarray(corners, dtype=np.float64)
-    m = len(points)
-    faces = np.stack([np.zeros(m - 2, dtype=np.int64), np.arange(1, m - 1), np.arange(2, m)], axis=1)
-    return without_slivers(Mesh(points, faces, surface.rows(m - 2)))
+    return without_slivers(Mesh(points, fan_faces(len(points)), surface.rows(len(points) - 2)))
 
 
 def prism(outline: ArrayLike, width: float, surface: Surface, *, at: float = 0.0) -> Mesh:

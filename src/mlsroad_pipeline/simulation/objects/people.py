@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from mlsroad_pipeline.simulation.bodies.bodies import (
+from mlsroad_pipeline.simulation.bodies import (
     ANKLE,
     FOREARM,
     HIP,
@@ -26,11 +26,9 @@ from mlsroad_pipeline.simulation.bodies.bodies import (
     clothe,
     draw_build,
 )
-from mlsroad_pipeline.simulation.model.batches import Floats, tubes, unit
-from mlsroad_pipeline.simulation.model.design import Design
 from mlsroad_pipeline.simulation.model.materials import cloth, material
-from mlsroad_pipeline.simulation.model.meshes import Mesh, join
-from mlsroad_pipeline.simulation.model.solids import box
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, join
+from mlsroad_pipeline.simulation.model.solids import Floats, box, tubes, unit
 
 _SIDES = np.array([-1.0, 1.0])  # right, left
 Angles = tuple[Floats, Floats, Floats, Floats]

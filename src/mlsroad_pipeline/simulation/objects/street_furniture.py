@@ -9,7 +9,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from mlsroad_pipeline.simulation.model.design import Design
 from mlsroad_pipeline.simulation.model.materials import (
     SIGN_RED,
     SIGN_WHITE,
@@ -18,7 +17,7 @@ from mlsroad_pipeline.simulation.model.materials import (
     material,
     retroreflective,
 )
-from mlsroad_pipeline.simulation.model.meshes import Mesh, join
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, join
 from mlsroad_pipeline.simulation.model.solids import box, leaves, tube
 from mlsroad_pipeline.simulation.objects import bins
 from mlsroad_pipeline.simulation.objects.parts import (

@@ -10,13 +10,12 @@ from functools import partial
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
-from mlsroad_pipeline.simulation.model.design import Design
 from mlsroad_pipeline.simulation.model.materials import SIGN_WHITE, SIGN_YELLOW, retroreflective
-from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, Surface, join
 from mlsroad_pipeline.simulation.model.solids import box, polygon, tube
 from mlsroad_pipeline.simulation.objects.masts import arm, luminaire, mast, metal
 from mlsroad_pipeline.simulation.objects.parts import grid_skin, leaned, panel, rectangle, tinted
-from mlsroad_pipeline.simulation.objects.sign_plates import sign_plate
+from mlsroad_pipeline.simulation.objects.traffic_signs import sign_plate
 
 _COLOURS = ((0.4, 0.04, 0.03), (0.45, 0.3, 0.03), (0.04, 0.35, 0.12))
 
@@ -132,8 +131,7 @@ def _mast_arm(rng: np.random.Generator) -> Mesh:
         parts.append(_side_head(rng, radius, rng.uniform(2.6, 3.3), np.pi / 2, housing, head))
     if rng.random() < 0.4:
         walk = _pedestrian_head(rng, housing)
-        parts.append(_side_head(rng, radius, rng.uniform(2.2, 2.5), 0.0, housing, walk))
-        parts.append(_button(rng, radius))
+        parts += [_side_head(rng, radius, rng.uniform(2.2, 2.5), 0.0, housing, walk), _button(rng, radius)]
     return leaned(join(parts), rng, share=0.1, limit=1.5)
 
 

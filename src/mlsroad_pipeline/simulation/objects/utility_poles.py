@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.simulation.model.design import Design
 from mlsroad_pipeline.simulation.model.materials import material
-from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, Surface, join
 from mlsroad_pipeline.simulation.model.solids import box, tube
 from mlsroad_pipeline.simulation.objects.masts import arm, luminaire
 from mlsroad_pipeline.simulation.objects.parts import UNDERGROUND, lathe, leaned, tinted
-from mlsroad_pipeline.simulation.objects.sign_plates import sign_plate
+from mlsroad_pipeline.simulation.objects.traffic_signs import sign_plate
 
 WIRES = 6
 """Wires of each pole: four conductors, a low-voltage bundle, a telephone cable."""

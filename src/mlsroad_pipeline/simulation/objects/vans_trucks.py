@@ -8,20 +8,22 @@ from itertools import pairwise
 
 import numpy as np
 
-from mlsroad_pipeline.simulation.model.design import Design
 from mlsroad_pipeline.simulation.model.materials import car_paint, material
-from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, Surface, join
 from mlsroad_pipeline.simulation.model.solids import box, tube
 from mlsroad_pipeline.simulation.objects import buses, trucks
-from mlsroad_pipeline.simulation.objects.bodywork import Body, pillars, rails, skin
-from mlsroad_pipeline.simulation.objects.parts import loft, rounded, tinted
-from mlsroad_pipeline.simulation.objects.vehicle_parts import (
+from mlsroad_pipeline.simulation.objects.bodywork import (
+    Body,
     lamps,
     mirrors,
+    pillars,
+    rails,
     seats,
+    skin,
     steering_wheel,
     wheels,
 )
+from mlsroad_pipeline.simulation.objects.parts import loft, rounded, tinted
 
 
 def _dark(label: str, rng: np.random.Generator) -> Surface:
@@ -135,8 +137,7 @@ def _pickup(rng: np.random.Generator) -> Mesh:
         floor, wall = clear + 0.42, 0.86 * half
         middle, long = (rear + bed) / 2 + 0.03, bed - rear - 0.12
         parts.append(box([long, 2 * wall, 0.03], [middle, 0, floor], dark))
-        for y in (-wall, wall):
-            parts.append(box([long, 0.03, side - floor], [middle, y, (side + floor) / 2], dark))
+        parts += [box([long, 0.03, side - floor], [middle, y, (side + floor) / 2], dark) for y in (-wall, wall)]
         if rng.random() < 0.35:
             parts += _load(rng, "truck", (rear + 0.2, bed - 0.2), wall, floor)
     parts += mirrors(rng, body, cowl - 0.35, belt + 0.12, 0.11, dark)

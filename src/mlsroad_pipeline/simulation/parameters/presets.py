@@ -11,10 +11,9 @@ import pyproj
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_positive
-from mlsroad_pipeline.simulation.parameters.devices import Device, ScannerSystem
+from mlsroad_pipeline.simulation.parameters.devices import Device, ScannerSystem, Variation, variation
 from mlsroad_pipeline.simulation.parameters.known_scanners import SCANNERS, scanner_system
 from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS, StreetParameters, street_parameters
-from mlsroad_pipeline.simulation.parameters.variations import Variation, variation
 
 LAYOUT = ("piece_length", "frames", "scan_spacing", "range_image")
 """Keys of a survey's configuration that describe its file layout."""

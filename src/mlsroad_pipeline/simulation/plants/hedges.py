@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from mlsroad_pipeline.simulation.model.batches import blades, lift, tubes
+from mlsroad_pipeline.simulation.model.materials import bark, foliage
 from mlsroad_pipeline.simulation.model.meshes import Mesh, join
+from mlsroad_pipeline.simulation.model.solids import blades, lift, tubes
 from mlsroad_pipeline.simulation.plants.crowns import UNDERGROUND
-from mlsroad_pipeline.simulation.plants.plant_materials import bark, foliage
 
 
 def hedge(rng: np.random.Generator, length: float) -> Mesh:

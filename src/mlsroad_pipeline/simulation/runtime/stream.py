@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
@@ -17,7 +17,6 @@ from mlsroad_pipeline.simulation.furnishing.blocks import Block, block_centre, b
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
 from mlsroad_pipeline.simulation.rays.scene import Mover, RayScene
 from mlsroad_pipeline.simulation.rays.static import StaticGeometry, build_static
-from mlsroad_pipeline.simulation.runtime.time_merge import merge_by_time
 from mlsroad_pipeline.simulation.scanning.receiver import GHOST, receive
 from mlsroad_pipeline.simulation.scanning.scanner import draw_calibration, georeference, send_pulses
 from mlsroad_pipeline.simulation.street.drive import PAUSE, drive_along
@@ -151,25 +150,6 @@ class SurveyStream:
         low, high = number * BLOCK, min((number + 1) * BLOCK, self.length)
         return list(range(int(np.ceil(low / interval)), int(np.ceil(high / interval))))
 
-    def scan(self, number: int, scene: RayScene) -> Iterator[PointCloud]:
-        """Yield the points measured while the vehicle is in a block.
-
-        Parameters
-        ----------
-        number : int
-            The block, from 0 to `block_count` - 1.
-        scene : RayScene
-            Its `scene`.
-
-        Yields
-        ------
-        PointCloud
-            Points of all scanners in the order of gps_time; street-local float64 coordinates. Columns as in `Survey`;
-            rgb only without images, which colour the points otherwise.
-        """
-        for span in self.spans(number):
-            yield self.scan_span(scene, *span)
-
     def scan_span(self, scene: RayScene, start: float, end: float) -> PointCloud:
         """Return the points of all scanners between two times.
 
@@ -183,9 +163,14 @@ class SurveyStream:
         Returns
         -------
         PointCloud
-            Points as from `scan`.
+            Points in the order of gps_time; street-local float64 coordinates. Columns as in `Survey`; rgb only without
+            images, which colour the points otherwise.
         """
-        columns = merge_by_time([self._measure(scene, k, start, end) for k in range(len(self._devices))])
+        parts = [self._measure(scene, k, start, end) for k in range(len(self._devices))]
+        columns = parts[0]
+        if len(parts) > 1:
+            order = np.argsort(np.concatenate([part["gps_time"] for part in parts]), kind="stable")
+            columns = {name: np.concatenate([part[name] for part in parts])[order] for name in columns}
         xyz = columns.pop("xyz")
         return PointCloud(xyz, columns, self.origin, self.crs, "simulated survey")
 
@@ -217,30 +202,6 @@ class SurveyStream:
             )  # fmt: skip
         return columns
 
-    def photograph(self, number: int, scene: RayScene) -> tuple[list[Image], list[NDArray[np.float32]]]:
-        """Take the images of a block.
-
-        Parameters
-        ----------
-        number : int
-            The block, from 0 to `block_count` - 1.
-        scene : RayScene
-            Its `scene`.
-
-        Returns
-        -------
-        images : list of Image
-            Images by time, of all cameras at each moment.
-        depths : list of ndarray of shape (height, width), float32
-            Depth of each image along the optical axis, metres; infinite in the sky.
-        """
-        images, depths = [], []
-        for moment in self.moments(number):
-            taken = self.shoot(scene, moment)
-            images += taken[0]
-            depths += taken[1]
-        return images, depths
-
     def shoot(self, scene: RayScene, moment: int) -> tuple[list[Image], list[NDArray[np.float32]]]:
         """Take the images of all cameras at one moment.
 
@@ -253,8 +214,10 @@ class SurveyStream:
 
         Returns
         -------
-        images, depths : list
-            As from `photograph`.
+        images : list of Image
+            Images of all cameras.
+        depths : list of ndarray of shape (height, width), float32
+            Depth of each image along the optical axis, metres; infinite in the sky.
         """
         prefix = f"{self.number}_" if self.number else ""
         time = self.drive.time_at(moment * self.parameters.image_interval)

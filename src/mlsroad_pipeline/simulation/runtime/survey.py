@@ -10,18 +10,18 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud, concatenate
 from mlsroad_pipeline.simulation.cameras.cameras import Image
 from mlsroad_pipeline.simulation.cameras.colouring import colour_points, spread_colours
-from mlsroad_pipeline.simulation.furnishing.blocks import ObjectRecord
+from mlsroad_pipeline.simulation.furnishing.blocks import ObjectRecord, block_centre
 from mlsroad_pipeline.simulation.model.meshes import rotation_matrix
 from mlsroad_pipeline.simulation.objects.dimensions import Measures
 from mlsroad_pipeline.simulation.parameters.devices import Device
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
 from mlsroad_pipeline.simulation.runtime.stream import SurveyStream
 from mlsroad_pipeline.simulation.runtime.worker_pool import run_survey
-from mlsroad_pipeline.simulation.street.drive import Drive
-from mlsroad_pipeline.simulation.street.poses import pose_at
+from mlsroad_pipeline.simulation.street.drive import Drive, pose_at
 from mlsroad_pipeline.simulation.street.street import Street
 
 _COLOUR_REACH = 0.5  # metres
@@ -91,7 +91,7 @@ def simulate_survey(parameters: SimulationParameters, *, n_threads: int = 1) -> 
     survey, images = SurveyPieces(parameters, n_threads=n_threads), []
     clouds = []
     for cloud, taken in survey:
-        clouds.append(as_float32(cloud))
+        clouds.append(_as_float32(cloud))
         images += taken
     return Survey(
         concatenate(clouds), survey.trajectory, images, survey.objects, survey.origin, survey.crs, survey.street
@@ -254,7 +254,7 @@ def _object_table(records: Iterable[ObjectRecord], origin: NDArray[np.float64]) 
     return table.assign(**{name: table[name] + value for name, value in shift.items()})
 
 
-def as_float32(cloud: PointCloud) -> PointCloud:
+def _as_float32(cloud: PointCloud) -> PointCloud:
     """Return points with float32 coordinates."""
     return replace(cloud, xyz=cloud.xyz.astype(np.float32))
 
@@ -266,3 +266,72 @@ def _coloured(cloud: PointCloud, taken: list[tuple[list[Image], list[NDArray[np.
     rgb, seen = colour_points(xyz, cloud["gps_time"], images, depths)
     rgb = spread_colours(xyz, cloud["scanner"], rgb, seen, _COLOUR_REACH)
     return cloud.with_columns(rgb=rgb)
+
+
+def long_survey(parameters: SimulationParameters, *, n_points: int, n_threads: int = 1) -> SurveyStream:
+    """Return a survey without images of a street long enough for a number of points; points are computed on demand.
+
+    Parameters
+    ----------
+    parameters : SimulationParameters
+        Survey parameters; their length and images are not used.
+    n_points : int
+        Number of points that the street must yield.
+    n_threads : int, default 1
+        Number of workers. The points do not depend on it.
+
+    Returns
+    -------
+    SurveyStream
+        The survey.
+
+    Raises
+    ------
+    ParameterError
+        If `n_threads` is below 1.
+    """
+    # About 60 % of the pulses return; a street longer than needed costs nothing.
+    pulses = sum(device.pulse_rate for device in parameters.devices)
+    length = 60.0 + n_points / (pulses * 0.3) * parameters.speed
+    return SurveyStream(replace(parameters, with_images=False), length=length, n_threads=n_threads)
+
+
+def stream_points(stream: SurveyStream, *, n_points: int) -> Iterator[PointCloud]:
+    """Yield the first points of a survey without images in chunks.
+
+    Only a few blocks of street are in memory at a time.
+
+    Parameters
+    ----------
+    stream : SurveyStream
+        The survey.
+    n_points : int
+        Total number of points, at least 1.
+
+    Yields
+    ------
+    PointCloud
+        Some 100,000s of points each, in the order of gps_time, float32 relative to an origin of each chunk, so that
+        streets of any length keep their precision.
+
+    Raises
+    ------
+    ParameterError
+        If `n_points` is below 1.
+    DataError
+        If the street ends first, because hardly any pulse returned.
+    """
+    if n_points < 1:
+        raise ParameterError(f"n_points must be >= 1, got {n_points!r}")
+    left = n_points
+    for chunk in run_survey(stream):
+        if chunk.cloud is None:
+            continue
+        centre, _ = block_centre(stream.street, chunk.number)
+        shifted = chunk.cloud.moved_to(chunk.cloud.origin + centre)
+        part = _as_float32(shifted if len(shifted) <= left else shifted.select(np.arange(left)))
+        left -= len(part)
+        yield part
+        if left == 0:
+            return
+    raise DataError(f"the street ended {left} points short of {n_points}")

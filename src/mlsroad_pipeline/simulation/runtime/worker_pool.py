@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections import deque
 from collections.abc import Iterator, Mapping
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from multiprocessing import Pipe
@@ -22,10 +23,10 @@ from mlsroad_pipeline.simulation.cameras.cameras import Image
 from mlsroad_pipeline.simulation.furnishing.blocks import Block, ObjectRecord
 from mlsroad_pipeline.simulation.runtime.channels import SLOTS, Channel, create_shared_file, unlink_shared_file
 from mlsroad_pipeline.simulation.runtime.stream import SurveyStream
-from mlsroad_pipeline.simulation.runtime.threads import map_ahead, thread_pool
 
 _MIN_WORK = 1_500_000  # pulses and pixels from which on a further process pays for its start
-_AHEAD = 4  # results per worker that are computed ahead
+_AHEAD = 4  # results per worker that are computed ahead, which bounds the memory
+_SWITCH = 0.0002  # seconds a thread may hold the interpreter lock while others wait
 _ENDED = "a process that simulated a part of the survey ended; check whether there was enough memory"
 _MAX_IDLE = 1  # idle processes that are kept for the next survey
 
@@ -121,10 +122,6 @@ class _Process:
         """Return when the process accepts tasks."""
         self._ready.result()
         unlink_shared_file(self._path)
-
-    def run(self, *task: Any) -> Any:
-        """Run a task and return its result."""
-        return self.submit(*task).result()
 
     def submit(self, *task: Any) -> Future[Any]:
         """Queue a task; tasks run in the order submitted."""
@@ -223,15 +220,37 @@ def run_survey(stream: SurveyStream) -> Iterator[Chunk]:
     The order is block by block: records of new blocks within range, points in the order of time, images. Each block of
     street is built once. Each further worker is a process of its own if the survey is long enough.
     """
+    workers: SimpleQueue[_LocalWorker | _RemoteWorker] = SimpleQueue()
+    workers.put(_LocalWorker(stream))
     n = stream.n_threads if _needs_processes(stream) else 1
-    with _processes(n - 1) as processes, thread_pool(1 + (1 + SLOTS) * (n - 1) if n > 1 else 0) as threads:
-        workers: SimpleQueue[_LocalWorker | _RemoteWorker] = SimpleQueue()
-        workers.put(_LocalWorker(stream))
+    if n == 1:
+        yield from (_run(task, workers) for task in _tasks(stream))
+        return
+    with _processes(n - 1) as processes, _threads(1 + (1 + SLOTS) * (n - 1)) as threads:
         for process in processes:
-            assert threads is not None
             # The other workers run its tasks until it has started.
             threads.submit(_join, workers, stream, process)
-        yield from map_ahead(threads, lambda task: _run(task, workers), _tasks(stream), _AHEAD * n)
+        waiting: deque[Future[Chunk]] = deque()
+        for task in _tasks(stream):
+            waiting.append(threads.submit(_run, task, workers))
+            if len(waiting) > _AHEAD * n:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+
+
+@contextmanager
+def _threads(count: int) -> Iterator[ThreadPoolExecutor]:
+    """Yield a pool of threads; pending tasks are cancelled on exit."""
+    pool = ThreadPoolExecutor(count)
+    # Compiled code releases the interpreter lock and takes it back often: waits of 5 ms would add up.
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(min(interval, _SWITCH))
+    try:
+        yield pool
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+        sys.setswitchinterval(interval)
 
 
 def _join(workers: SimpleQueue[_LocalWorker | _RemoteWorker], stream: SurveyStream, process: _Process) -> None:

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.simulation.model.compiled import leaf
 from mlsroad_pipeline.simulation.model.meshes import GROUND, RETRO
 from mlsroad_pipeline.simulation.rays.surfaces import Hits, Surfaces
-from mlsroad_pipeline.simulation.scanning.amplitudes import SATURATION_DB, amplitude_of, deviation, intensity_of
-from mlsroad_pipeline.simulation.scanning.power import Power
+from mlsroad_pipeline.simulation.scanning.amplitudes import SATURATION_DB, Power, amplitude_of, deviation, intensity_of
 from mlsroad_pipeline.simulation.street.ground import GRASS
 
 THRESHOLD_DB = 4.0

@@ -14,9 +14,8 @@ from mlsroad_pipeline.simulation.parameters.devices import Device
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
 from mlsroad_pipeline.simulation.rays.scene import RayScene
 from mlsroad_pipeline.simulation.rays.surfaces import WET, Hits, Surfaces
-from mlsroad_pipeline.simulation.scanning.amplitudes import FULL_SCALE_DB, deviation, mirrored_share
+from mlsroad_pipeline.simulation.scanning.amplitudes import FULL_SCALE_DB, deviation, mirrored_share, power_of
 from mlsroad_pipeline.simulation.scanning.echoes import THRESHOLD_DB, Echoes, Receiver, Slots, measure, ray_echoes
-from mlsroad_pipeline.simulation.scanning.power import power_of
 from mlsroad_pipeline.simulation.scanning.scanner import Pulses
 
 __all__ = ["FULL_SCALE_DB", "RESOLUTION", "THRESHOLD_DB", "Returns", "range_deviation", "receive"]

@@ -12,8 +12,7 @@ from mlsroad_pipeline.simulation.model.compiled import leaf
 from mlsroad_pipeline.simulation.model.meshes import rotation_matrix
 from mlsroad_pipeline.simulation.parameters.devices import Device
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
-from mlsroad_pipeline.simulation.street.drive import Drive
-from mlsroad_pipeline.simulation.street.poses import pose_between
+from mlsroad_pipeline.simulation.street.drive import Drive, pose_between
 from mlsroad_pipeline.simulation.street.street import generator
 
 _ANEW = 64  # pulses after which sine and cosine of the angle are recomputed

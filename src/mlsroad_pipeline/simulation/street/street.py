@@ -55,6 +55,11 @@ class Street:
     ground_reflectivity: NDArray[np.float64]  # Albedo at the scanner's wavelength
     parameters: StreetParameters  # Parameters of its kind
 
+    def on_ground(self, station: float, offset: float) -> tuple[NDArray[np.float64], float]:
+        """Return a place on the ground, street-local metres, and the heading of the street there."""
+        xy, heading = self.alignment.place([station], [offset])
+        return np.array([*xy[0], self.ground.height([station], [offset])[0]]), float(heading[0])
+
     def kerb_zone(self, side: int) -> float:
         """Return the offset of the line of trees, lamps and signs along the curb."""
         half, _, curb, verge, _ = self.ground.section[side]
