@@ -7,7 +7,6 @@ import open3d as o3d
 import pytest
 from references.simulator import enclosed_volume
 
-from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.features.eigen import compute_eigen_features
 from mlsroad_pipeline.reporting.clouds.design_sheet import scan_mesh
 from mlsroad_pipeline.simulation import bodies
@@ -15,9 +14,9 @@ from mlsroad_pipeline.simulation.model import solids
 from mlsroad_pipeline.simulation.model.materials import foliage
 from mlsroad_pipeline.simulation.model.meshes import KIND, Surface
 from mlsroad_pipeline.simulation.model.solids import tube
-from mlsroad_pipeline.simulation.objects import broadleaf, people
+from mlsroad_pipeline.simulation.objects import people, trees
 from mlsroad_pipeline.simulation.plants import crowns, fronds
-from mlsroad_pipeline.simulation.plants.crowns import Habit, Outline
+from mlsroad_pipeline.simulation.plants.crowns import Outline
 
 GREY = Surface(31, (0.5, 0.5, 0.5), 0.5)
 
@@ -138,14 +137,6 @@ def test_places_are_inside_their_outline(rng):
     assert outline.volume == pytest.approx(4 / 3 * np.pi * 2.5**2 * 3, rel=0.25)
 
 
-def test_a_reversed_range_is_an_error():
-    with pytest.raises(ParameterError, match="height runs from 9.0 down to 5.0"):
-        Habit(
-            height=(9.0, 5.0), width=(0.5, 0.6), clear=(0.2, 0.3), profile=(0.9, 0.3), leader=(0.4, 0.5),
-            rise=(0.3, 0.4), girth=(18, 20), limbs=(8, 9), droop=(0, 0.1), density=(0.5, 1), clump=(0.2, 0.3),
-        )  # fmt: skip
-
-
 def test_fronds_have_their_faces_and_hang_lower_the_more_they_bend(rng):
     leaf = foliage("green", "palm", rng)
     turn = np.linspace(0, 6, 9)
@@ -177,7 +168,7 @@ def _passing(mesh, height, radius):
 @pytest.mark.parametrize("name", ["round_tree", "pyramidal_tree", "multi_stem_tree"])
 def test_beams_enter_crowns_and_some_pass(name):
     # Gap fractions of leafy street trees in the literature run from some 5 to 40 per cent.
-    design = next(d for d in broadleaf.DESIGNS if d.name == name)
+    design = next(d for d in trees.DESIGNS if d.name == name)
     gaps, depths = [], []
     for seed in range(6):
         mesh = design.build(np.random.default_rng(seed))
@@ -210,7 +201,7 @@ def test_crowns_have_the_eigenvalue_features_of_recorded_ones(real_data, rng):
         recorded.append(_medians(_thinned(rows[rows[:, 3] == 1300, :3]), 0.3))
     simulated = []
     for seed in range(6):
-        mesh = broadleaf.DESIGNS[0].build(np.random.default_rng(seed))
+        mesh = trees.DESIGNS[0].build(np.random.default_rng(seed))
         xyz, _, face = scan_mesh(mesh, distance=8.0, spacing=0.12, slant=0.0)
         xyz = xyz[mesh.attributes[face, 0] == 31]
         simulated.append(_medians(_thinned(xyz + rng.normal(0, 0.02, xyz.shape)), 0.3))

@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pyproj
 import pytest
+from references.simulator import GROUND_LABELS
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
@@ -16,7 +17,6 @@ from mlsroad_pipeline.simulation import (
     stream_points,
 )
 from mlsroad_pipeline.simulation.runtime import worker_pool
-from mlsroad_pipeline.simulation.street.ground import GROUND_LABELS
 
 COLUMNS = {
     "rgb": np.uint8, "intensity": np.float32, "gps_time": np.float64, "scanner": np.uint8, "label": np.uint8,
@@ -149,7 +149,7 @@ def test_the_truth_table_agrees_with_the_points(survey):
     height = ground.height(*survey.street.alignment.locate(local[standing, :2]))
     np.testing.assert_allclose(local[standing, 2], height, atol=0.01)
     linear = [TAXONOMY[k] for k in ("building", "wall", "fence", "hedge")]
-    assert not cloud["instance"][np.isin(cloud["label"], linear + list(GROUND_LABELS))].any()
+    assert not cloud["instance"][np.isin(cloud["label"], linear + GROUND_LABELS)].any()
 
 
 def test_without_images_points_still_have_colour(elsewhere):

@@ -13,7 +13,7 @@ from mlsroad_pipeline.simulation.furnishing.placement import Box, Placed, Site, 
 from mlsroad_pipeline.simulation.furnishing.traffic import draw_traffic
 from mlsroad_pipeline.simulation.objects.dimensions import Measures, measure
 from mlsroad_pipeline.simulation.rays.moving import Mover
-from mlsroad_pipeline.simulation.rays.static import TriangleSoup, triangle_soup
+from mlsroad_pipeline.simulation.rays.scene import TriangleSoup, triangle_soup
 from mlsroad_pipeline.simulation.street.drive import Drive
 from mlsroad_pipeline.simulation.street.ground_mesh import ground_mesh
 from mlsroad_pipeline.simulation.street.street import BLOCK, Street
@@ -75,10 +75,7 @@ def block_centre(street: Street, number: int) -> tuple[NDArray[np.float64], floa
 
 
 def build_block(street: Street, drive: Drive, number: int, *, pass_number: int = 0) -> Block:
-    """Build a block and its objects; the result is deterministic.
-
-    Traffic is timed to meet the `drive`; each pass has its own.
-    """
+    """Build a block and its objects, always the same; each pass has its own traffic, timed to meet the `drive`."""
     placed = populate(street, number)
     centre, heading = block_centre(street, number)
     meshes = [ground_mesh(street, number), *(p.mesh for p in placed)]

@@ -21,10 +21,7 @@ _GANTRIES = 0.2  # per block of a road of several lanes with a median
 
 
 def dry_station(street: Street, s: float, left: float, *, least: float = 0.15) -> float:
-    """Return the nearest station at which a line along the street is off the carriageway, driveways and crossings.
-
-    It keeps `least` metres from the curb line; without such a station within 20 m, `s` itself is returned.
-    """
+    """Return the nearest station within 20 m that is `least` metres off curbs, driveways and crossings, or `s`."""
     side = 0 if left >= 0 else 1
     gates = np.array([lot.driveway for lot in street.lots if lot.side == side and lot.arm < 0])
     tried = s + np.array([0.0, *(k * d for d in np.arange(0.75, 20.0, 0.75) for k in (1, -1))])

@@ -10,8 +10,8 @@ import numpy as np
 
 from mlsroad_pipeline.simulation.furnishing import catalogue
 from mlsroad_pipeline.simulation.furnishing.placement import Site
-from mlsroad_pipeline.simulation.street.junctions import Nearby, bay_is_free, nearby
-from mlsroad_pipeline.simulation.street.markings import BAY, SLANTED_BAY
+from mlsroad_pipeline.simulation.street.cover import BAY, SLANTED_BAY
+from mlsroad_pipeline.simulation.street.ground import Nearby, bay_is_free, nearby
 from mlsroad_pipeline.simulation.street.street import BLOCK, Street, generator
 
 _KINDS, _SHARES = ("car", "van", "truck"), np.array([0.86, 0.12, 0.02])
@@ -121,10 +121,7 @@ def _row(site: Site, rng: np.random.Generator, label: str, size: int) -> int:
 
 
 def cyclists(street: Street, block: int, taken: list[float]) -> tuple[np.random.Generator, list[float]]:
-    """Return the generator and the stations of further cyclists in a block; they have one speed, so that none collides.
-
-    `taken` are the stations of other cyclists on the same side, metres.
-    """
+    """Return generator and stations of further cyclists in a block, all of one speed; `taken` are those of others."""
     rng = generator(street.seed, 32, block)
     excess = street.parameters.two_wheelers - 1.0
     if excess <= 0:

@@ -11,9 +11,8 @@ import numpy as np
 from mlsroad_pipeline.simulation.furnishing import buildings, catalogue
 from mlsroad_pipeline.simulation.furnishing.placement import Site
 from mlsroad_pipeline.simulation.plants.hedges import hedge, thicket
-from mlsroad_pipeline.simulation.street.junctions import HALF_WIDTH, SIDE, SKEW, STATION, arm_place
-from mlsroad_pipeline.simulation.street.lots import Lot
-from mlsroad_pipeline.simulation.street.street import generator
+from mlsroad_pipeline.simulation.street.ground import HALF_WIDTH, SIDE, SKEW, STATION, arm_place
+from mlsroad_pipeline.simulation.street.street import Lot, generator
 
 _PIECE = 4.0  # length of a piece of fence, wall or hedge, metres
 _SHRUBS = ("loose_bush", "flowering_bush", "ground_cover", "grass_tuft")

@@ -10,7 +10,7 @@ from mlsroad_pipeline.simulation.furnishing.parking import cyclists, is_left_out
 from mlsroad_pipeline.simulation.furnishing.placement import INSTANCES_PER_BLOCK
 from mlsroad_pipeline.simulation.model.meshes import Design
 from mlsroad_pipeline.simulation.objects.people import WALKERS
-from mlsroad_pipeline.simulation.rays.scene import Motion, Mover
+from mlsroad_pipeline.simulation.rays.moving import Motion, Mover
 from mlsroad_pipeline.simulation.street.drive import Drive
 from mlsroad_pipeline.simulation.street.street import BLOCK, MARGIN, Street, generator
 
@@ -56,10 +56,9 @@ class _Meetings:
 
 
 def draw_traffic(street: Street, drive: Drive, block: int) -> list[Mover]:
-    """Return the moving objects that the van meets in a block.
+    """Return oncoming vehicles, cyclists, vehicles in the other lanes, and pedestrians that the van meets in a block.
 
-    They are oncoming vehicles, cyclists, vehicles in the other lanes, and pedestrians. Vehicles of one lane have one
-    speed, so that none collides with another.
+    Vehicles of one lane have one speed, so that none collides with another.
     """
     meet = _Meetings(street, drive, block)
     rng, parameters, ground = meet.rng, street.parameters, street.ground

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -44,13 +46,17 @@ _PAINTS: tuple[Colour, ...] = (
 )  # fmt: skip
 _PAINT_SHARES = np.cumsum([0.26, 0.19, 0.12, 0.19, 0.06, 0.08, 0.025, 0.025, 0.015, 0.035])
 
-SIGN_RED, SIGN_WHITE, SIGN_BLUE, SIGN_YELLOW, SIGN_GREEN = (
-    (0.55, 0.03, 0.04),
-    (0.8, 0.8, 0.8),
-    (0.03, 0.12, 0.5),
-    (0.75, 0.5, 0.03),
-    (0.02, 0.28, 0.13),
-)
+
+class _Sheeting(NamedTuple):
+    red: Colour = (0.55, 0.03, 0.04)
+    white: Colour = (0.8, 0.8, 0.8)
+    blue: Colour = (0.03, 0.12, 0.5)
+    yellow: Colour = (0.75, 0.5, 0.03)
+    green: Colour = (0.02, 0.28, 0.13)
+
+
+SIGN = _Sheeting()
+"""Linear albedo of new sign sheeting."""
 
 
 def material(name: str, label: str, rng: np.random.Generator) -> Surface:
@@ -87,7 +93,7 @@ def cloth(label: str, rng: np.random.Generator) -> Surface:
 
 
 def retroreflective(rgb: Colour, label: str, rng: np.random.Generator) -> Surface:
-    """Return sign sheeting, faded with age; `rgb` is the linear albedo of new sheeting, such as `SIGN_RED`."""
+    """Return sign sheeting, faded with age; `rgb` is the linear albedo of new sheeting, such as `SIGN.red`."""
     fade = float(rng.uniform(0.55, 1.0))
     r, g, b = (float(c * fade + 0.12 * (1 - fade)) for c in rgb)
     return Surface(TAXONOMY[label], (r, g, b), float(rng.uniform(0.3, 0.8)) * fade, RETRO)

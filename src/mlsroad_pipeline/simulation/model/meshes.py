@@ -8,10 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
-from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.core.validation import check_positive
-
 # Kinds of reflection.
 DIFFUSE, GLASS, RETRO, FOLIAGE, PAINT, GROUND, BRICK, BARK = range(8)
 
@@ -51,13 +47,11 @@ class Mesh:
 def rotation_matrix(yaw: float, pitch: float, roll: float) -> NDArray[np.float64]:
     """Return the rotation Rz(yaw) Ry(pitch) Rx(roll) of column vectors; angles are right-handed, radians."""
     (cy, cp, cr), (sy, sp, sr) = np.cos([yaw, pitch, roll]), np.sin([yaw, pitch, roll])
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    return np.array([
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ])  # fmt: skip
 
 
 def join(meshes: Sequence[Mesh]) -> Mesh:
@@ -83,9 +77,3 @@ class Design:
     build: Callable[[np.random.Generator], Mesh]
     clearance: float  # Half of the length along the street that it keeps free, metres
     weight: float = 1.0  # Relative frequency among the designs of its class
-
-    def __post_init__(self) -> None:
-        if self.label not in TAXONOMY:
-            raise ParameterError(f"design {self.name!r}: {self.label!r} is not in the taxonomy")
-        check_positive(self.clearance, "clearance")
-        check_positive(self.weight, "weight")

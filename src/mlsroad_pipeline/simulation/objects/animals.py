@@ -119,4 +119,3 @@ DESIGNS: tuple[Design, ...] = (
     Design("standing_cat", "animal", partial(_animal, shape=_CAT, pose="stand"), 0.6, 0.4),
     Design("sitting_cat", "animal", partial(_animal, shape=_CAT, pose="sit"), 0.5, 0.4),
 )
-"""Every design of an animal."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mlsroad_pipeline.simulation.model.materials import SIGN_RED, SIGN_WHITE, SIGN_YELLOW, material
+from mlsroad_pipeline.simulation.model.materials import SIGN, material
 from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
 from mlsroad_pipeline.simulation.model.solids import box, ellipsoid, tube
 from mlsroad_pipeline.simulation.objects.parts import (
@@ -115,7 +115,7 @@ def bottle_bank(rng: np.random.Generator) -> Mesh:
 
 def pillar_box(rng: np.random.Generator) -> Mesh:
     """Return a round mail box that stands on the ground."""
-    skin = tinted(SIGN_RED if rng.random() < 0.6 else SIGN_YELLOW, "mail_box", 0.4, rng)
+    skin = tinted(SIGN.red if rng.random() < 0.6 else SIGN.yellow, "mail_box", 0.4, rng)
     dark = material("rubber", "mail_box", rng)
     radius, height = rng.uniform(0.2, 0.3), rng.uniform(1.2, 1.65)
     profile = [[1.1, -0.1], [1.1, 0.06], [1.0, 0.08], [1.0, 0.86], [1.12, 0.88], [1.08, 0.93], [0, 1.0]]
@@ -126,8 +126,8 @@ def pillar_box(rng: np.random.Generator) -> Mesh:
 
 def mail_box(rng: np.random.Generator) -> Mesh:
     """Return a mail box on a foot or on legs, its top flat, sloping or rounded."""
-    red, blue = SIGN_RED, (0.03, 0.1, 0.4)
-    colour = [SIGN_YELLOW, red, blue][int(rng.integers(3))]
+    red, blue = SIGN.red, (0.03, 0.1, 0.4)
+    colour = [SIGN.yellow, red, blue][int(rng.integers(3))]
     skin = tinted(colour, "mail_box", 0.4, rng, spread=0.25)
     metal, dark = material("galvanised", "mail_box", rng), material("rubber", "mail_box", rng)
     width, depth, tall = rng.uniform([0.32, 0.26, 0.45], [0.6, 0.55, 0.85])
@@ -208,7 +208,7 @@ def pay_station(rng: np.random.Generator) -> Mesh:
     if rng.random() < 0.5:
         post = tube([[0, 0, tall], [0, 0, tall + 0.5]], 0.025, skin, sides=6)
         sheet = tinted((0.03, 0.1, 0.45), "parking_meter", 0.4, rng)
-        letter = tinted(SIGN_WHITE, "parking_meter", 0.6, rng)
+        letter = tinted(SIGN.white, "parking_meter", 0.6, rng)
         parts += [post, panel(rectangle(0.34, 0.34), sheet, sheet, [0.03, 0, tall + 0.5]),
                   panel(rectangle(0.12, 0.22), letter, letter, [0.035, 0, tall + 0.5])]  # fmt: skip
     return join(parts)

@@ -13,13 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
-from mlsroad_pipeline.simulation.model.materials import (
-    SIGN_RED,
-    SIGN_WHITE,
-    SIGN_YELLOW,
-    material,
-    retroreflective,
-)  # fmt: skip
+from mlsroad_pipeline.simulation.model.materials import SIGN, material, retroreflective
 from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
 from mlsroad_pipeline.simulation.model.solids import box, ellipsoid, tube
 from mlsroad_pipeline.simulation.objects.parts import fan, grid_skin, lathe, tinted
@@ -186,7 +180,7 @@ def lamps(
     ends = np.array([body.top[0][0], body.top[-1][0]])
     w = body.half_width(ends)
     clear = tinted((0.6, 0.6, 0.58), label, 0.45, rng)
-    red, white = retroreflective(SIGN_RED, label, rng), SIGN_WHITE if rng.random() < 0.8 else SIGN_YELLOW
+    red, white = retroreflective(SIGN.red, label, rng), SIGN.white if rng.random() < 0.8 else SIGN.yellow
     wide, tall = rng.uniform(0.13, 0.24), rng.uniform(0.045, 0.09)
     meshes = []
     for side in (-1, 1):

@@ -246,10 +246,6 @@ def _convertible(rng: np.random.Generator) -> Mesh:
 _WEIGHTS = {"sedan": 2.0, "hatchback": 3.0, "estate": 1.5, "suv": 2.5, "minivan": 0.8}
 
 DESIGNS: tuple[Design, ...] = (
-    *(
-        Design(kind, "car", partial(_closed, kind=kind), clearance=2.6, weight=weight)
-        for kind, weight in _WEIGHTS.items()
-    ),
+    *(Design(kind, "car", partial(_closed, kind=kind), 2.6, weight) for kind, weight in _WEIGHTS.items()),
     Design("convertible", "car", _convertible, clearance=2.4, weight=0.3),
 )
-"""Cars."""

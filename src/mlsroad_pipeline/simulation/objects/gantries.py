@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
-from mlsroad_pipeline.simulation.model.materials import SIGN_BLUE, SIGN_GREEN, material
+from mlsroad_pipeline.simulation.model.materials import SIGN, material
 from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, Surface, join
 from mlsroad_pipeline.simulation.model.solids import box, tube
 from mlsroad_pipeline.simulation.objects.parts import UNDERGROUND, lathe
@@ -48,7 +47,7 @@ def _leg(rng: np.random.Generator, x: float, height: float, metal: Surface, radi
 
 def _boards(rng: np.random.Generator, x: tuple[float, float], level: float, count: int) -> list[Mesh]:
     """Return boards side by side along the beam, held by brackets."""
-    colour = SIGN_BLUE if rng.random() < 0.5 else SIGN_GREEN
+    colour = SIGN.blue if rng.random() < 0.5 else SIGN.green
     slots = np.linspace(x[0], x[1], count + 1)
     parts = []
     for a, b in pairwise(slots):
@@ -83,10 +82,7 @@ def _cantilever(rng: np.random.Generator) -> Mesh:
     return join([*parts, *_boards(rng, (reach * rng.uniform(0.15, 0.35), reach), level, int(rng.integers(1, 3)))])
 
 
-_gantry = partial(Design, label="gantry")
-
 DESIGNS: tuple[Design, ...] = (
-    _gantry("sign_gantry", build=_over_the_road, clearance=0.8),
-    _gantry("cantilever_gantry", build=_cantilever, clearance=0.8, weight=1.5),
+    Design("sign_gantry", "gantry", _over_the_road, 0.8),
+    Design("cantilever_gantry", "gantry", _cantilever, 0.8, 1.5),
 )
-"""Gantries."""

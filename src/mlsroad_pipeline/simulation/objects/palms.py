@@ -246,4 +246,3 @@ DESIGNS: tuple[Design, ...] = (
     Design("tall_cycas", "cycas", partial(_single, stem=(0.6, 1.7), reach=(0.8, 1.35)), 1.5, 1.0),
     Design("cycas_family", "cycas", _family, 1.6, 1.0),
 )
-"""Every design of a palm and a cycad."""

@@ -187,4 +187,3 @@ DESIGNS: tuple[Design, ...] = (
     Design("grass_tuft", "brushwood", _tuft, 1.4, 0.8),
     Design("leaf_rosette", "brushwood", _rosette, 1.2, 0.6),
 )
-"""Every design of brushwood."""

@@ -11,17 +11,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.simulation.model.materials import (
-    SIGN_BLUE,
-    SIGN_GREEN,
-    SIGN_RED,
-    SIGN_WHITE,
-    SIGN_YELLOW,
-    Colour,
-    material,
-    retroreflective,
-)  # fmt: skip
+from mlsroad_pipeline.simulation.model.materials import SIGN, Colour, material, retroreflective
 from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, Surface, join
 from mlsroad_pipeline.simulation.model.solids import box, polygon, tube
 from mlsroad_pipeline.simulation.objects.parts import (
@@ -40,14 +30,14 @@ SHAPES = ("round", "triangle", "yield", "square", "rectangle", "octagon", "diamo
 _ORANGE: Colour = (0.6, 0.22, 0.03)
 # Border, field of each shape; without a field (None) all has the border's colour.
 _COLOURS: dict[str, Sequence[tuple[Colour, Colour | None]]] = {
-    "round": [(SIGN_RED, SIGN_WHITE), (SIGN_BLUE, None), (SIGN_RED, SIGN_BLUE), (SIGN_RED, SIGN_YELLOW)],
-    "triangle": [(SIGN_RED, SIGN_WHITE), (SIGN_RED, SIGN_YELLOW)],
-    "yield": [(SIGN_RED, SIGN_WHITE), (SIGN_RED, SIGN_YELLOW)],
-    "square": [(SIGN_BLUE, None), (SIGN_WHITE, SIGN_BLUE), (SIGN_WHITE, SIGN_GREEN)],
-    "rectangle": [(SIGN_BLUE, None), (SIGN_WHITE, None), (SIGN_WHITE, SIGN_GREEN), (SIGN_YELLOW, None)],
-    "octagon": [(SIGN_WHITE, SIGN_RED), (SIGN_RED, None)],
-    "diamond": [(SIGN_WHITE, SIGN_YELLOW), (SIGN_YELLOW, None), (_ORANGE, None)],
-    "arrow": [(SIGN_WHITE, None), (SIGN_YELLOW, None), (SIGN_BLUE, None)],
+    "round": [(SIGN.red, SIGN.white), (SIGN.blue, None), (SIGN.red, SIGN.blue), (SIGN.red, SIGN.yellow)],
+    "triangle": [(SIGN.red, SIGN.white), (SIGN.red, SIGN.yellow)],
+    "yield": [(SIGN.red, SIGN.white), (SIGN.red, SIGN.yellow)],
+    "square": [(SIGN.blue, None), (SIGN.white, SIGN.blue), (SIGN.white, SIGN.green)],
+    "rectangle": [(SIGN.blue, None), (SIGN.white, None), (SIGN.white, SIGN.green), (SIGN.yellow, None)],
+    "octagon": [(SIGN.white, SIGN.red), (SIGN.red, None)],
+    "diamond": [(SIGN.white, SIGN.yellow), (SIGN.yellow, None), (_ORANGE, None)],
+    "arrow": [(SIGN.white, None), (SIGN.yellow, None), (SIGN.blue, None)],
 }
 
 
@@ -77,14 +67,11 @@ def _arrow(long: float, high: float, *, right: bool) -> NDArray[np.float64]:
 
 
 def sign_plate(rng: np.random.Generator, shape: str | None = None) -> tuple[Mesh, float]:
-    """Return the plate of a sign, its middle at the origin, facing +x, and half its height, metres.
+    """Return the plate of a sign of a shape, drawn by default, middle at the origin, facing +x; and half its height.
 
-    Without a `shape`, one of `SHAPES` is drawn. Round plates and octagons are 0.6 to 0.9 m wide. The plate is
-    retro-reflective beside its mark; every face is `traffic_sign`.
+    The plate is retro-reflective beside its mark; every face is `traffic_sign`.
     """
     name = shape or str(rng.choice(SHAPES, p=[0.28, 0.15, 0.08, 0.12, 0.17, 0.06, 0.07, 0.07]))
-    if name not in SHAPES:
-        raise ParameterError(f"shape must be one of {', '.join(SHAPES)}, got {name!r}")
     outline = _outline(name, rng)
     middle = (outline.max(axis=0) + outline.min(axis=0)) / 2
     outline = outline - middle
@@ -106,7 +93,7 @@ def _marks(
 ) -> list[Mesh]:
     """Return bars and discs in place of symbols and letters."""
     dark = tinted((0.04, 0.04, 0.045), "traffic_sign", 0.12, rng)
-    mark = dark if sum(field) > 0.9 else retroreflective(SIGN_WHITE, "traffic_sign", rng)
+    mark = dark if sum(field) > 0.9 else retroreflective(SIGN.white, "traffic_sign", rng)
     # The largest box about the middle that fits an outline is half as wide where it has three or four corners.
     reach = np.abs(outline - middle).max(axis=0) * (0.5 if len(outline) < 5 else 1.0)
     parts = []
@@ -121,11 +108,10 @@ def _marks(
 def board(rng: np.random.Generator, width: float, height: float, colour: Colour, at: ArrayLike, yaw: float) -> Mesh:
     """Return a direction board with its middle at `at`, facing `yaw` radians counter-clockwise from +x.
 
-    It has a border, lines of text and stiffeners behind; `colour` is that of its field, linear. Every face is
-    `traffic_sign`.
+    It has a border, a field of a colour, lines of text and stiffeners behind; every face is `traffic_sign`.
     """
     back = material("sign_back", "traffic_sign", rng)
-    light = retroreflective(SIGN_WHITE, "traffic_sign", rng)
+    light = retroreflective(SIGN.white, "traffic_sign", rng)
     field = retroreflective(colour, "traffic_sign", rng)
     radius = 0.08 * min(width, height)
     parts = [
@@ -144,7 +130,7 @@ def board(rng: np.random.Generator, width: float, height: float, colour: Colour,
     return join(parts).moved(at, yaw=yaw)
 
 
-BOARD_COLOURS: tuple[Colour, ...] = (SIGN_BLUE, SIGN_GREEN, SIGN_WHITE, SIGN_YELLOW)
+BOARD_COLOURS: tuple[Colour, ...] = (SIGN.blue, SIGN.green, SIGN.white, SIGN.yellow)
 """Colours of the fields of direction boards."""
 
 
@@ -206,7 +192,7 @@ def _two_posts(rng: np.random.Generator) -> Mesh:
 def _street_names(rng: np.random.Generator) -> Mesh:
     """Return blades with street names, crossed on one post, legible from both sides."""
     metal = material("galvanised", "traffic_sign", rng)
-    colour = [SIGN_BLUE, SIGN_GREEN, SIGN_WHITE][int(rng.integers(3))]
+    colour = [SIGN.blue, SIGN.green, SIGN.white][int(rng.integers(3))]
     height = rng.uniform(2.3, 3.1)
     parts, _ = _post(rng, height, metal)
     for k in range(int(rng.integers(1, 3))):
@@ -224,7 +210,7 @@ def _chevron(rng: np.random.Generator) -> Mesh:
     metal = material("galvanised", "traffic_sign", rng)
     width, tall, bottom = rng.uniform(0.25, 0.6), rng.uniform(0.5, 1.0), rng.uniform(0.25, 1.2)
     parts, radius = _post(rng, bottom + tall, metal)
-    light, red = retroreflective(SIGN_WHITE, "traffic_sign", rng), retroreflective(SIGN_RED, "traffic_sign", rng)
+    light, red = retroreflective(SIGN.white, "traffic_sign", rng), retroreflective(SIGN.red, "traffic_sign", rng)
     back = material("sign_back", "traffic_sign", rng)
     parts.append(panel(rectangle(width, tall), light, back, [radius + 0.02, 0, bottom + tall / 2]))
     slant, n = rng.uniform(-0.12, 0.12), int(rng.integers(2, 5))
@@ -253,4 +239,3 @@ DESIGNS: tuple[Design, ...] = (
     _sign("street_name_sign", build=_street_names, weight=0.8),
     _sign("chevron_board", build=_chevron, weight=0.4),
 )
-"""Traffic signs."""

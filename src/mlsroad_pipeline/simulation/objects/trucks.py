@@ -6,15 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mlsroad_pipeline.simulation.model.materials import (
-    SIGN_RED,
-    SIGN_WHITE,
-    SIGN_YELLOW,
-    car_paint,
-    cloth,
-    material,
-    retroreflective,
-)  # fmt: skip
+from mlsroad_pipeline.simulation.model.materials import SIGN, car_paint, cloth, material, retroreflective
 from mlsroad_pipeline.simulation.model.meshes import Mesh, join
 from mlsroad_pipeline.simulation.model.solids import box, tube
 from mlsroad_pipeline.simulation.objects.bodywork import (
@@ -85,7 +77,7 @@ def _frame(rng: np.random.Generator, span: tuple[float, float], z: float, half: 
     at = span[1] - rng.uniform(0.9, 1.3)
     side = float(rng.choice([-1, 1])) * (half - 0.35)
     parts.append(tube([[at - 0.45, side, z - 0.45], [at + 0.45, side, z - 0.45]], 0.28, tank, sides=10))
-    red, white = retroreflective(SIGN_RED, _LABEL, rng), retroreflective(SIGN_WHITE, _LABEL, rng)
+    red, white = retroreflective(SIGN.red, _LABEL, rng), retroreflective(SIGN.white, _LABEL, rng)
     parts.append(box([0.08, 1.9 * half, 0.12], [span[0] + 0.05, 0, 0.55], dark))
     for y in (-0.8 * half, 0.8 * half):
         parts.append(box([0.05, 0.35, 0.14], [span[0] - 0.01, y, 0.75 if z > 0.9 else 0.62], red))
@@ -96,7 +88,7 @@ def _frame(rng: np.random.Generator, span: tuple[float, float], z: float, half: 
 
 def _contour(rng: np.random.Generator, span: tuple[float, float], half: float, z: float) -> list[Mesh]:
     """Return the prescribed reflecting tape along the lower edges of a lorry's sides."""
-    tape = retroreflective(SIGN_WHITE if rng.random() < 0.5 else SIGN_YELLOW, _LABEL, rng)
+    tape = retroreflective(SIGN.white if rng.random() < 0.5 else SIGN.yellow, _LABEL, rng)
     length, middle = span[1] - span[0], (span[0] + span[1]) / 2
     return [box([0.96 * length, 0.006, 0.06], [middle, y, z], tape) for y in (-half - 0.003, half + 0.003)]
 

@@ -12,12 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
-from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.simulation.model.materials import material
 from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, Surface, join
 from mlsroad_pipeline.simulation.model.solids import box, tube
-from mlsroad_pipeline.simulation.objects.masts import arm, luminaire
-from mlsroad_pipeline.simulation.objects.parts import UNDERGROUND, lathe, leaned, tinted
+from mlsroad_pipeline.simulation.objects.parts import UNDERGROUND, arm, lathe, leaned, luminaire, tinted
 from mlsroad_pipeline.simulation.objects.traffic_signs import sign_plate
 
 WIRES = 6
@@ -55,14 +53,8 @@ def _shaft(rng: np.random.Generator, kind: str) -> tuple[list[Mesh], float, floa
 
 
 def _insulator(at: NDArray[np.float64], tall: float, skin: Surface) -> Mesh:
-    profile = [
-        [0.02, 0],
-        [0.02, 0.3 * tall],
-        [0.05, 0.45 * tall],
-        [0.035, 0.75 * tall],
-        [0.045, 0.85 * tall],
-        [0, tall],
-    ]
+    profile = [[0.02, 0], [0.02, 0.3 * tall], [0.05, 0.45 * tall], [0.035, 0.75 * tall], [0.045, 0.85 * tall],
+               [0, tall]]  # fmt: skip
     return lathe(profile, skin, at=at, sides=6)
 
 
@@ -216,8 +208,6 @@ def hung_pole(name: str, rng: np.random.Generator) -> Hung:
     The points, (WIRES, 3) metres, are four conductors by their x, the bundle of low voltage, and the telephone cable.
     The k-th wire runs from the k-th point of a pole to the k-th of the next one, of whatever design.
     """
-    if name not in _HUNG:
-        raise ParameterError(f"utility pole must be one of {', '.join(_HUNG)}, got {name!r}")
     return _HUNG[name](rng)
 
 
@@ -228,4 +218,3 @@ def _built(name: str, rng: np.random.Generator) -> Mesh:
 DESIGNS: tuple[Design, ...] = tuple(
     Design(name, "utility_pole", partial(_built, name), clearance=0.6, weight=_WEIGHTS.get(name, 1.0)) for name in _HUNG
 )
-"""Utility poles."""

@@ -198,23 +198,7 @@ class ScannerSystem:
         return np.array([self.body[:2], self.body[2:], (-self.platform, 0.0)])
 
     def changed(self, **changes: Any) -> ScannerSystem:
-        """Return the system with fields of all its devices changed.
-
-        Parameters
-        ----------
-        **changes : object
-            Fields of `Device`; None leaves a field unchanged.
-
-        Returns
-        -------
-        ScannerSystem
-            The system.
-
-        Raises
-        ------
-        ParameterError
-            If a value is outside its domain.
-        """
+        """Return the system with fields of all its devices changed; None leaves a field unchanged."""
         fields: dict[str, Any] = {name: value for name, value in changes.items() if value is not None}
         return replace(self, devices=tuple(replace(device, **fields) for device in self.devices)) if fields else self
 

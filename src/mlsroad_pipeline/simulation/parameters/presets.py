@@ -156,18 +156,7 @@ class SimulationParameters:
         return changed.devices
 
     def crs_wkt(self) -> str:
-        """Return the coordinate reference system as WKT.
-
-        Returns
-        -------
-        str
-            WKT 2.
-
-        Raises
-        ------
-        ParameterError
-            If `epsg` is unknown, or not a projected system in metres.
-        """
+        """Return the reference system as WKT 2; raises ParameterError if it is not a projected system in metres."""
         try:
             crs = pyproj.CRS.from_epsg(self.epsg)
         except pyproj.exceptions.CRSError as error:

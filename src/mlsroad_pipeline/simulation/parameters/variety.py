@@ -14,10 +14,8 @@ from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS
 _KEYS = ("count", "presets", "streets", "variety", "seed")
 _FACTORS = ("trees", "shrubs", "clutter", "signs", "people", "traffic", "two_wheelers", "lorries")
 _SHARES = ("parking", "parked", "verges", "boundaries", "greenery", "hard_cases", "bare_soil", "drive_cars")
-_NARROW, _CUT = (
-    0.25,
-    0.25,
-)  # shares, at a variety of 1, of heads that see a sector only and of those without upper beams
+# Shares, at a variety of 1, of heads that see a sector only and of those without upper beams.
+_NARROW, _CUT = 0.25, 0.25
 
 
 def expanded_surveys(surveys: Mapping[str, Mapping[str, Any] | None]) -> dict[str, Mapping[str, Any] | None]:

@@ -7,12 +7,11 @@ along the branches counts as distance (Cuntz et al. 2010). Three orders suffice 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
 from mlsroad_pipeline.simulation.model.solids import GOLDEN, Floats, bearing, blades, bows, tubes, unit
 
@@ -41,12 +40,6 @@ class Habit:
     shell: float = 2.0  # 0 fills the crown evenly with twigs; larger values crowd them to its outside
     slenderness: float = 0.75  # Width of a leaf over its length
 
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, tuple) and field.name != "profile" and value[0] > value[1]:
-                raise ParameterError(f"{field.name} runs from {value[0]} down to {value[1]}")
-
 
 class Outline:
     """Irregular outline of one crown."""
@@ -66,8 +59,7 @@ class Outline:
     def place(self, share: Floats, azimuth: Floats, depth: Floats) -> Floats:
         """Return places in the crown, (n, 3) metres about its axis, a little denser where it is narrow.
 
-        `share` is the share of the crown below a place, `azimuth` its direction in radians, `depth` 0 on the axis and 1
-        on the outline.
+        `share` is that of the crown below a place; `azimuth` is in radians; `depth` is 0 on the axis, 1 on the outline.
         """
         t = np.interp(share, self._share, self._t)
         wave = np.cos(np.arange(1, 4) * azimuth[:, None] + self._twist * t[:, None] + self._phase) @ self._lobes

@@ -37,10 +37,8 @@ def thicket(rng: np.random.Generator, length: float, *, height: float, depth: fl
 
     `height` and `depth` are those of its average, metres; runs of one height join. Every face is `hedge`.
     """
-    leaf, wood = (
-        foliage(("green", "dark", "light", "olive")[int(rng.integers(4))], "hedge", rng),
-        bark("brown", "hedge", rng),
-    )
+    leaf = foliage(("green", "dark", "light", "olive")[int(rng.integers(4))], "hedge", rng)
+    wood = bark("brown", "hedge", rng)
     n = int(min(260 * (2 * length * height + length * depth), 9000))
     x = rng.uniform(-length / 2, length / 2, n)
     waves = rng.uniform(0.8, 3.5, (2, 4)) * rng.choice([-1, 1], (2, 4))

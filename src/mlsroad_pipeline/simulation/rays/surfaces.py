@@ -13,8 +13,7 @@ from mlsroad_pipeline.simulation.model.materials import plane_noise, texture_ton
 from mlsroad_pipeline.simulation.model.meshes import GROUND, KIND, LABEL, RED
 from mlsroad_pipeline.simulation.street.alignment import locate_one
 from mlsroad_pipeline.simulation.street.cover import ground_cover
-from mlsroad_pipeline.simulation.street.ground import GRASS, SOIL, Ground
-from mlsroad_pipeline.simulation.street.junctions import Nearby, nearby
+from mlsroad_pipeline.simulation.street.ground import GRASS, SOIL, Ground, Nearby, nearby
 
 WET = 8
 """Kind of ground under a film of water, assigned to places, not to faces; see `meshes` for the other kinds."""

@@ -72,10 +72,7 @@ class Channel:
 
 
 def create_shared_file() -> str:
-    """Create the file of a channel, in memory where the system has room there, and return its path.
-
-    Call `unlink_shared_file` when both ends have mapped it. Raises DataError if the disk has no room either.
-    """
+    """Create the file of a channel, in memory where there is room; it may be unlinked when both ends have mapped it."""
     size = 2 * SLOTS * _SLOT
     for folder in ("/dev/shm", None):
         if folder and not os.access(folder, os.W_OK):

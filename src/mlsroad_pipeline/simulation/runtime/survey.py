@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud, concatenate
-from mlsroad_pipeline.simulation.cameras.cameras import Image
-from mlsroad_pipeline.simulation.cameras.colouring import colour_points, spread_colours
+from mlsroad_pipeline.simulation.cameras.cameras import Image, colour_points, spread_colours
 from mlsroad_pipeline.simulation.furnishing.blocks import ObjectRecord, block_centre
 from mlsroad_pipeline.simulation.model.meshes import rotation_matrix
 from mlsroad_pipeline.simulation.objects.dimensions import Measures
@@ -143,38 +142,15 @@ class SurveyPieces:
                 yield cloud, images
 
     def pass_of(self, gps_time: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return the pass of each time, and the seconds since its start.
-
-        Parameters
-        ----------
-        gps_time : ndarray of shape (n,), float64
-            GPS seconds within the passes read so far.
-
-        Returns
-        -------
-        number : ndarray of shape (n,), int64
-            Number of the pass.
-        time : ndarray of shape (n,), float64
-            Seconds since its start.
-        """
+        """Return the pass of each time, GPS seconds within the passes read so far, and the seconds since its start."""
         starts = np.array([drive.start for drive in self._drives])
         number = np.searchsorted(starts, gps_time, side="right") - 1
         return number, gps_time - starts[number]
 
     def piece_of(self, gps_time: NDArray[np.float64], piece_length: float) -> NDArray[np.int64]:
-        """Return the piece of street, counted through all passes, that the vehicle was on at each time.
+        """Return the piece of street, counted through all passes, that the vehicle was on at each time, in GPS seconds.
 
-        Parameters
-        ----------
-        gps_time : ndarray of shape (n,), float64
-            GPS seconds within the passes read so far.
-        piece_length : float
-            Length of a piece, metres.
-
-        Returns
-        -------
-        ndarray of shape (n,), int64
-            Numbers of pieces.
+        Pieces are `piece_length` metres long.
         """
         per_pass = int(np.ceil(self._parameters.length / piece_length))
         number, time = self.pass_of(gps_time)
@@ -187,21 +163,9 @@ class SurveyPieces:
         return number * per_pass + within
 
     def sensor_pose(self, number: int, time: float, device: Device) -> NDArray[np.float64]:
-        """Return the pose of a device by the reported trajectory, with the axes of the vehicle.
+        """Return the pose of a device, seconds after the start of a pass, as reported, with the axes of the vehicle.
 
-        Parameters
-        ----------
-        number : int
-            The pass.
-        time : float
-            Seconds since its start.
-        device : Device
-            The scanner.
-
-        Returns
-        -------
-        ndarray of shape (4, 4), float64
-            Transformation from the device to the world minus the survey's origin.
+        It is the (4, 4) transformation from the device to the world minus the survey's origin.
         """
         pose = pose_at(self._drives[number].reported, time)
         out = np.eye(4)
@@ -215,25 +179,29 @@ class SurveyPieces:
 
 
 def _plain_chunks(stream: SurveyStream, truth: dict[int, ObjectRecord]) -> Iterator[tuple[PointCloud, list[Image]]]:
-    for chunk in run_survey(stream):
-        truth.update({record.instance: record for record in chunk.records})
-        if chunk.cloud is not None:
-            yield chunk.cloud, []
+    for _, kind, value in run_survey(stream):
+        if kind == "build":
+            truth.update({record.instance: record for record in value.records})
+        else:
+            yield value, []
 
 
 def _coloured_chunks(stream: SurveyStream, truth: dict[int, ObjectRecord]) -> Iterator[tuple[PointCloud, list[Image]]]:
     """Yield points as soon as the images of the next block are taken."""
     waiting: list[PointCloud] = []
     taken: list[tuple[list[Image], list[NDArray[np.float32]]]] = []
-    for _, chunks in groupby(run_survey(stream), key=lambda chunk: chunk.number):
+    for _, results in groupby(run_survey(stream), key=lambda result: result.number):
         scanned: list[PointCloud] = []
-        taken = [*taken[-2:], ([], [])]
-        for chunk in chunks:
-            truth.update({record.instance: record for record in chunk.records})
-            scanned += [] if chunk.cloud is None else [chunk.cloud]
-            taken[-1][0].extend(chunk.images)
-            taken[-1][1].extend(chunk.depths)
-        images = taken[-1][0]
+        images, depths = list[Image](), list[NDArray[np.float32]]()
+        taken = [*taken[-2:], (images, depths)]
+        for _, kind, value in results:
+            if kind == "build":
+                truth.update({record.instance: record for record in value.records})
+            elif kind == "scan":
+                scanned.append(value)
+            else:
+                images += value[0]
+                depths += value[1]
         for cloud in waiting:
             yield _coloured(cloud, taken), images
             images = []
@@ -247,9 +215,7 @@ def _coloured_chunks(stream: SurveyStream, truth: dict[int, ObjectRecord]) -> It
 def _object_table(records: Iterable[ObjectRecord], origin: NDArray[np.float64]) -> pd.DataFrame:
     shift = {"x": origin[0], "y": origin[1], "z": origin[2], "box_x": origin[0], "box_y": origin[1],
              "panel_x": origin[0], "panel_y": origin[1]}  # fmt: skip
-    rows = [
-        (r.instance, r.label, *r.base, r.moving, r.design, *r.box, r.hard_case, *r.measures) for r in records
-    ]  # fmt: skip
+    rows = [(r.instance, r.label, *r.base, r.moving, r.design, *r.box, r.hard_case, *r.measures) for r in records]
     table = pd.DataFrame(rows, columns=_OBJECT_COLUMNS)
     return table.assign(**{name: table[name] + value for name, value in shift.items()})
 
@@ -324,11 +290,10 @@ def stream_points(stream: SurveyStream, *, n_points: int) -> Iterator[PointCloud
     if n_points < 1:
         raise ParameterError(f"n_points must be >= 1, got {n_points!r}")
     left = n_points
-    for chunk in run_survey(stream):
-        if chunk.cloud is None:
+    for number, kind, value in run_survey(stream):
+        if kind != "scan":
             continue
-        centre, _ = block_centre(stream.street, chunk.number)
-        shifted = chunk.cloud.moved_to(chunk.cloud.origin + centre)
+        shifted = value.moved_to(value.origin + block_centre(stream.street, number)[0])
         part = _as_float32(shifted if len(shifted) <= left else shifted.select(np.arange(left)))
         left -= len(part)
         yield part

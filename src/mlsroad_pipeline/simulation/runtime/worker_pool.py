@@ -7,20 +7,18 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from threading import RLock, Thread
-from typing import Any
+from typing import Any, NamedTuple
 from uuid import uuid4
 
 from joblib.externals.loky.backend import get_context
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.simulation.cameras.cameras import Image
-from mlsroad_pipeline.simulation.furnishing.blocks import Block, ObjectRecord
+from mlsroad_pipeline.simulation.furnishing.blocks import Block
 from mlsroad_pipeline.simulation.runtime.channels import SLOTS, Channel, create_shared_file, unlink_shared_file
 from mlsroad_pipeline.simulation.runtime.stream import SurveyStream
 
@@ -31,16 +29,13 @@ _ENDED = "a process that simulated a part of the survey ended; check whether the
 _MAX_IDLE = 1  # idle processes that are kept for the next survey
 
 
-@dataclass(frozen=True)
-class Chunk:
-    """Result of one task of a survey; fields of other kinds of tasks are empty."""
+class Result(NamedTuple):
+    """Result of one task of a survey."""
 
     number: int  # The vehicle's block
-    records: list[ObjectRecord] = field(default_factory=list)  # Truth about the objects of a new block within range
-    cloud: PointCloud | None = None  # Points, see `SurveyStream.scan`
-    # images, depths: images, see `SurveyStream.photograph`
-    images: list[Image] = field(default_factory=list)
-    depths: list[Any] = field(default_factory=list)
+    kind: str  # ``"build"``, ``"scan"`` or ``"shoot"``
+    # A new block within range, points as from `SurveyStream.scan_span`, or images as from `SurveyStream.shoot`
+    value: Any
 
 
 @dataclass(frozen=True)
@@ -191,16 +186,15 @@ def _processes(count: int) -> Iterator[list[_Process]]:
     while _IDLE and not _IDLE[-1].is_alive():
         _IDLE.pop().end()
     processes = [_IDLE.pop() if _IDLE else _Process() for _ in range(count)]
-    succeeded = False
+    kept = _MAX_IDLE
     try:
         yield processes
-        succeeded = True
-    except GeneratorExit:
-        succeeded = True
+    except (Exception, KeyboardInterrupt):
+        kept = 0
         raise
     finally:
         for process in processes:
-            if succeeded and len(_IDLE) < _MAX_IDLE:
+            if len(_IDLE) < kept:
                 _IDLE.append(process)
             else:
                 process.end()
@@ -214,10 +208,10 @@ def _needs_processes(stream: SurveyStream) -> bool:
     return work > _MIN_WORK
 
 
-def run_survey(stream: SurveyStream) -> Iterator[Chunk]:
+def run_survey(stream: SurveyStream) -> Iterator[Result]:
     """Yield all measurements of a stream, computed by as many workers as it has threads.
 
-    The order is block by block: records of new blocks within range, points in the order of time, images. Each block of
+    The order is block by block: new blocks within range, points in the order of time, images. Each block of
     street is built once. Each further worker is a process of its own if the survey is long enough.
     """
     workers: SimpleQueue[_LocalWorker | _RemoteWorker] = SimpleQueue()
@@ -230,7 +224,7 @@ def run_survey(stream: SurveyStream) -> Iterator[Chunk]:
         for process in processes:
             # The other workers run its tasks until it has started.
             threads.submit(_join, workers, stream, process)
-        waiting: deque[Future[Chunk]] = deque()
+        waiting: deque[Future[Result]] = deque()
         for task in _tasks(stream):
             waiting.append(threads.submit(_run, task, workers))
             if len(waiting) > _AHEAD * n:
@@ -276,7 +270,7 @@ def _tasks(stream: SurveyStream) -> Iterator[_Task]:
             yield _Task(number, "shoot", moment, near, unused)
 
 
-def _run(task: _Task, workers: SimpleQueue[_LocalWorker | _RemoteWorker]) -> Chunk:
+def _run(task: _Task, workers: SimpleQueue[_LocalWorker | _RemoteWorker]) -> Result:
     # Blocks are awaited before a worker is taken: the tasks that build them need one.
     blocks = {k: block.result() for k, block in task.needs.items()}
     worker = workers.get()
@@ -290,7 +284,4 @@ def _run(task: _Task, workers: SimpleQueue[_LocalWorker | _RemoteWorker]) -> Chu
         workers.put(worker)
     if task.kind == "build":
         task.built.set_result(result)
-        return Chunk(task.number, records=result.records)
-    if task.kind == "scan":
-        return Chunk(task.number, cloud=result)
-    return Chunk(task.number, images=result[0], depths=result[1])
+    return Result(task.number, task.kind, result)

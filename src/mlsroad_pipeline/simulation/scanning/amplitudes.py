@@ -28,8 +28,8 @@ _ROUGH_B = 0.45 * _ROUGHNESS**2 / (_ROUGHNESS**2 + 0.09)
 
 
 @leaf
-def deviation(range_noise: float, amplitude: float, stretch: float) -> float:
-    """Return the standard deviation of a range; see `range_deviation`."""
+def range_deviation(range_noise: float, amplitude: float, stretch: float) -> float:
+    """Return the standard deviation of a range, metres, for an amplitude in decibels: weak returns are noisier."""
     return np.sqrt(range_noise * range_noise * (1.0 + np.exp(_NEPER * (14.0 - amplitude))) + stretch * stretch)
 
 
@@ -55,8 +55,7 @@ def amplitude_of(reflectivity: float, kind: int, cosine: float, distance: float)
 def backscatter(cosine: float) -> float:
     """Return the backscatter of rough ground over that of a smooth white surface at normal incidence.
 
-    The qualitative model of Oren and Nayar (1994) with light and eye in one direction. A roughness of 0 is Lambert's
-    law.
+    It is the qualitative model of Oren and Nayar (1994) with light and eye in one direction.
     """
     return _ROUGH_A * cosine + _ROUGH_B * (1.0 - cosine * cosine)
 

@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.simulation.model.compiled import leaf
 from mlsroad_pipeline.simulation.model.meshes import GROUND, RETRO
 from mlsroad_pipeline.simulation.rays.surfaces import Hits, Surfaces
-from mlsroad_pipeline.simulation.scanning.amplitudes import SATURATION_DB, Power, amplitude_of, deviation, intensity_of
+from mlsroad_pipeline.simulation.scanning.amplitudes import (
+    SATURATION_DB,
+    Power,
+    amplitude_of,
+    intensity_of,
+    range_deviation,
+)
 from mlsroad_pipeline.simulation.street.ground import GRASS
 
 THRESHOLD_DB = 4.0
@@ -209,7 +215,7 @@ def _detect(
         if lot - np.floor(lot) < receiver.dropout:
             continue
         stretch = 0.25 * receiver.divergence * r[k] * slant[k] if receiver.range_noise > 0 else 0.0
-        distance = r[k] + deviation(receiver.range_noise, a[k], stretch) * noise[row, 0]
+        distance = r[k] + range_deviation(receiver.range_noise, a[k], stretch) * noise[row, 0]
         if receiver.range_step > 0:
             distance = np.round(distance / receiver.range_step) * receiver.range_step
         r[kept], a[kept], source[kept] = distance, a[k] + 0.4 * noise[row, 2], source[k]

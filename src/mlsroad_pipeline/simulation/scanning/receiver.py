@@ -14,14 +14,9 @@ from mlsroad_pipeline.simulation.parameters.devices import Device
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
 from mlsroad_pipeline.simulation.rays.scene import RayScene
 from mlsroad_pipeline.simulation.rays.surfaces import WET, Hits, Surfaces
-from mlsroad_pipeline.simulation.scanning.amplitudes import FULL_SCALE_DB, deviation, mirrored_share, power_of
-from mlsroad_pipeline.simulation.scanning.echoes import THRESHOLD_DB, Echoes, Receiver, Slots, measure, ray_echoes
+from mlsroad_pipeline.simulation.scanning.amplitudes import mirrored_share, power_of
+from mlsroad_pipeline.simulation.scanning.echoes import Echoes, Receiver, Slots, measure, ray_echoes
 from mlsroad_pipeline.simulation.scanning.scanner import Pulses
-
-__all__ = ["FULL_SCALE_DB", "RESOLUTION", "THRESHOLD_DB", "Returns", "range_deviation", "receive"]
-
-RESOLUTION = Device.pulse_length
-"""Default pulse length of a device, metres (4 ns)."""
 
 GHOST = TAXONOMY["outlier"]
 """Label of returns by way of a mirror, whose measured places are empty."""
@@ -48,10 +43,7 @@ class Returns(NamedTuple):
 def receive(
     scene: RayScene, pulses: Pulses, parameters: SimulationParameters, rng: np.random.Generator, *, scanner: int = 0
 ) -> tuple[Returns, Surfaces]:
-    """Cast the pulses of a scanner into a scene and return the measured returns with their surfaces.
-
-    All noise is drawn from `rng`. The label of a ghost is `GHOST`.
-    """
+    """Cast the pulses of a scanner into a scene; return the noisy returns and their surfaces."""
     device = parameters.devices[scanner]
     n = len(pulses.time)
     chance = rng.random((n, 2), dtype=np.float32)
@@ -70,15 +62,6 @@ def receive(
     )
     face, normal, surfaces = _chosen(source, hits, central, extra, around)
     return Returns(pulse, distance, intensity, face, normal, number, total), surfaces
-
-
-def range_deviation(range_noise: float, amplitude: float, *, stretch: float = 0.0) -> float:
-    """Return the standard deviation of a measured range, metres.
-
-    It is ``sqrt(range_noise ** 2 * (1 + 10 ** ((14 - amplitude) / 10)) + stretch ** 2)`` with `range_noise` in metres
-    and `amplitude` in decibels.
-    """
-    return float(deviation(range_noise, amplitude, stretch))
 
 
 def _receiver(device: Device) -> Receiver:
@@ -121,10 +104,7 @@ _NONE = np.zeros(0, np.int64)
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _may_mix(distance: NDArray[np.float32], max_range: float, beams: int, reach: int) -> NDArray[np.int64]:
-    """Return the pulses near an edge: on a plane the inverse range is a sinusoid of the angle.
-
-    `reach` is how many pulses beyond the next one a beam is wide to either side.
-    """
+    """Return the pulses within `reach` of an edge: on a plane the inverse range is a sinusoid of the angle."""
     n = len(distance)
     marked = np.zeros(n, np.bool_)
     for i in range(beams, n - beams):

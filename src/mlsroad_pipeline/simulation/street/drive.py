@@ -102,12 +102,11 @@ def drive_along(
     yaw = heading + np.gradient(left, station)
     bounce = drifting(rng, time, deviation=0.006, slow=2.0, fast=0.5)
     true = np.column_stack([xy, z + parameters.scanner.platform + bounce, roll, pitch, yaw])
-    deviations = (0.008, 0.008, 0.012, 6e-5, 6e-5, 1.2e-4)
-    errors = [
-        drifting(rng, time, deviation=d * parameters.trajectory_noise, slow=60, fast=4)
-        + drifting(rng, time, deviation=0.1 * d * parameters.trajectory_noise, slow=1.0, fast=0.2)
-        for d in deviations
-    ]
+    errors = []
+    for deviation in (0.008, 0.008, 0.012, 6e-5, 6e-5, 1.2e-4):
+        drift = drifting(rng, time, deviation=deviation * parameters.trajectory_noise, slow=60, fast=4)
+        jitter = drifting(rng, time, deviation=0.1 * deviation * parameters.trajectory_noise, slow=1.0, fast=0.2)
+        errors.append(drift + jitter)
     reported = true + np.stack(errors, axis=1)
     if number > 0:
         towards = rng.standard_normal(3)
@@ -117,10 +116,7 @@ def drive_along(
 
 
 def pose_at(poses: NDArray[np.float64], time: float) -> NDArray[np.float64]:
-    """Interpolate poses of shape (m, 6) linearly at a time in seconds; beyond both ends the last pose holds.
-
-    There are `RATE` poses per second, at least two in all; their angles are continuous.
-    """
+    """Interpolate poses, (m, 6), `RATE` per second, at a time in seconds; beyond both ends the last one holds."""
     u = min(max(time * RATE, 0.0), len(poses) - 1.000001)
     k = int(u)
     row: NDArray[np.float64] = poses[k] + (u - k) * (poses[k + 1] - poses[k])

@@ -10,22 +10,19 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.simulation.street.ground import Ground
-from mlsroad_pipeline.simulation.street.junctions import (
-    CURVATURE,
+from mlsroad_pipeline.simulation.street.cover import BAY, SLANTED_BAY, marked
+from mlsroad_pipeline.simulation.street.ground import (
     HALF_WIDTH,
-    RADIUS,
     REACH,
     SIDE,
-    SKEW,
-    STATION,
     ZEBRA,
-    ZEBRA_HALF,
+    Ground,
     Nearby,
+    arm_places,
     edge_distance,
+    hold_line,
     nearby,
 )
-from mlsroad_pipeline.simulation.street.markings import BAY, SLANTED_BAY, marked
 from mlsroad_pipeline.simulation.street.street import Street
 
 STEP = 0.1
@@ -55,12 +52,9 @@ def _resampled(line: NDArray[np.float64]) -> NDArray[np.float64]:
 def _described(street: Street, line: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return places and heights; the kerb rises in the direction in which the distance to its line grows."""
     ground, (s, left) = street.ground, line.T
-    rise = np.column_stack(
-        [
-            ground.edge(s + _TINY, left)[0] - ground.edge(s - _TINY, left)[0],
-            ground.edge(s, left + _TINY)[0] - ground.edge(s, left - _TINY)[0],
-        ]
-    )
+    along, across = ((ground.edge(s + a, left + b)[0] - ground.edge(s - a, left - b)[0])
+                     for a, b in ((_TINY, 0.0), (0.0, _TINY)))  # fmt: skip
+    rise = np.column_stack([along, across])
     rise /= np.maximum(np.hypot(*rise.T), 1e-9)[:, None]
     foot = ground.height(*(line + _FOOT * rise).T)
     height = ground.height(*(line + _TOP * rise).T) - foot
@@ -157,28 +151,18 @@ def _crossings(ground: Ground, start: float, end: float) -> list[tuple[int, NDAr
 def _side_streets(ground: Ground) -> list[tuple[int, NDArray[np.float64]]]:
     lines = []
     for arm in ground.arms:
-        half, zebra = arm[HALF_WIDTH], arm[ZEBRA]
-        hold = zebra + ZEBRA_HALF + 1.0 if zebra > 0 else 0.75 * arm[RADIUS]
+        half, zebra, main = arm[HALF_WIDTH], arm[ZEBRA], ground.section[int(arm[SIDE]), 0]
+        hold = hold_line(arm)
         t = np.arange(hold, REACH - ground.section.max(), STEP)
-        middle = _of_arm(ground, arm, t, np.zeros(len(t)))
+        middle = arm_places(arm, main, t, 0.0)
         lines.append((LANE, middle[_painted(middle, ground)]))
         q = np.arange(-half + STEP / 2, half, STEP)
-        stop = _of_arm(ground, arm, np.full(len(q), hold + 0.2), q)
+        stop = arm_places(arm, main, hold + 0.2, q)
         lines.append((STOP_LINE, stop[_painted(stop, ground) & (np.abs(q) > 0.2)]))
         if zebra > 0:
             inside = q[np.abs(q) < half - 0.25]
-            lines.append((CROSSING, _of_arm(ground, arm, np.full(len(inside), zebra), inside)))
+            lines.append((CROSSING, arm_places(arm, main, zebra, inside)))
     return lines
-
-
-def _of_arm(
-    ground: Ground, arm: NDArray[np.float64], t: NDArray[np.float64], q: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return station and offset of places of a side street; the inverse of `arm_coordinates`."""
-    side = int(arm[SIDE])
-    left = (1 - 2 * side) * (t + ground.section[side, 0])
-    way = q * np.sqrt(1.0 + arm[SKEW] ** 2) + arm[SKEW] * t
-    return np.column_stack([arm[STATION] + way / (1.0 - arm[CURVATURE] * left), left])
 
 
 def _painted(places: NDArray[np.float64], ground: Ground) -> NDArray[np.bool_]:
