@@ -31,10 +31,8 @@ def ground_labels(ground, station, offset):
 def _labels(s, left, g):
     codes = np.empty(len(s), dtype=np.uint8)
     for i in range(len(s)):
-        near = nearby(s[i], g.arms, g.crossings, g.manholes, Nearby(0, 0, 0))
-        codes[i] = ground_cover(
-            s[i], left[i], g.start, g.section, g.shape, g.arms, g.crossings, g.manholes, g.verge, g.lot, near
-        )[0]
+        near = nearby(s[i], g, Nearby(0, 0, 0))
+        codes[i] = ground_cover(s[i], left[i], g, near)[0]
     return codes
 
 

@@ -170,7 +170,7 @@ def test_the_shadow_of_a_pole_falls_away_from_the_sun(stream, parameters):
     meshes = [box([200, 200, 1.0], floor - [0, 0, 0.5], grey), box([0.4, 0.4, 3.0], foot + [0, 0, 1.5], grey)]
     scene = scene_of(stream.street, meshes, [0, 1], [], np.round(floor))
     towards_sun = (left + [0, 0, 1.0]) / np.sqrt(2)
-    light = replace(stream.light, sun=towards_sun, sun_rgb=np.full(3, 1.5), haze=1e-6)
+    light = stream.light._replace(sun=towards_sun, sun_rgb=np.full(3, 1.5), haze=1e-6)
     still = replace(parameters, image_readout=0.0, image_width=480, image_height=360)
     exact = replace(drive, reported=drive.true)
     image, _ = take_image(scene, exact, light, still, camera="front_left", time=time, name="x")

@@ -67,7 +67,7 @@ def test_the_same_bytes_from_any_number_of_processes(survey, parameters, monkeyp
     np.testing.assert_array_equal(part.xyz.astype(np.float32), survey.cloud.xyz[: len(part)])
     with pytest.raises(TypeError):
         process.submit(*survey_id, "build", "x", {}).result()
-    process._process.terminate()
+    process.process.terminate()
     with pytest.raises(DataError, match="a process that simulated a part of the survey ended"):
         process.submit(*survey_id, "build", 0, {}).result()
 

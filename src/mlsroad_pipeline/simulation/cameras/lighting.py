@@ -35,14 +35,10 @@ def draw_light(seed: int) -> Light:
     )
 
 
-def _exposure_curve() -> NDArray[np.uint8]:
-    """Return sRGB values of radiances 0 to 4 in steps of 1/2048: a soft shoulder instead of clipping."""
-    exposed = 1.0 - np.exp(-1.25 * (np.arange(8192) + 0.5) / 2048.0)
-    curve = np.where(exposed < 0.0031308, 12.92 * exposed, 1.055 * exposed ** (1 / 2.4) - 0.055)
-    return (255.0 * curve + 0.5).astype(np.uint8)
-
-
-_CURVE = _exposure_curve()
+# sRGB values of radiances 0 to 4 in steps of 1/2048: a soft shoulder instead of clipping.
+_EXPOSED = 1.0 - np.exp(-1.25 * (np.arange(8192) + 0.5) / 2048.0)
+_SRGB = np.where(_EXPOSED < 0.0031308, 12.92 * _EXPOSED, 1.055 * _EXPOSED ** (1 / 2.4) - 0.055)
+_CURVE = (255.0 * _SRGB + 0.5).astype(np.uint8)
 
 
 def in_the_sun(

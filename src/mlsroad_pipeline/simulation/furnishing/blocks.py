@@ -89,10 +89,8 @@ def build_block(street: Street, drive: Drive, number: int, *, pass_number: int =
         for p in placed
         if p.instance
     ]
-    return Block(soup, movers, records + [_moving_record(street, m) for m in movers])
-
-
-def _moving_record(street: Street, mover: Mover) -> ObjectRecord:
-    base, heading = street.on_ground(mover.motion.station, mover.motion.offset)
-    box = box_around(mover.mesh, base, heading + (np.pi if mover.motion.speed < 0 else 0.0))
-    return ObjectRecord(mover.instance, mover.label, mover.design, base, True, box, "", Measures())
+    for m in movers:
+        base, heading = street.on_ground(m.motion.station, m.motion.offset)
+        box = box_around(m.mesh, base, heading + (np.pi if m.motion.speed < 0 else 0.0))
+        records.append(ObjectRecord(m.instance, m.label, m.design, base, True, box, "", Measures()))
+    return Block(soup, movers, records)

@@ -33,10 +33,8 @@ def park(site: Site) -> None:
             continue
         for k in range(int(np.ceil(site.start / pitch)), int(np.floor(site.end / pitch))):
             free = all(
-                bay_is_free(s, side, ground.section, ground.arms, ground.crossings,
-                            nearby(s, ground.arms, ground.crossings, ground.manholes, Nearby(0, 0, 0)))
-                for s in (k * pitch, (k + 1) * pitch)
-            )  # fmt: skip
+                bay_is_free(s, side, ground, nearby(s, ground, Nearby(0, 0, 0))) for s in (k * pitch, (k + 1) * pitch)
+            )
             if free and site.rng.random() < site.parameters.parked:
                 _one(site, (k + 0.5) * pitch - way * slant * depth / 2, way * (half - depth / 2), slant, depth)
 

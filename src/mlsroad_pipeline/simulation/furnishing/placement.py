@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -48,23 +48,13 @@ class Placed:
     hard_case: str = ""  # Kind of confusable neighbour, if it was placed as such
 
 
-@njit(cache=True, nogil=True)
-def _extent(vertices: NDArray[np.float64], below: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the bounds of the vertices below a height, or of all if none is."""
-    least, most = np.full(3, np.inf), np.full(3, -np.inf)
-    for i in range(len(vertices)):
-        if vertices[i, 2] < below:
-            for c in range(3):
-                least[c] = min(least[c], vertices[i, c])
-                most[c] = max(most[c], vertices[i, c])
-    if least[0] > most[0] and below < np.inf:
-        return _extent(vertices, np.inf)
-    return least, most
+def _extent(vertices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    return vertices.min(axis=0), vertices.max(axis=0)
 
 
 def box_around(mesh: Mesh, base: NDArray[np.float64], heading: float) -> Box:
     """Return the box of a mesh (foot at the origin, front along +x) that is placed at a base and a heading."""
-    low, high = _extent(mesh.vertices, np.inf)
+    low, high = _extent(mesh.vertices)
     middle = (low + high) / 2
     c, s = np.cos(heading), np.sin(heading)
     x, y = base[0] + c * middle[0] - s * middle[1], base[1] + s * middle[0] + c * middle[1]
@@ -138,7 +128,8 @@ class Site:
 
     def footprint(self, mesh: Mesh, s: float, left: float, yaw: float) -> NDArray[np.float64]:
         """Return the rectangle of a mesh near the ground, in station and offset."""
-        least, most = _extent(mesh.vertices, FOOTPRINT_HEIGHT)
+        low = mesh.vertices[mesh.vertices[:, 2] < FOOTPRINT_HEIGHT]
+        least, most = _extent(low if len(low) else mesh.vertices)
         middle, half = (least[:2] + most[:2]) / 2, (most[:2] - least[:2]) / 2
         c, n = np.cos(yaw), np.sin(yaw)
         return np.array([s + c * middle[0] - n * middle[1], left + n * middle[0] + c * middle[1], *half, yaw])
@@ -170,18 +161,21 @@ class Site:
             )
             pitch, roll = -float(np.arctan((ahead - behind) / 2.0)), float(np.arctan((port - starboard) / 1.4))
         body = mesh.moved([0.0, 0.0, 0.0], pitch=pitch, roll=roll) if tilt else mesh
-        self._numbered += numbered
-        instance = (self.block + MARGIN) * INSTANCES_PER_BLOCK + self._numbered if numbered else 0
-        placed = Placed(
-            TAXONOMY[label], instance, body.moved(base, yaw=turn), base, name,
-            box_around(body, base, turn), hard_case,
-        )  # fmt: skip
-        self.placed.append(placed)
         self.where.append((s, left))
         self.rows.append(self._count if solid else -1)
         if solid:
             self.block_out(*self.footprint(mesh, s, left, yaw))
-        return placed
+        return self._numbered_as(
+            Placed(TAXONOMY[label], 0, body.moved(base, yaw=turn), base, name, box_around(body, base, turn), hard_case),
+            numbered,
+        )
+
+    def _numbered_as(self, placed: Placed, numbered: bool) -> Placed:
+        """Append an object, if `numbered` with the next instance number."""
+        self._numbered += numbered
+        first = (self.block + MARGIN) * INSTANCES_PER_BLOCK
+        self.placed.append(replace(placed, instance=first + self._numbered) if numbered else placed)
+        return self.placed[-1]
 
     def add_at(
         self, design: tuple[str, str], mesh: Mesh, start: NDArray[np.float64], end: NDArray[np.float64]
@@ -192,14 +186,10 @@ class Site:
         base = np.array([*((start + end) / 2)[:2], mesh.vertices[:, 2].min()])
         local = mesh.vertices - base
         turned = np.column_stack([c * local[:, 0] - s * local[:, 1], s * local[:, 0] + c * local[:, 1], local[:, 2]])
-        self._numbered += 1
-        instance = (self.block + MARGIN) * INSTANCES_PER_BLOCK + self._numbered
         around = box_around(Mesh(turned, mesh.faces, mesh.attributes), base, heading)
-        placed = Placed(TAXONOMY[design[1]], instance, mesh, base, design[0], around)
-        self.placed.append(placed)
         self.where.append((np.nan, np.nan))
         self.rows.append(-1)
-        return placed
+        return self._numbered_as(Placed(TAXONOMY[design[1]], 0, mesh, base, design[0], around), True)
 
     def try_add(
         self, design: Design, s: float, left: float, yaw: float, *, edge: tuple[float, float] | None = None,

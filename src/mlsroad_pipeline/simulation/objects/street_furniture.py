@@ -97,16 +97,12 @@ def _bollard(rng: np.random.Generator) -> Mesh:
         profile = [[1.5 * radius, -UNDERGROUND], [1.5 * radius, 0.12], [radius, 0.16], *profile[2:],
                    [1.2 * taper * radius, height + 0.03], [0, height + 0.08]]  # fmt: skip
     parts = [lathe(profile, skin, sides=sides)]
-    for z in _bands(rng):
+    bands = ((), (0.8,), (0.68, 0.86))[int(rng.choice(3, p=[0.4, 0.35, 0.25]))]
+    for z in bands:  # shares of the height
         shade = SIGN.white if rng.random() < 0.7 else SIGN.red
         band, wide = retroreflective(shade, "bollard", rng), radius * (1 + (taper - 1) * z) * 1.05
         parts.append(lathe([[wide, z * height - 0.03], [wide, z * height + 0.03]], band, sides=sides))
     return leaned(join(parts), rng, share=0.3)
-
-
-def _bands(rng: np.random.Generator) -> tuple[float, ...]:
-    """Return the shares of the height of a bollard's reflecting bands."""
-    return ((), (0.8,), (0.68, 0.86))[int(rng.choice(3, p=[0.4, 0.35, 0.25]))]
 
 
 def _flexible_post(rng: np.random.Generator) -> Mesh:

@@ -174,7 +174,10 @@ class RayScene:
                 break
             again = self._cast_once(behind, times[active])
             pending, rest = _through_panes(rays, active, behind, again, self.attributes, passing)
-            _replace(hits, active, behind, again, rays)
+            # Distances from the rays' own origins.
+            travelled = ((behind[:, :3] - rays[active, :3]) * rays[active, 3:]).sum(axis=1, dtype=np.float64)
+            hits.distance[active] = travelled + again.distance
+            hits.face[active], hits.normal[active] = again.face, again.normal
             active, behind = pending, rest
         return hits
 
@@ -257,18 +260,3 @@ def _through_panes(
             behind[n, 3 + r] = rays[i, 3 + r]
         n += 1
     return active[:n], behind[:n].copy()
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _replace(
-    hits: Hits, rows: NDArray[np.int64], behind: NDArray[np.float32], again: Hits, rays: NDArray[np.float32]
-) -> None:
-    """Replace the hits of rays by those behind a pane, with distances from the rays' origins."""
-    for k in range(len(rows)):
-        i = rows[k]
-        travelled = 0.0
-        for r in range(3):
-            travelled += (behind[k, r] - rays[i, r]) * rays[i, 3 + r]
-        hits.distance[i] = travelled + again.distance[k]
-        hits.face[i] = again.face[k]
-        hits.normal[i] = again.normal[k]

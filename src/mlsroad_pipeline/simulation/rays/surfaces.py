@@ -68,8 +68,6 @@ def resolve_hits(
     label, kind = np.zeros(n, dtype=np.uint8), np.zeros(n, dtype=np.uint8)
     rgb, reflectivity = np.zeros((n, 3), dtype=np.float32), np.zeros(n, dtype=np.float32)
     relief = np.zeros(n, dtype=np.float32)
-    start, section, shape, arms, crossings = ground.start, ground.section, ground.shape, ground.arms, ground.crossings
-    holes, verge, lot = ground.manholes, ground.verge, ground.lot
     guess, rows = near, Nearby(0, 0, 0)
     for i in range(n):
         if face[i] < 0:
@@ -79,11 +77,9 @@ def resolve_hits(
         x = centre[0] + rays[i, 0] + distance[i] * rays[i, 3]
         y = centre[1] + rays[i, 1] + distance[i] * rays[i, 4]
         if kind[i] == GROUND:
-            s, left = locate_one(x, y, table, start, guess, _CLOSE)
-            guess, rows = s, nearby(s, arms, crossings, holes, rows)
-            code, tone, relief[i] = ground_cover(
-                s, left, start, section, shape, arms, crossings, holes, verge, lot, rows
-            )  # fmt: skip
+            s, left = locate_one(x, y, table, ground.start, guess, _CLOSE)
+            guess, rows = s, nearby(s, ground, rows)
+            code, tone, relief[i] = ground_cover(s, left, ground, rows)
             label[i] = code
             for c in range(3):
                 rgb[i, c] = min(ground_rgb[code, c] * tone, 1.0)

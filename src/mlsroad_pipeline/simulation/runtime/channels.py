@@ -6,7 +6,6 @@ import mmap
 import os
 import pickle
 import tempfile
-from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -82,7 +81,7 @@ def create_shared_file() -> str:
             # Writing into a mapped file without room for the page would end the process.
             os.posix_fallocate(number, 0, size)
         except OSError as error:
-            unlink_shared_file(path)
+            Path(path).unlink()
             if folder is None:
                 raise DataError(f"{path}: no room for {size} bytes of memory shared between processes") from error
             continue
@@ -90,9 +89,3 @@ def create_shared_file() -> str:
             os.close(number)
         return path
     raise AssertionError("the last folder returns or raises")
-
-
-def unlink_shared_file(path: str) -> None:
-    """Remove a shared file; processes that have mapped it keep its memory."""
-    with suppress(OSError):
-        Path(path).unlink()

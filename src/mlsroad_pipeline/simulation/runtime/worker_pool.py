@@ -10,6 +10,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
+from pathlib import Path
 from queue import SimpleQueue
 from threading import RLock, Thread
 from typing import Any, NamedTuple
@@ -19,7 +20,7 @@ from joblib.externals.loky.backend import get_context
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.simulation.furnishing.blocks import Block
-from mlsroad_pipeline.simulation.runtime.channels import SLOTS, Channel, create_shared_file, unlink_shared_file
+from mlsroad_pipeline.simulation.runtime.channels import SLOTS, Channel, create_shared_file
 from mlsroad_pipeline.simulation.runtime.stream import SurveyStream
 
 _MIN_WORK = 1_500_000  # pulses and pixels from which on a further process pays for its start
@@ -101,11 +102,11 @@ class _Process:
 
     def __init__(self) -> None:
         ours, theirs = Pipe()
-        self._path = create_shared_file()
-        self._channel = Channel(ours, self._path, 0)
+        self._path = Path(create_shared_file())
+        self._channel = Channel(ours, str(self._path), 0)
         # Processes of this context do not run the main module again.
-        self._process = get_context("loky").Process(target=_serve, args=(theirs, self._path), daemon=True)
-        self._process.start()
+        self.process = get_context("loky").Process(target=_serve, args=(theirs, str(self._path)), daemon=True)
+        self.process.start()
         theirs.close()
         self.lock, self._ended = RLock(), False
         self._ready: Future[Any] = Future()
@@ -116,7 +117,7 @@ class _Process:
     def wait_until_ready(self) -> None:
         """Return when the process accepts tasks."""
         self._ready.result()
-        unlink_shared_file(self._path)
+        self._path.unlink(missing_ok=True)
 
     def submit(self, *task: Any) -> Future[Any]:
         """Queue a task; tasks run in the order submitted."""
@@ -146,16 +147,12 @@ class _Process:
                 for future in self._pending:
                     future.set_exception(DataError(_ENDED))
 
-    def is_alive(self) -> bool:
-        """Return whether the process runs."""
-        return bool(self._process.is_alive())
-
     def end(self) -> None:
         """Terminate the process and close the channel."""
-        self._process.terminate()
+        self.process.terminate()
         self._reader.join(timeout=5.0)
         self._channel.close()
-        unlink_shared_file(self._path)
+        self._path.unlink(missing_ok=True)
 
 
 class _RemoteWorker:
@@ -183,7 +180,7 @@ _IDLE: list[_Process] = []
 @contextmanager
 def _processes(count: int) -> Iterator[list[_Process]]:
     """Yield processes; `_MAX_IDLE` of them are kept for the next survey unless an error occurred."""
-    while _IDLE and not _IDLE[-1].is_alive():
+    while _IDLE and not _IDLE[-1].process.is_alive():
         _IDLE.pop().end()
     processes = [_IDLE.pop() if _IDLE else _Process() for _ in range(count)]
     kept = _MAX_IDLE

@@ -29,6 +29,7 @@ from mlsroad_pipeline.simulation.street.ground import (
     STATION,
     ZEBRA,
     ZEBRA_HALF,
+    Ground,
     Nearby,
     bay_is_free,
     edge_distance,
@@ -144,58 +145,42 @@ def _between_lanes(s: float, a: float, edge: float, shape: NDArray[np.float64]) 
 
 
 @leaf
-def _at_the_edge(
-    s: float, left: float, edge: float, section: NDArray[np.float64], shape: NDArray[np.float64],
-    arms: NDArray[np.float64], crossings: NDArray[np.float64], near: Nearby,
-) -> bool:  # fmt: skip
+def _at_the_edge(s: float, left: float, edge: float, ground: Ground, near: Nearby) -> bool:
     """Return whether a place is on the edge line or on the lines of parking bays."""
     side = 0 if left >= 0 else 1
-    if section[side, 1] == 0 or edge < -_LINE:
-        return section[side, 1] == 0 and abs(edge + 0.45) < _LINE
-    if not bay_is_free(s, side, section, arms, crossings, near):
+    if ground.section[side, 1] == 0 or edge < -_LINE:
+        return ground.section[side, 1] == 0 and abs(edge + 0.45) < _LINE
+    if not bay_is_free(s, side, ground, near):
         return False
     if edge < _LINE:
         return True
     # Slanted bays are entered forwards: their far ends lie ahead in the direction of traffic.
-    slant = shape[6]
+    slant = ground.shape[6]
     bay = (s + slant * edge * (1 if left >= 0 else -1)) % (SLANTED_BAY if slant > 0 else BAY)
     return bay < 0.1
 
 
 @leaf
-def main_street_marking(
-    s: float, left: float, section: NDArray[np.float64], shape: NDArray[np.float64], arms: NDArray[np.float64],
-    crossings: NDArray[np.float64], near: Nearby,
-) -> bool:  # fmt: skip
-    """Return whether a place of the main carriageway is painted.
-
-    Arrays are those of `Ground`: compiled code is several times faster with arrays than with the whole tuple.
-    """
-    a, side = abs(left), 0 if left >= 0 else 1
-    lane_edge = section[side, 0] - section[side, 1]
-    junction = _near_junction(s, left, arms, shape, lane_edge, near.arm)
+def main_street_marking(s: float, left: float, ground: Ground, near: Nearby) -> bool:
+    """Return whether a place of the main carriageway is painted."""
+    shape, side = ground.shape, 0 if left >= 0 else 1
+    a, half = abs(left), ground.section[side, 0]
+    lane_edge = half - ground.section[side, 1]
+    junction = _near_junction(s, left, ground.arms, shape, lane_edge, near.arm)
     if junction == 2:
         return True
-    crossing = _at_crossing(
-        s, left, a - lane_edge, junction, crossings, section[side, 0], shape[5], near.crossing
-    )  # fmt: skip
+    crossing = _at_crossing(s, left, a - lane_edge, junction, ground.crossings, half, shape[5], near.crossing)
     if crossing >= 0 or junction == 1:
         return crossing == 1
-    return _between_lanes(s, a, a - lane_edge, shape) or _at_the_edge(
-        s, left, a - lane_edge, section, shape, arms, crossings, near
-    )
+    return _between_lanes(s, a, a - lane_edge, shape) or _at_the_edge(s, left, a - lane_edge, ground, near)
 
 
 @leaf
-def marked(
-    s: float, left: float, arm: int, t: float, q: float, section: NDArray[np.float64], shape: NDArray[np.float64],
-    arms: NDArray[np.float64], crossings: NDArray[np.float64], near: Nearby,
-) -> bool:  # fmt: skip
+def marked(s: float, left: float, arm: int, t: float, q: float, ground: Ground, near: Nearby) -> bool:
     """Return whether a place of the carriageway is painted; `arm`, t and q are those of `edge_distance`."""
-    side = 0 if left >= 0 else 1
-    if abs(left) <= section[side, 0]:
-        return main_street_marking(s, left, section, shape, arms, crossings, near)
-    return arm >= 0 and _side_street(t, q, arms[arm])
+    if abs(left) <= ground.section[0 if left >= 0 else 1, 0]:
+        return main_street_marking(s, left, ground, near)
+    return arm >= 0 and _side_street(t, q, ground.arms[arm])
 
 
 @leaf
@@ -212,32 +197,24 @@ def _lid(s: float, left: float, holes: NDArray[np.float64], first: int) -> bool:
 
 
 @leaf
-def _on_carriageway(
-    s: float, left: float, arm: int, t: float, q: float, section: NDArray[np.float64], shape: NDArray[np.float64],
-    arms: NDArray[np.float64], crossings: NDArray[np.float64], holes: NDArray[np.float64],
-    near: Nearby,
-) -> int:  # fmt: skip
-    if _lid(s, left, holes, near.hole):
+def _on_carriageway(s: float, left: float, arm: int, t: float, q: float, ground: Ground, near: Nearby) -> int:
+    if _lid(s, left, ground.manholes, near.hole):
         return MANHOLE
-    if marked(s, left, arm, t, q, section, shape, arms, crossings, near):
+    if marked(s, left, arm, t, q, ground, near):
         return LANE_MARKING
     side = 0 if left >= 0 else 1
-    half, parking = section[side, 0], section[side, 1]
-    bay = half - parking < abs(left) <= half and bay_is_free(s, side, section, arms, crossings, near)
+    half, parking = ground.section[side, 0], ground.section[side, 1]
+    bay = half - parking < abs(left) <= half and bay_is_free(s, side, ground, near)
     return PARKING if bay else ROAD
 
 
 @leaf
-def _off_carriageway(
-    s: float, left: float, d: float, arm: int, t: float, start: float, section: NDArray[np.float64],
-    arms: NDArray[np.float64], crossings: NDArray[np.float64], verge: NDArray[np.uint8], lot: NDArray[np.uint8],
-    near: Nearby,
-) -> int:  # fmt: skip
+def _off_carriageway(s: float, left: float, d: float, arm: int, t: float, ground: Ground, near: Nearby) -> int:
     side = 0 if left >= 0 else 1
-    a = abs(left)
-    curb, strip, pavement = section[side, 2], section[side, 3], section[side, 4]
+    a, arms, crossings, verge = abs(left), ground.arms, ground.crossings, ground.verge
+    curb, strip, pavement = ground.section[side, 2], ground.section[side, 3], ground.section[side, 4]
     # Edges of grass and soil are ragged.
-    row = int(min(max((s + 0.3 * lattice_value(int(a * 8), int(s * 8), 3) - start) / STEP, 0.0),
+    row = int(min(max((s + 0.3 * lattice_value(int(a * 8), int(s * 8), 3) - ground.start) / STEP, 0.0),
                   verge.shape[1] - 1.0))  # fmt: skip
     c = near.crossing
     paved = c >= 0 and abs(s - crossings[c, 0]) < crossings[c, 1]
@@ -249,23 +226,10 @@ def _off_carriageway(
         # Verges are trodden at corners.
         paved = t < max(zebra + ZEBRA_HALF, 0.7 * arms[arm, RADIUS])
     if arm != -2 and d > curb + strip + pavement:
-        return int(lot[side, row])
+        return int(ground.lot[side, row])
     if not paved and (arm == -2 or d <= curb + strip):
         return int(planted)
     return SIDEWALK
-
-
-@leaf
-def _label(
-    s: float, left: float, d: float, arm: int, t: float, q: float, start: float, section: NDArray[np.float64],
-    shape: NDArray[np.float64], arms: NDArray[np.float64], crossings: NDArray[np.float64], holes: NDArray[np.float64],
-    verge: NDArray[np.uint8], lot: NDArray[np.uint8], near: Nearby,
-) -> int:  # fmt: skip
-    if d <= 0:
-        return _on_carriageway(s, left, arm, t, q, section, shape, arms, crossings, holes, near)
-    if d <= section[0 if left >= 0 else 1, 2]:
-        return CURB
-    return _off_carriageway(s, left, d, arm, t, start, section, arms, crossings, verge, lot, near)
 
 
 @leaf
@@ -310,22 +274,22 @@ def _relief(label: int, s: float, left: float, tone: float, grass: float) -> flo
 
 
 @leaf
-def ground_cover(
-    s: float, left: float, start: float, section: NDArray[np.float64], shape: NDArray[np.float64],
-    arms: NDArray[np.float64], crossings: NDArray[np.float64], holes: NDArray[np.float64],
-    verge: NDArray[np.uint8], lot: NDArray[np.uint8], near: Nearby,
-) -> tuple[int, float, float]:  # fmt: skip
+def ground_cover(s: float, left: float, ground: Ground, near: Nearby) -> tuple[int, float, float]:
     """Return label, brightness factor (about 1) and relief (metres above the ground's mesh) of the cover at one place.
 
-    Arrays are those of `Ground` (`holes` are its `manholes`): compiled code is several times faster with arrays than
-    with the whole tuple. `near` are the rows where the search begins.
+    `near` are the rows where the search begins.
     """
-    d, arm, t, q = edge_distance(s, left, section, shape[5], arms, near.arm)
-    label = _label(s, left, d, arm, t, q, start, section, shape, arms, crossings, holes, verge, lot, near)
+    d, arm, t, q = edge_distance(s, left, ground, near.arm)
+    if d <= 0:
+        label = _on_carriageway(s, left, arm, t, q, ground, near)
+    elif d <= ground.section[0 if left >= 0 else 1, 2]:
+        label = CURB
+    else:
+        label = _off_carriageway(s, left, d, arm, t, ground, near)
     tone = surface_tone(label, s, left)
     if -GUTTER < d <= 0 and label in (ROAD, PARKING):  # a row of gutter stones
         joint = 0.8 if (s % 0.5) < 0.012 or d > -0.012 else 1.0
         tone *= 1.45 * joint
     if label == MANHOLE and (s % 0.06) < 0.02:
         tone *= 0.6
-    return label, tone, _relief(label, s, left, tone, shape[7])
+    return label, tone, _relief(label, s, left, tone, ground.shape[7])

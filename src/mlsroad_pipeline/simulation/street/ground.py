@@ -28,6 +28,56 @@ LID = 0.6
 """Largest half length of a manhole or a drain along the street, metres."""
 
 
+class Ground(NamedTuple):
+    """Tables that determine the ground's height and surface; plain arrays, for compiled code."""
+
+    start: float  # Station of the first row of the tables, metres
+    # Per `STEP` of station: height of the centre line (m), remaining share of the curb's height on the left and on the
+    # right (1 is full, less at a driveway), slope of the land beyond the property line, left and right
+    profile: NDArray[np.float64]
+    # Left and right: half width of the carriageway, width of the parking strip within it, of the curb, the verge and
+    # the pavement, metres
+    section: NDArray[np.float64]
+    # Crown (slope), superelevation (slope), curb height (m), lane width (m), lanes per direction, half width of the
+    # median (m), slant of parking bays (their run along the street per metre of depth; 0 is parallel parking), height
+    # of the grass (m)
+    shape: NDArray[np.float64]
+    waves: NDArray[np.float64]  # Unevenness: wave numbers along and across (rad/m), phase, amplitude on the road (m)
+    # Taxonomy code of the verge and of the land beyond the property line, per `STEP` of station
+    verge: NDArray[np.uint8]
+    lot: NDArray[np.uint8]  # Taxonomy code of the verge and of the land beyond the property line, per `STEP` of station
+    # Station, offset and radius, sorted by station, metres; a negative radius is half the side of a square drain
+    manholes: NDArray[np.float64]
+    crossings: NDArray[np.float64]  # Station and half width of zebra crossings, sorted by station, metres
+    # Side streets, sorted by station: station, side (0 is left), half width, corner radius, skew (tangent), curvature
+    # of the main street there (1/m), traffic control, middle of its zebra crossing (metres beyond the main carriageway;
+    # 0 is none), crown (slope).
+    arms: NDArray[np.float64]
+
+    def height(self, station: ArrayLike, offset: ArrayLike) -> NDArray[np.float64]:
+        """Return the height of the ground at stations and offsets, metres; constant profile beyond the ends."""
+        s, left = np.broadcast_arrays(np.asarray(station, dtype=np.float64), np.asarray(offset, dtype=np.float64))
+        flat = _heights(np.ascontiguousarray(s).ravel(), np.ascontiguousarray(left).ravel(), self)
+        return flat.reshape(s.shape)
+
+    def edge(self, station: ArrayLike, offset: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return the distance to the nearest curb line, metres, positive off the carriageway, and the street there.
+
+        Streets are rows of `arms`, -1 for the main street, -2 for the median.
+        """
+        s, left = np.broadcast_arrays(np.asarray(station, dtype=np.float64), np.asarray(offset, dtype=np.float64))
+        distance, arm = _edges(np.ascontiguousarray(s).ravel(), np.ascontiguousarray(left).ravel(), self)
+        return distance.reshape(s.shape), arm.reshape(s.shape)
+
+    def property_line(self, side: int) -> float:
+        """Return the distance of the property line from the centre line, metres; side 0 is left."""
+        return float(self.section[side, 0] + self.section[side, 2:].sum())
+
+    def lane_centre(self, lane: int) -> float:
+        """Return the distance from the centre line of the middle of a lane, metres; lane 0 is the innermost."""
+        return float(self.shape[5] + (lane + 0.5) * self.shape[3])
+
+
 class Nearby(NamedTuple):
     """Rows of the tables of `Ground` near a place."""
 
@@ -48,14 +98,13 @@ def first_row(table: NDArray[np.float64], station: float, guess: int) -> int:
 
 
 @leaf
-def nearby(
-    s: float, arms: NDArray[np.float64], crossings: NDArray[np.float64], holes: NDArray[np.float64], last: Nearby
-) -> Nearby:
+def nearby(s: float, ground: Ground, last: Nearby) -> Nearby:
     """Return the rows near a station; `last`, those of another place, only saves time."""
+    crossings = ground.crossings
     c = first_row(crossings, s, last.crossing)
     if c == len(crossings) or (c > 0 and s - crossings[c - 1, 0] < abs(crossings[c, 0] - s)):
         c -= 1
-    return Nearby(first_row(arms, s - REACH, last.arm), c, first_row(holes, s - LID, last.hole))
+    return Nearby(first_row(ground.arms, s - REACH, last.arm), c, first_row(ground.manholes, s - LID, last.hole))
 
 
 @leaf
@@ -84,17 +133,15 @@ def hold_line(arm: NDArray[np.float64]) -> float:
 
 
 @leaf
-def edge_distance(
-    s: float, left: float, section: NDArray[np.float64], median: float, arms: NDArray[np.float64], first: int
-) -> tuple[float, int, float, float]:
+def edge_distance(s: float, left: float, ground: Ground, first: int) -> tuple[float, int, float, float]:
     """Return the distance to the nearest curb line (metres, positive off the carriageway), its street, t and q.
 
-    `median` is the half width of the median, 0 without one. The street is a row of `arms`, -1 for the main street, -2
-    for the median; t and q are the place along and across a side street, else 0. The search begins at the arm `first`.
+    The street is a row of `arms`, -1 for the main street, -2 for the median; t and q are the place along and across a
+    side street, else 0. The search begins at the arm `first`.
     """
     side = 0 if left >= 0 else 1
-    a = abs(left)
-    half = section[side, 0]
+    a, arms, median = abs(left), ground.arms, ground.shape[5]
+    half = ground.section[side, 0]
     best, which, along, across = a - half, -1, 0.0, 0.0
     inner = median - a
     for k in range(first, len(arms)):
@@ -118,12 +165,10 @@ def edge_distance(
 
 
 @leaf
-def bay_is_free(
-    s: float, side: int, section: NDArray[np.float64], arms: NDArray[np.float64], crossings: NDArray[np.float64],
-    near: Nearby,
-) -> bool:  # fmt: skip
+def bay_is_free(s: float, side: int, ground: Ground, near: Nearby) -> bool:
     """Return whether parking is allowed at the curb: not within 5 m of a junction, nor at a zebra crossing."""
-    if section[side, 1] == 0:
+    arms, crossings = ground.arms, ground.crossings
+    if ground.section[side, 1] == 0:
         return False
     for k in range(near.arm, len(arms)):
         if arms[k, STATION] > s + REACH:
@@ -178,56 +223,6 @@ GUTTER = 0.3
 _GUTTER_DEPTH = 0.012
 
 
-class Ground(NamedTuple):
-    """Tables that determine the ground's height and surface; plain arrays, for compiled code."""
-
-    start: float  # Station of the first row of the tables, metres
-    # Per `STEP` of station: height of the centre line (m), remaining share of the curb's height on the left and on the
-    # right (1 is full, less at a driveway), slope of the land beyond the property line, left and right
-    profile: NDArray[np.float64]
-    # Left and right: half width of the carriageway, width of the parking strip within it, of the curb, the verge and
-    # the pavement, metres
-    section: NDArray[np.float64]
-    # Crown (slope), superelevation (slope), curb height (m), lane width (m), lanes per direction, half width of the
-    # median (m), slant of parking bays (their run along the street per metre of depth; 0 is parallel parking), height
-    # of the grass (m)
-    shape: NDArray[np.float64]
-    waves: NDArray[np.float64]  # Unevenness: wave numbers along and across (rad/m), phase, amplitude on the road (m)
-    # Taxonomy code of the verge and of the land beyond the property line, per `STEP` of station
-    verge: NDArray[np.uint8]
-    lot: NDArray[np.uint8]  # Taxonomy code of the verge and of the land beyond the property line, per `STEP` of station
-    # Station, offset and radius, sorted by station, metres; a negative radius is half the side of a square drain
-    manholes: NDArray[np.float64]
-    crossings: NDArray[np.float64]  # Station and half width of zebra crossings, sorted by station, metres
-    # Side streets, sorted by station: station, side (0 is left), half width, corner radius, skew (tangent), curvature
-    # of the main street there (1/m), traffic control, middle of its zebra crossing (metres beyond the main carriageway;
-    # 0 is none), crown (slope). See `junctions`.
-    arms: NDArray[np.float64]
-
-    def height(self, station: ArrayLike, offset: ArrayLike) -> NDArray[np.float64]:
-        """Return the height of the ground at stations and offsets, metres; constant profile beyond the ends."""
-        s, left = np.broadcast_arrays(np.asarray(station, dtype=np.float64), np.asarray(offset, dtype=np.float64))
-        flat = _heights(np.ascontiguousarray(s).ravel(), np.ascontiguousarray(left).ravel(), self)
-        return flat.reshape(s.shape)
-
-    def edge(self, station: ArrayLike, offset: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return the distance to the nearest curb line, metres, positive off the carriageway, and the street there.
-
-        Streets are rows of `arms`, -1 for the main street, -2 for the median.
-        """
-        s, left = np.broadcast_arrays(np.asarray(station, dtype=np.float64), np.asarray(offset, dtype=np.float64))
-        distance, arm = _edges(np.ascontiguousarray(s).ravel(), np.ascontiguousarray(left).ravel(), self)
-        return distance.reshape(s.shape), arm.reshape(s.shape)
-
-    def property_line(self, side: int) -> float:
-        """Return the distance of the property line from the centre line, metres; side 0 is left."""
-        return float(self.section[side, 0] + self.section[side, 2:].sum())
-
-    def lane_centre(self, lane: int) -> float:
-        """Return the distance from the centre line of the middle of a lane, metres; lane 0 is the innermost."""
-        return float(self.shape[5] + (lane + 0.5) * self.shape[3])
-
-
 @leaf
 def _smooth(x: float) -> float:
     x = min(max(x, 0.0), 1.0)
@@ -265,7 +260,7 @@ def ground_height(s: float, left: float, ground: Ground) -> float:
     if median < a < half - GUTTER - 0.1 or (median == 0 and a < half - GUTTER):
         return z + uneven
     first = first_row(ground.arms, s - REACH, 0)
-    d, arm, t, q = edge_distance(s, left, ground.section, median, ground.arms, first)
+    d, arm, t, q = edge_distance(s, left, ground, first)
     gutter = -_GUTTER_DEPTH * min(max(1.0 + d / GUTTER, 0.0), 1.0) if a > median else 0.0
     if arm == -2:
         full = min(low[1] + f * (high[1] - low[1]), low[2] + f * (high[2] - low[2]))
@@ -301,5 +296,5 @@ def _edges(
     d, arm, first = np.empty(len(s)), np.empty(len(s), dtype=np.int64), 0
     for i in range(len(s)):
         first = first_row(ground.arms, s[i] - REACH, first)
-        d[i], arm[i], _, _ = edge_distance(s[i], left[i], ground.section, ground.shape[5], ground.arms, first)
+        d[i], arm[i], _, _ = edge_distance(s[i], left[i], ground, first)
     return d, arm

@@ -172,10 +172,9 @@ def _painted(places: NDArray[np.float64], ground: Ground) -> NDArray[np.bool_]:
 @njit(cache=True, nogil=True)
 def _marked(s: NDArray[np.float64], left: NDArray[np.float64], ground: Ground) -> NDArray[np.bool_]:
     found, rows = np.zeros(len(s), dtype=np.bool_), Nearby(0, 0, 0)
-    section, shape, arms, crossings = ground.section, ground.shape, ground.arms, ground.crossings
     for i in range(len(s)):
-        rows = nearby(s[i], arms, crossings, ground.manholes, rows)
-        d, arm, t, q = edge_distance(s[i], left[i], section, shape[5], arms, rows.arm)
+        rows = nearby(s[i], ground, rows)
+        d, arm, t, q = edge_distance(s[i], left[i], ground, rows.arm)
         if d <= 0:
-            found[i] = marked(s[i], left[i], arm, t, q, section, shape, arms, crossings, rows)
+            found[i] = marked(s[i], left[i], arm, t, q, ground, rows)
     return found
