@@ -18,6 +18,8 @@ THIGH, SHANK, UPPER_ARM, FOREARM, SPINE = 0.245, 0.246, 0.186, 0.17, 0.288
 ANKLE, FOOT, SHOULDER, HIP = 0.039, 0.152, 0.115, 0.052
 """Segments of a body over its height; shoulder and hip are half of the widths between the joints."""
 
+_Y = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
+
 
 class Skeleton(NamedTuple):
     """Joints of a body that faces +x; the right one of a pair comes first."""
@@ -169,9 +171,6 @@ def _head(rng: np.random.Generator, bones: Skeleton, build: Build, skin: Surface
         shape[0] *= rng.uniform(1.0, 1.9)
     meshes.append(tubes(cap[None], shape[None], cover, sides=8, closed=True, flatten=0.9))
     return meshes
-
-
-_Y = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
 
 
 class Contacts(NamedTuple):

@@ -34,6 +34,9 @@ DISTORTION: dict[str, tuple[float, float, float, float, float]] = {
 # The camera's axes: x right, y down, z forward. The van's: x forward, y left, z up.
 _AXES = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 
+_TRIES = 24  # images tested for one point's colour
+_DEPTH_SLACK = 0.06  # metres, and 1 % of the depth
+
 
 @dataclass(frozen=True)
 class Image:
@@ -209,10 +212,6 @@ def _shadow_rays(
             shadow[n, 3 + r] = sun[r]
         n += 1
     return rows[:n], shadow[:n]
-
-
-_TRIES = 24  # images tested for one point's colour
-_DEPTH_SLACK = 0.06  # metres, and 1 % of the depth
 
 
 def colour_points(

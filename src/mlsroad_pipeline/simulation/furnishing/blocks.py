@@ -18,8 +18,7 @@ from mlsroad_pipeline.simulation.street.drive import Drive
 from mlsroad_pipeline.simulation.street.ground_mesh import ground_mesh
 from mlsroad_pipeline.simulation.street.street import BLOCK, Street
 
-PASS_INSTANCES = 10_000_000
-"""Offset of the instance numbers of moving objects per further pass."""
+PASS_INSTANCES = 10_000_000  # Offset of the instance numbers of moving objects per further pass
 
 
 class ObjectRecord(NamedTuple):

@@ -13,9 +13,7 @@ from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.simulation.model.meshes import Design, Mesh
 from mlsroad_pipeline.simulation.street.street import BLOCK, MARGIN, Street, generator
 
-INSTANCES_PER_BLOCK = 2048
-"""Instance numbers reserved for each block, so that they are unique along the street."""
-
+INSTANCES_PER_BLOCK = 2048  # Instance numbers reserved for each block, so that they are unique along the street
 FOOTPRINT_HEIGHT = 1.7
 """Height below which parts belong to an object's footprint, metres: trunks and cars, not crowns and arms."""
 

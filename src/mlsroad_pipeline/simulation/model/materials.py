@@ -46,6 +46,34 @@ _PAINTS: tuple[Colour, ...] = (
 )  # fmt: skip
 _PAINT_SHARES = np.cumsum([0.26, 0.19, 0.12, 0.19, 0.06, 0.08, 0.025, 0.025, 0.015, 0.035])
 
+# name: (linear rgb, near-infrared reflectivity). Needles hold more water and shade themselves: they reflect less.
+_LEAVES: dict[str, tuple[Colour, float]] = {
+    "green": ((0.085, 0.19, 0.04), 0.44),
+    "dark": ((0.045, 0.115, 0.03), 0.40),
+    "light": ((0.15, 0.27, 0.055), 0.48),
+    "olive": ((0.13, 0.17, 0.085), 0.42),
+    "blue": ((0.10, 0.16, 0.12), 0.36),
+    "needle": ((0.045, 0.105, 0.045), 0.32),
+    "copper": ((0.13, 0.05, 0.045), 0.42),
+    "yellow": ((0.40, 0.27, 0.04), 0.46),
+    "dry": ((0.33, 0.24, 0.125), 0.46),
+    "straw": ((0.36, 0.31, 0.17), 0.46),
+    "pink": ((0.62, 0.22, 0.33), 0.5),
+    "white": ((0.70, 0.68, 0.62), 0.52),
+    "purple": ((0.30, 0.14, 0.45), 0.48),
+    "red": ((0.50, 0.05, 0.05), 0.46),
+}
+_BARKS: dict[str, tuple[Colour, float]] = {
+    "brown": ((0.16, 0.12, 0.085), 0.34),
+    "grey": ((0.24, 0.22, 0.19), 0.38),
+    "pale": ((0.52, 0.50, 0.45), 0.48),
+    "dark": ((0.085, 0.07, 0.06), 0.28),
+    "reddish": ((0.25, 0.13, 0.08), 0.36),
+    "palm": ((0.25, 0.20, 0.15), 0.38),
+    "smooth_palm": ((0.36, 0.34, 0.30), 0.42),
+    "stake": ((0.36, 0.26, 0.15), 0.46),
+}
+
 
 class _Sheeting(NamedTuple):
     red: Colour = (0.55, 0.03, 0.04)
@@ -55,8 +83,7 @@ class _Sheeting(NamedTuple):
     green: Colour = (0.02, 0.28, 0.13)
 
 
-SIGN = _Sheeting()
-"""Linear albedo of new sign sheeting."""
+SIGN = _Sheeting()  # Linear albedo of new sign sheeting
 
 
 def material(name: str, label: str, rng: np.random.Generator) -> Surface:
@@ -156,35 +183,6 @@ def texture_tone(kind: int, x: float, y: float, z: float) -> float:
             return tone * 1.35
         return tone * (0.8 + 0.4 * lattice_value(int(np.floor((x + y) * 4.4)), 7, int(np.floor(course))))
     return tone
-
-
-# name: (linear rgb, near-infrared reflectivity). Needles hold more water and shade themselves: they reflect less.
-_LEAVES: dict[str, tuple[Colour, float]] = {
-    "green": ((0.085, 0.19, 0.04), 0.44),
-    "dark": ((0.045, 0.115, 0.03), 0.40),
-    "light": ((0.15, 0.27, 0.055), 0.48),
-    "olive": ((0.13, 0.17, 0.085), 0.42),
-    "blue": ((0.10, 0.16, 0.12), 0.36),
-    "needle": ((0.045, 0.105, 0.045), 0.32),
-    "copper": ((0.13, 0.05, 0.045), 0.42),
-    "yellow": ((0.40, 0.27, 0.04), 0.46),
-    "dry": ((0.33, 0.24, 0.125), 0.46),
-    "straw": ((0.36, 0.31, 0.17), 0.46),
-    "pink": ((0.62, 0.22, 0.33), 0.5),
-    "white": ((0.70, 0.68, 0.62), 0.52),
-    "purple": ((0.30, 0.14, 0.45), 0.48),
-    "red": ((0.50, 0.05, 0.05), 0.46),
-}
-_BARKS: dict[str, tuple[Colour, float]] = {
-    "brown": ((0.16, 0.12, 0.085), 0.34),
-    "grey": ((0.24, 0.22, 0.19), 0.38),
-    "pale": ((0.52, 0.50, 0.45), 0.48),
-    "dark": ((0.085, 0.07, 0.06), 0.28),
-    "reddish": ((0.25, 0.13, 0.08), 0.36),
-    "palm": ((0.25, 0.20, 0.15), 0.38),
-    "smooth_palm": ((0.36, 0.34, 0.30), 0.42),
-    "stake": ((0.36, 0.26, 0.15), 0.46),
-}
 
 
 def foliage(name: str, label: str, rng: np.random.Generator) -> Surface:

@@ -12,9 +12,7 @@ from mlsroad_pipeline.simulation.model.meshes import RED, Mesh, Surface, join
 
 Floats = NDArray[np.float64]
 
-GOLDEN = 2.39996
-"""Golden angle between successive leaves or branches, radians."""
-
+GOLDEN = 2.39996  # Golden angle between successive leaves or branches, radians
 _BOX_FACES = np.array([
     [0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7], [0, 1, 5], [0, 5, 4],
     [1, 2, 6], [1, 6, 5], [2, 3, 7], [2, 7, 6], [3, 0, 4], [3, 4, 7],

@@ -14,9 +14,7 @@ from mlsroad_pipeline.simulation.model.materials import material
 from mlsroad_pipeline.simulation.model.meshes import DIFFUSE, Mesh, Surface, join, rotation_matrix
 from mlsroad_pipeline.simulation.model.solids import box, ellipsoid, fan_faces, plate, tube
 
-UNDERGROUND = 0.3
-"""Depth of masts and feet below the ground, so that a sloping street leaves no gap, metres."""
-
+UNDERGROUND = 0.3  # Depth of masts and feet below the ground, so that a sloping street leaves no gap, metres
 _SLIVER = 1e-9  # faces below this area are dropped, square metres
 
 

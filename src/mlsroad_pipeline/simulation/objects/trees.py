@@ -57,6 +57,17 @@ _BARE = replace(_ROUND, width=(0.5, 0.75), rise=(0.45, 1.05), density=(0.0, 0.0)
 _GREENS = (("green", 5.0), ("dark", 2.0), ("light", 2.0), ("olive", 1.0), ("yellow", 0.4), ("copper", 0.4))
 _BARKS = ("brown", "grey", "dark", "pale")
 
+_PINE = Habit(
+    height=(6.0, 13.5), width=(0.42, 0.7), clear=(0.38, 0.6), profile=(0.45, 0.4), leader=(0.6, 0.85),
+    rise=(0.1, 0.7), girth=(14, 20), limbs=(9, 13), droop=(0.0, 0.1), density=(0.7, 1.2), clump=(0.22, 0.38),
+    slenderness=0.3, shell=3.0,
+)  # fmt: skip
+_CEDAR = Habit(
+    height=(7.0, 14.0), width=(0.55, 0.8), clear=(0.1, 0.2), profile=(0.3, 0.75), leader=(0.85, 0.93),
+    rise=(-0.05, 0.3), girth=(14, 20), limbs=(14, 18), droop=(0.1, 0.5), density=(0.8, 1.3), clump=(0.2, 0.34),
+    slenderness=0.35, shell=1.0,
+)  # fmt: skip
+
 
 def _colours(rng: np.random.Generator) -> Colours:
     weights = np.array([w for _, w in _GREENS])
@@ -94,18 +105,6 @@ def _blooming(rng: np.random.Generator) -> Mesh:
     at = at + rng.normal(0, 0.09, at.shape)
     size = rng.uniform(0.1, 0.18)
     return join([leafy, blades(at, rng.normal(size=at.shape), size, 0.9 * size, petals, rng)])
-
-
-_PINE = Habit(
-    height=(6.0, 13.5), width=(0.42, 0.7), clear=(0.38, 0.6), profile=(0.45, 0.4), leader=(0.6, 0.85),
-    rise=(0.1, 0.7), girth=(14, 20), limbs=(9, 13), droop=(0.0, 0.1), density=(0.7, 1.2), clump=(0.22, 0.38),
-    slenderness=0.3, shell=3.0,
-)  # fmt: skip
-_CEDAR = Habit(
-    height=(7.0, 14.0), width=(0.55, 0.8), clear=(0.1, 0.2), profile=(0.3, 0.75), leader=(0.85, 0.93),
-    rise=(-0.05, 0.3), girth=(14, 20), limbs=(14, 18), droop=(0.1, 0.5), density=(0.8, 1.3), clump=(0.2, 0.34),
-    slenderness=0.35, shell=1.0,
-)  # fmt: skip
 
 
 def _straight_stem(height: float, clear: float, radius: float, wood: Surface) -> Mesh:

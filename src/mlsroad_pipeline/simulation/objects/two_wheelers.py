@@ -19,6 +19,8 @@ from mlsroad_pipeline.simulation.model.materials import car_paint, material
 from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, Surface, join
 from mlsroad_pipeline.simulation.model.solids import Floats, blades, box, ellipsoid, tubes, unit
 
+_MACHINE = "motorcycle"
+
 
 class _Frame(NamedTuple):
     """Measures of a bicycle in its own plane, x forward and z up, metres."""
@@ -201,9 +203,6 @@ def _kick_scooter(rng: np.random.Generator) -> Mesh:
              box([0.05, 0.06, 0.08], top + np.array([0.04, 0, -0.06]), rubber)]  # fmt: skip
     mesh = join(parts).moved([0, 0, 0], roll=float(rng.normal(0, 0.07)))
     return mesh.moved([0, 0, -float(mesh.vertices[:, 2].min())])
-
-
-_MACHINE = "motorcycle"
 
 
 def _common(rng: np.random.Generator, radius: float, base: float, tyre: float) -> tuple[list[Mesh], Surface, Surface]:

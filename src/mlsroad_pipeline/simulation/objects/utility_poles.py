@@ -18,9 +18,7 @@ from mlsroad_pipeline.simulation.model.solids import box, tube
 from mlsroad_pipeline.simulation.objects.parts import UNDERGROUND, arm, lathe, leaned, luminaire, tinted
 from mlsroad_pipeline.simulation.objects.traffic_signs import sign_plate
 
-WIRES = 6
-"""Wires of each pole: four conductors, a low-voltage bundle, a telephone cable."""
-
+WIRES = 6  # Wires of each pole: four conductors, a low-voltage bundle, a telephone cable
 Hung = tuple[Mesh, NDArray[np.float64]]
 
 

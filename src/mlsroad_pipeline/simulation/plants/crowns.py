@@ -17,6 +17,9 @@ from mlsroad_pipeline.simulation.model.solids import GOLDEN, Floats, bearing, bl
 
 Range = tuple[float, float]
 
+UNDERGROUND = 0.25  # Depth of stems below ground, so that none floats on a slope, metres
+_DETOUR = 0.35  # distance per metre of way along the branches
+
 
 @dataclass(frozen=True)
 class Habit:
@@ -65,12 +68,6 @@ class Outline:
         wave = np.cos(np.arange(1, 4) * azimuth[:, None] + self._twist * t[:, None] + self._phase) @ self._lobes
         r = np.interp(t, self._t, self._radius) * (1 + wave) * depth
         return np.column_stack([r * np.cos(azimuth), r * np.sin(azimuth), self.foot + t * (self.top - self.foot)])
-
-
-UNDERGROUND = 0.25
-"""Depth of stems below ground, so that none floats on a slope, metres."""
-
-_DETOUR = 0.35  # distance per metre of way along the branches
 
 
 class Colours(NamedTuple):

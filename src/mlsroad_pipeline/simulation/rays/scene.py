@@ -20,6 +20,9 @@ from mlsroad_pipeline.simulation.street.street import Street
 
 _SLACK = 0.05  # metres
 
+_PAST_GLASS = 0.003  # offset of a ray's new origin behind a pane, metres
+_PANES = 4  # panes that a ray can pass
+
 
 @dataclass(frozen=True)
 class TriangleSoup:
@@ -135,10 +138,6 @@ def keep_nearer(
             normal[i, 0] = c * normals[k, 0] - s * normals[k, 1]
             normal[i, 1] = s * normals[k, 0] + c * normals[k, 1]
             normal[i, 2] = normals[k, 2]
-
-
-_PAST_GLASS = 0.003  # offset of a ray's new origin behind a pane, metres
-_PANES = 4  # panes that a ray can pass
 
 
 class RayScene:

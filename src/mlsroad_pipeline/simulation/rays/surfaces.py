@@ -15,9 +15,7 @@ from mlsroad_pipeline.simulation.street.alignment import locate_one
 from mlsroad_pipeline.simulation.street.cover import ground_cover
 from mlsroad_pipeline.simulation.street.ground import GRASS, SOIL, Ground, Nearby, nearby
 
-WET = 8
-"""Kind of ground under a film of water, assigned to places, not to faces; see `meshes` for the other kinds."""
-
+WET = 8  # Kind of ground under a film of water, assigned to places, not to faces; see `meshes` for the other kinds
 _CLOSE = 0.15  # last step of the search along the street, metres; the error is then tenths of a millimetre
 
 _SHARES = np.array([0.0, 0.01, 0.03, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97, 0.99, 1.0])

@@ -14,9 +14,7 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 
-SLOTS = 2
-"""Messages that may be in transit in one direction."""
-
+SLOTS = 2  # Messages that may be in transit in one direction
 _SLOT = 24 * 2**20  # bytes; larger messages go over the pipe
 _ALIGN = 64  # bytes
 

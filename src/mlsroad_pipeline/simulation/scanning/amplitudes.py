@@ -14,12 +14,8 @@ from mlsroad_pipeline.simulation.parameters.devices import Device
 from mlsroad_pipeline.simulation.rays.surfaces import WET
 from mlsroad_pipeline.simulation.street.street import generator
 
-FULL_SCALE_DB = 50.0
-"""Amplitude of intensity 1, decibels above the unit of amplitude."""
-
-SATURATION_DB = 44.0
-"""Amplitude from which on a return saturates and blooms, decibels."""
-
+FULL_SCALE_DB = 50.0  # Amplitude of intensity 1, decibels above the unit of amplitude
+SATURATION_DB = 44.0  # Amplitude from which on a return saturates and blooms, decibels
 _WHITE_DB = 38.0  # amplitude of a white surface at normal incidence, 10 m away
 _NEPER = 0.23025850929940458  # ln(10) / 10
 _ROUGHNESS = 0.6  # standard deviation of the micro-slopes of asphalt, gravel and soil, radians

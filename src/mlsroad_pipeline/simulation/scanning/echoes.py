@@ -20,12 +20,8 @@ from mlsroad_pipeline.simulation.scanning.amplitudes import (
 )
 from mlsroad_pipeline.simulation.street.ground import GRASS
 
-THRESHOLD_DB = 4.0
-"""Amplitude at which half of the returns are detected, decibels."""
-
-GLARE_LOSS_DB = 20.0
-"""Loss from a saturated return to its blooming on the adjacent pulse, decibels."""
-
+THRESHOLD_DB = 4.0  # Amplitude at which half of the returns are detected, decibels
+GLARE_LOSS_DB = 20.0  # Loss from a saturated return to its blooming on the adjacent pulse, decibels
 _MOST = 20  # echoes of one pulse before they mix
 
 

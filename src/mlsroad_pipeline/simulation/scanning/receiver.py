@@ -18,9 +18,7 @@ from mlsroad_pipeline.simulation.scanning.amplitudes import mirrored_share, powe
 from mlsroad_pipeline.simulation.scanning.echoes import Echoes, Receiver, Slots, measure, ray_echoes
 from mlsroad_pipeline.simulation.scanning.scanner import Pulses
 
-GHOST = TAXONOMY["outlier"]
-"""Label of returns by way of a mirror, whose measured places are empty."""
-
+GHOST = TAXONOMY["outlier"]  # Label of returns by way of a mirror, whose measured places are empty
 _OFF_MIRROR = 0.003  # offset of a reflected ray's origin from the mirror, metres
 _APART = 0.12  # rays of one beam with ranges farther apart hit different surfaces, metres
 

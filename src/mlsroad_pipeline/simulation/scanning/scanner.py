@@ -35,8 +35,7 @@ class Calibration(NamedTuple):
     bias: float  # Measured minus true range, metres
 
 
-EXACT = Calibration(np.eye(3), np.zeros(3), 0.0)
-"""A calibration without error."""
+EXACT = Calibration(np.eye(3), np.zeros(3), 0.0)  # A calibration without error
 
 
 def draw_calibration(parameters: SimulationParameters, *, scanner: int) -> Calibration:

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.simulation.model.compiled import leaf
 
-STEP = 0.5
-"""Spacing of the tabulated centre line, metres."""
+STEP = 0.5  # Spacing of the tabulated centre line, metres
 
 
 @dataclass(frozen=True)

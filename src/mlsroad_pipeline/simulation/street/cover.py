@@ -36,12 +36,8 @@ from mlsroad_pipeline.simulation.street.ground import (
     hold_line,
 )
 
-BAY = 5.8
-"""Length of a parallel parking bay, metres."""
-
-SLANTED_BAY = 2.9
-"""Length along the curb of a slanted one, metres."""
-
+BAY = 5.8  # Length of a parallel parking bay, metres
+SLANTED_BAY = 2.9  # Length along the curb of a slanted one, metres
 _LINE = 0.06  # half width of a painted line, metres
 _ARROW = 5.0  # metres
 

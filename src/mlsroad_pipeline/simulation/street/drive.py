@@ -12,11 +12,8 @@ from mlsroad_pipeline.simulation.model.compiled import leaf
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
 from mlsroad_pipeline.simulation.street.street import Street, generator
 
-RATE = 200.0
-"""Poses per second."""
-
-PAUSE = 120.0
-"""Seconds between two passes."""
+RATE = 200.0  # Poses per second
+PAUSE = 120.0  # Seconds between two passes
 
 
 @dataclass(frozen=True)

@@ -15,17 +15,16 @@ from mlsroad_pipeline.simulation.street.alignment import STEP
 # Columns of `Ground.arms`.
 STATION, SIDE, HALF_WIDTH, RADIUS, SKEW, CURVATURE, CONTROL, ZEBRA, CROWN = range(9)
 
-GIVE_WAY, STOP, SIGNALS = range(3)
-"""Control of traffic from a side street: column `CONTROL`."""
-
-REACH = 45.0
-"""Largest distance of a side street's land from its junction, along the main street, metres."""
-
-ZEBRA_HALF = 1.6
-"""Half width of the zebra crossing over a side street's mouth, metres."""
-
-LID = 0.6
-"""Largest half length of a manhole or a drain along the street, metres."""
+GIVE_WAY, STOP, SIGNALS = range(3)  # Control of traffic from a side street: column `CONTROL`
+REACH = 45.0  # Largest distance of a side street's land from its junction, along the main street, metres
+ZEBRA_HALF = 1.6  # Half width of the zebra crossing over a side street's mouth, metres
+LID = 0.6  # Largest half length of a manhole or a drain along the street, metres
+ROAD, LANE_MARKING, PARKING = TAXONOMY["road"], TAXONOMY["lane_marking"], TAXONOMY["parking"]
+SIDEWALK, CURB, MANHOLE = TAXONOMY["sidewalk"], TAXONOMY["curb"], TAXONOMY["manhole"]
+GRASS, SOIL, OTHER_GROUND = TAXONOMY["grass"], TAXONOMY["soil"], TAXONOMY["other_ground"]
+CURB_FACE = 0.03  # Horizontal run of the curb's face, metres
+GUTTER = 0.3  # Width of the gutter, metres
+_GUTTER_DEPTH = 0.012
 
 
 class Ground(NamedTuple):
@@ -208,19 +207,6 @@ def arm_place(arm: NDArray[np.float64], half: float, t: float, q: float) -> tupl
     """Return station and offset of one place; see `arm_places`."""
     s, left = arm_places(arm, half, t, q)
     return float(s), float(left)
-
-
-ROAD, LANE_MARKING, PARKING = TAXONOMY["road"], TAXONOMY["lane_marking"], TAXONOMY["parking"]
-SIDEWALK, CURB, MANHOLE = TAXONOMY["sidewalk"], TAXONOMY["curb"], TAXONOMY["manhole"]
-GRASS, SOIL, OTHER_GROUND = TAXONOMY["grass"], TAXONOMY["soil"], TAXONOMY["other_ground"]
-
-CURB_FACE = 0.03
-"""Horizontal run of the curb's face, metres."""
-
-GUTTER = 0.3
-"""Width of the gutter, metres."""
-
-_GUTTER_DEPTH = 0.012
 
 
 @leaf

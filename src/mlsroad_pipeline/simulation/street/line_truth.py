@@ -25,12 +25,15 @@ from mlsroad_pipeline.simulation.street.ground import (
 )
 from mlsroad_pipeline.simulation.street.street import Street
 
-STEP = 0.1
-"""Spacing of the places, metres."""
-
+STEP = 0.1  # Spacing of the places, metres
 _ALONG, _ACROSS = 0.2, 0.1  # grid of the distance to the curb line, metres
 _FOOT, _TOP = -0.02, 0.06  # places on both sides of the face, metres from the curb line
 _TINY = 0.01  # metres, for directions
+
+LANE, STOP_LINE, CROSSING, OTHER = range(4)
+"""Lines along lanes and edges; stop lines; middles of zebra crossings; lines between parking bays."""
+
+_BESIDE, _APART = 0.16, 0.4  # metres from a line to its sides, and to other paint
 
 
 def true_kerbs(street: Street, *, start: float, end: float, reach: float = 45.0) -> NDArray[np.float64]:
@@ -59,12 +62,6 @@ def _described(street: Street, line: NDArray[np.float64]) -> NDArray[np.float64]
     foot = ground.height(*(line + _FOOT * rise).T)
     height = ground.height(*(line + _TOP * rise).T) - foot
     return np.column_stack([street.alignment.place(s, left)[0], foot, height])
-
-
-LANE, STOP_LINE, CROSSING, OTHER = range(4)
-"""Lines along lanes and edges; stop lines; middles of zebra crossings; lines between parking bays."""
-
-_BESIDE, _APART = 0.16, 0.4  # metres from a line to its sides, and to other paint
 
 
 class TrueMarkings(NamedTuple):

@@ -35,6 +35,10 @@ from mlsroad_pipeline.simulation.street.ground import (
 _BEHIND_CORNER = 22.0  # land of the main street's lots, from the property line on, metres
 _END = 52.0  # side streets are built on up to here, metres from the main street's axis
 
+BLOCK = 60.0  # Length of the blocks of a street, metres
+MARGIN = 3  # Blocks of street before the survey's start and after its end
+HALF_DEPTH = 55.0  # Width of the ground on either side of the centre line, metres
+
 
 @dataclass(frozen=True)
 class Lot:
@@ -109,16 +113,6 @@ def draw_lots(
             stretch = (behind, _END - float(section[side, 0]))
             lots += _drawn(rng, flank, stretch, parameters, int(k), shares, edges)
     return lots
-
-
-BLOCK = 60.0
-"""Length of the blocks of a street, metres."""
-
-MARGIN = 3
-"""Blocks of street before the survey's start and after its end."""
-
-HALF_DEPTH = 55.0
-"""Width of the ground on either side of the centre line, metres."""
 
 
 @dataclass(frozen=True)
