@@ -58,7 +58,7 @@ def triangle_soup(
     x, y, z = (whole.vertices - centre).T
     vertices = np.stack([c * x + n * y, c * y - n * x, z], axis=1)
     numbers = np.repeat(np.asarray(instances, dtype=np.int32), [len(m.faces) for m in meshes])
-    bounds = (1.0, -1.0) * 3  # of no vertices
+    bounds = np.array([1.0, -1.0] * 3)  # of no vertices
     if len(vertices):
         bounds = np.stack([vertices.min(axis=0) - _SLACK, vertices.max(axis=0) + _SLACK], axis=1).ravel()
     return TriangleSoup(

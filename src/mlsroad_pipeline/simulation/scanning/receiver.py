@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -61,8 +61,8 @@ def receive(
     # Face and surface are those of the ray that contributed most to each return.
     inner, aside = np.minimum(source, n - 1), np.flatnonzero(source >= n)
 
-    def chosen(first: NDArray, second: NDArray) -> NDArray:
-        column = first[inner]
+    def chosen(first: Any, second: Any) -> NDArray:
+        column: NDArray = first[inner]
         column[aside] = second[source[aside] - n]
         return column
 
