@@ -30,7 +30,7 @@ def sign(site: Site, meaning: str) -> Design:
     return catalogue.choose("traffic_sign", site.rng, str(site.rng.choice(_SIGNS[meaning])))
 
 
-class _SideStreet:
+class SideStreet:
     """Side street with the measures that its furniture needs."""
 
     def __init__(self, site: Site, arm: NDArray[np.float64]) -> None:
@@ -41,13 +41,14 @@ class _SideStreet:
         self.outward = float(self.way * (np.pi / 2 - np.arctan(arm[SKEW])))  # direction relative to the street's
 
     def place(self, t: float, q: float) -> tuple[float, float]:
+        """Return station and offset of a place along and across the side street."""
         return arm_place(self.arm, self.half, t, q)
 
 
-def _side_streets(site: Site) -> list[_SideStreet]:
+def _side_streets(site: Site) -> list[SideStreet]:
     """Return the side streets that join within a block."""
     arms = site.street.ground.arms
-    return [_SideStreet(site, arm) for arm in arms[(arms[:, STATION] >= site.start) & (arms[:, STATION] < site.end)]]
+    return [SideStreet(site, arm) for arm in arms[(arms[:, STATION] >= site.start) & (arms[:, STATION] < site.end)]]
 
 
 def keep_clear(site: Site) -> None:
@@ -97,7 +98,7 @@ def _at_crossing(site: Site, at: float, half: float, side: int, *, signalled: bo
             return
 
 
-def _hold(site: Site, road: _SideStreet) -> None:
+def _hold(site: Site, road: SideStreet) -> None:
     """Place the traffic control of a side street, its street name sign, and waiting cars."""
     rng, arm, entering = site.rng, road.arm, -road.way
     hold = hold_line(arm)

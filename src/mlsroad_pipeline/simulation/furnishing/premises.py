@@ -9,9 +9,10 @@ from itertools import pairwise
 import numpy as np
 
 from mlsroad_pipeline.simulation.furnishing import buildings, catalogue
+from mlsroad_pipeline.simulation.furnishing.corners import SideStreet
 from mlsroad_pipeline.simulation.furnishing.placement import Site
 from mlsroad_pipeline.simulation.plants.hedges import hedge, thicket
-from mlsroad_pipeline.simulation.street.ground import HALF_WIDTH, SIDE, SKEW, STATION, arm_place
+from mlsroad_pipeline.simulation.street.ground import STATION
 from mlsroad_pipeline.simulation.street.street import Lot, generator
 
 _PIECE = 4.0  # length of a piece of fence, wall or hedge, metres
@@ -27,26 +28,19 @@ class Frame:
     """Frame of a lot: along its own street, and away from that street's property line."""
 
     def __init__(self, site: Site, lot: Lot) -> None:
-        ground = site.street.ground
-        self.arm = ground.arms[lot.arm] if lot.arm >= 0 else None
-        self.way = 1.0 if lot.side == 0 else -1.0
-        if self.arm is None:
-            self.line = ground.property_line(lot.side)
-            self.yaw = 0.0 if lot.side == 0 else np.pi
+        ground, self.way = site.street.ground, 1.0 if lot.side == 0 else -1.0
+        self.road = SideStreet(site, ground.arms[lot.arm]) if lot.arm >= 0 else None
+        if self.road is None:
+            self.line, self.yaw = ground.property_line(lot.side), 0.0 if lot.side == 0 else np.pi
             return
-        side = int(self.arm[SIDE])
-        self.half = float(ground.section[side, 0])
-        self.line = float(self.arm[HALF_WIDTH] + ground.section[side, 2:].sum())
-        outward = (1.0 if side == 0 else -1.0) * (np.pi / 2 - np.arctan(self.arm[SKEW]))
+        self.line = float(self.road.width + ground.section[0 if self.road.way > 0 else 1, 2:].sum())
         # Fronts face the side street.
-        turned = outward if (lot.side == 0) == (side == 1) else outward + np.pi
-        self.yaw = float(turned)
+        self.yaw = self.road.outward if self.way != self.road.way else self.road.outward + np.pi
 
     def place(self, along: float, beyond: float) -> tuple[float, float]:
         """Return station and offset of a place `beyond` metres behind the property line."""
-        if self.arm is None:
-            return along, self.way * (self.line + beyond)
-        return arm_place(self.arm, self.half, along, self.way * (self.line + beyond))
+        left = self.way * (self.line + beyond)
+        return (along, left) if self.road is None else self.road.place(along, left)
 
 
 def lots_of(site: Site) -> list[tuple[Lot, Frame]]:
