@@ -1,7 +1,5 @@
 """Three cameras on the van: images of the scene with label and instance images, and the colours of points from them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """Sun and sky, and the light reflected by surfaces."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

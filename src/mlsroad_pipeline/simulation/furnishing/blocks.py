@@ -1,7 +1,5 @@
 """Blocks of a street with all static and moving objects, each drawn from its own seed, ready for ray casting."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Catalogue of all designs of street objects, by class."""
 
-from __future__ import annotations
-
 import pkgutil
 from functools import cache
 from importlib import import_module

@@ -1,7 +1,5 @@
 """Junctions and crossings: clearances, signals, signs and queues, and the furniture of side streets."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Objects between the curb and the property line: lamps, rows of trees, signs, bus stops, furniture, people."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Hard cases: objects that touch, contain or occlude each other."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES

@@ -1,7 +1,5 @@
 """Overhead lines: poles along one property line, sagging wires, lines to the houses; gantries over the road."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

@@ -4,8 +4,6 @@ Two-wheelers beyond a factor of 1 are drawn last, from random numbers of their o
 not change.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mlsroad_pipeline.simulation.furnishing import catalogue

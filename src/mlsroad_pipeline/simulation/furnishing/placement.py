@@ -1,7 +1,5 @@
 """Placement of objects in a block of street: on the ground, oriented to the street, without overlaps."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Objects beyond the property line: buildings, fences, walls, hedges, gardens, overgrowth, woods, cars on driveways."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Moving objects: vehicles and cyclists in the lanes, people on the pavements, each timed to meet the van."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY

@@ -1,7 +1,5 @@
 """Materials, leaves and barks: albedo in the visible and at the scanner's wavelength, drawn for each object."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

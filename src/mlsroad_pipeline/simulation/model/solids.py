@@ -1,7 +1,5 @@
 """Basic solids of street objects: one at a time, and in batches without a loop over their parts."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cache
 

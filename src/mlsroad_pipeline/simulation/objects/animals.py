@@ -4,8 +4,6 @@ Measures follow breed standards: dogs of 0.2 to 0.75 m at the withers and 1.0 to
 0.28 m.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from typing import NamedTuple
 

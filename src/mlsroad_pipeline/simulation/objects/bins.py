@@ -1,7 +1,5 @@
 """Builders of bins, mail boxes and cabinets for `street_furniture`; fronts along +x."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mlsroad_pipeline.simulation.model.materials import SIGN, material

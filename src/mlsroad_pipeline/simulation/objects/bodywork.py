@@ -4,8 +4,6 @@ A body's cross-section has twelve corners: sill, flank, waist, belt line, roof e
 on the right. The tub is below the belt line, the greenhouse above it; on a bonnet they nearly coincide.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Bus stops: station signs face +x; shelters open along +x, their length along y."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mlsroad_pipeline.simulation.model.materials import SIGN, cloth, material, retroreflective

@@ -4,8 +4,6 @@ Every line of a body is drawn from a range of its kind: cars of one kind differ 
 and rear, belt line and wheels; none is a scaled copy of another.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Measures of built meshes as truth: lean of masts, plates of signs."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

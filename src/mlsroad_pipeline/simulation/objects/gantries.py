@@ -1,7 +1,5 @@
 """Gantries for direction boards: beams along +x over the road, boards facing +y, at least 5 m above the ground."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -3,8 +3,6 @@
 Heights are those of lighting practice: 3 to 5 m for post tops, 5 to 12 m beside roads, 14 to 24 m for high masts.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -5,8 +5,6 @@ on 0.5 to 0.9 m, Washingtonias 5 to 16 m on 0.3 to 0.6 m, coconuts 5 to 12 m on 
 Cycas revoluta has fronds of 0.5 to 1.5 m on stems of 0.15 to 0.35 m across, rarely above 2 m high.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 

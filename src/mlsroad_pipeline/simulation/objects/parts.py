@@ -1,7 +1,5 @@
 """Parts of built objects: skins, bodies of revolution, plates that face +x; masts, arms and luminaires of poles."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache

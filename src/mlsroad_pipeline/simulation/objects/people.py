@@ -4,8 +4,6 @@ Segment lengths follow Drillis and Contini 1966; hip and knee angles of walking 
 degrees either way, knee up to 60 degrees in swing).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

@@ -3,8 +3,6 @@
 Measures follow planting lists: bushes of 0.6 to 2.2 m, clipped ones of 0.5 to 1.5 m, ground cover below 0.5 m.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -3,8 +3,6 @@
 Fronts face +x; long sides are along y, the street.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -3,8 +3,6 @@
 Signals for vehicles face +y, towards the traffic on that side of the road in right-hand traffic.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY

@@ -3,8 +3,6 @@
 Lower edges are mostly 2.0 to 2.5 m above the ground.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 

@@ -6,8 +6,6 @@ Measures follow common tables of street and park trees: broadleaf ones 6 to 15 m
 as wide, with stems of 1.6 to 2.6 % of the height.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Builders of lorries for `vans_trucks`: front along +x, wheels on z = 0; every face is `truck`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ Measures follow bicycle fitting tables (wheels of 0.3 to 0.36 m radius, 0.2 to 0
 0.33 m radius and seats of 0.72 to 0.86 m, scooters 1.7 to 1.95 m, wheels of 0.2 to 0.26 m, seats of 0.74 to 0.8 m.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from typing import NamedTuple
 

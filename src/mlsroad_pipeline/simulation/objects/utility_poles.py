@@ -3,8 +3,6 @@
 Poles are 7.5 to 12 m high and 0.2 to 0.4 m thick at the ground, as in low and medium voltage lines.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

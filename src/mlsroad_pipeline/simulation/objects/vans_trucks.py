@@ -1,7 +1,5 @@
 """Vans, pick-ups and buses, and the lorries of `trucks`: front along +x, wheels on z = 0."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Known laser scanners, and scanners from configuration."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from functools import partial

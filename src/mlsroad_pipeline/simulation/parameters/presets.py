@@ -1,7 +1,5 @@
 """Parameters of a simulated survey, presets, and many surveys drawn from one description."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from numbers import Integral, Real

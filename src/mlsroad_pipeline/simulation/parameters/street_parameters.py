@@ -1,7 +1,5 @@
 """Parameters of a street, and named kinds of streets."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any

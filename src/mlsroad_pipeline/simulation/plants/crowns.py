@@ -5,8 +5,6 @@ Each order of branches grows towards places inside the outline, a greedy form of
 along the branches counts as distance (Cuntz et al. 2010). Three orders suffice at the resolution of a street survey.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

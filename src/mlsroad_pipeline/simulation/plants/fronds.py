@@ -1,7 +1,5 @@
 """Fronds of palms and cycads, and the trunks under them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

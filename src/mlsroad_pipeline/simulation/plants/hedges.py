@@ -1,7 +1,5 @@
 """Hedges."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mlsroad_pipeline.simulation.model.materials import bark, foliage

@@ -1,7 +1,5 @@
 """Moving objects, and the rays near them at each ray's own time."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

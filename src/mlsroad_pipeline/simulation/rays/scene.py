@@ -1,7 +1,5 @@
 """Ray casting into static objects and moving ones, each at its place at the ray's own time."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Hits of rays, and the surfaces there: label, albedo and relief, with textures and ground covers."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Channels between two processes: a pipe for small objects, shared memory for arrays."""
 
-from __future__ import annotations
-
 import mmap
 import os
 import pickle

@@ -1,7 +1,5 @@
 """Simulated surveys: points, trajectory, images and truth, as a mapping company would deliver them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import groupby

@@ -1,7 +1,5 @@
 """Worker pool of a survey: this process and, for long surveys, others; points do not depend on their number."""
 
-from __future__ import annotations
-
 import sys
 from collections import deque
 from collections.abc import Iterator, Mapping

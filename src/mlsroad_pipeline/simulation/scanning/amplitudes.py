@@ -1,7 +1,5 @@
 """Amplitude of a return, its recorded intensity, its range noise, and a laser's automatic power control."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Echoes of one pulse: mixed ranges, detection, blooming."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

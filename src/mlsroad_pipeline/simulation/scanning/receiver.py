@@ -1,7 +1,5 @@
 """Reception of pulses: extra rays at edges and mirrors, and the measured returns."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pulses of a scanner, and georeferencing of returns by the reported trajectory."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

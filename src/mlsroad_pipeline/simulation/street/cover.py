@@ -1,7 +1,5 @@
 """Ground cover at a place: road markings, class, brightness, and height above the mesh of the ground."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Drive of the van: true poses, those that its positioning system reports, and poses between them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

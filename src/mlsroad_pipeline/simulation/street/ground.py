@@ -1,7 +1,5 @@
 """Ground of a street: height and edges at every station and offset, with side streets and a median."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

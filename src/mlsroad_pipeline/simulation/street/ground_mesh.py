@@ -1,7 +1,5 @@
 """Mesh of a street's ground: a grid along the street, refitted to the curbs at side streets."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay

@@ -1,7 +1,5 @@
 """True kerbs and road markings of a simulated street."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import contourpy

@@ -1,7 +1,5 @@
 """Street drawn from a seed: alignment, profile, cross-section, side streets, crossings, and lots beside it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
