@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters, simulation_parameters
-from mlsroad_pipeline.simulation.parameters.variety import expanded_surveys
+from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters, expanded_surveys, simulation_parameters
 from mlsroad_pipeline.simulation.runtime.survey import simulate_survey
 
 StreetParameters = SimulationParameters

@@ -3,9 +3,8 @@ import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.simulation import SCANNERS
-from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
-from mlsroad_pipeline.simulation.parameters.variations import Variation
-from mlsroad_pipeline.simulation.parameters.variety import expanded_surveys
+from mlsroad_pipeline.simulation.parameters.devices import Variation
+from mlsroad_pipeline.simulation.parameters.presets import expanded_surveys, simulation_parameters
 from mlsroad_pipeline.surveys.simulated import selected_surveys
 
 MANY = {
