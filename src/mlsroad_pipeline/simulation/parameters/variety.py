@@ -11,7 +11,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.simulation.parameters.presets import PRESETS
 from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS
 
-_KEYS = ("count", "presets", "streets", "variety", "seed")
+_KEYS = ("count", "presets", "streets", "variety", "factors", "seed")
 _FACTORS = ("trees", "shrubs", "clutter", "signs", "people", "traffic", "two_wheelers", "lorries")
 _SHARES = ("parking", "parked", "verges", "boundaries", "greenery", "hard_cases", "bare_soil", "drive_cars")
 _NARROW, _CUT = (
@@ -46,6 +46,10 @@ def _drawn(name: str, config: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]
         wrong = [str(n) for n in names if n not in known]
         if not names or wrong:
             raise ParameterError(f"{name}: {key} must be some of {', '.join(known)}, got {', '.join(wrong) or 'none'}")
+    factors = config.get("factors", {})
+    unknown = [str(key) for key in factors if key not in _FACTORS]
+    if unknown:
+        raise ParameterError(f"{name}: factors must name some of {', '.join(_FACTORS)}, got {unknown[0]}")
     common = {key: value for key, value in config.items() if key not in _KEYS}
     surveys: dict[str, Mapping[str, Any]] = {}
     for k in range(count):
@@ -53,17 +57,19 @@ def _drawn(name: str, config: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]
         preset, kind = presets[k % len(presets)], streets[(k % len(presets) + k // len(presets)) % len(streets)]
         one = {"preset": preset, "seed": int(rng.integers(2**31)), **common}
         surveys[f"{name}_{k:03d}"] = {
-            **one, "street": _street(kind, float(variety), rng), "varied": _varied(preset, float(variety), rng),
-        }  # fmt: skip
+            **one,
+            "street": _street(kind, float(variety), factors, rng),
+            "varied": _varied(preset, float(variety), rng),
+        }
     return surveys
 
 
-def _street(kind: str, variety: float, rng: np.random.Generator) -> dict[str, Any]:
+def _street(kind: str, variety: float, factors: Mapping[str, float], rng: np.random.Generator) -> dict[str, Any]:
     """Return a kind of street with other numbers of objects, bends and slopes."""
     base = STREETS[kind]
     street: dict[str, Any] = {"kind": kind}
     for name in _FACTORS:
-        value = getattr(base, name) * np.exp(0.6 * variety * rng.normal())
+        value = getattr(base, name) * factors.get(name, 1.0) * np.exp(0.6 * variety * rng.normal())
         street[name] = round(float(min(value, 5.0)), 2)
     for name in _SHARES:
         value = getattr(base, name) + 0.25 * variety * rng.normal() * (getattr(base, name) > 0)
