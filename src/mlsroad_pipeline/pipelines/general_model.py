@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG, Bo
 from mlsroad_pipeline.algorithms.models.boosted_trees.sampling import coarse_training_voxels, join_voxels
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.algorithms.models.pool.familiarity import facts_of_changes, with_familiarity
 from mlsroad_pipeline.algorithms.models.pool.recorded_graphs import recorded_graphs
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import SLUG as NETWORK
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import SuperpointTransformerParameters
@@ -40,6 +41,7 @@ from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.pipelines.superpoint_transformer import parameters_of_graphs, stages_of
 from mlsroad_pipeline.pipelines.training_facts import FACTS, with_training_facts
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
+from mlsroad_pipeline.surveys.plan import training_keys
 from mlsroad_pipeline.surveys.recordings import TrainingRecording, described_recordings, read_training_scene
 from mlsroad_pipeline.surveys.simulated import selected_surveys
 
@@ -145,15 +147,27 @@ def ship_general_model(
     shipped: ShippedParameters,
     simulation: Mapping[str, Any],
     recorded: SceneCollection,
+    simulated_changes: SceneCollection,
+    recorded_changes: SceneCollection,
 ) -> tuple[tuple[ModelBundle, ShippedModel], tuple[ModelBundle, ShippedModel]]:
     """Return the trees and the pool of trees and network, each with its registry entry."""
-    bundle = model.load()
+    tables = [*simulated_changes.load_all().values(), *recorded_changes.load_all().values()]
+    sources = ["simulated"] * len(simulated_changes) + [key.partition(".")[0] for key in recorded_changes]
+    bundle = with_familiarity(model.load(), tables, sources)
     training = {name: dict(street) for name, street in selected_surveys(simulation).items() if name.startswith("train")}
     entry = describe_model(
         bundle, shipped, training=training, scores=split_scores(scores, shipped.command()),
         recordings=described_recordings(shipped.recordings, recorded),
     )  # fmt: skip
     return (bundle, entry), shipped_pool(bundle, entry, network.load(), shipped)
+
+
+_SEED, _EVERY = 2026, 4
+
+
+def keys_of_changes(keys: Iterable[str]) -> list[str]:
+    """Return the scenes whose changed copies are described: every fourth training scene."""
+    return list(training_keys(keys))[::_EVERY]
 
 
 _BEFORE = ("simulate", "ingest", "ground_removal", "supervoxelise", "features")
@@ -170,7 +184,7 @@ def create_pipeline(**_: object) -> Pipeline:
         ship_general_model,
         [
             f"{SLUG}.model", f"{NETWORK}.model", f"{SLUG}.scores", _SHIPPED, "params:simulation",
-            "general_model.scenes",
+            "general_model.scenes", "general_model.simulated_changes", "general_model.recorded_changes",
         ],
         ["shipped_model", "shipped_pool"],
         name="ship_general_model",
@@ -181,7 +195,19 @@ def create_pipeline(**_: object) -> Pipeline:
         "shipped_replay",
         name="draw_replay",
     )
-    return Pipeline([parts.to_outputs(f"{SLUG}.scores", f"{NETWORK}.model"), ship, replay])
+    changes = [
+        Node(
+            PerScene(facts_of_changes, keys=keys, fixed={"seed": _SEED}),
+            {"scene": scenes, "ground": _GROUND},
+            f"general_model.{name}_changes",
+            name=f"describe_{name}_changes",
+        )
+        for name, scenes, keys in (
+            ("simulated", "scenes", keys_of_changes),
+            ("recorded", "general_model.scenes", list),
+        )
+    ]
+    return Pipeline([parts.to_outputs(f"{SLUG}.scores", f"{NETWORK}.model"), ship, replay, *changes])
 
 
 def _trees() -> Pipeline:
