@@ -103,16 +103,19 @@ def _height_facts(z: NDArray[np.floating], key: NDArray[np.integer], shape: tupl
 def _floor_facts(lowest: NDArray[np.float64], around: NDArray[np.float64]) -> dict[str, float]:
     """Return steps between the lowest points of neighbouring cells, and the share of cells that reach the floor."""
     occupied = np.isfinite(lowest)
-    steps = np.concatenate(
-        [
-            np.abs(lowest[1:] - lowest[:-1])[occupied[1:] & occupied[:-1]],
-            np.abs(lowest[:, 1:] - lowest[:, :-1])[occupied[:, 1:] & occupied[:, :-1]],
-        ]
-    )
+    found = []
+    for grid, filled in ((lowest, occupied), (lowest.T, occupied.T)):
+        both = filled[1:] & filled[:-1]
+        found.append(np.abs(grid[1:][both] - grid[:-1][both]))
+    steps = np.concatenate(found)
     if not len(steps):
         return {}
     middle, upper = np.quantile(steps, (0.5, 0.75)).tolist()
-    return {"step": middle, "large_step": upper, "floor": float(np.mean((lowest - around)[occupied] < _GROUND_STEP))}
+    return {
+        "step": middle,
+        "large_step": upper,
+        "floor": float(np.mean(lowest[occupied] - around[occupied] < _GROUND_STEP)),
+    }
 
 
 def _shape_facts(
