@@ -30,16 +30,17 @@ def label_warnings(
 ) -> list[str]:
     """Return the warnings about the labels and the images."""
     scheme, confidences = bundle_scheme(bundle), summed_counts(written)["confidences"]
+    no_ground = ground_warnings(confidences, ground_classes(scheme))
     return [
         *confidence_warnings(confidence_table(confidences, scheme.classes)),
-        *ground_warnings(confidences, ground_classes(scheme)),
-        *unfamiliar_warnings(counts),
+        *no_ground,
+        *unfamiliar_warnings(counts, explained=bool(no_ground)),
         *image_warnings(bundle, counts),
     ]
 
 
-def unfamiliar_warnings(counts: Mapping[str, LabelCounts]) -> list[str]:
-    """Return a warning for scenes that are unlike the training data, with the most probable reasons."""
+def unfamiliar_warnings(counts: Mapping[str, LabelCounts], *, explained: bool = False) -> list[str]:
+    """Return a warning for scenes unlike the training data, with likely reasons unless another warning has one."""
     known = [scene for scene in counts.values() if "kinds" in scene]
     points = np.array([scene["counts"].sum() for scene in known], np.float64)
     strange = np.array([scene["kinds"][0] < _STRANGE for scene in known])
@@ -50,8 +51,8 @@ def unfamiliar_warnings(counts: Mapping[str, LabelCounts]) -> list[str]:
     likely = [k for k in np.argsort(-reasons[1:])[:_REASONS] + 1 if reasons[k] > reasons[1:].sum() / 4]
     return [
         f"{points[strange].sum() / points.sum():.0%} of the points lie in scenes unlike the training data: "
-        "confidences are lowered there, and labels may be wrong. Most probable: "
-        f"{'; or '.join(KINDS[names[k]] for k in likely)}."
+        "confidences are lowered there, and labels may be wrong."
+        + ("" if explained else f" Most probable: {'; or '.join(KINDS[names[k]] for k in likely)}.")
     ]
 
 
