@@ -1,4 +1,4 @@
-"""How often the classifier of scenes is right: recordings as they are, changed copies of them, and strange surveys.
+"""How often the classifier of scenes is right: unseen recordings, changed copies of them, and what is no street.
 
 python benchmarks/strange_scenes.py
 """
@@ -16,7 +16,6 @@ from _common import markdown, parser
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.labelling import label_softly
 from mlsroad_pipeline.algorithms.models.pool.familiarity import FAMILIAR, KINDS, changes, kind_probabilities, trust
 from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.formats.options import ReadOptions
@@ -44,7 +43,8 @@ STRANGE = {
 FEWEST = 1000
 """Fewest points of a changed copy."""
 
-COLUMNS = ["scenes", "number", "strange", "median confidence", "without the factor"]
+STRANGE_BELOW = 0.3
+COLUMNS = ["scenes", "number", "called strange", "median factor", "kind named"]
 
 
 def read(path: Path, options: dict[str, Any]) -> PointCloud:
@@ -54,14 +54,12 @@ def read(path: Path, options: dict[str, Any]) -> PointCloud:
 
 
 def row(kind: str, model: ModelBundle, clouds: list[PointCloud]) -> list[str]:
-    """Return the share of strange scenes, and the median confidence with and without the factor."""
-    found, lowered, plain = [], [], []
-    for cloud in clouds:
-        kinds, confidence = kind_probabilities(model, cloud), label_softly(model, cloud).confidence
-        found.append(kinds is not None and kinds[0] < 0.3)
-        plain.append(float(np.median(confidence)))
-        lowered.append(plain[-1] * trust(kinds))
-    return [kind, str(len(clouds)), f"{np.mean(found):.2f}", f"{np.median(lowered):.2f}", f"{np.median(plain):.2f}"]
+    """Return the share of strange scenes, the median factor of their confidences, and how often the kind is found."""
+    found = [probabilities for cloud in clouds if (probabilities := kind_probabilities(model, cloud)) is not None]
+    strange = np.mean([each[0] < STRANGE_BELOW for each in found])
+    named = np.mean([list(KINDS)[int(each.argmax())] == kind for each in found])
+    factor = np.median([trust(each) for each in found])
+    return [kind, str(len(found)), f"{strange:.2f}", f"{factor:.2f}", f"{named:.2f}" if kind in KINDS else ""]
 
 
 def files(root: Path, pattern: str, most: int) -> list[Path]:
