@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -162,14 +162,7 @@ def ship_general_model(
     return (bundle, entry), shipped_pool(bundle, entry, network.load(), shipped)
 
 
-_SEED, _EVERY = 2026, 4
-
-
-def keys_of_changes(keys: Iterable[str]) -> list[str]:
-    """Return the scenes whose changed copies are described: every fourth training scene."""
-    return list(training_keys(keys))[::_EVERY]
-
-
+_SEED = 2026
 _BEFORE = ("simulate", "ingest", "ground_removal", "supervoxelise", "features")
 _GROUND, _TREES, _SHIPPED = "params:ground_removal", f"params:{SLUG}", "params:shipped"
 
@@ -203,7 +196,7 @@ def create_pipeline(**_: object) -> Pipeline:
             name=f"describe_{name}_changes",
         )
         for name, scenes, keys in (
-            ("simulated", "scenes", keys_of_changes),
+            ("simulated", "scenes", training_keys),
             ("recorded", "general_model.scenes", list),
         )
     ]

@@ -60,8 +60,9 @@ _PARAMETERS = BoostedTreesParameters(
     lambda_l2=3.0,
     checkpoint_rounds=60,
 )
-_LEAST_TRUST = 0.5
-"""Factor of the confidence on a scene that is surely unlike the training data."""
+_LEAST_TRUST, _GAIN = 0.4, 1.2
+"""Factor of the confidence on a scene that is surely unlike the training data, and its rise with the probability of a
+familiar one: the factor is 1 from 0.5 upward."""
 
 Change = Callable[[PointCloud, NDArray[np.float32]], PointCloud]
 
@@ -209,7 +210,7 @@ def kind_probabilities(bundle: ModelBundle, scene: PointCloud) -> NDArray[np.flo
 
 
 def trust(probabilities: NDArray[np.float64] | None) -> float:
-    """Return the factor of the confidences of a scene, from 0.5 for a strange one to 1 from an even chance upward."""
+    """Return the factor of the confidences of a scene, from 0.4 for a strange one to 1 from an even chance upward."""
     if probabilities is None:
         return 1.0
-    return float(min(1.0, _LEAST_TRUST + probabilities[list(KINDS).index(FAMILIAR)]))
+    return float(min(1.0, _LEAST_TRUST + _GAIN * probabilities[list(KINDS).index(FAMILIAR)]))
