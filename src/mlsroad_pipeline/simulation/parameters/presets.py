@@ -20,7 +20,7 @@ LAYOUT = ("piece_length", "frames", "scan_spacing", "range_image")
 OF_THE_SCANNER = ("profile_rate", "pulse_rate", "range_noise", "beam_divergence", "max_range")
 """Parameters whose value None stands for the scanner's own."""
 
-_KEYS = ("count", "presets", "streets", "variety", "seed")
+_KEYS = ("count", "presets", "streets", "variety", "factors", "seed")
 _FACTORS = ("trees", "shrubs", "clutter", "signs", "people", "traffic", "two_wheelers", "lorries")
 _SHARES = ("parking", "parked", "verges", "boundaries", "greenery", "hard_cases", "bare_soil", "drive_cars")
 # Shares, at a variety of 1, of heads that see a sector only and of those without upper beams.
@@ -255,23 +255,27 @@ def _drawn(name: str, config: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]
         wrong = [str(n) for n in names if n not in known]
         if not names or wrong:
             raise ParameterError(f"{name}: {key} must be some of {', '.join(known)}, got {', '.join(wrong) or 'none'}")
+    factors = config.get("factors", {})
+    unknown = [str(key) for key in factors if key not in _FACTORS]
+    if unknown:
+        raise ParameterError(f"{name}: factors must name some of {', '.join(_FACTORS)}, got {unknown[0]}")
     common = {key: value for key, value in config.items() if key not in _KEYS}
     surveys: dict[str, Mapping[str, Any]] = {}
     for k in range(count):
         rng = np.random.default_rng([seed, k])
         preset, kind = presets[k % len(presets)], streets[(k % len(presets) + k // len(presets)) % len(streets)]
         one = {"preset": preset, "seed": int(rng.integers(2**31)), **common}
-        one |= {"street": _street(kind, float(variety), rng)}
+        one |= {"street": _street(kind, float(variety), factors, rng)}
         surveys[f"{name}_{k:03d}"] = one | {"varied": _drawn_variation(preset, float(variety), rng)}
     return surveys
 
 
-def _street(kind: str, variety: float, rng: np.random.Generator) -> dict[str, Any]:
+def _street(kind: str, variety: float, factors: Mapping[str, float], rng: np.random.Generator) -> dict[str, Any]:
     """Return a kind of street with other numbers of objects, bends and slopes."""
     base = STREETS[kind]
     street: dict[str, Any] = {"kind": kind}
     for name in _FACTORS:
-        value = getattr(base, name) * np.exp(0.6 * variety * rng.normal())
+        value = getattr(base, name) * factors.get(name, 1.0) * np.exp(0.6 * variety * rng.normal())
         street[name] = round(float(min(value, 5.0)), 2)
     for name in _SHARES:
         value = getattr(base, name) + 0.25 * variety * rng.normal() * (getattr(base, name) > 0)
