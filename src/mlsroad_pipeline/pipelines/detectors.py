@@ -16,7 +16,7 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, scene_tasks
 from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages, detect_objects
 from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters
-from mlsroad_pipeline.pipelines.per_scene import PerScene
+from mlsroad_pipeline.pipelines.per_scene import scene_node
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import held_out_keys
 
@@ -35,11 +35,12 @@ def create_pipeline(slug: str) -> Pipeline:
                 [model, f"{slug}.registered_model"],
                 name=f"train_{slug}",
             ),
-            Node(
-                PerScene(detect_objects, keys=held_out_keys),
-                {"parts": described, "bundle": model},
+            scene_node(
+                detect_objects,
                 f"{slug}.detections",
-                name=f"detect_by_{slug}",
+                f"detect_by_{slug}",
+                inputs={"parts": described, "bundle": model},
+                keys=held_out_keys,
             ),
         ]
     )
@@ -75,6 +76,7 @@ def _training(method: Method) -> Callable[..., tuple[ModelBundle, ModelBundle]]:
         bundle = method.load("train")(
             {key: parts[key].load() for key in labels},
             labels.load_all(),
+            slug=method.slug,
             parameters=parameters,
             stages=DetectionStages(ground, segmentation),
             detection=detection,

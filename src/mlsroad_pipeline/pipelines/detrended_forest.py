@@ -20,11 +20,11 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.figures import forest_figures
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.labeller import label_scene
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import ForestParameters, fit, training_rows
-from mlsroad_pipeline.pipelines.per_scene import PerScene
+from mlsroad_pipeline.pipelines.per_scene import scene_node
 from mlsroad_pipeline.pipelines.schemes import training_scheme
-from mlsroad_pipeline.pipelines.training_facts import FACTS, describing, with_training_facts
+from mlsroad_pipeline.pipelines.training_facts import FACTS, describing, labelling, with_training_facts
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
-from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys
+from mlsroad_pipeline.surveys.plan import training_keys
 
 
 def train_forest(
@@ -52,41 +52,19 @@ def train_forest(
 
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: features to a model, and to labels of the scenes that it was not trained on."""
-    prepared = {"scene": "scenes", "supervoxels": "supervoxels", "features": "supervoxel_features"}
+    stages = ("detrended_forest", "ground_removal", "supervoxelise", "features", "survey", "classes")
+    made = ("model", "registered_model", "importance_figure", "oob_figure")
+    rows = "detrended_forest.training_set"
     return Pipeline(
         [
             describing(),
-            Node(
-                PerScene(training_rows, keys=training_keys, scheme=training_scheme),
-                {**prepared, "survey": "params:survey", "classes": "params:classes"},
-                "detrended_forest.training_set",
-                name="take_training_rows",
-            ),
+            scene_node(training_rows, rows, "take_training_rows", keys=training_keys, scheme=training_scheme),
             Node(
                 train_forest,
-                [
-                    "detrended_forest.training_set",
-                    "params:detrended_forest",
-                    "params:ground_removal",
-                    "params:supervoxelise",
-                    "params:features",
-                    "params:survey",
-                    "params:classes",
-                    FACTS,
-                ],
-                [
-                    "detrended_forest.model",
-                    "detrended_forest.registered_model",
-                    "detrended_forest.importance_figure",
-                    "detrended_forest.oob_figure",
-                ],
+                [rows, *(f"params:{name}" for name in stages), FACTS],
+                [f"detrended_forest.{name}" for name in made],
                 name="train_forest",
             ),
-            Node(
-                PerScene(label_scene, keys=held_out_keys),
-                {**prepared, "bundle": "detrended_forest.model"},
-                "detrended_forest.labels",
-                name="label_scenes",
-            ),
+            labelling(label_scene, "detrended_forest", "label_scenes"),
         ]
     )

@@ -36,7 +36,7 @@ from mlsroad_pipeline.papers.shared.figures import (
     scene_figures,
     score_figures,
 )
-from mlsroad_pipeline.pipelines.per_scene import PerScene, fix_arguments
+from mlsroad_pipeline.pipelines.per_scene import fix_arguments, scene_node
 from mlsroad_pipeline.pipelines.schemes import detection_scheme, evaluation_scheme, training_scheme
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import middle_scenes
@@ -119,13 +119,10 @@ def picture_detections(
 
 def _counting(slug: str, function: Callable[..., Any], **fixed: Any) -> Node:
     """Return the node that counts the points of each labelled scene by true and predicted class."""
-    count = PerScene(function, over="labels", fixed=fixed, trained=training_scheme, scored=evaluation_scheme)
-    return Node(
-        count,
-        {"scene": "scenes", "labels": f"{slug}.labels", "survey": "params:survey", "classes": "params:classes"},
-        f"{slug}.confusions",
-        name=f"count_points_of_{slug}",
-    )
+    return scene_node(
+        function, f"{slug}.confusions", f"count_points_of_{slug}", inputs={"labels": f"{slug}.labels"}, over="labels",
+        fixed=fixed, trained=training_scheme, scored=evaluation_scheme,
+    )  # fmt: skip
 
 
 def _nodes_of(slug: str) -> list[Node]:
@@ -168,17 +165,10 @@ def evaluate_seen(slug: str, answers: LabelNames, *, suffix: str = "") -> list[N
 
 def _nodes_of_detector(slug: str) -> list[Node]:
     return [
-        Node(
-            PerScene(count_detections_of_scene, over="detections", scheme=detection_scheme),
-            {
-                "scene": "scenes",
-                "objects": "objects",
-                "detections": f"{slug}.detections",
-                "parameters": "params:detection",
-                "classes": "params:classes",
-            },
-            f"{slug}.detection_counts",
-            name=f"count_detections_of_{slug}",
+        scene_node(
+            count_detections_of_scene, f"{slug}.detection_counts", f"count_detections_of_{slug}",
+            inputs={"detections": f"{slug}.detections", "parameters": "params:detection"}, over="detections",
+            scheme=detection_scheme,
         ),
         Node(
             fix_arguments(score_detector, method=slug),
@@ -192,7 +182,7 @@ def _nodes_of_detector(slug: str) -> list[Node]:
             f"{slug}.detections_figure",
             name=f"picture_{slug}",
         ),
-    ]
+    ]  # fmt: skip
 
 
 def create_pipeline(**_: object) -> Pipeline:

@@ -28,7 +28,7 @@ from mlsroad_pipeline.model_store.shipped_entry import ShippedParameters, descri
 from mlsroad_pipeline.model_store.shipped_models import ShippedModel
 from mlsroad_pipeline.pipelines import composition
 from mlsroad_pipeline.pipelines.boosted_trees import load_lightgbm
-from mlsroad_pipeline.pipelines.per_scene import PerScene
+from mlsroad_pipeline.pipelines.per_scene import scene_node
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.pipelines.training_facts import FACTS, with_training_facts
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
@@ -156,7 +156,6 @@ def _trees() -> Pipeline:
     own = composition.create_pipeline(SLUG)
     kept = own.filter(node_names=[node.name for node in own.nodes if f"{SLUG}.model" not in node.outputs])
     configured = {"survey": "params:survey", "classes": "params:classes"}
-    draw = PerScene(coarse_training_voxels, own=recorded_sampling, scheme=training_scheme, coarse=recorded_scheme)
     return Pipeline(
         [
             kept,
@@ -166,18 +165,14 @@ def _trees() -> Pipeline:
                 "general_model.scenes",
                 name="read_training_recordings",
             ),
-            Node(
-                draw,
-                {"scene": "general_model.scenes", "filtered": _GROUND, "trees": _TREES, "shipped": _SHIPPED}
-                | configured,
-                "general_model.training_set",
-                name="draw_recorded_voxels",
+            scene_node(
+                coarse_training_voxels, "general_model.training_set", "draw_recorded_voxels",
+                inputs={"scene": "general_model.scenes", "filtered": _GROUND, "trees": _TREES, "shipped": _SHIPPED},
+                own=recorded_sampling, scheme=training_scheme, coarse=recorded_scheme,
             ),
-            Node(
-                PerScene(stored_facts),
-                {"cloud": "general_model.scenes"},
-                "general_model.training_facts",
-                name="describe_training_recordings",
+            scene_node(
+                stored_facts, "general_model.training_facts", "describe_training_recordings",
+                inputs={"cloud": "general_model.scenes"},
             ),
             Node(
                 train_general_model,

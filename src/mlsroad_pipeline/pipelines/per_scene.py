@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import partial, update_wrapper
 from typing import Any, get_type_hints
 
+from kedro.pipeline import Node
+
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile, scene_tasks
 
@@ -52,6 +54,24 @@ class PerScene:
         stores = {name: value for name, value in inputs.items() if isinstance(value, SceneCollection)}
         scenes = stores[self._over or next(iter(stores))]
         return scene_tasks(self._keys(scenes), self._function, inputs, parameters | self._fixed)
+
+
+_ENTRIES = {
+    "scene": "scenes",
+    "features": "supervoxel_features",
+    "survey": "params:survey",
+    "classes": "params:classes",
+}
+"""Argument of a function of scenes to its entry in the catalog, where the names differ."""
+
+
+def scene_node(
+    function: Callable[..., Any], output: str, name: str, *, inputs: Mapping[str, str] | None = None, **options: Any
+) -> Node:
+    """Return a node with one task per scene; arguments not in `inputs` are entries of their names or of `_ENTRIES`."""
+    stage = PerScene(function, **options)
+    entries = {**_ENTRIES, **(inputs or {})}
+    return Node(stage, {key: entries.get(key, key) for key in stage.__signature__.parameters}, output, name=name)
 
 
 def _required(function: Callable[..., Any]) -> list[str]:

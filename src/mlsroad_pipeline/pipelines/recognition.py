@@ -16,7 +16,7 @@ from mlsroad_pipeline.papers.shared.recognition.cutting import RecognitionParame
 from mlsroad_pipeline.papers.shared.recognition.object_set import find_folds, listed_files, read_fold
 from mlsroad_pipeline.papers.shared.recognition.scores import score_recognitions
 from mlsroad_pipeline.pipelines.compare import compare_methods
-from mlsroad_pipeline.pipelines.per_scene import PerScene, fix_arguments
+from mlsroad_pipeline.pipelines.per_scene import fix_arguments, scene_node
 from mlsroad_pipeline.pipelines.recognisers import create_pipeline as recogniser_pipeline
 from mlsroad_pipeline.pipelines.schemes import recognition_scheme
 from mlsroad_pipeline.reporting.figures import confusion_figure
@@ -102,10 +102,6 @@ def read_folds() -> Pipeline:
 
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: scenes and their objects to sets of objects, and these to the scores of all recognisers."""
-    cut = Node(
-        PerScene(cut_objects, scheme=recognition_scheme),
-        {"scene": "scenes", "objects": "objects", "parameters": "params:recognition", "classes": "params:classes"},
-        "object_sets",
-        name="cut_objects_of_scenes",
-    )
+    own = {"parameters": "params:recognition"}
+    cut = scene_node(cut_objects, "object_sets", "cut_objects_of_scenes", inputs=own, scheme=recognition_scheme)
     return Pipeline([cut]) + train_recognisers() + score_recognisers()

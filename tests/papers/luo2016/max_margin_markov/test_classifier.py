@@ -10,7 +10,6 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.papers.luo2016.max_margin_markov.classifier import (
     MarginParameters,
     MaxMarginMarkov,
-    fit_max_margin,
 )
 from mlsroad_pipeline.papers.luo2016.max_margin_markov.network import (
     BoostedTrees,
@@ -49,7 +48,7 @@ def training_set(rng, n_scenes=4, **options):
 @pytest.fixture(scope="module")
 def fitted():
     rng = np.random.default_rng(4)
-    return fit_max_margin(*training_set(rng), n_classes=4, parameters=QUICK)
+    return MaxMarginMarkov.fit(*training_set(rng), n_classes=4, parameters=QUICK)
 
 
 def random_network(rng, n_labels=3):
@@ -146,7 +145,7 @@ def test_context_tells_what_sites_alone_cannot(rng, fitted):
 
 
 def test_same_seed_same_model_and_round_trip(rng, fitted):
-    again = fit_max_margin(*training_set(np.random.default_rng(4)), n_classes=4, parameters=QUICK, n_threads=3)
+    again = MaxMarginMarkov.fit(*training_set(np.random.default_rng(4)), n_classes=4, parameters=QUICK, n_threads=3)
     arrays = fitted.to_arrays()
     assert all(np.array_equal(arrays[name], other) for name, other in again.to_arrays().items())
     assert all(array.dtype != object for array in arrays.values())
@@ -160,7 +159,7 @@ def test_colour_may_be_missing_on_either_side(rng, fitted):
     bare = patches.with_columns(rgb=None)
     grey = patches.with_columns(rgb=np.tile(fitted.colour, (len(patches), 1)))
     assert np.array_equal(fitted.predict_proba(bare, edges), fitted.predict_proba(grey, edges))
-    colourless = fit_max_margin(*training_set(rng, 1, colour=False), n_classes=3, parameters=QUICK)
+    colourless = MaxMarginMarkov.fit(*training_set(rng, 1, colour=False), n_classes=3, parameters=QUICK)
     assert np.array_equal(colourless.predict_proba(patches, edges), colourless.predict_proba(bare, edges))
 
 
@@ -176,11 +175,11 @@ def test_training_needs_labels_of_two_classes(rng):
     patches, edges = planted_scene(rng)
     same = patches.with_columns(label=np.zeros(len(patches)))
     with pytest.raises(DataError, match="all training patches are of class 0"):
-        fit_max_margin(same, edges, n_classes=3)
+        MaxMarginMarkov.fit(same, edges, n_classes=3)
     with pytest.raises(DataError, match="from 0 to 1, got 0 to 2"):
-        fit_max_margin(patches, edges, n_classes=2)
+        MaxMarginMarkov.fit(patches, edges, n_classes=2)
     with pytest.raises(DataError, match="no patches to train on"):
-        fit_max_margin(patches.take(np.arange(0)), edges[:0], n_classes=3)
+        MaxMarginMarkov.fit(patches.take(np.arange(0)), edges[:0], n_classes=3)
 
 
 @pytest.mark.parametrize(

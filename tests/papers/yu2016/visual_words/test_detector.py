@@ -237,9 +237,9 @@ def test_a_scene_without_objects_and_a_cloud_without_any(rng):
     from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
     from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
     from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters, segment_scene
+    from mlsroad_pipeline.papers.shared.detection.detector import detect_objects, label_cloud
     from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters, object_classes
     from mlsroad_pipeline.papers.yu2016.visual_words.groups import describe_objects
-    from mlsroad_pipeline.papers.yu2016.visual_words.labeller import detect_scene, label_cloud
     from mlsroad_pipeline.papers.yu2016.visual_words.training import (
         DetectionStages,
         VisualWordsParameters,
@@ -282,13 +282,13 @@ def test_a_scene_without_objects_and_a_cloud_without_any(rng):
         stages=stages, detection=detection, scheme=scheme, trained_on={},
     )  # fmt: skip
     assert alone.metadata["variants"] == ["geometry+intensity"]
-    assert (detect_scene(groups, alone)["label"] == detect_scene(groups, bundle)["label"]).all()
+    assert (detect_objects(groups, alone)["label"] == detect_objects(groups, bundle)["label"]).all()
     with pytest.raises(DataError, match="was trained with intensity alone"):
         label_cloud(given.without_columns(["intensity"]), alone)
     bare = PointCloud(road, {"core": np.ones(9000, bool), "label": label[:9000]}, source="bare road")
     nothing = segment_scene(bare, {"ground": np.ones(9000, bool)}, stages.segmentation)
     described = describe_objects(bare, nothing, parameters=parameters.groups)
-    assert detect_scene(described, bundle)["label"].shape == (0,)
+    assert detect_objects(described, bundle)["label"].shape == (0,)
     with pytest.raises(DataError, match="the split 'train' is empty"):
         train_detector({}, {}, parameters=parameters, stages=stages, detection=detection, scheme=scheme, trained_on={})
     empty = object_classes(bare, nothing, scheme=scheme, parameters=detection)

@@ -156,14 +156,13 @@ def _fit_patches(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
     training = PatchTraining(
         *joined, _patch_stages(setup.parameters), setup.scheme, setup.facts, numbers.astype(np.int32)
     )
-    graph = METHODS[setup.method].refines
+    graph, train = METHODS[setup.method].refines, METHODS[setup.method].load("train")
     if not graph:
-        bundle: ModelBundle = METHODS[setup.method].load("train")(training, parameters=setup.own)
+        bundle: ModelBundle = train(training, slug=setup.method, parameters=setup.own)
         return bundle
-    transfer = METHODS[graph].load("train")(training, parameters=setup.parameters[graph])
-    refined: ModelBundle = METHODS[setup.method].load("train")(
-        training, transfer, graph_parameters=setup.parameters[graph], parameters=setup.own
-    )
+    own = setup.parameters[graph]
+    transfer = METHODS[graph].load("train")(training, slug=graph, parameters=own)
+    refined: ModelBundle = train(training, transfer, slug=setup.method, graph_parameters=own, parameters=setup.own)
     return refined
 
 

@@ -9,7 +9,6 @@ import logging
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Self
 
 import numpy as np
@@ -24,66 +23,9 @@ from mlsroad_pipeline.papers.luo2016.max_margin_markov.network import (
     build_markov_graph,
     clique_shares,
 )
-from mlsroad_pipeline.papers.shared.patches.labelling import label_patch_cloud
 from mlsroad_pipeline.papers.shared.patches.table import Patches
-from mlsroad_pipeline.papers.shared.patches.training import train_model
 
 SLUG = "max_margin_markov"
-
-
-class MaxMarginMarkov:
-    """Patch classifier with a max-margin Markov network."""
-
-    def __init__(
-        self,
-        network: MarkovNetwork,
-        clique_shares: Sequence[float],
-        temperature: float,
-        colour: NDArray[np.float32],
-        errors: Sequence[float] = (),
-    ) -> None:
-        self.network = network
-        self.clique_shares = tuple(float(share) for share in clique_shares)
-        self.temperature = temperature
-        self.colour = colour
-        self.errors = tuple(errors)
-
-    def predict_proba(self, patches: Patches, edges: NDArray[np.int32]) -> NDArray[np.float64]:
-        """Return class probabilities."""
-        if len(patches) == 0:
-            return np.zeros((0, self.network.n_labels))
-        if len(self.colour) == 0:
-            patches = patches.with_columns(rgb=None)
-        elif patches.rgb is None:
-            patches = patches.with_columns(rgb=np.tile(self.colour, (len(patches), 1)))
-        graph = build_markov_graph(patches, edges, self.clique_shares)
-        return self.network.conditional_probabilities(graph, self.temperature)
-
-    def to_arrays(self) -> dict[str, NDArray]:
-        """Return the learned parameters as named arrays."""
-        return {
-            **self.network.to_arrays(),
-            "clique_shares": np.array(self.clique_shares),
-            "temperature": np.array(self.temperature),
-            "colour": self.colour,
-            "errors": np.array(self.errors),
-        }
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
-        """Rebuild a classifier from the arrays of `to_arrays`."""
-        return cls(
-            MarkovNetwork.from_arrays(arrays),
-            arrays["clique_shares"].tolist(),
-            float(arrays["temperature"]),
-            arrays["colour"],
-            arrays["errors"].tolist(),
-        )
-
-
-label_cloud = partial(label_patch_cloud, classifier=MaxMarginMarkov)
-"""Entry point of the models."""
-
 
 _EXPONENTS = {"balanced": 1.0, "sqrt": 0.5, "none": 0.0}
 
@@ -199,40 +141,6 @@ def _boost(
     return wrong / sum(len(scene.truth) for scene in batch)
 
 
-def fit_max_margin(
-    patches: Patches,
-    edges: NDArray[np.int32],
-    *,
-    n_classes: int,
-    parameters: MarginParameters | None = None,
-    n_threads: int = 1,
-) -> MaxMarginMarkov:
-    """Train a max-margin Markov network on labelled patches."""
-    p = parameters if parameters is not None else MarginParameters()
-    if len(patches) == 0:
-        raise DataError("no patches to train on")
-    if patches.label.min() < 0 or patches.label.max() >= n_classes:
-        raise DataError(
-            f"labels of training patches must be from 0 to {n_classes - 1}, got {patches.label.min()} to "
-            f"{patches.label.max()}"
-        )
-    sizes = np.bincount(patches.label, minlength=n_classes)
-    if np.count_nonzero(sizes) < 2:
-        raise DataError(f"all training patches are of class {int(sizes.argmax())}: training needs at least two classes")
-    weights = np.where(sizes > 0, 1.0 / np.maximum(sizes, 1) ** _EXPONENTS[p.class_weight], 0.0)
-    weights *= len(patches) / (weights * sizes).sum()
-    network = MarkovNetwork(n_classes, p.truncation)
-    network.known = sizes > 0
-    scenes = _split(patches, np.asarray(edges), p.clique_shares)
-    errors = []
-    with ThreadPoolExecutor(n_threads) as pool:
-        for number, batch in enumerate(_rounds(scenes, p.batch_patches, p.n_rounds, p.seed)):
-            errors.append(_boost(network, batch, weights, number, p, pool))
-            logger.debug("round %d: %.3f of the sites wrong", number + 1, errors[-1])
-    colour = np.zeros(0, np.float32) if patches.rgb is None else patches.rgb.mean(axis=0, dtype=np.float64)
-    return MaxMarginMarkov(network, p.clique_shares, p.temperature, colour.astype(np.float32), errors)
-
-
 def _split(patches: Patches, edges: NDArray[np.int32], clique_shares: Sequence[float]) -> list[_Scene]:
     """Split the training set into scenes and build the graph of each."""
     scenes = []
@@ -246,5 +154,88 @@ def _split(patches: Patches, edges: NDArray[np.int32], clique_shares: Sequence[f
     return scenes
 
 
-train = partial(train_model, slug=SLUG, fit=fit_max_margin)
-"""Trains a model on a `PatchTraining` with `MarginParameters`."""
+class MaxMarginMarkov:
+    """Patch classifier with a max-margin Markov network."""
+
+    def __init__(
+        self,
+        network: MarkovNetwork,
+        clique_shares: Sequence[float],
+        temperature: float,
+        colour: NDArray[np.float32],
+        errors: Sequence[float] = (),
+    ) -> None:
+        self.network = network
+        self.clique_shares = tuple(float(share) for share in clique_shares)
+        self.temperature = temperature
+        self.colour = colour
+        self.errors = tuple(errors)
+
+    @classmethod
+    def fit(
+        cls,
+        patches: Patches,
+        edges: NDArray[np.int32],
+        *,
+        n_classes: int,
+        parameters: MarginParameters | None = None,
+        n_threads: int = 1,
+    ) -> Self:
+        """Train a max-margin Markov network on labelled patches."""
+        p = parameters if parameters is not None else MarginParameters()
+        if len(patches) == 0:
+            raise DataError("no patches to train on")
+        if patches.label.min() < 0 or patches.label.max() >= n_classes:
+            raise DataError(
+                f"labels of training patches must be from 0 to {n_classes - 1}, got {patches.label.min()} to "
+                f"{patches.label.max()}"
+            )
+        sizes = np.bincount(patches.label, minlength=n_classes)
+        if np.count_nonzero(sizes) < 2:
+            raise DataError(
+                f"all training patches are of class {int(sizes.argmax())}: training needs at least two classes"
+            )
+        weights = np.where(sizes > 0, 1.0 / np.maximum(sizes, 1) ** _EXPONENTS[p.class_weight], 0.0)
+        weights *= len(patches) / (weights * sizes).sum()
+        network = MarkovNetwork(n_classes, p.truncation)
+        network.known = sizes > 0
+        scenes = _split(patches, np.asarray(edges), p.clique_shares)
+        errors = []
+        with ThreadPoolExecutor(n_threads) as pool:
+            for number, batch in enumerate(_rounds(scenes, p.batch_patches, p.n_rounds, p.seed)):
+                errors.append(_boost(network, batch, weights, number, p, pool))
+                logger.debug("round %d: %.3f of the sites wrong", number + 1, errors[-1])
+        colour = np.zeros(0, np.float32) if patches.rgb is None else patches.rgb.mean(axis=0, dtype=np.float64)
+        return cls(network, p.clique_shares, p.temperature, colour.astype(np.float32), errors)
+
+    def predict_proba(self, patches: Patches, edges: NDArray[np.int32]) -> NDArray[np.float64]:
+        """Return class probabilities."""
+        if len(patches) == 0:
+            return np.zeros((0, self.network.n_labels))
+        if len(self.colour) == 0:
+            patches = patches.with_columns(rgb=None)
+        elif patches.rgb is None:
+            patches = patches.with_columns(rgb=np.tile(self.colour, (len(patches), 1)))
+        graph = build_markov_graph(patches, edges, self.clique_shares)
+        return self.network.conditional_probabilities(graph, self.temperature)
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """Return the learned parameters as named arrays."""
+        return {
+            **self.network.to_arrays(),
+            "clique_shares": np.array(self.clique_shares),
+            "temperature": np.array(self.temperature),
+            "colour": self.colour,
+            "errors": np.array(self.errors),
+        }
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
+        """Rebuild a classifier from the arrays of `to_arrays`."""
+        return cls(
+            MarkovNetwork.from_arrays(arrays),
+            arrays["clique_shares"].tolist(),
+            float(arrays["temperature"]),
+            arrays["colour"],
+            arrays["errors"].tolist(),
+        )

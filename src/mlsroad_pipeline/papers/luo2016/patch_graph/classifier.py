@@ -129,6 +129,10 @@ class PatchGraphClassifier:
         )
         return cls(graph, n_classes, weights=chosen.weights, search=chosen.search)
 
+    def describe(self) -> dict[str, Any]:
+        """Return the objective (equation 1) after each iteration, and the size of the graph."""
+        return {"objective": self.graph.objective.tolist(), "graph_nodes": len(self.graph.labels)}
+
     def predict_proba(self, patches: Patches, edges: NDArray[np.int32]) -> NDArray[np.float64]:
         """Return the class probabilities of the patches of one scene (equation 6)."""
         del edges

@@ -14,12 +14,12 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 from mlsroad_pipeline.algorithms.models.machines.class_balance import majority_labels
-from mlsroad_pipeline.papers.luo2016.max_margin_markov.classifier import fit_max_margin
+from mlsroad_pipeline.papers.luo2016.max_margin_markov.classifier import MaxMarginMarkov
 from mlsroad_pipeline.papers.luo2016.patch_forest.classifier import PatchForest
 from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import PatchGraphClassifier
 from mlsroad_pipeline.papers.luo2016.patch_graph.labeller import ground_classes
 from mlsroad_pipeline.papers.luo2016.patch_graph.refined_classifier import refine_classifier
-from mlsroad_pipeline.papers.luo2016.patch_svm.classifier import fit_patch_svm
+from mlsroad_pipeline.papers.luo2016.patch_svm.classifier import PatchSvm
 from mlsroad_pipeline.papers.luo2016.shape_based import labeller as shape_based
 from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
 from mlsroad_pipeline.papers.shared.patches.labelling import build_patches, label_patches
@@ -192,8 +192,8 @@ def _run_patches(
     stages: PatchStages,
 ) -> None:
     n_classes = len(tally.scheme)
-    fits = {"patch_svm": fit_patch_svm, "patch_forest": PatchForest.fit, "max_margin_markov": fit_max_margin}
-    fit: Any = fits[method]
+    kinds = {"patch_svm": PatchSvm, "patch_forest": PatchForest, "max_margin_markov": MaxMarginMarkov}
+    fit: Any = kinds[method].fit
     classifier, seconds = timed(fit, *joined, parameters=parameters, n_classes=n_classes)
     choice = getattr(classifier, "choice", None)
     facts = {} if choice is None else {"cost": choice.cost, "gamma": choice.gamma}

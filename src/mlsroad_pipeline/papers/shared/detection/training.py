@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.papers.shared.detection.detector import GEOMETRY, WITH_INTENSITY, DetectionStages, TrainedDetector
+from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.papers.shared.detection.detector import GEOMETRY, WITH_INTENSITY, DetectionStages
 from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters, ObjectClasses
 from mlsroad_pipeline.papers.shared.detection.thresholds import object_weights
 from mlsroad_pipeline.papers.shared.detection.types import Description, object_bounds
@@ -149,9 +150,7 @@ def train_object_detector(
     parts: Mapping[str, Description],
     labels: Mapping[str, ObjectClasses],
     *,
-    fit: Callable[[TrainingObjects, Any], tuple[TrainedDetector, dict[str, Any]]],
     slug: str,
-    uses_intensity: bool,
     parameters: Any,
     stages: DetectionStages,
     detection: DetectionParameters,
@@ -159,7 +158,7 @@ def train_object_detector(
     trained_on: Mapping[str, Any],
     n_threads: int = 1,
 ) -> ModelBundle:
-    """Train a detector on the objects that the training scenes own.
+    """Train a detector on the objects that the training scenes own, by `fit` of its class.
 
     The model never detects a class without training objects; a warning is logged.
     """
@@ -173,8 +172,9 @@ def train_object_detector(
             logger.warning("No training object is a %s: the model never detects one", name)
     objects = TrainingObjects(joined, truth, len(detection.classes), weights=weights, n_threads=n_threads)
     variants: dict[str, FittedVariant] = {}
-    for variant in [WITH_INTENSITY, GEOMETRY] if uses_intensity and bool(joined["intensity"]) else [GEOMETRY]:
-        detector, facts = fit(objects._replace(intensity=variant == WITH_INTENSITY), parameters)
+    method = METHODS[slug]
+    for variant in [WITH_INTENSITY, GEOMETRY] if method.uses_intensity and bool(joined["intensity"]) else [GEOMETRY]:
+        detector, facts = method.load("use").fit(objects._replace(intensity=variant == WITH_INTENSITY), parameters)
         thresholds = zip(detection.classes, detector.thresholds.tolist(), strict=True)
         facts["thresholds"] = {name: value for name, value in thresholds if np.isfinite(value)}
         variants[variant] = FittedVariant(detector.to_arrays(), facts)

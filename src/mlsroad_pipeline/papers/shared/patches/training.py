@@ -1,9 +1,9 @@
-"""Training of patch classifiers: labelled patches of the training scenes in, a model bundle out."""
+"""Labelled patches of the training scenes, and models of classifiers that were trained on them."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -93,20 +93,3 @@ def _json_values(values: Any) -> Any:
     if isinstance(values, Mapping):
         return {name: _json_values(value) for name, value in values.items()}
     return str(values) if isinstance(values, float) and not np.isfinite(values) else values
-
-
-def train_model(
-    training: PatchTraining,
-    *,
-    slug: str,
-    fit: Callable[..., Any],
-    parameters: Any,
-    describe: Callable[[Any], Mapping[str, Any]] | None = None,
-    n_threads: int = 1,
-) -> ModelBundle:
-    """Fit a classifier to the training scenes and pack it; ``train`` of a method binds `slug`, `fit` and `describe`."""
-    classifier = fit(
-        training.patches, training.edges, parameters=parameters, n_classes=len(training.scheme), n_threads=n_threads
-    )
-    facts = None if describe is None else describe(classifier)
-    return bundle_model(slug, classifier, training, parameters=parameters, facts=facts)

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.labels import PointLabels, unlabelled
@@ -20,10 +21,10 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import StageParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground, SupervoxelPartition, SupervoxelTable
 from mlsroad_pipeline.algorithms.core.validation import check_column, check_xyz
 from mlsroad_pipeline.algorithms.features.detrending import local_tendency
+from mlsroad_pipeline.algorithms.geometry.threads import check_threads
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under, missing_attributes
 from mlsroad_pipeline.algorithms.models.machines.flat_forest import FlatForest
 from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_supervoxels, ground_of, inliers
-from mlsroad_pipeline.papers.tomic2019.detrended_forest.nearest import nearest_supervoxels
 
 
 def smooth_probabilities(
@@ -43,6 +44,20 @@ def smooth_probabilities(
     mixed = (1 - share) * probabilities + share * local_tendency(probabilities, adjacency)
     alone = np.diff(adjacency.indptr) == 0
     return np.where(alone[:, None], probabilities, mixed)
+
+
+def nearest_supervoxels(xyz: ArrayLike, centroids: ArrayLike, *, n_threads: int = 1) -> NDArray[np.int32]:
+    """Return the supervoxel with the nearest centroid for each point, the first of equally near ones."""
+    check_threads(n_threads)
+    seeds = check_xyz(centroids, minimum=1, name="centroids").astype(np.float64)
+    points = check_xyz(xyz).astype(np.float64)
+    tree = cKDTree(seeds)
+    distance, nearest = tree.query(points, k=[1, 2], workers=n_threads)
+    out = nearest[:, 0].astype(np.int32)
+    for row in np.flatnonzero(distance[:, 0] == distance[:, 1]):  # the tree returns any of equally near centroids
+        near = np.sort(tree.query_ball_point(points[row], distance[row, 0] * (1 + 1e-12)))
+        out[row] = near[((seeds[near] - points[row]) ** 2).sum(axis=1).argmin()]
+    return out
 
 
 def label_points(

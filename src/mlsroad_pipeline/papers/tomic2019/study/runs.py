@@ -24,8 +24,11 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.pool.log_linear import PoolParameters
 from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_supervoxels, find_ground
 from mlsroad_pipeline.papers.shared.studies.streets import cut_street, survey_path, timed
-from mlsroad_pipeline.papers.tomic2019.detrended_forest.labeller import prepare, supervoxel_probabilities
-from mlsroad_pipeline.papers.tomic2019.detrended_forest.nearest import nearest_supervoxels
+from mlsroad_pipeline.papers.tomic2019.detrended_forest.labeller import (
+    nearest_supervoxels,
+    prepare,
+    supervoxel_probabilities,
+)
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import ForestParameters, training_rows
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import fit as fit_forest
 from mlsroad_pipeline.papers.tomic2019.image_labels import labeller as image_labeller

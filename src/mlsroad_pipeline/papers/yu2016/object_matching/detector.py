@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import pairwise
 from typing import Any, Self
 
@@ -16,20 +15,17 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
-from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least, check_positive
 from mlsroad_pipeline.algorithms.geometry.neighbors import nearest_neighbors
 from mlsroad_pipeline.algorithms.geometry.threads import run_in_chunks
-from mlsroad_pipeline.papers.shared.detection.detector import detect_by_description, label_described_objects
 from mlsroad_pipeline.papers.shared.detection.regions import (
     RegionParameters,
-    describe_parts,
     descriptors_of,
     relative_centres,
 )
 from mlsroad_pipeline.papers.shared.detection.thresholds import best_threshold, choose_queries
-from mlsroad_pipeline.papers.shared.detection.training import TrainingObjects, select_objects, train_object_detector
-from mlsroad_pipeline.papers.shared.detection.types import Description, Segments, object_bounds
+from mlsroad_pipeline.papers.shared.detection.training import TrainingObjects, select_objects
+from mlsroad_pipeline.papers.shared.detection.types import Description, object_bounds
 from mlsroad_pipeline.papers.yu2016.object_matching._correspondence import match_objects
 
 SLUG = "object_matching"
@@ -105,6 +101,36 @@ class ObjectMatcher:
         own |= {"n_objects": np.array(len(arrays["kinds"])), "intensity": np.array(intensity)}
         return cls(own, arrays["kinds"], arrays["thresholds"], arrays["geometry"], intensity)
 
+    @classmethod
+    def fit(cls, objects: TrainingObjects, parameters: ObjectMatchingParameters) -> tuple[Self, dict[str, Any]]:
+        """Choose prototypes and thresholds; no training object is compared with itself."""
+        p = parameters
+        parts, labels, n_classes, intensity, weights, n_threads = objects
+        drawn, sample, truth = examples = objects.sample(p)
+        geometry = np.array([FEATURE_SHARE, p.reach, p.limit, N_NEIGHBORS, p.n_turns, N_SWEEPS, p.least])
+        rng = np.random.default_rng(p.seed)
+        chosen: list[NDArray[np.int64]] = []
+        thresholds, reached = [], []
+        for k in range(n_classes):
+            mine = examples.candidates(k, p.candidates, rng)
+            similarities = object_similarity(
+                sample, select_objects(sample, mine), geometry, intensity=intensity, n_threads=n_threads
+            )
+            queries = choose_queries(similarities.T, mine, truth == k, max_queries=p.max_prototypes)[0]
+            chosen.append(mine[queries])
+            # The threshold is chosen on all objects, see `TrainingObjects.sample`.
+            models = select_objects(sample, np.sort(chosen[k]))
+            similarities = object_similarity(parts, models, geometry, intensity=intensity, n_threads=n_threads)
+            similarities[drawn[np.sort(chosen[k])], np.arange(len(queries))] = 0.0
+            f_score, threshold = best_threshold(similarities.max(axis=1, initial=0.0), labels == k, weights)
+            thresholds.append(threshold)
+            reached.append(f_score)
+        every = np.concatenate(chosen)
+        order = np.argsort(every)
+        kinds = np.repeat(np.arange(n_classes), [len(c) for c in chosen])[order].astype(np.int16)
+        matcher = cls(select_objects(sample, every[order]), kinds, np.array(thresholds), geometry, intensity)
+        return matcher, {"prototypes": [len(c) for c in chosen], "f_scores": reached}
+
 
 def affine_combinations(
     centres: NDArray[np.float64], bounds: NDArray[np.int64], n_neighbors: int
@@ -151,50 +177,3 @@ def object_similarity(
 
     run_in_chunks(work, len(out), n_threads=n_threads)
     return out
-
-
-def _describe(scene: PointCloud, objects: Segments, stored: Mapping[str, Any]) -> Description:
-    return describe_parts(scene, objects, parameters=RegionParameters(**stored[SLUG]["regions"]))
-
-
-detect_scene = partial(detect_by_description, detector=ObjectMatcher)
-"""Detects the objects of a scene, described by `describe_parts`, with a model of this method."""
-
-label_cloud = partial(label_described_objects, describe=_describe, detect=detect_scene)
-"""Labels a cloud; intensity is used where the cloud and the model have it."""
-
-
-def fit_object_matching(
-    objects: TrainingObjects, parameters: ObjectMatchingParameters
-) -> tuple[ObjectMatcher, dict[str, Any]]:
-    """Choose prototypes and thresholds; no training object is compared with itself."""
-    p = parameters
-    parts, labels, n_classes, intensity, weights, n_threads = objects
-    drawn, sample, truth = examples = objects.sample(p)
-    geometry = np.array([FEATURE_SHARE, p.reach, p.limit, N_NEIGHBORS, p.n_turns, N_SWEEPS, p.least])
-    rng = np.random.default_rng(p.seed)
-    chosen: list[NDArray[np.int64]] = []
-    thresholds, reached = [], []
-    for k in range(n_classes):
-        mine = examples.candidates(k, p.candidates, rng)
-        similarities = object_similarity(
-            sample, select_objects(sample, mine), geometry, intensity=intensity, n_threads=n_threads
-        )
-        queries = choose_queries(similarities.T, mine, truth == k, max_queries=p.max_prototypes)[0]
-        chosen.append(mine[queries])
-        # The threshold is chosen on all objects, see `TrainingObjects.sample`.
-        models = select_objects(sample, np.sort(chosen[k]))
-        similarities = object_similarity(parts, models, geometry, intensity=intensity, n_threads=n_threads)
-        similarities[drawn[np.sort(chosen[k])], np.arange(len(queries))] = 0.0
-        f_score, threshold = best_threshold(similarities.max(axis=1, initial=0.0), labels == k, weights)
-        thresholds.append(threshold)
-        reached.append(f_score)
-    every = np.concatenate(chosen)
-    order = np.argsort(every)
-    kinds = np.repeat(np.arange(n_classes), [len(c) for c in chosen])[order].astype(np.int16)
-    matcher = ObjectMatcher(select_objects(sample, every[order]), kinds, np.array(thresholds), geometry, intensity)
-    return matcher, {"prototypes": [len(c) for c in chosen], "f_scores": reached}
-
-
-train_object_matching = partial(train_object_detector, fit=fit_object_matching, slug=SLUG, uses_intensity=True)
-"""Trains a model of this method, see `train_object_detector`."""

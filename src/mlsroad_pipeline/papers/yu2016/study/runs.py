@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.models.methods import METHODS
-from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages
+from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages, detect_objects
 from mlsroad_pipeline.papers.shared.detection.scoring import (
     DetectionParameters,
     ObjectClasses,
@@ -74,8 +74,8 @@ def train_and_detect(
     known = replace(detection, prevalence=joint_prevalence(usual, prevalence, detection.classes))
     bundle, train_seconds = timed(
         METHODS[method].load("train"),
-        {key: street["parts"] for key, street in train.items()}, labels, parameters=parameters, stages=stages,
-        detection=known, scheme=scheme, trained_on={"streets": len(train)},
+        {key: street["parts"] for key, street in train.items()}, labels, slug=method, parameters=parameters,
+        stages=stages, detection=known, scheme=scheme, trained_on={"streets": len(train)},
     )  # fmt: skip
     own = np.concatenate([classes["label"][classes["own"]] for classes in labels.values()])
     variant = next(iter(bundle.metadata["learned"].values()))
@@ -87,9 +87,8 @@ def train_and_detect(
         "thresholds": np.array([learned.get(name, np.inf) for name in detection.classes]),
     }
     results: dict[str, Any] = {"facts": facts}
-    detect = METHODS[method].load("use")
     for key, street in test.items():
-        detections, seconds = timed(detect, street["parts"], bundle)
+        detections, seconds = timed(detect_objects, street["parts"], bundle)
         points, objects = (handle.load() for handle in street["scene"])
         counts = count_detections_of_scene(points, objects, detections, scheme=scheme, parameters=detection)
         results[key] = {**counts, "seconds": np.array(seconds)}

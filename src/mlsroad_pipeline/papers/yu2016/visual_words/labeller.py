@@ -1,32 +1,21 @@
-"""Detection with a trained model (Yu et al. 2016, section IV)."""
+"""Trained vocabulary and detector (Yu et al. 2016, section IV)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
-from typing import Any
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
-from mlsroad_pipeline.papers.shared.detection.detector import WITH_INTENSITY, choose_variant, label_described_objects
-from mlsroad_pipeline.papers.shared.detection.thresholds import detect_by_thresholds
-from mlsroad_pipeline.papers.shared.detection.types import Description, Detections, Segments
+from mlsroad_pipeline.algorithms.models.bundle import arrays_under
+from mlsroad_pipeline.papers.shared.detection.types import Description
 from mlsroad_pipeline.papers.yu2016.visual_words.appearance import count_words
 from mlsroad_pipeline.papers.yu2016.visual_words.detector import VisualWordsDetector
-from mlsroad_pipeline.papers.yu2016.visual_words.groups import (
-    ContextualGroups,
-    GroupParameters,
-    describe_objects,
-    groups_of,
-    profiles_of,
-)
+from mlsroad_pipeline.papers.yu2016.visual_words.groups import ContextualGroups, groups_of, profiles_of
 from mlsroad_pipeline.papers.yu2016.visual_words.vocabulary import Vocabulary
-
-SLUG, PRINTED_SLUG = "visual_words", "visual_words_printed"
 
 
 def bag_objects(
@@ -41,28 +30,38 @@ def bag_objects(
     return count_words(words, owner, n_objects=int(arrays["n_objects"]), stopped=vocabulary.stopped)
 
 
-def model_of(bundle: ModelBundle, variant: str) -> tuple[Vocabulary, VisualWordsDetector]:
-    """Rebuild a vocabulary and its detector."""
-    arrays = arrays_under(bundle.arrays, f"{variant}.")
-    words = ContextualGroups(arrays["words.descriptors"], arrays["words.orientations"], arrays["words.scales"])
-    vocabulary = Vocabulary(words, arrays["words.inverse"], arrays["words.stopped"], float(arrays["words.floor"]))
-    return vocabulary, VisualWordsDetector.from_arrays(arrays)
+@dataclass(frozen=True)
+class VisualWords:
+    """Trained vocabulary and detector; see `TrainedDetector`."""
 
+    vocabulary: Vocabulary
+    detector: VisualWordsDetector
+    intensity: bool  # Whether intensity is used
 
-def detect_scene(arrays: Description, bundle: ModelBundle) -> Detections:
-    """Detect the objects of a scene."""
-    variant = choose_variant(arrays, bundle)
-    vocabulary, detector = model_of(bundle, variant)
-    intensity = variant == WITH_INTENSITY
-    counts = bag_objects(arrays, vocabulary, intensity=intensity, wanted=detector.possible(arrays["sizes"]))
-    scores = detector.score(counts, arrays["sizes"], profiles_of(arrays, intensity=intensity))
-    label, score = detect_by_thresholds(scores, detector.thresholds)
-    return {"label": label, "score": score, "scores": scores.astype(np.float32)}
+    @property
+    def thresholds(self) -> NDArray[np.float64]:
+        """Lowest score of each class at which an object is detected."""
+        return self.detector.thresholds
 
+    def score(self, parts: Description) -> NDArray[np.float64]:
+        """Return the scores of objects described by `describe_objects`."""
+        possible = self.detector.possible(parts["sizes"])
+        counts = bag_objects(parts, self.vocabulary, intensity=self.intensity, wanted=possible)
+        return self.detector.score(counts, parts["sizes"], profiles_of(parts, intensity=self.intensity))
 
-def _describe(scene: PointCloud, objects: Segments, stored: Mapping[str, Any]) -> dict[str, NDArray]:
-    return describe_objects(scene, objects, parameters=GroupParameters(**stored["groups"]))
+    def to_arrays(self) -> dict[str, NDArray]:
+        """Return the trained state as plain arrays."""
+        words, own = self.vocabulary.words, self.vocabulary
+        learned = {
+            "descriptors": words.descriptors, "orientations": words.orientations, "scales": words.scales,
+            "inverse": own.inverse, "stopped": own.stopped, "floor": np.array(own.floor),
+        }  # fmt: skip
+        return {**{f"words.{name}": values for name, values in learned.items()}, **self.detector.to_arrays()}
 
-
-label_cloud = partial(label_described_objects, describe=_describe, detect=detect_scene)
-"""Labels a cloud; intensity is used where the cloud and the model have it."""
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray], *, intensity: bool) -> Self:
+        """Rebuild a vocabulary and its detector."""
+        own = arrays_under(arrays, "words.")
+        words = ContextualGroups(own["descriptors"], own["orientations"], own["scales"])
+        vocabulary = Vocabulary(words, own["inverse"], own["stopped"], float(own["floor"]))
+        return cls(vocabulary, VisualWordsDetector.from_arrays(arrays), intensity)

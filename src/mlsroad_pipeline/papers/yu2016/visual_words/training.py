@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,7 +27,7 @@ from mlsroad_pipeline.papers.shared.detection.types import Description
 from mlsroad_pipeline.papers.yu2016.visual_words.appearance import count_words, within_any_sizes
 from mlsroad_pipeline.papers.yu2016.visual_words.detector import VisualWordsDetector
 from mlsroad_pipeline.papers.yu2016.visual_words.groups import GroupParameters, groups_of, join_groups, profiles_of
-from mlsroad_pipeline.papers.yu2016.visual_words.labeller import PRINTED_SLUG, SLUG
+from mlsroad_pipeline.papers.yu2016.visual_words.labeller import VisualWords
 from mlsroad_pipeline.papers.yu2016.visual_words.queries import DetectorParameters
 from mlsroad_pipeline.papers.yu2016.visual_words.vocabulary import Vocabulary, VocabularyParameters, build_vocabulary
 
@@ -64,7 +63,7 @@ def train_detector(
     detection: DetectionParameters,
     scheme: ClassScheme,
     trained_on: Mapping[str, Any],
-    slug: str = SLUG,
+    slug: str = "visual_words",
     n_threads: int = 1,
 ) -> ModelBundle:
     """Train vocabulary, queries and thresholds."""
@@ -80,15 +79,11 @@ def train_detector(
                         n_threads=n_threads)
             for variant in variants
         ]  # fmt: skip
-    fitted = {variant: _fitted(*job.result()) for variant, job in zip(variants, jobs, strict=True)}
+    fitted = {variant: _fitted(job.result()) for variant, job in zip(variants, jobs, strict=True)}
     return bundle_variants(
         fitted, slug=slug, stages=stages, detection=detection, scheme=scheme,
         parameters={"groups": asdict(parameters.groups), slug: asdict(parameters)}, trained_on=trained_on,
     )  # fmt: skip
-
-
-train_printed_detector = partial(train_detector, slug=PRINTED_SLUG)
-"""`train_detector` for the method with the parameters of the paper."""
 
 
 class WordObjects(NamedTuple):
@@ -110,16 +105,16 @@ def train_variant(
     parameters: VisualWordsParameters,
     detection: DetectionParameters,
     n_threads: int = 1,
-) -> tuple[Vocabulary, VisualWordsDetector]:
+) -> VisualWords:
     """Train one variant on the objects that the training scenes own."""
     vocabulary, objects = make_words(
         groups, labels, intensity=intensity, parameters=parameters, detection=detection, n_threads=n_threads
     )
-    detector = VisualWordsDetector(detection.classes, parameters=parameters.detector)
-    return vocabulary, detector.fit(
+    detector = VisualWordsDetector(detection.classes, parameters=parameters.detector).fit(
         objects.counts, objects.labels, sizes=objects.sizes, profiles=objects.profiles, scenes=objects.scenes,
         weights=objects.weights,
     )  # fmt: skip
+    return VisualWords(vocabulary, detector, intensity)
 
 
 def make_words(
@@ -172,24 +167,15 @@ def _of_possible_size(
     return possible if (possible & others).any() else np.ones(len(sizes), np.bool_)
 
 
-def _fitted(vocabulary: Vocabulary, detector: VisualWordsDetector) -> FittedVariant:
+def _fitted(trained: VisualWords) -> FittedVariant:
     """Return arrays and figures of a trained variant."""
-    words, queries = vocabulary.words, detector.queries_
-    arrays: dict[str, NDArray] = {
-        "words.descriptors": words.descriptors,
-        "words.orientations": words.orientations,
-        "words.scales": words.scales,
-        "words.inverse": vocabulary.inverse,
-        "words.stopped": vocabulary.stopped,
-        "words.floor": np.array(vocabulary.floor),
-        **detector.to_arrays(),
-    }
+    queries = trained.detector.queries_
     facts = {
-        "words": len(vocabulary),
+        "words": len(trained.vocabulary),
         "queries": {name: len(of_class.appearance) for name, of_class in queries.items()},
-        "f_scores": detector.f_scores_,
+        "f_scores": trained.detector.f_scores_,
         "thresholds": {
             name: of_class.threshold for name, of_class in queries.items() if np.isfinite(of_class.threshold)
         },
     }
-    return FittedVariant(arrays, facts)
+    return FittedVariant(trained.to_arrays(), facts)
