@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 from joblib import cpu_count
 from kedro.pipeline import Node, Pipeline
 from matplotlib.figure import Figure
@@ -17,12 +18,12 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import (
 )
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.papers.tomic2019.detrended_forest.figures import forest_figures
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.labeller import label_scene
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import ForestParameters, fit, training_rows
 from mlsroad_pipeline.pipelines.per_scene import scene_node
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.pipelines.training_facts import FACTS, describing, labelling, with_training_facts
+from mlsroad_pipeline.reporting.figures import importance_figure, oob_figure
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import training_keys
 
@@ -47,7 +48,13 @@ def train_forest(
         n_jobs=cpu_count(),
     )
     bundle = with_training_facts(bundle, scene_facts)
-    return bundle, bundle, *forest_figures(classifier)
+    importances, curve = classifier.feature_importances_, classifier.oob_error_curve_
+    return (
+        bundle,
+        bundle,
+        importance_figure(list(importances.values()), names=list(importances), title="Feature importances"),
+        oob_figure(np.arange(1, len(curve) + 1), curve, chosen=len(curve), title="Out-of-bag error"),
+    )
 
 
 def create_pipeline(**_: object) -> Pipeline:

@@ -18,8 +18,8 @@ from mlsroad_pipeline.papers.yu2016.visual_words.appearance import (
     within_sizes,
 )
 from mlsroad_pipeline.papers.yu2016.visual_words.detector import VisualWordsDetector
-from mlsroad_pipeline.papers.yu2016.visual_words.labeller import bag_objects
 from mlsroad_pipeline.papers.yu2016.visual_words.queries import DetectorParameters
+from mlsroad_pipeline.papers.yu2016.visual_words.training import bag_objects
 
 
 def test_bags_are_equations_21_and_22():

@@ -31,10 +31,9 @@ from mlsroad_pipeline.papers.comparison.recordings.parameters import (
     StudyParameters,
     sources_of,
 )
-from mlsroad_pipeline.papers.comparison.recordings.preparation import preparation_of
+from mlsroad_pipeline.papers.comparison.recordings.preparation import model_arrays, preparation_of, train_model
 from mlsroad_pipeline.papers.comparison.recordings.scoring import score_source
 from mlsroad_pipeline.papers.comparison.recordings.streets import make_scenes
-from mlsroad_pipeline.papers.comparison.recordings.training import model_arrays, train_model
 from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 

@@ -1,7 +1,9 @@
-"""Preparation of training scenes for each method, and training on prepared scenes."""
+"""Preparation of training scenes for each method, training on prepared scenes, and trained models as arrays."""
 
 from __future__ import annotations
 
+import json
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -24,6 +26,7 @@ from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.training_graphs import training_graphs
 from mlsroad_pipeline.algorithms.scenes.parts import TRAIN
 from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_supervoxels, find_ground
+from mlsroad_pipeline.execution.task import StoredResult
 from mlsroad_pipeline.papers.comparison.recordings.parameters import OWN
 from mlsroad_pipeline.papers.comparison.recordings.streets import ignoring, scenes_in
 from mlsroad_pipeline.papers.luo2016.shape_based import labeller as shape_based
@@ -274,3 +277,32 @@ def preparation_of(method: str) -> Preparation:
     if method not in _OF_METHOD:
         raise ParameterError(f"the benchmark of recordings cannot train {method}: add it to its preparation.py")
     return _OF_METHOD[method]
+
+
+def train_model(
+    prepared: Sequence[StoredResult],
+    *,
+    method: str,
+    uses: Mapping[str, tuple[str, str, float]],
+    parameters: Mapping[str, Any],
+    scheme: ClassScheme,
+    trained_on: Mapping[str, Any],
+) -> dict[str, dict[str, NDArray]]:
+    """Train a method; the result has the arrays, the metadata as JSON, and the time of training without preparation."""
+    scenes = [Prepared(handle.load(), *uses[handle.key]) for handle in prepared]
+    start, used = time.perf_counter(), time.process_time()
+    bundle = preparation_of(method).fit(scenes, Setup(method, parameters, scheme, trained_on))
+    seconds = {"seconds": time.perf_counter() - start, "cpu_seconds": time.process_time() - used}
+    return {**model_arrays(bundle), "times": {name: np.array(value) for name, value in seconds.items()}}
+
+
+def model_arrays(bundle: ModelBundle) -> dict[str, dict[str, NDArray]]:
+    """Return a model as arrays; `stored_model` is the inverse."""
+    metadata = {"slug": np.array(bundle.slug), "json": np.array(json.dumps(dict(bundle.metadata)))}
+    return {"arrays": dict(bundle.arrays), "metadata": metadata}
+
+
+def stored_model(model: Mapping[str, Mapping[str, NDArray]]) -> ModelBundle:
+    """Return the model of arrays of `model_arrays`."""
+    metadata = json.loads(str(model["metadata"]["json"]))
+    return ModelBundle(str(model["metadata"]["slug"]), model["arrays"], metadata)

@@ -1,4 +1,4 @@
-"""Report, summary, text table and pictures of the benchmark of recordings."""
+"""Benchmark of labellers on recordings as a study: report, summary, text table and pictures."""
 
 from __future__ import annotations
 
@@ -12,15 +12,25 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.papers.comparison.recordings.parameters import PROTOCOLS
-from mlsroad_pipeline.papers.comparison.recordings.plan import Run, StudyPlan
-from mlsroad_pipeline.papers.comparison.recordings.results import shown_rows
+from mlsroad_pipeline.papers.comparison.recordings.plan import (
+    Run,
+    StudyPlan,
+    parameter_groups,
+    plan_study,
+    prepare_scenes,
+    read_scenes,
+    train_models,
+)
+from mlsroad_pipeline.papers.comparison.recordings.results import shown_rows, study_tables
 from mlsroad_pipeline.papers.comparison.recordings.scoring import unmixed
 from mlsroad_pipeline.papers.shared.studies.figures import draw_bars, draw_panels, legend_below, name_axes
-from mlsroad_pipeline.papers.shared.studies.study import Shown, Tables
+from mlsroad_pipeline.papers.shared.studies.study import Shown, Stage, Study, Tables
 from mlsroad_pipeline.reporting.clouds.cloud_figures import cloud_figure, labelling_pictures
 from mlsroad_pipeline.reporting.clouds.view import birds_eye_view, oblique_view
 from mlsroad_pipeline.reporting.html.report import FactsSection, FiguresSection, Section, build_report
+from mlsroad_pipeline.surveys.recordings import read_scene
 
 CAPTIONS = {"mean_iou": "Mean IoU of each run by recording"}
 """Name of each figure to its caption."""
@@ -179,3 +189,38 @@ def scene_figures(
         )
         for name, view in views.items()
     }  # fmt: skip
+
+
+def read_recordings(plan: StudyPlan) -> dict[str, SceneTask]:
+    """Create one task per file of a recording that reads it, and one per street that simulates it."""
+    return read_scenes(plan, read_scene)
+
+
+def tabulate(plan: StudyPlan, runs: SceneCollection, models: SceneCollection) -> dict[str, pd.DataFrame]:
+    """Make the tables of all stored runs."""
+    return study_tables(plan, runs.load_all(), models.load_all("times"))
+
+
+def summarise(plan: StudyPlan, benchmark: pd.DataFrame) -> tuple[dict[str, Any], str]:
+    """Return the benchmark as JSON values and as text tables."""
+    return summary(plan, benchmark), markdown_tables(plan, benchmark)
+
+
+STUDY = Study(
+    "recordings",
+    "Labellers on recordings",
+    parameters=("classes", *parameter_groups()),
+    plan=plan_study,
+    stages=[
+        Stage("read_recordings", read_recordings, [], "scenes"),
+        Stage("prepare_recordings", prepare_scenes, ["scenes"], "prepared"),
+        Stage("train_on_recordings", train_models, ["prepared"], "models"),
+    ],
+    results=["runs", "models"],
+    tables=("scores", "benchmark", "reliability"),
+    tabulate=tabulate,
+    captions=CAPTIONS,
+    draw=study_figures,
+    facts=study_facts,
+    page=study_page,
+)

@@ -143,25 +143,12 @@ def initialise(
                 insert(v, cost, s, matches[u], costs[u], scenes)
 
 
-@njit(cache=True, nogil=True)
 def incoming_edges(matches: NDArray[np.int32], fresh: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """List the sources of the fresh incoming edges of each node, as a CSR pair."""
-    n, n_matches = matches.shape
-    indptr = np.zeros(n + 1, np.int64)
-    for u in range(n):
-        for k in range(n_matches):
-            if fresh[u, k]:
-                indptr[matches[u, k] + 1] += 1
-    for v in range(n):
-        indptr[v + 1] += indptr[v]
-    at = indptr[:-1].copy()
-    indices = np.empty(indptr[n], np.int32)
-    for u in range(n):
-        for k in range(n_matches):
-            if fresh[u, k]:
-                indices[at[matches[u, k]]] = u
-                at[matches[u, k]] += 1
-    return indptr, indices
+    sources, _ = np.nonzero(fresh)
+    targets = matches[fresh]
+    indptr = np.concatenate([[0], np.cumsum(np.bincount(targets, minlength=len(matches)))])
+    return indptr, sources[np.argsort(targets, kind="stable")].astype(np.int32)
 
 
 @njit(cache=True, nogil=True)

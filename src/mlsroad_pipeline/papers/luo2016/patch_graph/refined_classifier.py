@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from itertools import product
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import (
     PatchGraphClassifier,
     PatchGraphParameters,
+    class_probabilities,
     cut_scenes,
+    match_patches,
 )
 from mlsroad_pipeline.papers.luo2016.patch_graph.refinement import (
     CRITERIA,
@@ -26,8 +30,8 @@ from mlsroad_pipeline.papers.luo2016.patch_graph.refinement import (
     choose_parameters,
     refine,
 )
-from mlsroad_pipeline.papers.luo2016.patch_graph.transfer import class_probabilities, match_patches
 from mlsroad_pipeline.papers.shared.patches.table import Patches
+from mlsroad_pipeline.papers.shared.patches.training import PatchTraining, bundle_model
 
 logger = logging.getLogger(__name__)
 
@@ -223,3 +227,39 @@ def refine_classifier(
         criterion=grid.criterion, base=base, ground=ground,
     )  # fmt: skip
     return RefinedPatchGraphClassifier(transfer, parameters=parameters, ground=ground), tried
+
+
+def ground_classes(scheme: ClassScheme) -> GroundClasses:
+    """Return the classes of grass and road in a scheme."""
+    places = {member: place for place, members in enumerate(scheme.members) for member in members}
+    return GroundClasses(grass=places.get("grass", -1), road=places.get("road", -1))
+
+
+def train_refinement(
+    training: PatchTraining,
+    transfer: ModelBundle,
+    *,
+    slug: str,
+    graph_parameters: PatchGraphParameters,
+    parameters: GridParameters,
+    n_threads: int = 1,
+) -> ModelBundle:
+    """Choose the parameters of the Markov random field on the training scenes."""
+    classifier, tried = refine_classifier(
+        PatchGraphClassifier.from_arrays(transfer.arrays),
+        training.patches,
+        training.edges,
+        graph_parameters=graph_parameters,
+        grid=parameters,
+        ground=ground_classes(training.scheme),
+        surveys=training.surveys,
+        n_threads=n_threads,
+    )
+    chosen = {name: getattr(classifier.parameters, name) for name in ("smoothness", "colour_decay", "clique_weight")}
+    return bundle_model(
+        slug,
+        classifier,
+        replace(training, trained_on=transfer.metadata["trained_on"]),
+        parameters=parameters,
+        facts={"chosen": chosen, "grid": tried, "graph": transfer.metadata["parameters"][transfer.slug]},
+    )

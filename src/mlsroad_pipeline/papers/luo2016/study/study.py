@@ -34,8 +34,7 @@ from mlsroad_pipeline.papers.luo2016.study.scores import (
     times_table,
 )
 from mlsroad_pipeline.papers.shared.studies.streets import make_street, street_tasks
-from mlsroad_pipeline.papers.shared.studies.study import Shown, Stage, Study, Tables
-from mlsroad_pipeline.papers.shared.studies.tables import paper_table
+from mlsroad_pipeline.papers.shared.studies.study import Shown, Stage, Study, Tables, paper_table
 
 Results = Mapping[str, RunResult]
 """Key of a run to its result."""

@@ -37,7 +37,7 @@ from mlsroad_pipeline.papers.luo2019.study.scores import (
     street_confusions,
     weighted_f1,
 )
-from mlsroad_pipeline.papers.shared.studies.tables import paper_table
+from mlsroad_pipeline.papers.shared.studies.study import paper_table
 
 Results = Mapping[str, Recognised]
 """Key of a run to its class scores."""

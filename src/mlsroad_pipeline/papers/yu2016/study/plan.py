@@ -17,7 +17,6 @@ from mlsroad_pipeline.papers.shared.studies.parameters import changed
 from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.detector import BottomUpTopDownParameters
 from mlsroad_pipeline.papers.yu2016.hough_forest.detector import HoughForestParameters
 from mlsroad_pipeline.papers.yu2016.object_matching.detector import ObjectMatchingParameters
-from mlsroad_pipeline.papers.yu2016.study.objects import DESCRIPTIONS, describe_street, segment_street
 from mlsroad_pipeline.papers.yu2016.study.parameters import (
     FLOORED,
     METHODS_OF_STUDY,
@@ -32,7 +31,7 @@ from mlsroad_pipeline.papers.yu2016.study.parameters import (
     setting_key,
     street_key,
 )
-from mlsroad_pipeline.papers.yu2016.study.runs import train_and_detect
+from mlsroad_pipeline.papers.yu2016.study.runs import DESCRIPTIONS, describe_street, segment_street, train_and_detect
 from mlsroad_pipeline.papers.yu2016.visual_words.training import VisualWordsParameters
 
 

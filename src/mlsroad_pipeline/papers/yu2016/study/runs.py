@@ -1,24 +1,141 @@
-"""Worker functions of the study of Yu et al. 2016: train detectors and detect on described objects."""
+"""Worker functions of the study of Yu et al. 2016: segment streets, describe objects, train detectors and detect."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any, TypedDict
+from dataclasses import asdict, replace
+from typing import Any, TypedDict, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.metrics.instances import find_overlaps, score_segmentation
 from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
+from mlsroad_pipeline.algorithms.segmentation.stage import (
+    SegmentationParameters,
+    Segments,
+    owned_by_core,
+    segment_scene,
+)
 from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages, detect_objects
+from mlsroad_pipeline.papers.shared.detection.regions import describe_parts
 from mlsroad_pipeline.papers.shared.detection.scoring import (
     DetectionParameters,
     ObjectClasses,
     count_detections_of_scene,
+    object_classes,
+    wanted_objects,
 )
 from mlsroad_pipeline.papers.shared.studies.streets import timed
+from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.oriented_points import describe_surfaces
 from mlsroad_pipeline.papers.yu2016.study.parameters import survey_of_run
+from mlsroad_pipeline.papers.yu2016.visual_words.groups import describe_objects
+
+TOUCHING = 0.15
+"""Largest distance of touching objects, metres: the clustering distance of the paper."""
+
+DESCRIPTIONS: Mapping[str, str] = {
+    "hough_forest": "regions",
+    "object_matching": "regions",
+    "bottom_up_top_down": "surfaces",
+    "visual_words": "groups",
+    "visual_words_printed": "groups",
+}
+"""Detector to the field of its parameters with the description of objects."""
+
+_DESCRIBE: Mapping[str, Any] = {"regions": describe_parts, "surfaces": describe_surfaces, "groups": describe_objects}
+
+
+class SegmentationScores(TypedDict):
+    """Scores of the segmentation of a street, as arrays without dimension; NaN where there is nothing to score.
+
+    The fields of `InstanceScores` are stored too; those that tables use are named here.
+    """
+
+    # coverage, weighted_coverage: mean best IoU of the instances, and the same weighted by their points
+    coverage: NDArray[np.floating]
+    weighted_coverage: NDArray[np.floating]
+    # touching, weighted_touching: the same over instances that share a Euclidean cluster with another one
+    touching: NDArray[np.floating]
+    weighted_touching: NDArray[np.floating]
+    # precision, recall: share of segments, and of instances, that match one to one
+    precision: NDArray[np.floating]
+    recall: NDArray[np.floating]
+    # share of instances of the classes to detect with an IoU of at least the threshold of detection
+    wanted: NDArray[np.floating]
+    seconds: NDArray[np.floating]  # CPU time
+
+
+class SegmentedStreet(TypedDict):
+    """Objects of a street, their classes and the scores of the segmentation."""
+
+    objects: Segments
+    classes: ObjectClasses
+    scores: SegmentationScores
+
+
+class DescriptionFacts(TypedDict):
+    """CPU time of a description."""
+
+    seconds: NDArray[np.floating]
+
+
+class DescribedStreet(TypedDict):
+    """Descriptions of the objects of a street."""
+
+    parts: Mapping[str, NDArray]
+    facts: DescriptionFacts
+
+
+def segment_street(
+    points: PointCloud, *, parameters: SegmentationParameters, scheme: ClassScheme, detection: DetectionParameters
+) -> SegmentedStreet:
+    """Segment a street and score its objects against the instances that it owns."""
+    objects, seconds = timed(segment_scene, points, {"ground": points["ground"]}, parameters)
+    segments, least = objects["objects"], detection.min_points
+    sought = detection.labels_in(scheme)
+    instances, kinds = wanted_objects(points, scheme, sought)
+    owned = owned_by_core(points, np.where(instances > 0, instances, -1), len(kinds))
+    mine = np.where(owned[instances], instances, 0)
+    figures = {name: np.array(value) for name, value in asdict(
+        score_segmentation(mine, segments, min_points=least)).items()}  # fmt: skip
+    pairs = find_overlaps(mine, segments)
+    best = np.zeros(len(pairs.instances))
+    np.maximum.at(best, pairs.instance, pairs.iou)
+    large = pairs.instance_sizes >= least
+    touching = touching_instances(points, instances, pairs.instances, least) & large
+    weights = pairs.instance_sizes[touching]
+    wanted = large & np.isin(kinds[pairs.instances], sought)
+    extra = {
+        "touching": best[touching].mean() if touching.any() else np.nan,
+        "weighted_touching": best[touching] @ weights / weights.sum() if touching.any() else np.nan,
+        "wanted": (best[wanted] >= detection.iou_threshold).mean() if wanted.any() else np.nan,
+        "seconds": seconds,
+    }
+    scores = cast(SegmentationScores, {**figures, **{name: np.array(value) for name, value in extra.items()}})
+    classes = object_classes(points, objects, scheme=scheme, parameters=detection)
+    return {"objects": objects, "classes": classes, "scores": scores}
+
+
+def touching_instances(
+    points: PointCloud, instances: NDArray[np.int32], names: NDArray[np.int64], min_points: int
+) -> NDArray[np.bool_]:
+    """Return which instances share a Euclidean cluster with another one."""
+    off = np.flatnonzero(~points["ground"])
+    together = cluster(np.ascontiguousarray(points.xyz[off], dtype=np.float64), tolerance=TOUCHING)
+    pairs = find_overlaps(instances[off], together)
+    there = pairs.shared >= min_points
+    crowded = np.bincount(pairs.segment[there], minlength=len(pairs.segments)) > 1
+    return np.isin(names, pairs.instances[pairs.instance[there & crowded[pairs.segment]]])
+
+
+def describe_street(points: PointCloud, objects: Segments, *, kind: str, parameters: Any) -> DescribedStreet:
+    """Describe the objects of a street for a detector."""
+    parts, seconds = timed(_DESCRIBE[kind], points, objects, parameters=parameters)
+    return {"parts": parts, "facts": {"seconds": np.array(seconds)}}
 
 
 class TrainingStreet(TypedDict):

@@ -12,11 +12,8 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.papers.shared.detection.scoring import detection_table
 from mlsroad_pipeline.papers.shared.studies.streets import street_tasks
-from mlsroad_pipeline.papers.shared.studies.study import Shown, Stage, Study, Tables
-from mlsroad_pipeline.papers.shared.studies.tables import mean_and_spread, paper_table
+from mlsroad_pipeline.papers.shared.studies.study import Shown, Stage, Study, Tables, mean_and_spread, paper_table
 from mlsroad_pipeline.papers.yu2016.study import scores as yu2016
-from mlsroad_pipeline.papers.yu2016.study.figures import CAPTIONS, study_figures
-from mlsroad_pipeline.papers.yu2016.study.objects import DescriptionFacts, SegmentationScores
 from mlsroad_pipeline.papers.yu2016.study.parameters import (
     CUT,
     METHODS_OF_STUDY,
@@ -36,7 +33,8 @@ from mlsroad_pipeline.papers.yu2016.study.plan import (
     run_settings,
     segment_surveys,
 )
-from mlsroad_pipeline.papers.yu2016.study.runs import StreetDetections
+from mlsroad_pipeline.papers.yu2016.study.runs import DescriptionFacts, SegmentationScores, StreetDetections
+from mlsroad_pipeline.papers.yu2016.study.scores import CAPTIONS, study_figures
 from mlsroad_pipeline.papers.yu2016.study.streets import StreetFacts, make_survey
 
 Streets = Mapping[str, StreetFacts]

@@ -1,11 +1,11 @@
-"""Training of vocabulary, queries and thresholds (Yu et al. 2016, sections III and V)."""
+"""Vocabulary with a detector, and its training (Yu et al. 2016, sections III to V)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
 from mlsroad_pipeline.papers.shared.detection.detector import GEOMETRY, WITH_INTENSITY, DetectionStages
 from mlsroad_pipeline.papers.shared.detection.regions import RegionParameters
 from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters, ObjectClasses
@@ -26,10 +26,64 @@ from mlsroad_pipeline.papers.shared.detection.training import (
 from mlsroad_pipeline.papers.shared.detection.types import Description
 from mlsroad_pipeline.papers.yu2016.visual_words.appearance import count_words, within_any_sizes
 from mlsroad_pipeline.papers.yu2016.visual_words.detector import VisualWordsDetector
-from mlsroad_pipeline.papers.yu2016.visual_words.groups import GroupParameters, groups_of, join_groups, profiles_of
-from mlsroad_pipeline.papers.yu2016.visual_words.labeller import VisualWords
+from mlsroad_pipeline.papers.yu2016.visual_words.groups import (
+    ContextualGroups,
+    GroupParameters,
+    groups_of,
+    join_groups,
+    profiles_of,
+)
 from mlsroad_pipeline.papers.yu2016.visual_words.queries import DetectorParameters
 from mlsroad_pipeline.papers.yu2016.visual_words.vocabulary import Vocabulary, VocabularyParameters, build_vocabulary
+
+
+def bag_objects(
+    arrays: Description, vocabulary: Vocabulary, *, intensity: bool, wanted: NDArray[np.bool_] | None = None
+) -> csr_array:
+    """Count the words of the objects of a scene."""
+    owner, groups = arrays["objects"], groups_of(arrays, intensity=intensity)
+    if wanted is not None:
+        rows = np.flatnonzero(wanted[owner])
+        owner, groups = owner[rows], groups.select(rows)
+    words = vocabulary.quantise(groups)
+    return count_words(words, owner, n_objects=int(arrays["n_objects"]), stopped=vocabulary.stopped)
+
+
+@dataclass(frozen=True)
+class VisualWords:
+    """Trained vocabulary and detector; see `TrainedDetector`."""
+
+    vocabulary: Vocabulary
+    detector: VisualWordsDetector
+    intensity: bool  # Whether intensity is used
+
+    @property
+    def thresholds(self) -> NDArray[np.float64]:
+        """Lowest score of each class at which an object is detected."""
+        return self.detector.thresholds
+
+    def score(self, parts: Description) -> NDArray[np.float64]:
+        """Return the scores of objects described by `describe_objects`."""
+        possible = self.detector.possible(parts["sizes"])
+        counts = bag_objects(parts, self.vocabulary, intensity=self.intensity, wanted=possible)
+        return self.detector.score(counts, parts["sizes"], profiles_of(parts, intensity=self.intensity))
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """Return the trained state as plain arrays."""
+        words, own = self.vocabulary.words, self.vocabulary
+        learned = {
+            "descriptors": words.descriptors, "orientations": words.orientations, "scales": words.scales,
+            "inverse": own.inverse, "stopped": own.stopped, "floor": np.array(own.floor),
+        }  # fmt: skip
+        return {**{f"words.{name}": values for name, values in learned.items()}, **self.detector.to_arrays()}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray], *, intensity: bool) -> Self:
+        """Rebuild a vocabulary and its detector."""
+        own = arrays_under(arrays, "words.")
+        words = ContextualGroups(own["descriptors"], own["orientations"], own["scales"])
+        vocabulary = Vocabulary(words, own["inverse"], own["stopped"], float(own["floor"]))
+        return cls(vocabulary, VisualWordsDetector.from_arrays(arrays), intensity)
 
 
 @dataclass(frozen=True)
