@@ -29,7 +29,7 @@ def study_pipeline(study: Study) -> Pipeline:
         figures = tuple(study.draw(tables, *loaded[len(tables) :]))
         return *figures, study.report(plan, tables, figures)
 
-    groups = [f"params:{group}" for group in (own, *study.parameters)]
+    groups = {"study": f"params:{own}", **{group: f"params:{group}" for group in study.parameters}}
     figures = entries(*(f"{name}_figure" for name in study.captions), "report")
     shown = entries("plan", *study.tables, *study.shown)
     return Pipeline(

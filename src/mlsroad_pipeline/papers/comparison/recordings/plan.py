@@ -35,6 +35,7 @@ from mlsroad_pipeline.papers.comparison.recordings.preparation import model_arra
 from mlsroad_pipeline.papers.comparison.recordings.scoring import score_source
 from mlsroad_pipeline.papers.comparison.recordings.streets import make_scenes
 from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
+from mlsroad_pipeline.papers.shared.studies.parameters import method_parameters
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 
 WHOLE = "whole"
@@ -170,25 +171,25 @@ def street_key(name: str) -> str:
     return f"{STREET}.{name}"
 
 
-def parameter_groups() -> dict[str, Any]:
-    """Return the groups of parameters that methods are trained with, and their classes."""
-    stages: dict[str, Any] = {
-        "ground_removal": GroundParameters,
-        "supervoxelise": SupervoxelParameters,
-        "features": FeatureParameters,
-        "patches": PatchParameters,
-    }
-    return {**stages, **{slug: METHODS[slug].load("parameters") for slug in methods_of("labelling")}}
+STAGES = ("ground_removal", "supervoxelise", "features", "patches")
+"""Stages whose parameters methods are trained with."""
 
 
-def plan_study(study: StudyParameters, classes: Mapping[str, Any], *parameters: Any) -> StudyPlan:
-    """Return the plan; the further parameters are those of `parameter_groups`."""
+def plan_study(
+    study: StudyParameters,
+    classes: Mapping[str, Any],
+    ground_removal: GroundParameters,
+    supervoxelise: SupervoxelParameters,
+    features: FeatureParameters,
+    patches: PatchParameters,
+    **methods: Any,
+) -> StudyPlan:
+    """Return the plan."""
     sources = sources_of(study.sources)
     codings = {name: source.read_coding(classes["codings"]) for name, source in sources.items()}
     scheme = find_scheme(classes["schemes"], study.scheme)
-    groups = zip(parameter_groups().items(), parameters, strict=True)
-    made = {name: kind(**values) if isinstance(values, Mapping) else values for (name, kind), values in groups}
-    return StudyPlan(study, sources, codings, scheme, made)
+    stages = dict(zip(STAGES, (ground_removal, supervoxelise, features, patches), strict=True))
+    return StudyPlan(study, sources, codings, scheme, {**stages, **method_parameters(methods)})
 
 
 def read_scenes(plan: StudyPlan, read: Callable[..., PointCloud]) -> dict[str, SceneTask]:

@@ -11,13 +11,14 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.models.methods import methods_of
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.papers.comparison.recordings.parameters import PROTOCOLS
 from mlsroad_pipeline.papers.comparison.recordings.plan import (
+    STAGES,
     Run,
     StudyPlan,
-    parameter_groups,
     plan_study,
     prepare_scenes,
     read_scenes,
@@ -209,7 +210,7 @@ def summarise(plan: StudyPlan, benchmark: pd.DataFrame) -> tuple[dict[str, Any],
 STUDY = Study(
     "recordings",
     "Labellers on recordings",
-    parameters=("classes", *parameter_groups()),
+    parameters=("classes", *STAGES, *methods_of("labelling")),
     plan=plan_study,
     stages=[
         Stage("read_recordings", read_recordings, [], "scenes"),

@@ -49,16 +49,8 @@ LEAST_POINTS = 100
 """Fewest points of an object that is counted; most objects with fewer are cut off at an end of the street."""
 
 
-class StreetCounts(TypedDict):
-    """Counts of a street by class, each of shape (classes,)."""
-
-    points: NDArray[np.int64]
-    objects: NDArray[np.int64]  # instances of the simulator
-    touching: NDArray[np.int64]  # objects with a patch beside a patch of another object
-
-
-def count_street(points: PointCloud, patches: ScenePatches, scheme: ClassScheme) -> StreetCounts:
-    """Count the points and objects of each class; ground has no objects."""
+def count_street(points: PointCloud, patches: ScenePatches, scheme: ClassScheme) -> dict[str, NDArray[np.int64]]:
+    """Count the points, the objects, and those objects that touch another one, by class; ground has no objects."""
     labels, n = scheme.encode(points["label"], source=points.source), len(scheme)
     names, instance = np.unique(points["instance"], return_inverse=True)
     whole = np.bincount(instance) >= LEAST_POINTS

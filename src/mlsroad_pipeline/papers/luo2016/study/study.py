@@ -21,7 +21,7 @@ from mlsroad_pipeline.papers.luo2016.study.plan import (
     run_methods,
     try_settings,
 )
-from mlsroad_pipeline.papers.luo2016.study.runs import METHODS, PRINTED_REFINED, REFINED, RunResult, StreetCounts
+from mlsroad_pipeline.papers.luo2016.study.runs import METHODS, PRINTED_REFINED, REFINED, RunResult
 from mlsroad_pipeline.papers.luo2016.study.scores import (
     CLASSES,
     MEANS,
@@ -101,10 +101,10 @@ def _sensitivity(
     return sensitivity_table(matrices, facts, classes=classes)
 
 
-def table_one(streets: Sequence[StreetCounts], classes: Sequence[str]) -> pd.DataFrame:
+def table_one(streets: Sequence[Mapping[str, NDArray[np.int64]]], classes: Sequence[str]) -> pd.DataFrame:
     """Return the points and objects of all streets by class beside Table I of the paper."""
     kinds = ("points", "objects", "touching")
-    totals = {kind: np.sum([street[kind] for street in streets], axis=0) for kind in kinds}  # type: ignore[literal-required]  # mypy reads no tuple of names
+    totals = {kind: np.sum([street[kind] for street in streets], axis=0) for kind in kinds}
     table = pd.DataFrame({"class": list(classes), **totals})
     table["share"] = table["points"] / table["points"].sum()
     paper = paper_table("luo2016", "table_1")

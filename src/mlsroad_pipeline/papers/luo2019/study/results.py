@@ -29,7 +29,6 @@ from mlsroad_pipeline.papers.luo2019.study.plan import (
 )
 from mlsroad_pipeline.papers.luo2019.study.runs import Recognised, TrainingFacts
 from mlsroad_pipeline.papers.luo2019.study.scores import (
-    NetworkCost,
     area_under,
     mean_figures,
     paired_interval,
@@ -122,7 +121,9 @@ def _table_one(efficiency: pd.DataFrame) -> pd.DataFrame:
 class _Tables:
     """Builder of the tables."""
 
-    def __init__(self, plan: StudyPlan, results: Results, facts: Facts, networks: Mapping[str, NetworkCost]) -> None:
+    def __init__(
+        self, plan: StudyPlan, results: Results, facts: Facts, networks: Mapping[str, Mapping[str, NDArray]]
+    ) -> None:
         self.plan, self.results, self.facts, self.networks = plan, results, facts, networks
         self.main = plan.of_group(MAIN)
         self.sets = tuple(dict.fromkeys(run.dataset for run in self.main))

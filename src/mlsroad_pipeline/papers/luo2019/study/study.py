@@ -14,8 +14,6 @@ from matplotlib.figure import Figure
 
 from mlsroad_pipeline.algorithms.core.classes import find_scheme
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
-from mlsroad_pipeline.papers.luo2019.jointnet.parameters import JointNetParameters
-from mlsroad_pipeline.papers.luo2019.pointnet.parameters import PointNetParameters
 from mlsroad_pipeline.papers.luo2019.study.plan import (
     BASELINES,
     CLEAN,
@@ -35,7 +33,6 @@ from mlsroad_pipeline.papers.luo2019.study.plan import (
 )
 from mlsroad_pipeline.papers.luo2019.study.results import LEVELS, study_tables
 from mlsroad_pipeline.papers.luo2019.study.sets import SimulatedObjectsParameters
-from mlsroad_pipeline.papers.shared.recognition.descriptor_machine import DescriptorParameters
 from mlsroad_pipeline.papers.shared.recognition.object_set import find_folds, listed_files, read_fold
 from mlsroad_pipeline.papers.shared.studies.figures import (
     draw_bars,
@@ -45,6 +42,7 @@ from mlsroad_pipeline.papers.shared.studies.figures import (
     legend_below,
     name_axes,
 )
+from mlsroad_pipeline.papers.shared.studies.parameters import method_parameters
 from mlsroad_pipeline.papers.shared.studies.study import Shown, Stage, Study, Tables
 
 _TITLES = {
@@ -177,31 +175,17 @@ FOLDS, SYDNEY_SCHEME = "folds/fold*.txt", "sydney14"
 
 
 def plan_study(
-    study: StudyParameters,
-    sets: SimulatedObjectsParameters,
-    classes: Mapping[str, Any],
-    jointnet: JointNetParameters,
-    tuned: JointNetParameters,
-    printed: JointNetParameters,
-    hierarchy: DescriptorParameters,
-    spin: DescriptorParameters,
-    shot: DescriptorParameters,
-    pointnet: PointNetParameters,
+    study: StudyParameters, simulated_objects: SimulatedObjectsParameters, classes: Mapping[str, Any], **methods: Any
 ) -> StudyPlan:
-    """Plan the runs."""
-    methods: dict[str, Any] = {
-        JOINTNET: jointnet,
-        TUNED: tuned,
-        PRINTED: printed,
-        **dict.fromkeys(SUB_NETWORKS, jointnet),
-    }
-    methods |= dict(zip(BASELINES, (hierarchy, spin, shot, pointnet), strict=True))
-    names = tuple(sets.chosen_sets())
+    """Plan the runs; sub-networks have the parameters of JointNet."""
+    own = method_parameters(methods)
+    own = {method: own.get(method, own[JOINTNET]) for method in METHODS}
+    names = tuple(simulated_objects.chosen_sets())
     schemes = {name: find_scheme(classes["schemes"], name) for name in names}
     folds = {} if study.sydney is None else {n: str(p) for n, p in find_folds(study.sydney, FOLDS).items()}
     if folds:
         schemes[SYDNEY] = find_scheme(classes["schemes"], SYDNEY_SCHEME)
-    return StudyPlan(study, names, schemes, folds, methods)
+    return StudyPlan(study, names, schemes, folds, own)
 
 
 def read_folds(plan: StudyPlan) -> dict[str, SceneTask]:

@@ -45,7 +45,7 @@ class Study:
     name: str  # parameters, pipeline and entries of the catalog begin with ``<name>_study``
     title: str  # title of the page
     parameters: Sequence[str]  # groups of parameters that the plan is made from, besides the study's own
-    plan: Callable[..., Any]  # takes the parameters of the study and these groups
+    plan: Callable[..., Any]  # takes the parameters of the study as `study`, and these groups by name
     stages: Sequence[Stage]
     results: Sequence[str]  # scene stores that the tables are made from
     tables: Sequence[str]  # names of the tables

@@ -13,15 +13,12 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import Deferred, SceneTask
 from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages
 from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters
-from mlsroad_pipeline.papers.shared.studies.parameters import changed
-from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.detector import BottomUpTopDownParameters
-from mlsroad_pipeline.papers.yu2016.hough_forest.detector import HoughForestParameters
-from mlsroad_pipeline.papers.yu2016.object_matching.detector import ObjectMatchingParameters
+from mlsroad_pipeline.papers.shared.studies.parameters import changed, method_parameters
 from mlsroad_pipeline.papers.yu2016.study.parameters import (
     FLOORED,
-    METHODS_OF_STUDY,
     PRINTED,
     SEGMENTATIONS,
+    WORDS,
     StudyParameters,
     StudyScale,
     cut_of,
@@ -32,7 +29,6 @@ from mlsroad_pipeline.papers.yu2016.study.parameters import (
     street_key,
 )
 from mlsroad_pipeline.papers.yu2016.study.runs import DESCRIPTIONS, describe_street, segment_street, train_and_detect
-from mlsroad_pipeline.papers.yu2016.visual_words.training import VisualWordsParameters
 
 
 class Setting(NamedTuple):
@@ -118,22 +114,16 @@ def described_by(detector: str) -> str:
 def plan_study(
     study: StudyParameters,
     classes: Mapping[str, Any],
-    ground: GroundParameters,
+    ground_removal: GroundParameters,
     segmentation: SegmentationParameters,
     detection: DetectionParameters,
-    forest: HoughForestParameters,
-    matching: ObjectMatchingParameters,
-    descriptors: BottomUpTopDownParameters,
-    words: VisualWordsParameters,
-    printed: VisualWordsParameters,
+    **methods: Any,
 ) -> StudyPlan:
     """Return the plan with the changes of the scale."""
-    changes = study.chosen_scale().methods
-    methods: dict[str, Any] = dict(zip(METHODS_OF_STUDY, (forest, matching, descriptors, words, printed), strict=True))
-    own = {slug: changed(parameters, changes.get(slug, {})) for slug, parameters in methods.items()}
-    own[FLOORED] = changed(own[PRINTED], {"vocabulary": {"floor": words.vocabulary.floor}})
+    own = method_parameters(methods, study.chosen_scale().methods)
+    own[FLOORED] = changed(own[PRINTED], {"vocabulary": {"floor": own[WORDS].vocabulary.floor}})
     scheme = find_scheme(classes["schemes"], detection.scheme)
-    return StudyPlan(study, detection, scheme, DetectionStages(ground, segmentation), own)
+    return StudyPlan(study, detection, scheme, DetectionStages(ground_removal, segmentation), own)
 
 
 def _segment(plan: StudyPlan, streets: SceneCollection, method: str, splits: Sequence[str]) -> dict[str, SceneTask]:

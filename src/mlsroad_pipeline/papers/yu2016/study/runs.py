@@ -24,7 +24,6 @@ from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages, d
 from mlsroad_pipeline.papers.shared.detection.regions import describe_parts
 from mlsroad_pipeline.papers.shared.detection.scoring import (
     DetectionParameters,
-    ObjectClasses,
     count_detections_of_scene,
     object_classes,
     wanted_objects,
@@ -69,31 +68,13 @@ class SegmentationScores(TypedDict):
     seconds: NDArray[np.floating]  # CPU time
 
 
-class SegmentedStreet(TypedDict):
-    """Objects of a street, their classes and the scores of the segmentation."""
-
-    objects: Segments
-    classes: ObjectClasses
-    scores: SegmentationScores
-
-
-class DescriptionFacts(TypedDict):
-    """CPU time of a description."""
-
-    seconds: NDArray[np.floating]
-
-
-class DescribedStreet(TypedDict):
-    """Descriptions of the objects of a street."""
-
-    parts: Mapping[str, NDArray]
-    facts: DescriptionFacts
-
-
 def segment_street(
     points: PointCloud, *, parameters: SegmentationParameters, scheme: ClassScheme, detection: DetectionParameters
-) -> SegmentedStreet:
-    """Segment a street and score its objects against the instances that it owns."""
+) -> dict[str, Any]:
+    """Segment a street: its objects, their classes, and the scores of the segmentation.
+
+    Objects are scored against the instances that the street owns.
+    """
     objects, seconds = timed(segment_scene, points, {"ground": points["ground"]}, parameters)
     segments, least = objects["objects"], detection.min_points
     sought = detection.labels_in(scheme)
@@ -132,24 +113,10 @@ def touching_instances(
     return np.isin(names, pairs.instances[pairs.instance[there & crowded[pairs.segment]]])
 
 
-def describe_street(points: PointCloud, objects: Segments, *, kind: str, parameters: Any) -> DescribedStreet:
-    """Describe the objects of a street for a detector."""
+def describe_street(points: PointCloud, objects: Segments, *, kind: str, parameters: Any) -> dict[str, Any]:
+    """Describe the objects of a street for a detector; the facts have the CPU time."""
     parts, seconds = timed(_DESCRIBE[kind], points, objects, parameters=parameters)
     return {"parts": parts, "facts": {"seconds": np.array(seconds)}}
-
-
-class TrainingStreet(TypedDict):
-    """Descriptions and classes of the objects of a training street."""
-
-    parts: Mapping[str, NDArray]
-    classes: ObjectClasses
-
-
-class TestStreet(TypedDict):
-    """Descriptions of the objects of a test street, and handles of its points and objects."""
-
-    parts: Mapping[str, NDArray]
-    scene: tuple[Any, Any]
 
 
 class StreetDetections(TypedDict):
@@ -168,8 +135,8 @@ class StreetDetections(TypedDict):
 
 
 def train_and_detect(
-    train: Mapping[str, TrainingStreet],
-    test: Mapping[str, TestStreet],
+    train: Mapping[str, Mapping[str, Any]],
+    test: Mapping[str, Mapping[str, Any]],
     *,
     method: str,
     parameters: Any,
@@ -181,7 +148,8 @@ def train_and_detect(
 ) -> dict[str, Any]:
     """Train a detector and compare its detections in test streets with the reference.
 
-    The result has the `StreetDetections` of each test street, and ``facts`` of the training.
+    A training street has the `parts` and `classes` of its objects, a test street their `parts` and, as `scene`, handles
+    of its points and objects. The result has the `StreetDetections` of each test street, and ``facts`` of the training.
     """
     weights = rare or {}
     labels: dict[str, dict[str, Any]] = {

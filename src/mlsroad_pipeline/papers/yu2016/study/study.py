@@ -33,18 +33,15 @@ from mlsroad_pipeline.papers.yu2016.study.plan import (
     run_settings,
     segment_surveys,
 )
-from mlsroad_pipeline.papers.yu2016.study.runs import DescriptionFacts, SegmentationScores, StreetDetections
+from mlsroad_pipeline.papers.yu2016.study.runs import SegmentationScores, StreetDetections
 from mlsroad_pipeline.papers.yu2016.study.scores import CAPTIONS, study_figures
-from mlsroad_pipeline.papers.yu2016.study.streets import StreetFacts, make_survey
+from mlsroad_pipeline.papers.yu2016.study.streets import make_survey
 
-Streets = Mapping[str, StreetFacts]
-"""Key of a street to its facts."""
+Facts = Mapping[str, Mapping[str, NDArray]]
+"""Key of a street, or ``<description>.<street>``, to the facts of `make_survey` or `describe_street`."""
 
 Segmentations = Mapping[str, SegmentationScores]
 """``<method>.<street>`` to the scores of a segmentation."""
-
-Descriptions = Mapping[str, DescriptionFacts]
-"""``<description>.<street>`` to facts of the description."""
 
 Detections = Mapping[str, Mapping[str, StreetDetections]]
 """Detector to test street to its detections."""
@@ -123,7 +120,7 @@ def _scores(counted: Mapping[str, Mapping[str, Mapping[str, Any]]], classes: Seq
     return pd.concat(tables, ignore_index=True)
 
 
-def _setup(plan: StudyPlan, streets: Streets) -> pd.DataFrame:
+def _setup(plan: StudyPlan, streets: Facts) -> pd.DataFrame:
     """Return number of streets, points and cars left out of the reference, by survey and split."""
     rows = []
     for name, survey in plan.scale.surveys.items():
@@ -176,7 +173,7 @@ def _segmentation(plan: StudyPlan, segmented: Segmentations) -> pd.DataFrame:
 
 
 def _times(
-    plan: StudyPlan, streets: Streets, segmented: Segmentations, described: Descriptions, runs: Detections
+    plan: StudyPlan, streets: Facts, segmented: Segmentations, described: Facts, runs: Detections
 ) -> pd.DataFrame:
     """Make Table IV: CPU seconds of each step over the test streets, and points per second and thread."""
     rows = []
