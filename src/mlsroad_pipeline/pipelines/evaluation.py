@@ -14,21 +14,12 @@ from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.models.methods import methods_of
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.model_store.bundle_files import ModelFile
+from mlsroad_pipeline.papers.shared import evaluation as counting
 from mlsroad_pipeline.papers.shared.detection.scoring import (
     DetectionParameters,
     count_detections_of_scene,
     detection_curves,
     detection_table,
-)
-from mlsroad_pipeline.papers.shared.evaluation import (
-    LabelNames,
-    count_scene,
-    count_seen_scene,
-    given_classes,
-    scores_table,
-    seen_scores_table,
-    seen_share,
-    sum_by_split,
 )
 from mlsroad_pipeline.papers.shared.figures import (
     detection_figure,
@@ -49,9 +40,9 @@ def score_method(
 ) -> tuple[pd.DataFrame, Figure, Figure]:
     """Score a method and draw its figures."""
     trained, scheme = training_scheme(survey, classes), evaluation_scheme(survey, classes)
-    matrices = sum_by_split(counts.load_all())
-    predicted = given_classes(model.load().metadata, trained, scheme)
-    table = scores_table(matrices, method=method, scheme=scheme, given=predicted)
+    matrices = counting.sum_by_split(counts.load_all())
+    predicted = counting.given_classes(model.load().metadata, trained, scheme)
+    table = counting.scores_table(matrices, method=method, scheme=scheme, given=predicted)
     return table, *score_figures(matrices, table, method=method, scheme=scheme)
 
 
@@ -80,10 +71,10 @@ def score_seen_points(
 ) -> tuple[pd.DataFrame, Figure, Figure]:
     """Score a method that uses images, over all points and over those inside images."""
     scheme = evaluation_scheme(survey, classes)
-    table, matrices = seen_scores_table(counts.load_all(), scheme=scheme, suffix=suffix)
+    table, matrices = counting.seen_scores_table(counts.load_all(), scheme=scheme, suffix=suffix)
     own = table[table["method"] == method]
     for split in matrices[method]:
-        logger.info("%s: %s", method, seen_share(own, split))
+        logger.info("%s: %s", method, counting.seen_share(own, split))
     return table, *score_figures(matrices[method], own, method=method, scheme=scheme)
 
 
@@ -128,7 +119,7 @@ def _counting(slug: str, function: Callable[..., Any], **fixed: Any) -> Node:
 def _nodes_of(slug: str) -> list[Node]:
     configured = ["params:survey", "params:classes"]
     return [
-        _counting(slug, count_scene),
+        _counting(slug, counting.count_scene),
         Node(
             fix_arguments(score_method, method=slug),
             [f"{slug}.confusions", f"{slug}.model", *configured],
@@ -148,11 +139,11 @@ def _picturing(slug: str) -> Node:
     )
 
 
-def evaluate_seen(slug: str, answers: LabelNames, *, suffix: str = "") -> list[Node]:
+def evaluate_seen(slug: str, answers: counting.LabelNames, *, suffix: str = "") -> list[Node]:
     """Return the nodes that score a method with images, over all points and over those inside images."""
     configured = ["params:survey", "params:classes"]
     return [
-        _counting(slug, count_seen_scene, answers=dict(answers)),
+        _counting(slug, counting.count_seen_scene, answers=dict(answers)),
         Node(
             fix_arguments(score_seen_points, method=slug, suffix=suffix),
             [f"{slug}.confusions", *configured],

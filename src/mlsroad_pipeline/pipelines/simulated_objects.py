@@ -14,20 +14,12 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
-from mlsroad_pipeline.papers.luo2019.study.sets import (
-    OBJECTS,
-    SimulatedObjectsParameters,
-    SplitKey,
-    composition_table,
-    cut_street,
-    draw_split,
-    wanted_objects,
-)
+from mlsroad_pipeline.papers.luo2019.study import sets as object_sets
 from mlsroad_pipeline.papers.shared.studies.streets import street_tasks
 
 
 def cut_streets(
-    parameters: SimulatedObjectsParameters,
+    parameters: object_sets.SimulatedObjectsParameters,
     ground: GroundParameters,
     segmentation: SegmentationParameters,
     classes: Mapping[str, Any],
@@ -37,27 +29,27 @@ def cut_streets(
     for name, config in parameters.chosen_sets().items():
         seeds = chain.from_iterable(config.seeds_of_splits().values())
         tasks |= street_tasks(
-            cut_street,
+            object_sets.cut_street,
             {f"{name}.seed_{seed}": {**config.survey, "seed": seed} for seed in seeds},
             ground=ground,
             segmentation=segmentation,
             scheme=find_scheme(classes["schemes"], name),
-            wanted=list(OBJECTS[name]),
+            wanted=list(object_sets.OBJECTS[name]),
             parameters=parameters.cut,
         )
     return tasks
 
 
 def draw_splits(
-    parameters: SimulatedObjectsParameters, streets: SceneCollection, classes: Mapping[str, Any]
+    parameters: object_sets.SimulatedObjectsParameters, streets: SceneCollection, classes: Mapping[str, Any]
 ) -> dict[str, SceneTask]:
     """Create one task per split of each set: sampling of the objects."""
     return {
-        str(SplitKey(name, split)): SceneTask(
-            draw_split,
+        str(object_sets.SplitKey(name, split)): SceneTask(
+            object_sets.draw_split,
             {"streets": {f"seed_{seed}": streets[f"{name}.seed_{seed}"] for seed in seeds}},
             {
-                "limits": wanted_objects(name, config, find_scheme(classes["schemes"], name))[split],
+                "limits": object_sets.wanted_objects(name, config, find_scheme(classes["schemes"], name))[split],
                 "seed": parameters.seed,
             },
         )
@@ -67,16 +59,16 @@ def draw_splits(
 
 
 def tabulate_sets(
-    parameters: SimulatedObjectsParameters, sets: SceneCollection, classes: Mapping[str, Any]
+    parameters: object_sets.SimulatedObjectsParameters, sets: SceneCollection, classes: Mapping[str, Any]
 ) -> pd.DataFrame:
     """Return the composition of the sets."""
     schemes = {name: find_scheme(classes["schemes"], name) for name in parameters.chosen_sets()}
     wanted = {
-        SplitKey(name, split): limits
+        object_sets.SplitKey(name, split): limits
         for name, config in parameters.chosen_sets().items()
-        for split, limits in wanted_objects(name, config, schemes[name]).items()
+        for split, limits in object_sets.wanted_objects(name, config, schemes[name]).items()
     }
-    return composition_table({key: sets[str(key)].load() for key in wanted}, wanted, schemes)
+    return object_sets.composition_table({key: sets[str(key)].load() for key in wanted}, wanted, schemes)
 
 
 def create_pipeline(**_: object) -> Pipeline:

@@ -14,16 +14,8 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.methods import methods_of
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
+from mlsroad_pipeline.papers.comparison.recordings import plan as stages
 from mlsroad_pipeline.papers.comparison.recordings.parameters import PROTOCOLS
-from mlsroad_pipeline.papers.comparison.recordings.plan import (
-    STAGES,
-    Run,
-    StudyPlan,
-    plan_study,
-    prepare_scenes,
-    read_scenes,
-    train_models,
-)
 from mlsroad_pipeline.papers.comparison.recordings.results import shown_rows, study_tables
 from mlsroad_pipeline.papers.comparison.recordings.scoring import unmixed
 from mlsroad_pipeline.papers.shared.studies.figures import draw_bars, draw_panels, legend_below, name_axes
@@ -65,12 +57,12 @@ def study_figures(tables: Tables) -> tuple[Figure, ...]:
     return (figure,)
 
 
-def study_facts(plan: StudyPlan) -> dict[str, Any]:
+def study_facts(plan: stages.StudyPlan) -> dict[str, Any]:
     """Return the classes and how means are taken."""
     return {"class scheme": plan.scheme.name, "means": NOTE}
 
 
-def study_page(plan: StudyPlan, tables: Tables) -> list[Shown]:
+def study_page(plan: stages.StudyPlan, tables: Tables) -> list[Shown]:
     """Return the tables of the page."""
     shown = shown_rows(tables["benchmark"])
     sources = pd.DataFrame(
@@ -98,7 +90,7 @@ def _of_source(shown: pd.DataFrame, name: str) -> pd.DataFrame:
     return pd.concat([overall, per_class], axis=1)
 
 
-def mean_table(plan: StudyPlan, shown: pd.DataFrame) -> pd.DataFrame:
+def mean_table(plan: stages.StudyPlan, shown: pd.DataFrame) -> pd.DataFrame:
     """Return the mean IoU of each method and protocol, one column per recording."""
     wide = shown.pivot(index=["method", "protocol"], columns="source", values="mean_iou")
     names = [name for name in plan.sources if name in wide]
@@ -109,7 +101,7 @@ def mean_table(plan: StudyPlan, shown: pd.DataFrame) -> pd.DataFrame:
     return wide.rename(columns=titles).rename_axis(columns=None).reset_index(drop=True)
 
 
-def markdown_tables(plan: StudyPlan, benchmark: pd.DataFrame) -> str:
+def markdown_tables(plan: stages.StudyPlan, benchmark: pd.DataFrame) -> str:
     """Return Markdown tables: mean IoU of all runs, and the IoU per class of each recording."""
     shown = shown_rows(benchmark)
     parts = [_markdown(mean_table(plan, shown))]
@@ -130,7 +122,7 @@ def _markdown(table: pd.DataFrame) -> str:
     return "\n".join([head, *rows])
 
 
-def summary(plan: StudyPlan, benchmark: pd.DataFrame) -> dict[str, Any]:
+def summary(plan: stages.StudyPlan, benchmark: pd.DataFrame) -> dict[str, Any]:
     """Return the recordings and all rows of the benchmark as JSON values."""
     rows = [
         {str(k): v for k, v in row.items() if not (isinstance(v, float) and pd.isna(v))}
@@ -147,7 +139,7 @@ REACH = 50.0
 """Drawn surroundings of the middle of a scene, metres; beyond, points of single scans lie too far apart to see."""
 
 
-def source_pages(plan: StudyPlan, scenes: SceneCollection, runs: SceneCollection) -> dict[str, str]:
+def source_pages(plan: stages.StudyPlan, scenes: SceneCollection, runs: SceneCollection) -> dict[str, str]:
     """Return one HTML page per recording with the pictures of its middle scene for the chosen runs.
 
     A recording without a chosen run among those that are requested keeps its page.
@@ -165,7 +157,7 @@ def source_pages(plan: StudyPlan, scenes: SceneCollection, runs: SceneCollection
             FactsSection("Recording", {"scanner": source.scanner, "licence": source.licence, "scene": middle})
         ]
         for key in keys:
-            run = Run.parse(key)
+            run = stages.Run.parse(key)
             label = runs.part("picture")[key].load()["label"]
             figures = scene_figures(plan, run, scene, label)
             sections.append(FiguresSection(f"{run.method}, {run.protocol}", figures))
@@ -174,7 +166,7 @@ def source_pages(plan: StudyPlan, scenes: SceneCollection, runs: SceneCollection
 
 
 def scene_figures(
-    plan: StudyPlan, run: Run, scene: PointCloud, label: NDArray[np.integer]
+    plan: stages.StudyPlan, run: stages.Run, scene: PointCloud, label: NDArray[np.integer]
 ) -> Mapping[str, Figure | NDArray[np.uint8]]:
     """Draw truth, prediction and errors of a scene from above and from the side."""
     middle = np.median(scene.xyz[:, :2], axis=0)
@@ -192,17 +184,17 @@ def scene_figures(
     }  # fmt: skip
 
 
-def read_recordings(plan: StudyPlan) -> dict[str, SceneTask]:
+def read_recordings(plan: stages.StudyPlan) -> dict[str, SceneTask]:
     """Create one task per file of a recording that reads it, and one per street that simulates it."""
-    return read_scenes(plan, read_scene)
+    return stages.read_scenes(plan, read_scene)
 
 
-def tabulate(plan: StudyPlan, runs: SceneCollection, models: SceneCollection) -> dict[str, pd.DataFrame]:
+def tabulate(plan: stages.StudyPlan, runs: SceneCollection, models: SceneCollection) -> dict[str, pd.DataFrame]:
     """Make the tables of all stored runs."""
     return study_tables(plan, runs.load_all(), models.load_all("times"))
 
 
-def summarise(plan: StudyPlan, benchmark: pd.DataFrame) -> tuple[dict[str, Any], str]:
+def summarise(plan: stages.StudyPlan, benchmark: pd.DataFrame) -> tuple[dict[str, Any], str]:
     """Return the benchmark as JSON values and as text tables."""
     return summary(plan, benchmark), markdown_tables(plan, benchmark)
 
@@ -210,12 +202,12 @@ def summarise(plan: StudyPlan, benchmark: pd.DataFrame) -> tuple[dict[str, Any],
 STUDY = Study(
     "recordings",
     "Labellers on recordings",
-    parameters=("classes", *STAGES, *methods_of("labelling")),
-    plan=plan_study,
+    parameters=("classes", *stages.STAGES, *methods_of("labelling")),
+    plan=stages.plan_study,
     stages=[
         Stage("read_recordings", read_recordings, [], "scenes"),
-        Stage("prepare_recordings", prepare_scenes, ["scenes"], "prepared"),
-        Stage("train_on_recordings", train_models, ["prepared"], "models"),
+        Stage("prepare_recordings", stages.prepare_scenes, ["scenes"], "prepared"),
+        Stage("train_on_recordings", stages.train_models, ["prepared"], "models"),
     ],
     results=["runs", "models"],
     tables=("scores", "benchmark", "reliability"),

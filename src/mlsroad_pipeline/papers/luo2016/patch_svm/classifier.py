@@ -13,13 +13,7 @@ from numpy.typing import NDArray
 from sklearn.model_selection import StratifiedGroupKFold
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.models.machines.kernel_machine import (
-    Choice,
-    KernelMachine,
-    choose_machine,
-    fit_machine,
-    standardise,
-)
+from mlsroad_pipeline.algorithms.models.machines import kernel_machine
 from mlsroad_pipeline.papers.shared.patches.features import (
     PatchVariants,
     draw_training_patches,
@@ -61,8 +55,8 @@ class PatchSvmParameters:
 class PatchSvm(PatchVariants):
     """Trained support vector machine for each feature set."""
 
-    kind, slug = KernelMachine, SLUG
-    choice: Choice | None = None  # C and gamma of a newly trained classifier; None after loading
+    kind, slug = kernel_machine.KernelMachine, SLUG
+    choice: kernel_machine.Choice | None = None  # C and gamma of a newly trained classifier; None after loading
 
     @classmethod
     def fit(
@@ -88,16 +82,16 @@ class PatchSvm(PatchVariants):
         if not folds:
             raise DataError(f"{SLUG}: no fold has training patches of two classes: add training scenes")
         machines = {}
-        choice: Choice | None = None
+        choice: kernel_machine.Choice | None = None
         for variant in reversed(variants_of(sample)):
             features = patch_features(sample, variant)
-            shift, scale = standardise(features)
+            shift, scale = kernel_machine.standardise(features)
             held_out = (patch_features(small, variant) - shift) / scale
             if choice is None:
-                choice = choose_machine(
+                choice = kernel_machine.choose_machine(
                     held_out, small.label, folds, costs=parameters.costs, gammas=parameters.gammas, n_threads=n_threads
                 )
-            machines[variant] = fit_machine(
+            machines[variant] = kernel_machine.fit_machine(
                 features, sample.label, choice, held_out=held_out, held_out_labels=small.label, folds=folds
             )
         classifier = cls(n_classes, trained, machines)

@@ -166,10 +166,8 @@ def plan_study(
     own = changed(detrended_forest, changes.get("detrended_forest", {}))
     stages = StageParameters(ground_removal, supervoxelise, features)
     forests = {**_printed_variants(study, own, stages), OWN: ForestVariant(own, stages, (*PAPER_COLUMNS, "rgb"))}
-    images, pool = (
-        changed(image_labels, changes.get("image_labels", {})),
-        changed(fusion.pool, changes.get("fusion", {})),
-    )
+    images = changed(image_labels, changes.get("image_labels", {}))
+    pool = changed(fusion.pool, changes.get("fusion", {}))
     return StudyPlan(study, scheme, ground_removal, Division(length, scale.gap), forests, images, pool)
 
 
