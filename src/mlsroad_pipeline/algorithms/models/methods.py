@@ -190,7 +190,8 @@ _TABLE = (
     ),
     Method(
         "patch_graph_mrf", "labelling", "papers.luo2016.patch_graph", ".refined_classifier:GridParameters",
-        ".refined_classifier:RefinedPatchGraphClassifier", ".labeller:train_refinement", refines="patch_graph",
+        ".refined_classifier:RefinedPatchGraphClassifier", ".refined_classifier:train_refinement",
+        refines="patch_graph",
     ),
     Method(
         "patch_graph_printed", "labelling", "papers.luo2016.patch_graph", ".classifier:PatchGraphParameters",
@@ -198,7 +199,7 @@ _TABLE = (
     ),
     Method(
         "patch_graph_mrf_printed", "labelling", "papers.luo2016.patch_graph", ".refined_classifier:GridParameters",
-        ".refined_classifier:RefinedPatchGraphClassifier", ".labeller:train_refinement",
+        ".refined_classifier:RefinedPatchGraphClassifier", ".refined_classifier:train_refinement",
         refines="patch_graph_printed",
     ),
     Method(
@@ -238,7 +239,7 @@ _TABLE = (
     *(
         Method(
             slug, "detection", "papers.yu2016.visual_words", ".training:VisualWordsParameters",
-            ".labeller:VisualWords", ".training:train_detector", describe=".groups:describe_objects",
+            ".training:VisualWords", ".training:train_detector", describe=".groups:describe_objects",
             description="groups", described="groups",
         )
         for slug in ("visual_words", "visual_words_printed")
