@@ -39,7 +39,7 @@ def train_forest(
     scene_facts: SceneCollection,
 ) -> tuple[ModelBundle, ModelBundle, Figure, Figure]:
     """Train the forest on the training scenes."""
-    bundle, classifier = fit(
+    bundle, forest = fit(
         list(rows.load_all().values()),
         parameters=parameters,
         stages=StageParameters(ground, supervoxels, features),
@@ -48,7 +48,7 @@ def train_forest(
         n_jobs=cpu_count(),
     )
     bundle = with_training_facts(bundle, scene_facts)
-    importances, curve = classifier.feature_importances_, classifier.oob_error_curve_
+    importances, curve = forest.importances, forest.oob_error
     return (
         bundle,
         bundle,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -46,6 +46,10 @@ def score_method(
     return table, *score_figures(matrices, table, method=method, scheme=scheme)
 
 
+def _title(method: str, chosen: Sequence[str]) -> str:
+    return f"{method} on {chosen[0]} to {chosen[-1]}" if len(chosen) > 1 else f"{method} on {chosen[0]}"
+
+
 def picture_labels(
     scenes: SceneCollection,
     labels: SceneCollection,
@@ -61,7 +65,7 @@ def picture_labels(
         [labels[key].load() for key in chosen],
         trained=training_scheme(survey, classes),
         scored=evaluation_scheme(survey, classes),
-        title=f"{method} on {chosen[0]} to {chosen[-1]}" if len(chosen) > 1 else f"{method} on {chosen[0]}",
+        title=_title(method, chosen),
     )
     return figures["birds_eye"], figures["perspective"]
 
@@ -104,54 +108,41 @@ def picture_detections(
         *([store[key].load() for key in chosen] for store in (scenes, objects, detections)),
         scheme=detection_scheme(detection, classes),
         parameters=detection,
-        title=f"{method} on {chosen[0]} to {chosen[-1]}" if len(chosen) > 1 else f"{method} on {chosen[0]}",
+        title=_title(method, chosen),
     )
 
 
-def _counting(slug: str, function: Callable[..., Any], **fixed: Any) -> Node:
-    """Return the node that counts the points of each labelled scene by true and predicted class."""
-    return scene_node(
-        function, f"{slug}.confusions", f"count_points_of_{slug}", inputs={"labels": f"{slug}.labels"}, over="labels",
-        fixed=fixed, trained=training_scheme, scored=evaluation_scheme,
-    )  # fmt: skip
-
-
-def _nodes_of(slug: str) -> list[Node]:
+def _nodes_of(slug: str, count: Callable[..., Any], score: Callable[..., Any], *given: str, **fixed: Any) -> list[Node]:
+    """Return the nodes that count the points of each labelled scene by class, score them and draw the labels."""
     configured = ["params:survey", "params:classes"]
     return [
-        _counting(slug, counting.count_scene),
+        scene_node(
+            count, f"{slug}.confusions", f"count_points_of_{slug}", inputs={"labels": f"{slug}.labels"},
+            over="labels", fixed=fixed, trained=training_scheme, scored=evaluation_scheme,
+        ),
         Node(
-            fix_arguments(score_method, method=slug),
-            [f"{slug}.confusions", f"{slug}.model", *configured],
+            score,
+            [f"{slug}.confusions", *given, *configured],
             [f"{slug}.scores", f"{slug}.confusion_figure", f"{slug}.bars_figure"],
             name=f"score_{slug}",
         ),
-        _picturing(slug),
-    ]
-
-
-def _picturing(slug: str) -> Node:
-    return Node(
-        fix_arguments(picture_labels, method=slug),
-        ["scenes", f"{slug}.labels", "params:survey", "params:classes"],
-        [f"{slug}.birds_eye_figure", f"{slug}.perspective_figure"],
-        name=f"picture_{slug}",
-    )
+        Node(
+            fix_arguments(picture_labels, method=slug),
+            ["scenes", f"{slug}.labels", *configured],
+            [f"{slug}.birds_eye_figure", f"{slug}.perspective_figure"],
+            name=f"picture_{slug}",
+        ),
+    ]  # fmt: skip
 
 
 def evaluate_seen(slug: str, answers: counting.LabelNames, *, suffix: str = "") -> list[Node]:
     """Return the nodes that score a method with images, over all points and over those inside images."""
-    configured = ["params:survey", "params:classes"]
-    return [
-        _counting(slug, counting.count_seen_scene, answers=dict(answers)),
-        Node(
-            fix_arguments(score_seen_points, method=slug, suffix=suffix),
-            [f"{slug}.confusions", *configured],
-            [f"{slug}.scores", f"{slug}.confusion_figure", f"{slug}.bars_figure"],
-            name=f"score_{slug}",
-        ),
-        _picturing(slug),
-    ]
+    score = fix_arguments(score_seen_points, method=slug, suffix=suffix)
+    return _nodes_of(slug, counting.count_seen_scene, score, answers=dict(answers))
+
+
+def _nodes_of_labeller(slug: str) -> list[Node]:
+    return _nodes_of(slug, counting.count_scene, fix_arguments(score_method, method=slug), f"{slug}.model")
 
 
 def _nodes_of_detector(slug: str) -> list[Node]:
@@ -178,5 +169,5 @@ def _nodes_of_detector(slug: str) -> list[Node]:
 
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: labels and detections of every method to its scores and figures."""
-    labellers = [node for slug in methods_of("labelling") for node in _nodes_of(slug)]
+    labellers = [node for slug in methods_of("labelling") for node in _nodes_of_labeller(slug)]
     return Pipeline([*labellers, *(node for slug in methods_of("detection") for node in _nodes_of_detector(slug))])

@@ -258,11 +258,9 @@ _TABLE = (
     ),
     *(Method(slug, **_JOINTNET) for slug in ("jointnet", "jointnet_tuned", "jointnet_printed")),
     *(Method(f"{view}_net", **_JOINTNET, group="jointnet", variant=view) for view in ("hssi", "vqai", "vaai")),
-    Method("spin_image", "recognition", "papers.luo2019.spin_image", _DESCRIPTORS, ".recogniser:SpinImageRecogniser"),
-    Method("shot", "recognition", "papers.luo2019.shot", _DESCRIPTORS, ".recogniser:ShotRecogniser"),
-    Method(
-        "hierarchy_descriptor", "recognition", "papers.luo2019.hierarchy_descriptor", _DESCRIPTORS,
-        ".recogniser:HierarchyRecogniser",
+    *(
+        Method(slug, "recognition", "papers.luo2019.descriptors", _DESCRIPTORS, f".recognisers:{kind}Recogniser")
+        for slug, kind in (("spin_image", "SpinImage"), ("shot", "Shot"), ("hierarchy_descriptor", "Hierarchy"))
     ),
     Method(
         "pointnet", "recognition", "papers.luo2019.pointnet", ".parameters:PointNetParameters",

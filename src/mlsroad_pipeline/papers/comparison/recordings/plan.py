@@ -31,7 +31,7 @@ from mlsroad_pipeline.papers.comparison.recordings.parameters import (
     StudyParameters,
     sources_of,
 )
-from mlsroad_pipeline.papers.comparison.recordings.preparation import model_arrays, preparation_of, train_model
+from mlsroad_pipeline.papers.comparison.recordings.preparation import model_arrays, preparation_of, prepare, train_model
 from mlsroad_pipeline.papers.comparison.recordings.scoring import score_source
 from mlsroad_pipeline.papers.comparison.recordings.streets import make_scenes
 from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
@@ -233,11 +233,12 @@ def prepare_scenes(plan: StudyPlan, scenes: SceneCollection) -> dict[str, SceneT
         for key in plan.training_scenes(run):
             source = plan.sources.get(key.partition(".")[0])
             parameters = {
+                "kind": preparation.kind,
                 "stages": preparation.stages(plan.parameters),
                 "scheme": plan.scheme,
                 "mixed": () if source is None else tuple(source.mixed),
             }
-            tasks[f"{preparation.kind}.{key}"] = SceneTask(preparation.prepare, {"scenes": scenes[key]}, parameters)
+            tasks[f"{preparation.kind}.{key}"] = SceneTask(prepare, {"scenes": scenes[key]}, parameters)
     return tasks
 
 

@@ -72,10 +72,8 @@ class Setup(NamedTuple):
 class Preparation:
     """Preparation of the scenes of a method, and its training on them."""
 
-    kind: str  # methods of one kind share the prepared scenes
+    kind: str  # one of `_PARTS`; methods of one kind share the prepared scenes
     stages: Callable[[Mapping[str, Any]], Any]  # takes the parameters of all groups
-    # takes the loaded scenes and the keywords `stages`, `scheme` and `mixed`
-    prepare: Callable[..., dict[str, Any]]
     fit: Callable[[Sequence[Prepared], Setup], ModelBundle]
 
 
@@ -95,19 +93,13 @@ def labelled_for(
         yield name, uses
 
 
-def prepare_supervoxels(
-    scenes: PointCloud | Mapping[str, PointCloud], *, stages: StageParameters, scheme: ClassScheme, mixed: Sequence[str]
-) -> dict[str, Any]:
-    """Compute the labelled supervoxels of scenes for each use."""
-    out: dict[str, Any] = {}
-    for name, uses in labelled_for(scenes, scheme, mixed):
-        cloud = uses["whole"]
-        ground = find_ground(cloud, stages.ground)
-        supervoxels = build_supervoxels(cloud, stages.supervoxels)
-        features = describe_supervoxels(cloud, ground, supervoxels, stages.features)
-        for use, labelled in uses.items():
-            out[f"{name}.{use}"] = training_rows(labelled, supervoxels, features, scheme=scheme)
-    return out
+def prepare_supervoxels(uses: dict[str, PointCloud], stages: StageParameters, scheme: ClassScheme) -> dict[str, Any]:
+    """Compute the labelled supervoxels of a scene for each use."""
+    cloud = uses["whole"]
+    ground = find_ground(cloud, stages.ground)
+    supervoxels = build_supervoxels(cloud, stages.supervoxels)
+    features = describe_supervoxels(cloud, ground, supervoxels, stages.features)
+    return {use: training_rows(one, supervoxels, features, scheme=scheme) for use, one in uses.items()}
 
 
 def _fit_forest(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
@@ -123,19 +115,12 @@ def _forest_stages(parameters: Mapping[str, Any]) -> StageParameters:
     return StageParameters(*(parameters[name] for name in ("ground_removal", "supervoxelise", "features")))
 
 
-def prepare_patches(
-    scenes: PointCloud | Mapping[str, PointCloud], *, stages: PatchStages, scheme: ClassScheme, mixed: Sequence[str]
-) -> dict[str, Any]:
-    """Cut scenes into patches, with ground and classes for each use."""
-    out: dict[str, Any] = {}
-    for name, uses in labelled_for(scenes, scheme, mixed):
-        ground = find_ground(uses["whole"], stages.ground)
-        patches = build_patches(uses["whole"], ground, stages.patches)
-        out[f"{name}.patches"] = patches
-        out[f"{name}.ground"] = {"ground": ground["ground"]}
-        for use, labelled in uses.items():
-            out[f"{name}.{use}"] = label_patches(labelled, patches, scheme)
-    return out
+def prepare_patches(uses: dict[str, PointCloud], stages: PatchStages, scheme: ClassScheme) -> dict[str, Any]:
+    """Cut a scene into patches, with ground and classes for each use."""
+    ground = find_ground(uses["whole"], stages.ground)
+    patches = build_patches(uses["whole"], ground, stages.patches)
+    labels = {use: label_patches(labelled, patches, scheme) for use, labelled in uses.items()}
+    return {"patches": patches, "ground": {"ground": ground["ground"]}, **labels}
 
 
 def _patch_stages(parameters: Mapping[str, Any]) -> PatchStages:
@@ -187,26 +172,20 @@ def _fit_shapes(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
     )
 
 
-def prepare_graphs(
-    scenes: PointCloud | Mapping[str, PointCloud],
-    *,
-    stages: tuple[StageParameters, SuperpointTransformerParameters],
-    scheme: ClassScheme,
-    mixed: Sequence[str],
-) -> dict[str, Any]:
-    """Build the labelled graphs of superpoints of scenes for each use, as scanned and in views of virtual scanners."""
+GraphStages = tuple[StageParameters, SuperpointTransformerParameters]
+
+
+def prepare_graphs(uses: dict[str, PointCloud], stages: GraphStages, scheme: ClassScheme) -> dict[str, Any]:
+    """Build the labelled graphs of superpoints of a scene for each use, as scanned and in views of virtual scanners."""
+    prepared = superpoint_transformer.prepare(uses["whole"], stages[0], fresh=True)
     out: dict[str, Any] = {}
-    for name, uses in labelled_for(scenes, scheme, mixed):
-        prepared = superpoint_transformer.prepare(uses["whole"], stages[0], fresh=True)
-        for use, labelled in uses.items():
-            graphs = training_graphs(labelled, *prepared, parameters=stages[1], stages=stages[0], scheme=scheme)
-            out |= {f"{name}.{view}.{use}": graph for view, graph in graphs.items()}
+    for use, labelled in uses.items():
+        graphs = training_graphs(labelled, *prepared, parameters=stages[1], stages=stages[0], scheme=scheme)
+        out |= {f"{view}.{use}": graph for view, graph in graphs.items()}
     return out
 
 
-def _graph_stages(
-    parameters: Mapping[str, Any],
-) -> tuple[StageParameters, SuperpointTransformerParameters]:
+def _graph_stages(parameters: Mapping[str, Any]) -> GraphStages:
     return _forest_stages(parameters), parameters[SUPERPOINTS].of_graphs()
 
 
@@ -222,23 +201,16 @@ def _fit_graphs(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
     return bundle
 
 
-def prepare_voxels(
-    scenes: PointCloud | Mapping[str, PointCloud],
-    *,
-    stages: tuple[GroundParameters, BoostedTreesParameters],
-    scheme: ClassScheme,
-    mixed: Sequence[str],
-) -> dict[str, Any]:
-    """Draw the labelled voxels of scenes for each use."""
-    out: dict[str, Any] = {}
-    for name, uses in labelled_for(scenes, scheme, mixed):
-        ground = find_ground(uses["whole"], stages[0])
-        for use, labelled in uses.items():
-            out[f"{name}.{use}"] = training_voxels(labelled, ground, parameters=stages[1], scheme=scheme)
-    return out
+VoxelStages = tuple[GroundParameters, BoostedTreesParameters]
 
 
-def _voxel_stages(parameters: Mapping[str, Any]) -> tuple[GroundParameters, BoostedTreesParameters]:
+def prepare_voxels(uses: dict[str, PointCloud], stages: VoxelStages, scheme: ClassScheme) -> dict[str, Any]:
+    """Draw the labelled voxels of a scene for each use."""
+    ground = find_ground(uses["whole"], stages[0])
+    return {use: training_voxels(one, ground, parameters=stages[1], scheme=scheme) for use, one in uses.items()}
+
+
+def _voxel_stages(parameters: Mapping[str, Any]) -> VoxelStages:
     return parameters["ground_removal"], parameters[TREES].of_sample()
 
 
@@ -252,11 +224,30 @@ def _fit_voxels(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
     return bundle
 
 
-_FOREST = Preparation("supervoxels", _forest_stages, prepare_supervoxels, _fit_forest)
-_PATCHES = Preparation("patches", _patch_stages, prepare_patches, _fit_patches)
-_SHAPES = Preparation("patches", _patch_stages, prepare_patches, _fit_shapes)
-_GRAPHS = Preparation("superpoint_graphs", _graph_stages, prepare_graphs, _fit_graphs)
-_VOXELS = Preparation("voxels", _voxel_stages, prepare_voxels, _fit_voxels)
+_PARTS: dict[str, Callable[..., dict[str, Any]]] = {
+    "supervoxels": prepare_supervoxels,
+    "patches": prepare_patches,
+    "superpoint_graphs": prepare_graphs,
+    "voxels": prepare_voxels,
+}
+
+
+def prepare(
+    scenes: PointCloud | Mapping[str, PointCloud], *, kind: str, stages: Any, scheme: ClassScheme, mixed: Sequence[str]
+) -> dict[str, Any]:
+    """Return the parts of all scenes for a kind of preparation, ``<scene>.<part>``."""
+    return {
+        f"{name}.{part}": arrays
+        for name, uses in labelled_for(scenes, scheme, mixed)
+        for part, arrays in _PARTS[kind](uses, stages, scheme).items()
+    }
+
+
+_FOREST = Preparation("supervoxels", _forest_stages, _fit_forest)
+_PATCHES = Preparation("patches", _patch_stages, _fit_patches)
+_SHAPES = Preparation("patches", _patch_stages, _fit_shapes)
+_GRAPHS = Preparation("superpoint_graphs", _graph_stages, _fit_graphs)
+_VOXELS = Preparation("voxels", _voxel_stages, _fit_voxels)
 _OF_METHOD = {
     "detrended_forest": _FOREST,
     "shape_based": _SHAPES,

@@ -15,10 +15,11 @@ from mlsroad_pipeline.papers.luo2016.patch_graph.costs import N_ABSOLUTE, CostWe
 from mlsroad_pipeline.papers.luo2016.patch_graph.iterations import (
     MatchGraph,
     SearchParameters,
+    check_matches,
     find_matches,
     make_chooser,
+    match_with_each_other,
 )
-from mlsroad_pipeline.papers.luo2016.patch_graph.matching import check_matches, match_with_each_other
 from mlsroad_pipeline.papers.luo2016.patch_graph.search import DescriptionCells
 from mlsroad_pipeline.papers.shared.patches.labelling import main_axis_stations
 from mlsroad_pipeline.papers.shared.patches.table import UNKNOWN, Patches
@@ -195,8 +196,13 @@ def thin_scenes(
     drawn[order] = np.floor((rank + 1) * share + 1e-9) > np.floor(rank * share + 1e-9)
     if drawn.all():
         return patches, edges
-    place = np.where(drawn, np.cumsum(drawn) - 1, -1).astype(np.int32)[edges]
-    return patches.take(np.flatnonzero(drawn)), place[(place >= 0).all(axis=1)]
+    return patches.take(np.flatnonzero(drawn)), edges_between(edges, drawn)
+
+
+def edges_between(edges: NDArray[np.int32], rows: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """Return the edges between the given patches, as indices into these."""
+    place = np.where(rows, np.cumsum(rows) - 1, -1).astype(np.int32)[edges]
+    return place[(place >= 0).all(axis=1)]
 
 
 @dataclass(frozen=True)

@@ -266,15 +266,7 @@ def propagate(
                         insert(t, cost, target_scene[t], row, row_costs, scenes)
 
 
-@njit(cache=True, nogil=True)
 def mark_changes(old: NDArray[np.int32], new: NDArray[np.int32], fresh: NDArray[np.bool_], keep: bool) -> None:
     """Mark matches absent from `old`; with `keep`, also those marked before and still present."""
-    n_matches = old.shape[1]
-    before = np.empty(n_matches, np.bool_)
-    for u in range(len(old)):
-        before[:] = fresh[u]
-        for k in range(n_matches):
-            fresh[u, k] = True
-            for j in range(n_matches):
-                if new[u, k] == old[u, j]:
-                    fresh[u, k] = keep and before[j]
+    same = new[:, :, None] == old[:, None, :]
+    fresh[:] = ~same.any(axis=2) | (keep & (same & fresh[:, None, :]).any(axis=2))

@@ -20,6 +20,7 @@ from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import (
     PatchGraphParameters,
     class_probabilities,
     cut_scenes,
+    edges_between,
     match_patches,
 )
 from mlsroad_pipeline.papers.luo2016.patch_graph.refinement import (
@@ -71,7 +72,11 @@ def label_held_out(
         return list(labelled.values())
     for number, rows in _held_out(fold):
         others = PatchGraphClassifier.fit(
-            patches.take(~rows), _edges_of(edges, ~rows), transfer.n_classes, parameters=parameters, n_threads=n_threads
+            patches.take(~rows),
+            edges_between(edges, ~rows),
+            transfer.n_classes,
+            parameters=parameters,
+            n_threads=n_threads,
         )
         logger.info("fold %d: %d of %d patches held out", number, rows.sum(), len(patches))
         for place in np.intersect1d(whole.scene[rows], drawn).tolist():
@@ -106,15 +111,9 @@ def _held_out(fold: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.bool_]]
         yield number, fold == number
 
 
-def _edges_of(edges: NDArray[np.int32], rows: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Return the edges between the given patches, as indices into these."""
-    place = np.where(rows, np.cumsum(rows) - 1, -1).astype(np.int32)[edges]
-    return place[(place >= 0).all(axis=1)]
-
-
 def _piece(patches: Patches, edges: NDArray[np.int32], scene: int) -> tuple[Patches, NDArray[np.int32]]:
     rows = patches.scene == scene
-    return patches.take(rows), _edges_of(edges, rows)
+    return patches.take(rows), edges_between(edges, rows)
 
 
 @dataclass(frozen=True)
@@ -146,21 +145,19 @@ class GridParameters:
             if not getattr(self, name):
                 raise ParameterError(f"patch_graph_mrf.{name} must list at least one value")
         for weight, decay, clique in product(self.smoothness, self.colour_decay, self.clique_weight):
-            RefinementParameters(
-                weight,
-                decay,
-                self.ground_penalty,
-                self.floor,
-                self.smooth_ground,
-                clique,
-                self.clique_truncation,
-                self.mast_radius,
-            )
+            replace(self.base(), smoothness=weight, colour_decay=decay, clique_weight=clique)
         check_at_least(self.max_patches, 1, "patch_graph_mrf.max_patches")
         if self.criterion not in CRITERIA:
             raise ParameterError(f"patch_graph_mrf.criterion must be one of {list(CRITERIA)}, got {self.criterion!r}")
         if self.n_folds < 0 or self.n_folds == 1:
             raise ParameterError(f"patch_graph_mrf.n_folds must be 0 or at least 2, got {self.n_folds!r}")
+
+    def base(self) -> RefinementParameters:
+        """Return the parameters of the field that are not searched for."""
+        return RefinementParameters(
+            ground_penalty=self.ground_penalty, floor=self.floor, smooth_ground=self.smooth_ground,
+            clique_truncation=self.clique_truncation, mast_radius=self.mast_radius,
+        )  # fmt: skip
 
 
 class RefinedPatchGraphClassifier:
@@ -218,13 +215,9 @@ def refine_classifier(
         transfer, patches, edges, parameters=graph_parameters, max_patches=grid.max_patches, surveys=surveys,
         n_folds=grid.n_folds, n_threads=n_threads,
     )  # fmt: skip
-    base = RefinementParameters(
-        ground_penalty=grid.ground_penalty, floor=grid.floor, smooth_ground=grid.smooth_ground,
-        clique_truncation=grid.clique_truncation, mast_radius=grid.mast_radius,
-    )  # fmt: skip
     parameters, tried = choose_parameters(
         scenes, smoothness=grid.smoothness, colour_decay=grid.colour_decay, clique_weight=grid.clique_weight,
-        criterion=grid.criterion, base=base, ground=ground,
+        criterion=grid.criterion, base=grid.base(), ground=ground,
     )  # fmt: skip
     return RefinedPatchGraphClassifier(transfer, parameters=parameters, ground=ground), tried
 

@@ -7,6 +7,7 @@ labelled by a forest trained without colour. Models are trained in `training`.
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from typing import Literal
 
 import numpy as np
@@ -121,20 +122,23 @@ def supervoxel_probabilities(
     if missing:
         raise DataError(f"{scene.source}: the model needs the features {', '.join(missing)}")
     columns = [names.index(name) for name in bundle.metadata["feature_names"][variant]]
-    probabilities = _predict(bundle, variant, np.ascontiguousarray(features["values"][:, columns]))
+    arrays = arrays_under(bundle.arrays, f"{variant}.")
+    if variant not in bundle.prepared:
+        bundle.prepared[variant] = FlatForest.from_arrays(arrays)
+    values = np.ascontiguousarray(features["values"][:, columns])
+    probabilities = forest_probabilities(bundle.prepared[variant], arrays, values)
     forest = bundle.metadata["parameters"]["forest"]
     if forest["smoothing"] > 0:
         probabilities = smooth_probabilities(probabilities, supervoxels["adjacency"], weight=forest["smoothing"])
     return probabilities
 
 
-def _predict(bundle: ModelBundle, variant: str, values: NDArray[np.float32]) -> NDArray[np.float32]:
+def forest_probabilities(
+    forest: FlatForest, arrays: Mapping[str, NDArray], values: NDArray[np.float32]
+) -> NDArray[np.float32]:
     """Return the probabilities of all classes of the scheme, 0 for classes without training samples."""
-    arrays = arrays_under(bundle.arrays, f"{variant}.")
-    if variant not in bundle.prepared:
-        bundle.prepared[variant] = FlatForest.from_arrays(arrays)
     out = np.zeros((len(values), int(arrays["n_classes"])), dtype=np.float32)
-    out[:, arrays["trained_classes"]] = bundle.prepared[variant].predict_proba(values)
+    out[:, arrays["trained_classes"]] = forest.predict_proba(values)
     return out
 
 

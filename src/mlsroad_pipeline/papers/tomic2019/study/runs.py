@@ -165,7 +165,11 @@ def _trained(cloud: PointCloud, variant: ForestVariant, scheme: ClassScheme) -> 
     bundle, forest = fit_forest(
         [rows], parameters=variant.forest, stages=stages, scheme=scheme, trained_on={}, fallbacks=False
     )
-    facts = {"supervoxels": len(rows["labels"]), "features": len(chosen), "out_of_bag": float(forest.oob_score_)}
+    facts = {
+        "supervoxels": len(rows["labels"]),
+        "features": len(chosen),
+        "out_of_bag": float(1.0 - forest.oob_error[-1]),
+    }
     return bundle, facts
 
 
