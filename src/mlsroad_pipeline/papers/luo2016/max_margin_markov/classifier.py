@@ -23,7 +23,7 @@ from mlsroad_pipeline.papers.luo2016.max_margin_markov.network import (
     build_markov_graph,
     clique_shares,
 )
-from mlsroad_pipeline.papers.shared.patches.table import Patches
+from mlsroad_pipeline.papers.shared.patches.table import Patches, edges_between
 
 SLUG = "max_margin_markov"
 
@@ -145,31 +145,21 @@ def _split(patches: Patches, edges: NDArray[np.int32], clique_shares: Sequence[f
     """Split the training set into scenes and build the graph of each."""
     scenes = []
     for number in np.unique(patches.scene):
-        rows = np.flatnonzero(patches.scene == number)
-        place = np.full(len(patches), -1, np.int32)
-        place[rows] = np.arange(len(rows), dtype=np.int32)
-        inside = place[edges.reshape(-1, 2)]
-        graph = build_markov_graph(patches.take(rows), inside[(inside >= 0).all(axis=1)], clique_shares)
+        rows = patches.scene == number
+        graph = build_markov_graph(patches.take(rows), edges_between(edges.reshape(-1, 2), rows), clique_shares)
         scenes.append(_Scene(graph, patches.label[rows].astype(np.int32)))
     return scenes
 
 
+@dataclass(frozen=True, eq=False)
 class MaxMarginMarkov:
     """Patch classifier with a max-margin Markov network."""
 
-    def __init__(
-        self,
-        network: MarkovNetwork,
-        clique_shares: Sequence[float],
-        temperature: float,
-        colour: NDArray[np.float32],
-        errors: Sequence[float] = (),
-    ) -> None:
-        self.network = network
-        self.clique_shares = tuple(float(share) for share in clique_shares)
-        self.temperature = temperature
-        self.colour = colour
-        self.errors = tuple(errors)
+    network: MarkovNetwork
+    clique_shares: Sequence[float]  # see `MarginParameters`
+    temperature: float
+    colour: NDArray[np.float32]  # mean colour of training, for patches without colour; empty without colour
+    errors: Sequence[float]  # share of wrong sites in the loss-augmented labelling of each round
 
     @classmethod
     def fit(

@@ -22,7 +22,7 @@ from mlsroad_pipeline.papers.luo2016.patch_graph.iterations import (
 )
 from mlsroad_pipeline.papers.luo2016.patch_graph.search import DescriptionCells
 from mlsroad_pipeline.papers.shared.patches.labelling import main_axis_stations
-from mlsroad_pipeline.papers.shared.patches.table import UNKNOWN, Patches
+from mlsroad_pipeline.papers.shared.patches.table import UNKNOWN, Patches, edges_between
 
 _ARRAYS = ("matches", "labels", "rows", "objective", "coloured")
 
@@ -199,12 +199,6 @@ def thin_scenes(
     return patches.take(np.flatnonzero(drawn)), edges_between(edges, drawn)
 
 
-def edges_between(edges: NDArray[np.int32], rows: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Return the edges between the given patches, as indices into these."""
-    place = np.where(rows, np.cumsum(rows) - 1, -1).astype(np.int32)[edges]
-    return place[(place >= 0).all(axis=1)]
-
-
 @dataclass(frozen=True)
 class PatchGraphParameters:
     """Parameters of the match graph."""
@@ -236,14 +230,14 @@ def _from_mapping(kind: type, values: Mapping[str, Any], name: str) -> Any:
     return kind(**values)
 
 
+@dataclass(frozen=True, eq=False)
 class PatchGraphClassifier:
     """Patch classifier by label transfer with the 3-D patch match graph."""
 
-    def __init__(self, graph: TrainedGraph, n_classes: int, *, weights: CostWeights, search: SearchParameters) -> None:
-        self.graph = graph
-        self.n_classes = n_classes
-        self.weights = weights
-        self.search = search
+    graph: TrainedGraph
+    n_classes: int
+    weights: CostWeights
+    search: SearchParameters
 
     @classmethod
     def fit(

@@ -20,7 +20,6 @@ from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import (
     PatchGraphParameters,
     class_probabilities,
     cut_scenes,
-    edges_between,
     match_patches,
 )
 from mlsroad_pipeline.papers.luo2016.patch_graph.refinement import (
@@ -31,7 +30,7 @@ from mlsroad_pipeline.papers.luo2016.patch_graph.refinement import (
     choose_parameters,
     refine,
 )
-from mlsroad_pipeline.papers.shared.patches.table import Patches
+from mlsroad_pipeline.papers.shared.patches.table import Patches, edges_between
 from mlsroad_pipeline.papers.shared.patches.training import PatchTraining, bundle_model
 
 logger = logging.getLogger(__name__)
@@ -160,15 +159,13 @@ class GridParameters:
         )  # fmt: skip
 
 
+@dataclass(frozen=True, eq=False)
 class RefinedPatchGraphClassifier:
     """Patch classifier by label transfer and a Markov random field."""
 
-    def __init__(
-        self, transfer: PatchGraphClassifier, *, parameters: RefinementParameters, ground: GroundClasses
-    ) -> None:
-        self.transfer = transfer
-        self.parameters = parameters
-        self.ground = ground
+    transfer: PatchGraphClassifier
+    parameters: RefinementParameters
+    ground: GroundClasses
 
     def predict_proba(self, patches: Patches, edges: NDArray[np.int32]) -> NDArray[np.float64]:
         """Return the conditional class probabilities of the patches of one scene."""

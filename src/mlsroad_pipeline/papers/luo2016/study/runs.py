@@ -121,7 +121,7 @@ def train_and_score(
     fit = _train_objects if method == shape_based.SLUG else _train_graph if method in REFINES else _train_patches
     facts, label = fit(train, method, parameters, stages, scheme)
     matrices: dict[str, list[NDArray[np.int64]]] = {name: [] for name in facts}
-    seconds, shown = dict.fromkeys(facts, 0.0), {}
+    seconds, shown = dict.fromkeys(facts, 0.0), dict[str, NDArray[np.int8]]()
     for street in test.values():
         truth = scheme.encode(street["points"]["label"], source=street["points"].source)
         for name, (labels, used) in label(street).items():
@@ -138,8 +138,8 @@ def train_and_score(
 
 
 def _joined(train: Mapping[str, Street]) -> tuple[Patches, NDArray[np.int32]]:
-    patches, labels = ({key: street[part] for key, street in train.items()} for part in ("patches", "labels"))
-    return join_training_scenes(patches, labels)
+    patches = {key: street["patches"] for key, street in train.items()}
+    return join_training_scenes(patches, {key: street["labels"] for key, street in train.items()})
 
 
 def _table(street: Street) -> tuple[Patches, NDArray[np.int32]]:
@@ -154,10 +154,9 @@ def _vote(street: Street, probabilities: NDArray, stages: PatchStages) -> NDArra
 def _train_patches(
     train: Mapping[str, Street], method: str, parameters: Mapping[str, Any], stages: PatchStages, scheme: ClassScheme
 ) -> Trained:
-    kinds = {"patch_svm": PatchSvm, "patch_forest": PatchForest, "max_margin_markov": MaxMarginMarkov}
+    kinds: dict[str, Any] = {"patch_svm": PatchSvm, "patch_forest": PatchForest, "max_margin_markov": MaxMarginMarkov}
     joined, kind = _joined(train), kinds[method]
-    fit: Any = kind.fit
-    classifier, seconds = timed(fit, *joined, parameters=parameters[method], n_classes=len(scheme))
+    classifier, seconds = timed(kind.fit, *joined, parameters=parameters[method], n_classes=len(scheme))
     choice = getattr(classifier, "choice", None)
     facts = {} if choice is None else {"cost": choice.cost, "gamma": choice.gamma}
 

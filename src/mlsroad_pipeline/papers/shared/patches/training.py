@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.core.validation import check_arrays
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.papers.shared.patches.table import Patches, join_patches
+from mlsroad_pipeline.papers.shared.patches.table import Patches, edges_between, join_patches
 from mlsroad_pipeline.papers.shared.patches.types import PatchClassifier, PatchLabels, PatchStages, ScenePatches
 
 logger = logging.getLogger(__name__)
@@ -50,10 +50,7 @@ def join_training_scenes(
         check_arrays(labels[key], ("label", "station"), f"the patch labels of scene {key} (label the patches again)")
         arrays, label = scenes[key], labels[key]["label"]
         rows = np.flatnonzero(label != IGNORE)
-        place = np.full(len(label), -1, np.int32)
-        place[rows] = np.arange(shift, shift + len(rows))
-        moved = place[arrays["edges"]]
-        edges.append(moved[(moved >= 0).all(axis=1)])
+        edges.append(edges_between(arrays["edges"], label != IGNORE) + np.int32(shift))
         own = {"label": label, "station": labels[key]["station"], "scene": np.full(len(label), number)}
         whole = Patches.from_arrays({**arrays, **own})
         parts.append(whole.take(rows))

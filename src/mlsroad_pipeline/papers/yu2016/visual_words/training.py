@@ -71,7 +71,7 @@ class VisualWords:
     def to_arrays(self) -> dict[str, NDArray]:
         """Return the trained state as plain arrays."""
         words, own = self.vocabulary.words, self.vocabulary
-        learned = {
+        learned: dict[str, NDArray] = {
             "descriptors": words.descriptors, "orientations": words.orientations, "scales": words.scales,
             "inverse": own.inverse, "stopped": own.stopped, "floor": np.array(own.floor),
         }  # fmt: skip
