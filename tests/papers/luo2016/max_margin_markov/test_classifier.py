@@ -13,6 +13,7 @@ from mlsroad_pipeline.papers.luo2016.max_margin_markov.classifier import (
 )
 from mlsroad_pipeline.papers.luo2016.max_margin_markov.network import (
     BoostedTrees,
+    MarkovGraph,
     MarkovNetwork,
     build_markov_graph,
     clique_shares,
@@ -100,7 +101,9 @@ def test_search_and_conditionals_against_enumeration(rng):
 
 
 def test_clique_shares_by_hand():
-    shares = clique_shares(np.array([0, 0, 0, 1]), np.array([0, 4, 6]), np.array([0, 1, 2, 3, 2, 3], np.int32), 3, 0.5)
+    nothing, members = np.zeros((0, 1), np.float32), np.array([0, 1, 2, 3, 2, 3], np.int32)
+    graph = MarkovGraph(nothing, np.zeros((0, 2), np.int32), nothing, np.array([0, 4, 6]), members, nothing)
+    shares = clique_shares(graph, np.array([0, 0, 0, 1]), 3, 0.5)
     np.testing.assert_allclose(shares, [[0.5, 0, 0], [0, 0, 0]])
 
 

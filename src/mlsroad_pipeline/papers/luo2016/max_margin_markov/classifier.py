@@ -79,8 +79,8 @@ def _gradient(scene: _Scene, predicted: NDArray[np.int32], network: MarkovNetwor
     for labels, sign in ((truth, 1.0), (predicted, -1.0)):
         agree = labels[ends[:, 0]] == labels[ends[:, 1]]
         gradient["pairs"][agree] += sign * eye[labels[ends[agree, 0]]]
-    shape = (graph.indptr, graph.members, network.n_labels, network.truncation)
-    gradient["groups"] = clique_shares(truth, *shape) - clique_shares(predicted, *shape)
+    true, found = (clique_shares(graph, y, network.n_labels, network.truncation) for y in (truth, predicted))
+    gradient["groups"] = true - found
     return gradient
 
 

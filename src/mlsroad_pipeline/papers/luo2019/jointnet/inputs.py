@@ -130,19 +130,13 @@ def _isolated(xyz: NDArray[np.float64], factor: float, least: int) -> NDArray[np
         rows = np.flatnonzero(keep)
         if len(rows) <= max(least, NEIGHBOURS):
             break
-        spacing = _spacing(xyz[rows])
+        distance, _ = cKDTree(xyz[rows]).query(xyz[rows], k=NEIGHBOURS + 1)
+        spacing = distance[:, 1:].mean(axis=1)
         alone = spacing > factor * np.median(spacing)
         if not alone.any() or len(rows) - alone.sum() < _LEAST_SHARE * len(xyz):
             break
         keep[rows[alone]] = False
     return ~keep
-
-
-def _spacing(xyz: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the mean distance of the nearest points of each point."""
-    distance, _ = cKDTree(xyz).query(xyz, k=NEIGHBOURS + 1)
-    mean: NDArray[np.float64] = distance[:, 1:].mean(axis=1)
-    return mean
 
 
 _FEW = 8

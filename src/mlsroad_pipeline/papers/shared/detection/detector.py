@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,37 +36,18 @@ class DetectionStages:
     segmentation: SegmentationParameters  # The segmentation into objects
 
 
-class TrainedDetector(Protocol):
-    """Detector that scores each object for each wanted class."""
+def trained_detector(parts: Description, bundle: ModelBundle) -> Any:
+    """Rebuild the variant of a model that fits a scene: a detector with the `score` of each object for each class.
 
-    @property
-    def thresholds(self) -> NDArray[np.float64]:
-        """Lowest score of each class at which an object is detected, (c,)."""
-        ...
-
-    def score(self, parts: Description) -> NDArray[np.floating]:
-        """Return the score of each object for each class, (n, c); 0 is no similarity at all."""
-        ...
-
-    def to_arrays(self) -> dict[str, NDArray]:
-        """Return the trained state as plain arrays."""
-        ...
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray], *, intensity: bool) -> Self:
-        """Rebuild a detector."""
-        ...
-
-
-def trained_detector(parts: Description, bundle: ModelBundle) -> TrainedDetector:
-    """Rebuild the variant of a model that fits a scene."""
+    Its `thresholds` are the lowest score of each class at which an object is detected; a score of 0 is no similarity.
+    """
     variants = bundle.metadata["variants"]
     variant = WITH_INTENSITY if bool(parts["intensity"]) and WITH_INTENSITY in variants else GEOMETRY
     if variant not in variants:
         raise DataError(
             f"model {bundle.slug!r} was trained with intensity alone (without_intensity: false), and the scene has none"
         )
-    kind: type[TrainedDetector] = METHODS[bundle.slug].load("use")
+    kind = METHODS[bundle.slug].load("use")
     return kind.from_arrays(arrays_under(bundle.arrays, f"{variant}."), intensity=variant == WITH_INTENSITY)
 
 

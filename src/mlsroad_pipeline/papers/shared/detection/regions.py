@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 
@@ -192,19 +191,16 @@ def _intensity_sums(values: NDArray[np.float64], labels: NDArray[np.int32], n: i
     return np.column_stack([*sums, low, high])
 
 
-@njit(cache=True, nogil=True)
 def _interpolated_intensity(sums: NDArray[np.float64], indptr: NDArray, indices: NDArray) -> NDArray[np.float64]:
     """Return the intensity of equation 8 with the weights of equation 9; the mean of equal intensities."""
-    out = np.empty(len(sums))
-    for s in range(len(sums)):
-        n, total, squares, low, high = sums[s, 0], sums[s, 1], sums[s, 2], sums[s, 3], sums[s, 4]
-        for j in range(indptr[s], indptr[s + 1]):
-            other = sums[indices[j]]
-            n, total, squares = n + other[0], total + other[1], squares + other[2]
-            low, high = min(low, other[3]), max(high, other[4])
-        weight = total - n * low
-        out[s] = (squares - low * total) / weight if weight > 1e-12 * max(n * high, 1.0) else total / n
-    return out
+    rows, whole = np.repeat(np.arange(len(sums)), np.diff(indptr)), sums.copy()
+    np.add.at(whole[:, :3], rows, sums[indices, :3])
+    np.minimum.at(whole[:, 3], rows, sums[indices, 3])
+    np.maximum.at(whole[:, 4], rows, sums[indices, 4])
+    n, total, squares, low, high = whole.T
+    weight = total - n * low
+    unequal = weight > 1e-12 * np.maximum(n * high, 1.0)
+    return np.divide(squares - low * total, weight, out=total / n, where=unequal)
 
 
 def _longest_step(centres: NDArray[np.float64], indptr: NDArray, indices: NDArray) -> NDArray[np.float64]:

@@ -51,7 +51,7 @@ def bag_objects(
 
 @dataclass(frozen=True)
 class VisualWords:
-    """Trained vocabulary and detector; see `TrainedDetector`."""
+    """Trained vocabulary and detector; see `trained_detector`."""
 
     vocabulary: Vocabulary
     detector: VisualWordsDetector
