@@ -10,7 +10,7 @@ from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameter
 from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages
 from mlsroad_pipeline.papers.shared.detection.regions import describe_parts
 from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters
-from mlsroad_pipeline.papers.shared.detection.training import train_object_detector
+from mlsroad_pipeline.papers.shared.detection.training import DetectorTraining, train_object_detector
 from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.detector import BottomUpTopDownParameters
 from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.oriented_points import (
     OrientedPointParameters,
@@ -82,8 +82,8 @@ def described(slug, scene, objects):
 def trained(slug, scene, objects, labels):
     own = np.ones(len(labels), bool)
     return train_object_detector(
-        {"train.a": described(slug, scene, objects)}, {"train.a": {"label": labels, "own": own}}, slug=slug,
-        parameters=METHODS[slug], stages=STAGES, detection=WANTED, scheme=SCHEME, trained_on={},
+        {"train.a": described(slug, scene, objects)}, {"train.a": {"label": labels, "own": own}},
+        DetectorTraining(slug, METHODS[slug], STAGES, WANTED, SCHEME, {}),
     )  # fmt: skip
 
 

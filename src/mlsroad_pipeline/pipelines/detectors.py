@@ -16,6 +16,7 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, scene_tasks
 from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages, detect_objects
 from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters
+from mlsroad_pipeline.papers.shared.detection.training import DetectorTraining
 from mlsroad_pipeline.pipelines.per_scene import scene_node
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import held_out_keys
@@ -73,17 +74,10 @@ def _training(method: Method) -> Callable[..., tuple[ModelBundle, ModelBundle]]:
         classes: Mapping[str, Any],
     ) -> tuple[ModelBundle, ModelBundle]:
         """Train the detector on the training scenes."""
-        bundle = method.load("train")(
-            {key: parts[key].load() for key in labels},
-            labels.load_all(),
-            slug=method.slug,
-            parameters=parameters,
-            stages=DetectionStages(ground, segmentation),
-            detection=detection,
-            scheme=find_scheme(classes["schemes"], detection.scheme),
-            trained_on={"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(labels)},
-            n_threads=cpu_count(),
-        )
+        stages, scheme = DetectionStages(ground, segmentation), find_scheme(classes["schemes"], detection.scheme)
+        facts = {"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(labels)}
+        training = DetectorTraining(method.slug, parameters, stages, detection, scheme, facts, cpu_count())
+        bundle = method.load("train")({key: parts[key].load() for key in labels}, labels.load_all(), training)
         return bundle, bundle
 
     return train_detector

@@ -19,7 +19,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.papers.shared.detection.detector import detect_objects
-from mlsroad_pipeline.papers.shared.detection.training import TrainingObjects, train_object_detector
+from mlsroad_pipeline.papers.shared.detection.training import DetectorTraining, TrainingObjects, train_object_detector
 from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.detector import BottomUpTopDownParameters
 from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.oriented_points import OrientedPointParameters
 from mlsroad_pipeline.papers.yu2016.hough_forest.detector import (
@@ -104,9 +104,7 @@ def test_one_example_is_enough_to_train_and_none_is_never_detected(slug, rng, ca
     found = detect_objects(described(slug, scene, objects), without)
     assert (found["scores"][:, 1] == 0).all() and (found["label"] != 1).all()
     with pytest.raises(DataError, match="no training scenes"):
-        train_object_detector(
-            {}, {}, slug=slug, parameters=METHODS[slug], stages=STAGES, detection=WANTED, scheme=SCHEME, trained_on={}
-        )
+        train_object_detector({}, {}, DetectorTraining(slug, METHODS[slug], STAGES, WANTED, SCHEME, {}))
 
 
 @methods
@@ -120,9 +118,8 @@ def test_a_street_of_weight_zero_is_excluded_from_threshold_selection(slug, rng)
         labels = {"a": {"label": np.tile(LABELS, 6), "own": own}}
         labels["b"] = {"label": np.tile(other, 6), "own": own, "weight": weight}
         model = train_object_detector(
-            {"a": parts, "b": parts}, labels, slug=slug, parameters=METHODS[slug], stages=STAGES, detection=WANTED,
-            scheme=SCHEME, trained_on={},
-        )  # fmt: skip
+            {"a": parts, "b": parts}, labels, DetectorTraining(slug, METHODS[slug], STAGES, WANTED, SCHEME, {})
+        )
         reached[weight] = model.metadata["learned"]["geometry"]["f_scores"][1]
     assert reached[0.0] > 0.9 > reached[1.0] + 0.05
 

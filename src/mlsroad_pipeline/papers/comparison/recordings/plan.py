@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,7 +12,6 @@ import numpy as np
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme, find_scheme
 from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG as TREES
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
@@ -37,6 +36,7 @@ from mlsroad_pipeline.papers.comparison.recordings.streets import make_scenes
 from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
 from mlsroad_pipeline.papers.shared.studies.parameters import method_parameters
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
+from mlsroad_pipeline.surveys.recordings import read_scene
 
 WHOLE = "whole"
 """Use of all labels of a scene; `OWN` is that of the labels of the training part."""
@@ -192,9 +192,13 @@ def plan_study(
     return StudyPlan(study, sources, codings, scheme, {**stages, **method_parameters(methods)})
 
 
-def read_scenes(plan: StudyPlan, read: Callable[..., PointCloud]) -> dict[str, SceneTask]:
+def read_scenes(plan: StudyPlan) -> dict[str, SceneTask]:
     """Create one task per file of a recording that reads it, and one per street that simulates it."""
-    tasks = dict(_street_tasks(plan)) if any(run.protocol not in (SHIPPED, OWN) for run in plan.runs()) else {}
+    tasks = {}
+    trained = any(run.protocol not in (SHIPPED, OWN) for run in plan.runs())
+    for name, config in plan.streets().items() if trained else ():
+        street = {"simulation": simulation_parameters(config), "scan_spacing": config.get("scan_spacing")}
+        tasks[street_key(name)] = SceneTask(make_scenes, parameters=street)
     for name in plan.read_sources():
         source = plan.sources[name]
         paths = source.paths(plan.root)
@@ -215,14 +219,8 @@ def read_scenes(plan: StudyPlan, read: Callable[..., PointCloud]) -> dict[str, S
                 "is_test": is_test,
                 "gap": plan.study.gap,
             }
-            tasks[f"{name}.{stem}"] = SceneTask(read, files, parameters)
+            tasks[f"{name}.{stem}"] = SceneTask(read_scene, files, parameters)
     return tasks
-
-
-def _street_tasks(plan: StudyPlan) -> Iterator[tuple[str, SceneTask]]:
-    for name, config in plan.streets().items():
-        parameters = {"simulation": simulation_parameters(config), "scan_spacing": config.get("scan_spacing")}
-        yield street_key(name), SceneTask(make_scenes, parameters=parameters)
 
 
 def prepare_scenes(plan: StudyPlan, scenes: SceneCollection) -> dict[str, SceneTask]:

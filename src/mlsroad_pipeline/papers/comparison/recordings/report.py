@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.methods import methods_of
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.papers.comparison.recordings import plan as stages
 from mlsroad_pipeline.papers.comparison.recordings.parameters import PROTOCOLS
 from mlsroad_pipeline.papers.comparison.recordings.results import shown_rows, study_tables
@@ -23,7 +22,6 @@ from mlsroad_pipeline.papers.shared.studies.study import Shown, Stage, Study, Ta
 from mlsroad_pipeline.reporting.clouds.cloud_figures import cloud_figure, labelling_pictures
 from mlsroad_pipeline.reporting.clouds.view import birds_eye_view, oblique_view
 from mlsroad_pipeline.reporting.html.report import FactsSection, FiguresSection, Section, build_report
-from mlsroad_pipeline.surveys.recordings import read_scene
 
 CAPTIONS = {"mean_iou": "Mean IoU of each run by recording"}
 """Name of each figure to its caption."""
@@ -184,11 +182,6 @@ def scene_figures(
     }  # fmt: skip
 
 
-def read_recordings(plan: stages.StudyPlan) -> dict[str, SceneTask]:
-    """Create one task per file of a recording that reads it, and one per street that simulates it."""
-    return stages.read_scenes(plan, read_scene)
-
-
 def tabulate(plan: stages.StudyPlan, runs: SceneCollection, models: SceneCollection) -> dict[str, pd.DataFrame]:
     """Make the tables of all stored runs."""
     return study_tables(plan, runs.load_all(), models.load_all("times"))
@@ -205,7 +198,7 @@ STUDY = Study(
     parameters=("classes", *stages.STAGES, *methods_of("labelling")),
     plan=stages.plan_study,
     stages=[
-        Stage("read_recordings", read_recordings, [], "scenes"),
+        Stage("read_recordings", stages.read_scenes, [], "scenes"),
         Stage("prepare_recordings", stages.prepare_scenes, ["scenes"], "prepared"),
         Stage("train_on_recordings", stages.train_models, ["prepared"], "models"),
     ],

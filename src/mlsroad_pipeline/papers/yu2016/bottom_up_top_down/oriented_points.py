@@ -187,5 +187,5 @@ def describe_surfaces(
     images = compute_spin_images(
         places, normals, radius=p.image_radius, n_radial=p.n_radial, n_axial=p.n_axial, queries=places[chosen]
     )
-    described = {"centres": (places - back)[chosen], "normals": normals, "images": images}
+    described: dict[str, NDArray] = {"centres": (places - back)[chosen], "normals": normals, "images": images}
     return {**described, "objects": kinds[chosen], **facts}

@@ -28,6 +28,7 @@ from mlsroad_pipeline.papers.shared.detection.scoring import (
     object_classes,
     wanted_objects,
 )
+from mlsroad_pipeline.papers.shared.detection.training import DetectorTraining
 from mlsroad_pipeline.papers.shared.studies.streets import timed
 from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.oriented_points import describe_surfaces
 from mlsroad_pipeline.papers.yu2016.study.parameters import survey_of_run
@@ -159,8 +160,8 @@ def train_and_detect(
     known = replace(detection, prevalence=joint_prevalence(usual, prevalence, detection.classes))
     bundle, train_seconds = timed(
         METHODS[method].load("train"),
-        {key: street["parts"] for key, street in train.items()}, labels, slug=method, parameters=parameters,
-        stages=stages, detection=known, scheme=scheme, trained_on={"streets": len(train)},
+        {key: street["parts"] for key, street in train.items()}, labels,
+        DetectorTraining(method, parameters, stages, known, scheme, {"streets": len(train)}),
     )  # fmt: skip
     own = np.concatenate([classes["label"][classes["own"]] for classes in labels.values()])
     variant = next(iter(bundle.metadata["learned"].values()))

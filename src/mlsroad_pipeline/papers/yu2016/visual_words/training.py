@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.core.classes import IGNORE
 from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
-from mlsroad_pipeline.papers.shared.detection.detector import GEOMETRY, WITH_INTENSITY, DetectionStages
+from mlsroad_pipeline.papers.shared.detection.detector import GEOMETRY, WITH_INTENSITY
 from mlsroad_pipeline.papers.shared.detection.regions import RegionParameters
 from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters, ObjectClasses
 from mlsroad_pipeline.papers.shared.detection.training import (
-    FittedVariant,
+    DetectorTraining,
     bundle_variants,
     training_keys,
     training_weights,
@@ -109,35 +109,19 @@ class VisualWordsParameters:
 
 
 def train_detector(
-    groups: Mapping[str, Description],
-    labels: Mapping[str, ObjectClasses],
-    *,
-    parameters: VisualWordsParameters,
-    stages: DetectionStages,
-    detection: DetectionParameters,
-    scheme: ClassScheme,
-    trained_on: Mapping[str, Any],
-    slug: str = "visual_words",
-    n_threads: int = 1,
+    groups: Mapping[str, Description], labels: Mapping[str, ObjectClasses], training: DetectorTraining
 ) -> ModelBundle:
     """Train vocabulary, queries and thresholds."""
-    keys = training_keys(labels)
+    keys, parameters = training_keys(labels), training.parameters
     intensity = all(bool(groups[key]["intensity"]) for key in keys)
     variants = [WITH_INTENSITY] if intensity else []
     if parameters.without_intensity or not intensity:
         variants.append(GEOMETRY)
-    with ThreadPoolExecutor(min(n_threads, len(variants))) as pool:
-        jobs = [
-            pool.submit(train_variant, [groups[key] for key in keys], [labels[key] for key in keys],
-                        intensity=variant == WITH_INTENSITY, parameters=parameters, detection=detection,
-                        n_threads=n_threads)
-            for variant in variants
-        ]  # fmt: skip
+    scenes = [groups[key] for key in keys], [labels[key] for key in keys]
+    with ThreadPoolExecutor(min(training.n_threads, len(variants))) as pool:
+        jobs = [pool.submit(train_variant, *scenes, training, variant == WITH_INTENSITY) for variant in variants]
     fitted = {variant: _fitted(job.result()) for variant, job in zip(variants, jobs, strict=True)}
-    return bundle_variants(
-        fitted, slug=slug, stages=stages, detection=detection, scheme=scheme,
-        parameters={"groups": asdict(parameters.groups), slug: asdict(parameters)}, trained_on=trained_on,
-    )  # fmt: skip
+    return bundle_variants(fitted, training, groups=asdict(parameters.groups))
 
 
 class WordObjects(NamedTuple):
@@ -152,38 +136,23 @@ class WordObjects(NamedTuple):
 
 
 def train_variant(
-    groups: Sequence[Description],
-    labels: Sequence[ObjectClasses],
-    *,
-    intensity: bool,
-    parameters: VisualWordsParameters,
-    detection: DetectionParameters,
-    n_threads: int = 1,
+    groups: Sequence[Description], labels: Sequence[ObjectClasses], training: DetectorTraining, intensity: bool
 ) -> VisualWords:
     """Train one variant on the objects that the training scenes own."""
-    vocabulary, objects = make_words(
-        groups, labels, intensity=intensity, parameters=parameters, detection=detection, n_threads=n_threads
-    )
-    detector = VisualWordsDetector(detection.classes, parameters=parameters.detector).fit(
-        objects.counts, objects.labels, sizes=objects.sizes, profiles=objects.profiles, scenes=objects.scenes,
-        weights=objects.weights,
-    )  # fmt: skip
+    vocabulary, objects = make_words(groups, labels, training, intensity)
+    parameters = training.parameters.detector
+    detector = VisualWordsDetector(training.detection.classes, parameters=parameters).fit(**objects._asdict())
     return VisualWords(vocabulary, detector, intensity)
 
 
 def make_words(
-    groups: Sequence[Description],
-    labels: Sequence[ObjectClasses],
-    *,
-    intensity: bool,
-    parameters: VisualWordsParameters,
-    detection: DetectionParameters,
-    n_threads: int = 1,
+    groups: Sequence[Description], labels: Sequence[ObjectClasses], training: DetectorTraining, intensity: bool
 ) -> tuple[Vocabulary, WordObjects]:
     """Build the vocabulary of the training scenes, and count its words in the objects that they own.
 
     Objects whose size no wanted class has are left out.
     """
+    parameters, detection = training.parameters, training.detection
     own = np.concatenate([classes["own"] for classes in labels])
     label = np.concatenate([classes["label"] for classes in labels])
     sizes = np.concatenate([described["sizes"] for described in groups])
@@ -201,7 +170,7 @@ def make_words(
     objects = np.concatenate([part[part >= 0] for part in of_group])
     scenes = np.repeat(np.arange(len(groups)), [len(part) for part in parts])
     vocabulary, words = build_vocabulary(
-        join_groups(parts), scenes, parameters=parameters.vocabulary, n_threads=n_threads
+        join_groups(parts), scenes, parameters=parameters.vocabulary, n_threads=training.n_threads
     )
     counts = count_words(words, objects, n_objects=len(rows), stopped=vocabulary.stopped)
     profiles = np.concatenate([profiles_of(described, intensity=intensity) for described in groups])
@@ -221,7 +190,7 @@ def _of_possible_size(
     return possible if (possible & others).any() else np.ones(len(sizes), np.bool_)
 
 
-def _fitted(trained: VisualWords) -> FittedVariant:
+def _fitted(trained: VisualWords) -> tuple[dict[str, NDArray], dict[str, Any]]:
     """Return arrays and figures of a trained variant."""
     queries = trained.detector.queries_
     facts = {
@@ -232,4 +201,4 @@ def _fitted(trained: VisualWords) -> FittedVariant:
             name: of_class.threshold for name, of_class in queries.items() if np.isfinite(of_class.threshold)
         },
     }
-    return FittedVariant(trained.to_arrays(), facts)
+    return trained.to_arrays(), facts
