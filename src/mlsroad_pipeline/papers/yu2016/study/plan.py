@@ -47,12 +47,6 @@ class Description(NamedTuple):
     surveys: Sequence[str]
 
 
-class _Stores(NamedTuple):
-    streets: SceneCollection
-    segmented: SceneCollection
-    described: SceneCollection
-
-
 @dataclass(frozen=True)
 class StudyPlan:
     """Parameters of all stages of the study."""
@@ -178,7 +172,7 @@ def describe_surveys(plan: StudyPlan, streets: SceneCollection, segmented: Scene
 def run_detectors(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneTask]:
     """Create one task per detector and model that trains it and detects in the test streets of its surveys."""
     return {
-        model_key(name, surveys): _run(plan, described_by(name), surveys, _Stores(*stores), name, plan.methods[name])
+        model_key(name, surveys): _run(plan, described_by(name), surveys, stores, name, plan.methods[name])
         for name in plan.scale.detectors
         for surveys in plan.scale.learned_together()
     }
@@ -188,21 +182,26 @@ def run_settings(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneTa
     """Create one task per setting of Figure 12 that trains the visual words on the first survey."""
     survey = next(iter(plan.scale.surveys))
     return {
-        setting_key(name): _run(
-            plan, setting.described, [survey], _Stores(*stores), plan.scale.varied, setting.parameters
-        )
+        setting_key(name): _run(plan, setting.described, [survey], stores, plan.scale.varied, setting.parameters)
         for name, setting in plan.settings().items()
         if setting.run == name
     }
 
 
 def _run(
-    plan: StudyPlan, described: str, surveys: Sequence[str], stores: _Stores, detector: str, parameters: Any
+    plan: StudyPlan,
+    described: str,
+    surveys: Sequence[str],
+    stores: Sequence[SceneCollection],
+    detector: str,
+    parameters: Any,
 ) -> SceneTask:
+    """Create the task of a detector; `stores` have the streets, their objects and the descriptions of these."""
     cut = cut_of(detector)
     stages = replace(plan.stages, segmentation=replace(plan.stages.segmentation, method=cut))
-    points, parts = stores.streets.part("points"), stores.described.part("parts")
-    objects, classes = (stores.segmented.part(part) for part in ("objects", "classes"))
+    simulated, segmented, descriptions = stores
+    points, parts = simulated.part("points"), descriptions.part("parts")
+    objects, classes = (segmented.part(part) for part in ("objects", "classes"))
     chosen = {name: plan.scale.surveys[name] for name in surveys}
 
     def inputs(split: str) -> dict[str, Any]:
