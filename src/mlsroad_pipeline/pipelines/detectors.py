@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from joblib import cpu_count
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.algorithms.core.classes import find_scheme
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
@@ -17,7 +17,7 @@ from mlsroad_pipeline.execution.task import SceneTask, scene_tasks
 from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages, detect_objects
 from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters
 from mlsroad_pipeline.papers.shared.detection.training import DetectorTraining
-from mlsroad_pipeline.pipelines.per_scene import scene_node
+from mlsroad_pipeline.pipelines.per_scene import MODEL, named_node, scene_node
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import held_out_keys
 
@@ -25,17 +25,11 @@ from mlsroad_pipeline.surveys.plan import held_out_keys
 def create_pipeline(slug: str) -> Pipeline:
     """Return the pipeline of a detector."""
     method = METHODS[slug]
-    own, described, model = f"params:{slug}", f"{slug}.{method.described}", f"{slug}.model"
-    stages = (f"params:{name}" for name in ("ground_removal", "segmentation", "detection", "survey", "classes"))
+    described, model = f"{slug}.{method.described}", f"{slug}.model"
     return Pipeline(
         [
-            Node(_description(method), ["scenes", "objects", own], described, name=f"describe_objects_of_{slug}"),
-            Node(
-                _training(method),
-                [described, "object_classes", own, *stages],
-                [model, f"{slug}.registered_model"],
-                name=f"train_{slug}",
-            ),
+            named_node(_description(method), described, f"describe_objects_of_{slug}", slug=slug),
+            named_node(_training(method), MODEL, f"train_{slug}", slug=slug, parts=described, labels="object_classes"),
             scene_node(
                 detect_objects,
                 f"{slug}.detections",

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from joblib import cpu_count
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 from matplotlib.figure import Figure
 
 from mlsroad_pipeline.algorithms.core.stage_parameters import (
@@ -20,9 +20,9 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.labeller import label_scene
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import ForestParameters, fit, training_rows
-from mlsroad_pipeline.pipelines.per_scene import scene_node
+from mlsroad_pipeline.pipelines.per_scene import MODEL, named_node, scene_node
 from mlsroad_pipeline.pipelines.schemes import training_scheme
-from mlsroad_pipeline.pipelines.training_facts import FACTS, describing, labelling, with_training_facts
+from mlsroad_pipeline.pipelines.training_facts import describing, labelling, with_training_facts
 from mlsroad_pipeline.reporting.figures import importance_figure, oob_figure
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import training_keys
@@ -59,19 +59,12 @@ def train_forest(
 
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: features to a model, and to labels of the scenes that it was not trained on."""
-    stages = ("detrended_forest", "ground_removal", "supervoxelise", "features", "survey", "classes")
-    made = ("model", "registered_model", "importance_figure", "oob_figure")
-    rows = "detrended_forest.training_set"
+    rows, made = "detrended_forest.training_set", (*MODEL, ".importance_figure", ".oob_figure")
     return Pipeline(
         [
             describing(),
             scene_node(training_rows, rows, "take_training_rows", keys=training_keys, scheme=training_scheme),
-            Node(
-                train_forest,
-                [rows, *(f"params:{name}" for name in stages), FACTS],
-                [f"detrended_forest.{name}" for name in made],
-                name="train_forest",
-            ),
+            named_node(train_forest, made, slug="detrended_forest", rows=rows),
             labelling(label_scene, "detrended_forest", "label_scenes"),
         ]
     )

@@ -27,7 +27,7 @@ from mlsroad_pipeline.papers.shared.figures import (
     scene_figures,
     score_figures,
 )
-from mlsroad_pipeline.pipelines.per_scene import fix_arguments, scene_node
+from mlsroad_pipeline.pipelines.per_scene import fix_arguments, named_node, scene_node
 from mlsroad_pipeline.pipelines.schemes import detection_scheme, evaluation_scheme, training_scheme
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import middle_scenes
@@ -112,25 +112,17 @@ def picture_detections(
     )
 
 
-def _nodes_of(slug: str, count: Callable[..., Any], score: Callable[..., Any], *given: str, **fixed: Any) -> list[Node]:
+def _nodes_of(slug: str, count: Callable[..., Any], score: Callable[..., Any], **fixed: Any) -> list[Node]:
     """Return the nodes that count the points of each labelled scene by class, score them and draw the labels."""
-    configured = ["params:survey", "params:classes"]
     return [
         scene_node(
             count, f"{slug}.confusions", f"count_points_of_{slug}", inputs={"labels": f"{slug}.labels"},
             over="labels", fixed=fixed, trained=training_scheme, scored=evaluation_scheme,
         ),
-        Node(
-            score,
-            [f"{slug}.confusions", *given, *configured],
-            [f"{slug}.scores", f"{slug}.confusion_figure", f"{slug}.bars_figure"],
-            name=f"score_{slug}",
-        ),
-        Node(
-            fix_arguments(picture_labels, method=slug),
-            ["scenes", f"{slug}.labels", *configured],
-            [f"{slug}.birds_eye_figure", f"{slug}.perspective_figure"],
-            name=f"picture_{slug}",
+        named_node(score, [".scores", ".confusion_figure", ".bars_figure"], f"score_{slug}", slug=slug),
+        named_node(
+            fix_arguments(picture_labels, method=slug), [".birds_eye_figure", ".perspective_figure"],
+            f"picture_{slug}", slug=slug,
         ),
     ]  # fmt: skip
 
@@ -142,7 +134,7 @@ def evaluate_seen(slug: str, answers: counting.LabelNames, *, suffix: str = "") 
 
 
 def _nodes_of_labeller(slug: str) -> list[Node]:
-    return _nodes_of(slug, counting.count_scene, fix_arguments(score_method, method=slug), f"{slug}.model")
+    return _nodes_of(slug, counting.count_scene, fix_arguments(score_method, method=slug))
 
 
 def _nodes_of_detector(slug: str) -> list[Node]:
@@ -152,17 +144,12 @@ def _nodes_of_detector(slug: str) -> list[Node]:
             inputs={"detections": f"{slug}.detections", "parameters": "params:detection"}, over="detections",
             scheme=detection_scheme,
         ),
-        Node(
-            fix_arguments(score_detector, method=slug),
-            [f"{slug}.detection_counts", "params:detection"],
-            [f"{slug}.scores", f"{slug}.precision_recall_figure"],
-            name=f"score_{slug}",
+        named_node(
+            fix_arguments(score_detector, method=slug), [".scores", ".precision_recall_figure"], f"score_{slug}",
+            slug=slug, counted=".detection_counts",
         ),
-        Node(
-            fix_arguments(picture_detections, method=slug),
-            ["scenes", "objects", f"{slug}.detections", "params:detection", "params:classes"],
-            f"{slug}.detections_figure",
-            name=f"picture_{slug}",
+        named_node(
+            fix_arguments(picture_detections, method=slug), ".detections_figure", f"picture_{slug}", slug=slug
         ),
     ]  # fmt: skip
 

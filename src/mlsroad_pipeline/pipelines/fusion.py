@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.labelling import with_members
@@ -14,6 +14,7 @@ from mlsroad_pipeline.execution.task import SceneTask, scene_tasks
 from mlsroad_pipeline.model_store.bundle_files import ModelFile
 from mlsroad_pipeline.papers.tomic2019.fusion import labeller as fusion
 from mlsroad_pipeline.pipelines.evaluation import evaluate_seen
+from mlsroad_pipeline.pipelines.per_scene import MODEL, named_node
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 
@@ -76,18 +77,13 @@ def create_pipeline(**_: object) -> Pipeline:
 
     Like `image_labels`, without which it cannot run, it is no part of the comparison.
     """
-    own, configured = f"params:{SLUG}", ["params:survey", "params:classes"]
-    both = ["detrended_forest.labels", "image_labels.labels"]
+    labels = {"features": "detrended_forest.labels", "images": "image_labels.labels"}
+    models = {"features": "detrended_forest.model", "images": "image_labels.model"}
     return Pipeline(
         [
-            Node(take_test_set_1, ["scenes", *both, own, *configured], f"{SLUG}.training_set", name="take_test_set_1"),
-            Node(
-                learn_fusion,
-                [f"{SLUG}.training_set", "detrended_forest.model", "image_labels.model", own, *configured],
-                [f"{SLUG}.model", f"{SLUG}.registered_model"],
-                name="learn_fusion",
-            ),
-            Node(fuse_scenes, [*both, f"{SLUG}.model", own], f"{SLUG}.labels", name="fuse_scenes"),
+            named_node(take_test_set_1, ".training_set", slug=SLUG, **labels),
+            named_node(learn_fusion, MODEL, slug=SLUG, answers=".training_set", **models),
+            named_node(fuse_scenes, ".labels", slug=SLUG, **labels),
             *evaluate_seen(SLUG, ANSWERS, suffix="2"),
         ]
     )

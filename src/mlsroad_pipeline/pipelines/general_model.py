@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from joblib import cpu_count
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme, find_scheme
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
@@ -28,7 +28,7 @@ from mlsroad_pipeline.model_store.shipped_entry import ShippedParameters, descri
 from mlsroad_pipeline.model_store.shipped_models import ShippedModel
 from mlsroad_pipeline.pipelines import composition
 from mlsroad_pipeline.pipelines.boosted_trees import load_lightgbm
-from mlsroad_pipeline.pipelines.per_scene import scene_node
+from mlsroad_pipeline.pipelines.per_scene import MODEL, named_node, scene_node
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.pipelines.training_facts import FACTS, with_training_facts
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
@@ -133,21 +133,9 @@ def create_pipeline(**_: object) -> Pipeline:
         {name: composition.create_pipeline(name) for name in _BEFORE}
         | {SLUG: _trees(), NETWORK: network, "evaluation": composition.create_pipeline("evaluation")}
     )
-    ship = Node(
-        ship_general_model,
-        [
-            f"{SLUG}.model", f"{NETWORK}.model", f"{SLUG}.scores", _SHIPPED, "params:simulation",
-            "general_model.scenes",
-        ],
-        ["shipped_model", "shipped_pool"],
-        name="ship_general_model",
-    )  # fmt: skip
-    replay = Node(
-        draw_replay,
-        [f"{SLUG}.training_set", _TREES, "params:survey", "params:classes"],
-        "shipped_replay",
-        name="draw_replay",
-    )
+    inputs = {"network": f"{NETWORK}.model", "scores": ".scores", "recorded": "general_model.scenes"}
+    ship = named_node(ship_general_model, ["shipped_model", "shipped_pool"], slug=SLUG, **inputs)
+    replay = named_node(draw_replay, "shipped_replay", slug=SLUG, simulated=".training_set")
     return Pipeline([parts.to_outputs(f"{SLUG}.scores", f"{NETWORK}.model"), ship, replay])
 
 
@@ -155,16 +143,12 @@ def _trees() -> Pipeline:
     """Return the pipeline of the method with another training, which takes recordings too."""
     own = composition.create_pipeline(SLUG)
     kept = own.filter(node_names=[node.name for node in own.nodes if f"{SLUG}.model" not in node.outputs])
-    configured = {"survey": "params:survey", "classes": "params:classes"}
+    recorded = {"recorded": "general_model.training_set", "recorded_facts": "general_model.training_facts"}
+    simulated = {"simulated": ".training_set", "simulated_facts": FACTS}
     return Pipeline(
         [
             kept,
-            Node(
-                read_training_recordings,
-                [_SHIPPED, configured["classes"]],
-                "general_model.scenes",
-                name="read_training_recordings",
-            ),
+            named_node(read_training_recordings, "general_model.scenes"),
             scene_node(
                 coarse_training_voxels, "general_model.training_set", "draw_recorded_voxels",
                 inputs={"scene": "general_model.scenes", "filtered": _GROUND, "trees": _TREES, "shipped": _SHIPPED},
@@ -174,14 +158,6 @@ def _trees() -> Pipeline:
                 stored_facts, "general_model.training_facts", "describe_training_recordings",
                 inputs={"cloud": "general_model.scenes"},
             ),
-            Node(
-                train_general_model,
-                [
-                    f"{SLUG}.training_set", "general_model.training_set", _SHIPPED, _TREES, _GROUND,
-                    *configured.values(), f"{SLUG}.checkpoints", FACTS, "general_model.training_facts",
-                ],
-                [f"{SLUG}.model", f"{SLUG}.registered_model"],
-                name="train_general_model",
-            ),
+            named_node(train_general_model, MODEL, slug=SLUG, **simulated, **recorded),
         ]
     )  # fmt: skip

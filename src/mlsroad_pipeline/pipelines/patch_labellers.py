@@ -22,7 +22,7 @@ from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
 from mlsroad_pipeline.papers.shared.patches.labelling import label_patch_scene
 from mlsroad_pipeline.papers.shared.patches.training import PatchTraining, join_training_scenes, number_surveys
 from mlsroad_pipeline.papers.shared.patches.types import PatchStages
-from mlsroad_pipeline.pipelines.per_scene import fix_arguments
+from mlsroad_pipeline.pipelines.per_scene import MODEL, fix_arguments, named_node
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.pipelines.training_facts import labelling
 from mlsroad_pipeline.reporting.figures import objective_figure
@@ -62,10 +62,7 @@ def gather_training(
 
 def gathering() -> Node:
     """Return the node that gathers the training scenes; the pipelines of all methods share it."""
-    parameters = (f"params:{name}" for name in ("ground_removal", "patches", "survey", "classes"))
-    return Node(
-        gather_training, ["patches", "patch_labels", *parameters], "patch_training", name="gather_patch_training"
-    )
+    return named_node(gather_training, "patch_training", "gather_patch_training")
 
 
 def train_patch_graph(
@@ -112,22 +109,17 @@ def _training(method: Method) -> Callable[..., tuple[ModelBundle, ModelBundle]]:
 def _training_node(slug: str) -> Node:
     """Return the node that trains a method."""
     train: Callable[..., Any]
-    more_inputs, more_outputs = [], []
+    inputs, outputs = {"training": "patch_training"}, list(MODEL)
     method = METHODS[slug]
     if method.refines:
         train = fix_arguments(fit_refinement, slug=slug)
-        more_inputs = [f"{method.refines}.model", f"params:{method.refines}"]
+        inputs |= {"graph": f"{method.refines}.model", "graph_parameters": f"params:{method.refines}"}
     elif method.load("parameters") is PatchGraphParameters:
         train = fix_arguments(train_patch_graph, slug=slug)
-        more_outputs = [f"{slug}.objective", f"{slug}.objective_figure"]
+        outputs += [".objective", ".objective_figure"]
     else:
         train = _training(method)
-    return Node(
-        train,
-        ["patch_training", f"params:{slug}", *more_inputs],
-        [f"{slug}.model", f"{slug}.registered_model", *more_outputs],
-        name=f"train_{slug}",
-    )
+    return named_node(train, outputs, f"train_{slug}", slug=slug, **inputs)
 
 
 def create_pipeline(slug: str) -> Pipeline:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.papers.luo2016.shape_based.labeller import ShapeParameters, fit, label_objects, training_objects
 from mlsroad_pipeline.pipelines.patch_labellers import TrainingScenes, gathering
-from mlsroad_pipeline.pipelines.per_scene import scene_node
+from mlsroad_pipeline.pipelines.per_scene import MODEL, named_node, scene_node
 from mlsroad_pipeline.pipelines.training_facts import labelling
 from mlsroad_pipeline.surveys.plan import training_keys
 
@@ -41,12 +41,7 @@ def create_pipeline(**_: object) -> Pipeline:
         [
             gathering(),
             scene_node(training_objects, taken, "take_training_objects", inputs=inputs, **draw),
-            Node(
-                train_shape_based,
-                [*inputs.values(), taken],
-                ["shape_based.model", "shape_based.registered_model"],
-                name="train_shape_based",
-            ),
+            named_node(train_shape_based, MODEL, slug="shape_based", training="patch_training", objects=taken),
             labelling(label_objects, "shape_based", "label_scenes_by_shape"),
         ]
     )

@@ -7,7 +7,7 @@ from itertools import chain
 from typing import Any
 
 import pandas as pd
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.algorithms.core.classes import find_scheme
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
@@ -16,6 +16,7 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.papers.luo2019.study import sets as object_sets
 from mlsroad_pipeline.papers.shared.studies.streets import street_tasks
+from mlsroad_pipeline.pipelines.per_scene import named_node
 
 
 def cut_streets(
@@ -73,13 +74,11 @@ def tabulate_sets(
 
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: parameters to ``simulated_objects.streets``, ``.sets`` and ``.composition``."""
-    own, classes = "params:simulated_objects", "params:classes"
-    streets, sets, composition = (f"simulated_objects.{name}" for name in ("streets", "sets", "composition"))
-    stages = ["params:ground_removal", "params:segmentation"]
+    slug = "simulated_objects"
     return Pipeline(
         [
-            Node(cut_streets, [own, *stages, classes], streets, name="cut_simulated_streets"),
-            Node(draw_splits, [own, streets, classes], sets, name="draw_simulated_sets"),
-            Node(tabulate_sets, [own, sets, classes], composition, name="tabulate_simulated_sets"),
+            named_node(cut_streets, ".streets", "cut_simulated_streets", slug=slug),
+            named_node(draw_splits, ".sets", "draw_simulated_sets", slug=slug, streets=".streets"),
+            named_node(tabulate_sets, ".composition", "tabulate_simulated_sets", slug=slug, sets=".sets"),
         ]
     )

@@ -16,7 +16,7 @@ from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.papers.shared import evaluation
 from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters, object_classes
 from mlsroad_pipeline.papers.shared.patches.labelling import build_patches, label_patches_along
-from mlsroad_pipeline.pipelines.per_scene import fix_arguments, scene_node
+from mlsroad_pipeline.pipelines.per_scene import fix_arguments, named_node, scene_node
 from mlsroad_pipeline.pipelines.schemes import detection_scheme, training_scheme
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import training_keys
@@ -81,12 +81,7 @@ _STAGES = {
     ],
     "patches": [
         _stage(build_patches, "patches", "extract_patches_of_scenes", "patches"),
-        Node(
-            label_training_patches,
-            ["scenes", "patches", "corridors", "params:survey", "params:classes"],
-            "patch_labels",
-            name="label_patches_of_scenes",
-        ),
+        named_node(label_training_patches, "patch_labels", "label_patches_of_scenes"),
     ],
     "segmentation": [
         _stage(segment_scene, "objects", "segment_scenes", "segmentation"),

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import pandas as pd
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.algorithms.core.stage_parameters import (
     FeatureParameters,
@@ -20,9 +20,9 @@ from mlsroad_pipeline.algorithms.models.superpoint_transformer.labeller import l
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import SLUG, SuperpointTransformerParameters
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.training_graphs import training_graphs
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.pipelines.per_scene import scene_node
+from mlsroad_pipeline.pipelines.per_scene import MODEL, named_node, scene_node
 from mlsroad_pipeline.pipelines.schemes import training_scheme
-from mlsroad_pipeline.pipelines.training_facts import FACTS, describing, labelling, with_training_facts
+from mlsroad_pipeline.pipelines.training_facts import describing, labelling, with_training_facts
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import training_keys
 
@@ -73,12 +73,7 @@ def create_pipeline(**_: object) -> Pipeline:
         [
             describing(),
             scene_node(training_graphs, drawn, "build_training_graphs", inputs=inputs, **draw),
-            Node(
-                train_network,
-                [drawn, own, *stages, "params:survey", "params:classes", f"{SLUG}.checkpoints", FACTS],
-                [f"{SLUG}.model", f"{SLUG}.registered_model", f"{SLUG}.objective"],
-                name=f"train_{SLUG}",
-            ),
+            named_node(train_network, [*MODEL, ".objective"], f"train_{SLUG}", slug=SLUG, graphs=drawn),
             labelling(label_scene, SLUG),
         ]
     )

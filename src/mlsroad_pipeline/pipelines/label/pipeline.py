@@ -1,14 +1,11 @@
 """Pipeline of `label`: the ingest in a namespace, then a trained model."""
 
-import inspect
-from collections.abc import Callable
-from typing import Any
-
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.label.result_warnings import facts_of_pieces
 from mlsroad_pipeline.pipelines.ingest import cut_survey
 from mlsroad_pipeline.pipelines.label import nodes
+from mlsroad_pipeline.pipelines.per_scene import named_node
 
 _CUT = {
     "survey_files": "label_files_store",
@@ -30,12 +27,6 @@ _ENTRIES = {
 """Argument of a node function to its entry in the catalog."""
 
 
-def _node(function: Callable[..., Any], outputs: str | list[str], name: str = "") -> Node:
-    """Return a node, named after its function by default, whose inputs are the entries of the function's arguments."""
-    inputs = [_ENTRIES[argument] for argument in inspect.signature(function).parameters]
-    return Node(function, inputs, outputs, name=name or function.__name__)
-
-
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline from a survey to a labelled survey, an inventory and a report."""
     cut = Pipeline(
@@ -47,19 +38,19 @@ def create_pipeline(**_: object) -> Pipeline:
     )
     return Pipeline(
         [
-            _node(nodes.plan_label_files, "label_plan"),
+            named_node(nodes.plan_label_files, "label_plan", **_ENTRIES),
             cut,
-            _node(nodes.check_label_outputs, "label_quality"),
-            _node(nodes.find_named_model, "label_model_request"),
-            _node(facts_of_pieces, "label_facts", "describe_survey"),
-            _node(nodes.load_model, "label_model"),
-            _node(nodes.warn_of_survey, "label_warnings"),
-            _node(nodes.find_label_images, "label_images"),
-            _node(nodes.label_new_scenes, "label_results_store"),
-            _node(nodes.join_label_objects, "label_objects_store"),
-            _node(nodes.write_labelled_files, "label_written_store"),
-            _node(nodes.make_inventory, ["label_inventory", "label_inventory_table"]),
-            _node(nodes.export_label_inventory, "label_exports", "export_inventory"),
-            _node(nodes.write_report, ["label_report", "label_summary"], "write_label_report"),
+            named_node(nodes.check_label_outputs, "label_quality", **_ENTRIES),
+            named_node(nodes.find_named_model, "label_model_request", **_ENTRIES),
+            named_node(facts_of_pieces, "label_facts", "describe_survey", **_ENTRIES),
+            named_node(nodes.load_model, "label_model", **_ENTRIES),
+            named_node(nodes.warn_of_survey, "label_warnings", **_ENTRIES),
+            named_node(nodes.find_label_images, "label_images", **_ENTRIES),
+            named_node(nodes.label_new_scenes, "label_results_store", **_ENTRIES),
+            named_node(nodes.join_label_objects, "label_objects_store", **_ENTRIES),
+            named_node(nodes.write_labelled_files, "label_written_store", **_ENTRIES),
+            named_node(nodes.make_inventory, ["label_inventory", "label_inventory_table"], **_ENTRIES),
+            named_node(nodes.export_label_inventory, "label_exports", "export_inventory", **_ENTRIES),
+            named_node(nodes.write_report, ["label_report", "label_summary"], "write_label_report", **_ENTRIES),
         ]
     )
