@@ -237,15 +237,11 @@ def test_a_scene_without_objects_and_a_cloud_without_any(rng):
     from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
     from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
     from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters, segment_scene
-    from mlsroad_pipeline.papers.shared.detection.detector import detect_objects, label_cloud
+    from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages, detect_objects, label_cloud
     from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters, object_classes
     from mlsroad_pipeline.papers.shared.detection.training import DetectorTraining
     from mlsroad_pipeline.papers.yu2016.visual_words.groups import describe_objects
-    from mlsroad_pipeline.papers.yu2016.visual_words.training import (
-        DetectionStages,
-        VisualWordsParameters,
-        train_detector,
-    )
+    from mlsroad_pipeline.papers.yu2016.visual_words.training import VisualWordsParameters, train_detector
 
     members = (("light_pole",), ("road", "tree"))
     scheme = ClassScheme("test", ("pole", "other"), members, ("unlabelled",), (64, 1))
