@@ -20,15 +20,15 @@ from _common import parser, race
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.geometry.neighbors import radius_neighbors
-from mlsroad_pipeline.papers.luo2016.patch_graph.costs import CostWeights, weigh_descriptors
-from mlsroad_pipeline.papers.luo2016.patch_graph.iterations import SearchParameters
-from mlsroad_pipeline.papers.luo2016.patch_graph.refinement import refine
-from mlsroad_pipeline.papers.luo2016.patch_graph.transfer import (
+from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import (
     TrainedGraph,
     class_probabilities,
     match_patches,
     train_graph,
 )
+from mlsroad_pipeline.papers.luo2016.patch_graph.costs import CostWeights, weigh_descriptors
+from mlsroad_pipeline.papers.luo2016.patch_graph.iterations import SearchParameters
+from mlsroad_pipeline.papers.luo2016.patch_graph.refinement import refine
 from mlsroad_pipeline.papers.shared.patches.table import Patches, join_patches
 from mlsroad_pipeline.papers.shared.patches.voting import vote_on_points
 

@@ -63,7 +63,7 @@ def test_a_command_imports_the_pipelines_that_it_names_alone():
         "papers.yu2016.study",
         "pipelines.evaluation",
         "papers.yu2016.object_matching",
-        "pipelines.patches",
+        "pipelines.stages",
     )
     assert not [name for name in loaded if name.startswith(tuple(f"{package}.{part}" for part in unwanted))]
     assert "torch" not in loaded

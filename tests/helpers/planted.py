@@ -10,25 +10,14 @@ from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameter
 from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages
 from mlsroad_pipeline.papers.shared.detection.regions import describe_parts
 from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters
-from mlsroad_pipeline.papers.yu2016.bottom_up_top_down import detector as bottom_up_top_down
-from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.detector import (
-    BottomUpTopDownParameters,
-    train_bottom_up_top_down,
-)
+from mlsroad_pipeline.papers.shared.detection.training import DetectorTraining, train_object_detector
+from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.detector import BottomUpTopDownParameters
 from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.oriented_points import (
     OrientedPointParameters,
     describe_surfaces,
 )
-from mlsroad_pipeline.papers.yu2016.hough_forest import detector as hough_forest
-from mlsroad_pipeline.papers.yu2016.hough_forest.detector import (
-    HoughForestParameters,
-    train_hough_forest,
-)
-from mlsroad_pipeline.papers.yu2016.object_matching import detector as object_matching
-from mlsroad_pipeline.papers.yu2016.object_matching.detector import (
-    ObjectMatchingParameters,
-    train_object_matching,
-)
+from mlsroad_pipeline.papers.yu2016.hough_forest.detector import HoughForestParameters
+from mlsroad_pipeline.papers.yu2016.object_matching.detector import ObjectMatchingParameters
 
 SCHEME = ClassScheme(
     "test", ("pole", "car", "other"), (("light_pole",), ("car",), ("tree",)), ("unlabelled",), (64, 66, 1)
@@ -41,11 +30,7 @@ FOREST = HoughForestParameters(n_trees=8)
 MATCHING = ObjectMatchingParameters(candidates=4, n_turns=6)
 SURFACES = OrientedPointParameters(voxel_size=0.15, max_points=30)
 DESCRIPTORS = BottomUpTopDownParameters(surfaces=SURFACES, candidates=4, max_images=300)
-METHODS = {
-    "hough_forest": (hough_forest, train_hough_forest, FOREST),
-    "object_matching": (object_matching, train_object_matching, MATCHING),
-    "bottom_up_top_down": (bottom_up_top_down, train_bottom_up_top_down, DESCRIPTORS),
-}
+METHODS = {"hough_forest": FOREST, "object_matching": MATCHING, "bottom_up_top_down": DESCRIPTORS}
 
 
 def pole(rng):
@@ -91,14 +76,14 @@ def street(rng, n=6, *, intensity=True):
 def described(slug, scene, objects):
     if slug == "bottom_up_top_down":
         return describe_surfaces(scene, objects, parameters=SURFACES)
-    return describe_parts(scene, objects, parameters=METHODS[slug][2].regions)
+    return describe_parts(scene, objects, parameters=METHODS[slug].regions)
 
 
 def trained(slug, scene, objects, labels):
     own = np.ones(len(labels), bool)
-    return METHODS[slug][1](
+    return train_object_detector(
         {"train.a": described(slug, scene, objects)}, {"train.a": {"label": labels, "own": own}},
-        parameters=METHODS[slug][2], stages=STAGES, detection=WANTED, scheme=SCHEME, trained_on={},
+        DetectorTraining(slug, METHODS[slug], STAGES, WANTED, SCHEME, {}),
     )  # fmt: skip
 
 

@@ -34,7 +34,7 @@ _SCORES = "\n\nScores: "
 _PAGES_OF_SEVERAL = {
     "patch_baselines": ("patch_svm", "patch_forest", "shape_based", "max_margin_markov"),
     "detection_baselines": ("hough_forest", "object_matching", "bottom_up_top_down"),
-    "recognition_baselines": ("spin_image", "shot", "hierarchy_descriptor", "pointnet"),
+    "recognition_baselines": ("descriptors", "pointnet"),
 }
 """Page of the manual to the folders of its methods; the page of any other method has the name of its folder."""
 

@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import Any
 
 from joblib import cpu_count
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import label_scene
@@ -17,11 +17,11 @@ from mlsroad_pipeline.algorithms.models.boosted_trees.sampling import training_v
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.pipelines.per_scene import PerScene
+from mlsroad_pipeline.pipelines.per_scene import MODEL, named_node, scene_node
 from mlsroad_pipeline.pipelines.schemes import training_scheme
-from mlsroad_pipeline.pipelines.training_facts import FACTS, describing, with_training_facts
+from mlsroad_pipeline.pipelines.training_facts import describing, labelling, with_training_facts
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
-from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys
+from mlsroad_pipeline.surveys.plan import training_keys
 
 
 def sample_of(own: BoostedTreesParameters) -> BoostedTreesParameters:
@@ -66,31 +66,13 @@ def train_boosted_trees(
 
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: ground to a model, and to labels of the scenes that it was not trained on."""
-    prepared, own = {"scene": "scenes", "ground": "ground"}, f"params:{SLUG}"
-    configured = {"survey": "params:survey", "classes": "params:classes"}
+    own, drawn = f"params:{SLUG}", f"{SLUG}.training_set"
+    draw = {"keys": training_keys, "parameters": sample_of, "scheme": training_scheme}
     return Pipeline(
         [
             describing(),
-            Node(
-                PerScene(training_voxels, keys=training_keys, parameters=sample_of, scheme=training_scheme),
-                {**prepared, "own": own, **configured},
-                f"{SLUG}.training_set",
-                name="draw_training_voxels",
-            ),
-            Node(
-                train_boosted_trees,
-                [
-                    f"{SLUG}.training_set", own, "params:ground_removal", *configured.values(), f"{SLUG}.checkpoints",
-                    FACTS,
-                ],
-                [f"{SLUG}.model", f"{SLUG}.registered_model"],
-                name=f"train_{SLUG}",
-            ),
-            Node(
-                PerScene(label_scene, keys=held_out_keys),
-                {**prepared, "bundle": f"{SLUG}.model"},
-                f"{SLUG}.labels",
-                name=f"label_by_{SLUG}",
-            ),
+            scene_node(training_voxels, drawn, "draw_training_voxels", inputs={"own": own}, **draw),
+            named_node(train_boosted_trees, MODEL, f"train_{SLUG}", slug=SLUG, voxels=drawn),
+            labelling(label_scene, SLUG),
         ]
-    )  # fmt: skip
+    )

@@ -11,14 +11,7 @@ from kedro.pipeline import Node, Pipeline
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.models.methods import methods_of
-from mlsroad_pipeline.papers.comparison.streets import (
-    TASKS,
-    compare_task,
-    comparison_sections,
-    costs_table,
-    mean_scores,
-    of_methods,
-)
+from mlsroad_pipeline.papers.comparison import streets
 from mlsroad_pipeline.reporting.html.report import build_report
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 
@@ -33,12 +26,12 @@ def compare_over_streets(costs: pd.DataFrame, survey: SurveyParameters, *parts: 
     """Compare the methods of every task."""
     slugs = [slug for methods in METHODS for slug in methods]
     scores, pictures = dict(zip(slugs, parts, strict=False)), parts[len(slugs) :]
-    joined = [of_methods([scores[slug] for slug in methods]) for methods in METHODS]
-    compared = [compare_task(table, task) for table, task in zip(joined, TASKS, strict=True)]
-    spent = costs_table(costs, slugs)
+    joined = [streets.of_methods([scores[slug] for slug in methods]) for methods in METHODS]
+    compared = [streets.compare_task(table, task) for table, task in zip(joined, streets.TASKS, strict=True)]
+    spent = streets.costs_table(costs, slugs)
     facts = {"survey": survey.root, "splits": dict(survey.splits), "classes": survey.evaluation_scheme or survey.scheme}
-    sections = comparison_sections(facts, compared, spent, _headed(pictures))
-    means = [mean_scores(table) for table in joined]
+    sections = streets.comparison_sections(facts, compared, spent, _headed(pictures))
+    means = [streets.mean_scores(table) for table in joined]
     tables = [table for task in compared for table in (task.overview, task.classes, task.differences)]
     return *means, *tables, spent, build_report(sections, title="All methods")
 
@@ -56,8 +49,8 @@ def create_pipeline(**_: object) -> Pipeline:
     parts = [f"{slug}.scores" for methods in METHODS for slug in methods]
     parts += [f"{slug}.birds_eye_figure" for slug in PICTURED]
     parts += [f"{slug}.precision_recall_figure" for slug in DETECTORS]
-    tables = [f"{task.name}_{table}" for task in TASKS for table in ("overview", "classes", "differences")]
-    outputs = [*(f"{task.name}_scores" for task in TASKS), *tables, "costs", "report"]
+    tables = [f"{task.name}_{table}" for task in streets.TASKS for table in ("overview", "classes", "differences")]
+    outputs = [*(f"{task.name}_scores" for task in streets.TASKS), *tables, "costs", "report"]
     return Pipeline(
         [
             Node(

@@ -14,7 +14,12 @@ from mlsroad_pipeline.algorithms.models.methods import METHODS, methods_of, trai
 _OF_TASK = {"labelling": "patch_labellers", "detection": "detectors", "recognition": "recognisers"}
 """Modules with the pipelines of methods that have no module of their own."""
 
-_NO_PIPELINES = {*_OF_TASK.values(), "composition", "per_scene", "schemes", "study", "training_facts"}
+_STAGES = ("ground_removal", "supervoxelise", "features", "patches", "segmentation")
+_STUDIES = ("luo2016_study", "luo2019_study", "tomic2019_study", "yu2016_study")
+_SHARED = {**dict.fromkeys(_STAGES, "stages"), **dict.fromkeys(_STUDIES, "study")}
+"""Pipelines to their modules, where one module has several."""
+
+_NO_PIPELINES = {*_OF_TASK.values(), *_SHARED.values(), "composition", "per_scene", "schemes", "training_facts"}
 """Modules beside the pipelines; every other module of the package is a pipeline of its name."""
 
 _NAMESPACES = {
@@ -29,9 +34,9 @@ _NAMESPACES = {
 
 def comparison() -> tuple[str, ...]:
     """Return the parts of the default pipeline in their order."""
-    stages = ("simulate", "ingest", "ground_removal", "supervoxelise", "features", "patches")
-    methods = (*methods_of("labelling"), "segmentation", *methods_of("detection"))
-    return (*stages, *methods, "evaluation", "compare", "report")
+    *stages, segmentation = _STAGES
+    methods = (*methods_of("labelling"), segmentation, *methods_of("detection"))
+    return ("simulate", "ingest", *stages, *methods, "evaluation", "compare", "report")
 
 
 def all_parts() -> tuple[str, ...]:
@@ -46,14 +51,15 @@ def _modules() -> set[str]:
 
 def pipeline_names() -> list[str]:
     """Return the names of all pipelines."""
-    return sorted(_modules() | set(trained_methods()))
+    return sorted({*_modules(), *_SHARED, *trained_methods()})
 
 
 def create_pipeline(name: str) -> Pipeline:
-    """Return a pipeline: that of its module or, for a method without one, that of its task."""
+    """Return a pipeline: that of its module, or of the module that it shares with others."""
     own = name in _modules()
-    module = import_module(f"{pipelines.__name__}.{name if own else _OF_TASK[METHODS[name].task]}")
-    created: Pipeline = module.create_pipeline() if own else module.create_pipeline(name)
+    place = name if own else _SHARED.get(name) or _OF_TASK[METHODS[name].task]
+    create = import_module(f"{pipelines.__name__}.{place}").create_pipeline
+    created: Pipeline = create() if own else create(name)
     return created
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from joblib import cpu_count
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.algorithms.core.classes import find_scheme
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
@@ -16,7 +16,8 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, scene_tasks
 from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages, detect_objects
 from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters
-from mlsroad_pipeline.pipelines.per_scene import PerScene
+from mlsroad_pipeline.papers.shared.detection.training import DetectorTraining
+from mlsroad_pipeline.pipelines.per_scene import MODEL, named_node, scene_node
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import held_out_keys
 
@@ -24,22 +25,17 @@ from mlsroad_pipeline.surveys.plan import held_out_keys
 def create_pipeline(slug: str) -> Pipeline:
     """Return the pipeline of a detector."""
     method = METHODS[slug]
-    own, described, model = f"params:{slug}", f"{slug}.{method.described}", f"{slug}.model"
-    stages = (f"params:{name}" for name in ("ground_removal", "segmentation", "detection", "survey", "classes"))
+    described, model = f"{slug}.{method.described}", f"{slug}.model"
     return Pipeline(
         [
-            Node(_description(method), ["scenes", "objects", own], described, name=f"describe_objects_of_{slug}"),
-            Node(
-                _training(method),
-                [described, "object_classes", own, *stages],
-                [model, f"{slug}.registered_model"],
-                name=f"train_{slug}",
-            ),
-            Node(
-                PerScene(detect_objects, keys=held_out_keys),
-                {"parts": described, "bundle": model},
+            named_node(_description(method), described, f"describe_objects_of_{slug}", slug=slug),
+            named_node(_training(method), MODEL, f"train_{slug}", slug=slug, parts=described, labels="object_classes"),
+            scene_node(
+                detect_objects,
                 f"{slug}.detections",
-                name=f"detect_by_{slug}",
+                f"detect_by_{slug}",
+                inputs={"parts": described, "bundle": model},
+                keys=held_out_keys,
             ),
         ]
     )
@@ -72,16 +68,10 @@ def _training(method: Method) -> Callable[..., tuple[ModelBundle, ModelBundle]]:
         classes: Mapping[str, Any],
     ) -> tuple[ModelBundle, ModelBundle]:
         """Train the detector on the training scenes."""
-        bundle = method.load("train")(
-            {key: parts[key].load() for key in labels},
-            labels.load_all(),
-            parameters=parameters,
-            stages=DetectionStages(ground, segmentation),
-            detection=detection,
-            scheme=find_scheme(classes["schemes"], detection.scheme),
-            trained_on={"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(labels)},
-            n_threads=cpu_count(),
-        )
+        stages, scheme = DetectionStages(ground, segmentation), find_scheme(classes["schemes"], detection.scheme)
+        facts = {"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(labels)}
+        training = DetectorTraining(method.slug, parameters, stages, detection, scheme, facts, cpu_count())
+        bundle = method.load("train")({key: parts[key].load() for key in labels}, labels.load_all(), training)
         return bundle, bundle
 
     return train_detector

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 from joblib import cpu_count
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 from matplotlib.figure import Figure
 
 from mlsroad_pipeline.algorithms.core.stage_parameters import (
@@ -17,14 +18,14 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import (
 )
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.papers.tomic2019.detrended_forest.figures import forest_figures
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.labeller import label_scene
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import ForestParameters, fit, training_rows
-from mlsroad_pipeline.pipelines.per_scene import PerScene
+from mlsroad_pipeline.pipelines.per_scene import MODEL, named_node, scene_node
 from mlsroad_pipeline.pipelines.schemes import training_scheme
-from mlsroad_pipeline.pipelines.training_facts import FACTS, describing, with_training_facts
+from mlsroad_pipeline.pipelines.training_facts import describing, labelling, with_training_facts
+from mlsroad_pipeline.reporting.figures import importance_figure, oob_figure
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
-from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys
+from mlsroad_pipeline.surveys.plan import training_keys
 
 
 def train_forest(
@@ -38,7 +39,7 @@ def train_forest(
     scene_facts: SceneCollection,
 ) -> tuple[ModelBundle, ModelBundle, Figure, Figure]:
     """Train the forest on the training scenes."""
-    bundle, classifier = fit(
+    bundle, forest = fit(
         list(rows.load_all().values()),
         parameters=parameters,
         stages=StageParameters(ground, supervoxels, features),
@@ -47,46 +48,23 @@ def train_forest(
         n_jobs=cpu_count(),
     )
     bundle = with_training_facts(bundle, scene_facts)
-    return bundle, bundle, *forest_figures(classifier)
+    importances, curve = forest.importances, forest.oob_error
+    return (
+        bundle,
+        bundle,
+        importance_figure(list(importances.values()), names=list(importances), title="Feature importances"),
+        oob_figure(np.arange(1, len(curve) + 1), curve, chosen=len(curve), title="Out-of-bag error"),
+    )
 
 
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: features to a model, and to labels of the scenes that it was not trained on."""
-    prepared = {"scene": "scenes", "supervoxels": "supervoxels", "features": "supervoxel_features"}
+    rows, made = "detrended_forest.training_set", (*MODEL, ".importance_figure", ".oob_figure")
     return Pipeline(
         [
             describing(),
-            Node(
-                PerScene(training_rows, keys=training_keys, scheme=training_scheme),
-                {**prepared, "survey": "params:survey", "classes": "params:classes"},
-                "detrended_forest.training_set",
-                name="take_training_rows",
-            ),
-            Node(
-                train_forest,
-                [
-                    "detrended_forest.training_set",
-                    "params:detrended_forest",
-                    "params:ground_removal",
-                    "params:supervoxelise",
-                    "params:features",
-                    "params:survey",
-                    "params:classes",
-                    FACTS,
-                ],
-                [
-                    "detrended_forest.model",
-                    "detrended_forest.registered_model",
-                    "detrended_forest.importance_figure",
-                    "detrended_forest.oob_figure",
-                ],
-                name="train_forest",
-            ),
-            Node(
-                PerScene(label_scene, keys=held_out_keys),
-                {**prepared, "bundle": "detrended_forest.model"},
-                "detrended_forest.labels",
-                name="label_scenes",
-            ),
+            scene_node(training_rows, rows, "take_training_rows", keys=training_keys, scheme=training_scheme),
+            named_node(train_forest, made, slug="detrended_forest", rows=rows),
+            labelling(label_scene, "detrended_forest", "label_scenes"),
         ]
     )

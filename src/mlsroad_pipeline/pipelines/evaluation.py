@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -14,21 +14,12 @@ from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.models.methods import methods_of
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.model_store.bundle_files import ModelFile
+from mlsroad_pipeline.papers.shared import evaluation as counting
 from mlsroad_pipeline.papers.shared.detection.scoring import (
     DetectionParameters,
     count_detections_of_scene,
     detection_curves,
     detection_table,
-)
-from mlsroad_pipeline.papers.shared.evaluation import (
-    LabelNames,
-    count_scene,
-    count_seen_scene,
-    given_classes,
-    scores_table,
-    seen_scores_table,
-    seen_share,
-    sum_by_split,
 )
 from mlsroad_pipeline.papers.shared.figures import (
     detection_figure,
@@ -36,7 +27,7 @@ from mlsroad_pipeline.papers.shared.figures import (
     scene_figures,
     score_figures,
 )
-from mlsroad_pipeline.pipelines.per_scene import PerScene, fix_arguments
+from mlsroad_pipeline.pipelines.per_scene import fix_arguments, named_node, scene_node
 from mlsroad_pipeline.pipelines.schemes import detection_scheme, evaluation_scheme, training_scheme
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import middle_scenes
@@ -49,10 +40,14 @@ def score_method(
 ) -> tuple[pd.DataFrame, Figure, Figure]:
     """Score a method and draw its figures."""
     trained, scheme = training_scheme(survey, classes), evaluation_scheme(survey, classes)
-    matrices = sum_by_split(counts.load_all())
-    predicted = given_classes(model.load().metadata, trained, scheme)
-    table = scores_table(matrices, method=method, scheme=scheme, given=predicted)
+    matrices = counting.sum_by_split(counts.load_all())
+    predicted = counting.given_classes(model.load().metadata, trained, scheme)
+    table = counting.scores_table(matrices, method=method, scheme=scheme, given=predicted)
     return table, *score_figures(matrices, table, method=method, scheme=scheme)
+
+
+def _title(method: str, chosen: Sequence[str]) -> str:
+    return f"{method} on {chosen[0]} to {chosen[-1]}" if len(chosen) > 1 else f"{method} on {chosen[0]}"
 
 
 def picture_labels(
@@ -70,7 +65,7 @@ def picture_labels(
         [labels[key].load() for key in chosen],
         trained=training_scheme(survey, classes),
         scored=evaluation_scheme(survey, classes),
-        title=f"{method} on {chosen[0]} to {chosen[-1]}" if len(chosen) > 1 else f"{method} on {chosen[0]}",
+        title=_title(method, chosen),
     )
     return figures["birds_eye"], figures["perspective"]
 
@@ -80,10 +75,10 @@ def score_seen_points(
 ) -> tuple[pd.DataFrame, Figure, Figure]:
     """Score a method that uses images, over all points and over those inside images."""
     scheme = evaluation_scheme(survey, classes)
-    table, matrices = seen_scores_table(counts.load_all(), scheme=scheme, suffix=suffix)
+    table, matrices = counting.seen_scores_table(counts.load_all(), scheme=scheme, suffix=suffix)
     own = table[table["method"] == method]
     for split in matrices[method]:
-        logger.info("%s: %s", method, seen_share(own, split))
+        logger.info("%s: %s", method, counting.seen_share(own, split))
     return table, *score_figures(matrices[method], own, method=method, scheme=scheme)
 
 
@@ -113,89 +108,53 @@ def picture_detections(
         *([store[key].load() for key in chosen] for store in (scenes, objects, detections)),
         scheme=detection_scheme(detection, classes),
         parameters=detection,
-        title=f"{method} on {chosen[0]} to {chosen[-1]}" if len(chosen) > 1 else f"{method} on {chosen[0]}",
+        title=_title(method, chosen),
     )
 
 
-def _counting(slug: str, function: Callable[..., Any], **fixed: Any) -> Node:
-    """Return the node that counts the points of each labelled scene by true and predicted class."""
-    count = PerScene(function, over="labels", fixed=fixed, trained=training_scheme, scored=evaluation_scheme)
-    return Node(
-        count,
-        {"scene": "scenes", "labels": f"{slug}.labels", "survey": "params:survey", "classes": "params:classes"},
-        f"{slug}.confusions",
-        name=f"count_points_of_{slug}",
-    )
-
-
-def _nodes_of(slug: str) -> list[Node]:
-    configured = ["params:survey", "params:classes"]
+def _nodes_of(slug: str, count: Callable[..., Any], score: Callable[..., Any], **fixed: Any) -> list[Node]:
+    """Return the nodes that count the points of each labelled scene by class, score them and draw the labels."""
     return [
-        _counting(slug, count_scene),
-        Node(
-            fix_arguments(score_method, method=slug),
-            [f"{slug}.confusions", f"{slug}.model", *configured],
-            [f"{slug}.scores", f"{slug}.confusion_figure", f"{slug}.bars_figure"],
-            name=f"score_{slug}",
+        scene_node(
+            count, f"{slug}.confusions", f"count_points_of_{slug}", inputs={"labels": f"{slug}.labels"},
+            over="labels", fixed=fixed, trained=training_scheme, scored=evaluation_scheme,
         ),
-        _picturing(slug),
-    ]
+        named_node(score, [".scores", ".confusion_figure", ".bars_figure"], f"score_{slug}", slug=slug),
+        named_node(
+            fix_arguments(picture_labels, method=slug), [".birds_eye_figure", ".perspective_figure"],
+            f"picture_{slug}", slug=slug,
+        ),
+    ]  # fmt: skip
 
 
-def _picturing(slug: str) -> Node:
-    return Node(
-        fix_arguments(picture_labels, method=slug),
-        ["scenes", f"{slug}.labels", "params:survey", "params:classes"],
-        [f"{slug}.birds_eye_figure", f"{slug}.perspective_figure"],
-        name=f"picture_{slug}",
-    )
-
-
-def evaluate_seen(slug: str, answers: LabelNames, *, suffix: str = "") -> list[Node]:
+def evaluate_seen(slug: str, answers: counting.LabelNames, *, suffix: str = "") -> list[Node]:
     """Return the nodes that score a method with images, over all points and over those inside images."""
-    configured = ["params:survey", "params:classes"]
-    return [
-        _counting(slug, count_seen_scene, answers=dict(answers)),
-        Node(
-            fix_arguments(score_seen_points, method=slug, suffix=suffix),
-            [f"{slug}.confusions", *configured],
-            [f"{slug}.scores", f"{slug}.confusion_figure", f"{slug}.bars_figure"],
-            name=f"score_{slug}",
-        ),
-        _picturing(slug),
-    ]
+    score = fix_arguments(score_seen_points, method=slug, suffix=suffix)
+    return _nodes_of(slug, counting.count_seen_scene, score, answers=dict(answers))
+
+
+def _nodes_of_labeller(slug: str) -> list[Node]:
+    return _nodes_of(slug, counting.count_scene, fix_arguments(score_method, method=slug))
 
 
 def _nodes_of_detector(slug: str) -> list[Node]:
     return [
-        Node(
-            PerScene(count_detections_of_scene, over="detections", scheme=detection_scheme),
-            {
-                "scene": "scenes",
-                "objects": "objects",
-                "detections": f"{slug}.detections",
-                "parameters": "params:detection",
-                "classes": "params:classes",
-            },
-            f"{slug}.detection_counts",
-            name=f"count_detections_of_{slug}",
+        scene_node(
+            count_detections_of_scene, f"{slug}.detection_counts", f"count_detections_of_{slug}",
+            inputs={"detections": f"{slug}.detections", "parameters": "params:detection"}, over="detections",
+            scheme=detection_scheme,
         ),
-        Node(
-            fix_arguments(score_detector, method=slug),
-            [f"{slug}.detection_counts", "params:detection"],
-            [f"{slug}.scores", f"{slug}.precision_recall_figure"],
-            name=f"score_{slug}",
+        named_node(
+            fix_arguments(score_detector, method=slug), [".scores", ".precision_recall_figure"], f"score_{slug}",
+            slug=slug, counted=".detection_counts",
         ),
-        Node(
-            fix_arguments(picture_detections, method=slug),
-            ["scenes", "objects", f"{slug}.detections", "params:detection", "params:classes"],
-            f"{slug}.detections_figure",
-            name=f"picture_{slug}",
+        named_node(
+            fix_arguments(picture_detections, method=slug), ".detections_figure", f"picture_{slug}", slug=slug
         ),
-    ]
+    ]  # fmt: skip
 
 
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: labels and detections of every method to its scores and figures."""
-    labellers = [node for slug in methods_of("labelling") for node in _nodes_of(slug)]
+    labellers = [node for slug in methods_of("labelling") for node in _nodes_of_labeller(slug)]
     return Pipeline([*labellers, *(node for slug in methods_of("detection") for node in _nodes_of_detector(slug))])

@@ -5,21 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.labelling import with_members
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, scene_tasks
 from mlsroad_pipeline.model_store.bundle_files import ModelFile
-from mlsroad_pipeline.papers.tomic2019.fusion.labeller import (
-    FusionParameters,
-    divide_scenes,
-    fit,
-    fuse_scene,
-    fusion_sample,
-)
+from mlsroad_pipeline.papers.tomic2019.fusion import labeller as fusion
 from mlsroad_pipeline.pipelines.evaluation import evaluate_seen
+from mlsroad_pipeline.pipelines.per_scene import MODEL, named_node
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 
@@ -28,27 +23,27 @@ def take_test_set_1(
     scenes: SceneCollection,
     features: SceneCollection,
     images: SceneCollection,
-    parameters: FusionParameters,
+    parameters: fusion.FusionParameters,
     survey: SurveyParameters,
     classes: Mapping[str, Any],
 ) -> dict[str, SceneTask]:
     """Create one task per scene of test set 1: labels of both methods and the reference."""
-    first, _ = divide_scenes(list(images), parameters.share)
+    first, _ = fusion.divide_scenes(list(images), parameters.share)
     inputs = {"scene": scenes, "features": features, "images": images}
-    return scene_tasks(first, fusion_sample, inputs, {"scheme": training_scheme(survey, classes)})
+    return scene_tasks(first, fusion.fusion_sample, inputs, {"scheme": training_scheme(survey, classes)})
 
 
 def learn_fusion(
     answers: SceneCollection,
     features: ModelFile,
     images: ModelFile,
-    parameters: FusionParameters,
+    parameters: fusion.FusionParameters,
     survey: SurveyParameters,
     classes: Mapping[str, Any],
 ) -> tuple[ModelBundle, ModelBundle]:
     """Train class preferences and weights."""
     members = {"detrended_forest": features.load(), "image_labels": images.load()}
-    learned = fit(
+    learned = fusion.fit(
         list(answers.load_all().values()),
         parameters=parameters,
         scheme=training_scheme(survey, classes),
@@ -60,11 +55,11 @@ def learn_fusion(
 
 
 def fuse_scenes(
-    features: SceneCollection, images: SceneCollection, model: ModelFile, parameters: FusionParameters
+    features: SceneCollection, images: SceneCollection, model: ModelFile, parameters: fusion.FusionParameters
 ) -> dict[str, SceneTask]:
     """Create one task per scene of test set 2."""
-    _, second = divide_scenes(list(images), parameters.share)
-    return scene_tasks(second, fuse_scene, {"features": features, "images": images, "bundle": model})
+    _, second = fusion.divide_scenes(list(images), parameters.share)
+    return scene_tasks(second, fusion.fuse_scene, {"features": features, "images": images, "bundle": model})
 
 
 SLUG = "fusion"
@@ -82,18 +77,13 @@ def create_pipeline(**_: object) -> Pipeline:
 
     Like `image_labels`, without which it cannot run, it is no part of the comparison.
     """
-    own, configured = f"params:{SLUG}", ["params:survey", "params:classes"]
-    both = ["detrended_forest.labels", "image_labels.labels"]
+    labels = {"features": "detrended_forest.labels", "images": "image_labels.labels"}
+    models = {"features": "detrended_forest.model", "images": "image_labels.model"}
     return Pipeline(
         [
-            Node(take_test_set_1, ["scenes", *both, own, *configured], f"{SLUG}.training_set", name="take_test_set_1"),
-            Node(
-                learn_fusion,
-                [f"{SLUG}.training_set", "detrended_forest.model", "image_labels.model", own, *configured],
-                [f"{SLUG}.model", f"{SLUG}.registered_model"],
-                name="learn_fusion",
-            ),
-            Node(fuse_scenes, [*both, f"{SLUG}.model", own], f"{SLUG}.labels", name="fuse_scenes"),
+            named_node(take_test_set_1, ".training_set", slug=SLUG, **labels),
+            named_node(learn_fusion, MODEL, slug=SLUG, answers=".training_set", **models),
+            named_node(fuse_scenes, ".labels", slug=SLUG, **labels),
             *evaluate_seen(SLUG, ANSWERS, suffix="2"),
         ]
     )

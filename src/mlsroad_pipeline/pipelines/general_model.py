@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from joblib import cpu_count
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme, find_scheme
 from mlsroad_pipeline.algorithms.core.stage_parameters import (
@@ -36,7 +36,7 @@ from mlsroad_pipeline.model_store.shipped_entry import ShippedParameters, descri
 from mlsroad_pipeline.model_store.shipped_models import ShippedModel
 from mlsroad_pipeline.pipelines import composition
 from mlsroad_pipeline.pipelines.boosted_trees import load_lightgbm
-from mlsroad_pipeline.pipelines.per_scene import PerScene
+from mlsroad_pipeline.pipelines.per_scene import MODEL, named_node, scene_node
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.pipelines.superpoint_transformer import parameters_of_graphs, stages_of
 from mlsroad_pipeline.pipelines.training_facts import FACTS, with_training_facts
@@ -173,33 +173,22 @@ def create_pipeline(**_: object) -> Pipeline:
         {name: composition.create_pipeline(name) for name in _BEFORE}
         | {SLUG: _trees(), NETWORK: _network(), "evaluation": composition.create_pipeline("evaluation")}
     )
-    ship = Node(
-        ship_general_model,
-        [
-            f"{SLUG}.model", f"{NETWORK}.model", f"{SLUG}.scores", _SHIPPED, "params:simulation",
-            "general_model.scenes", "general_model.simulated_changes", "general_model.recorded_changes",
-        ],
-        ["shipped_model", "shipped_pool"],
-        name="ship_general_model",
-    )  # fmt: skip
-    replay = Node(
-        draw_replay,
-        [f"{SLUG}.training_set", _TREES, "params:survey", "params:classes"],
-        "shipped_replay",
-        name="draw_replay",
-    )
+    inputs = {
+        "network": f"{NETWORK}.model", "scores": ".scores", "recorded": "general_model.scenes",
+        "simulated_changes": "general_model.simulated_changes", "recorded_changes": "general_model.recorded_changes",
+    }  # fmt: skip
+    ship = named_node(ship_general_model, ["shipped_model", "shipped_pool"], slug=SLUG, **inputs)
+    replay = named_node(draw_replay, "shipped_replay", slug=SLUG, simulated=".training_set")
     changes = [
-        Node(
-            PerScene(facts_of_changes, keys=keys, fixed={"seed": _SEED}),
-            {"scene": scenes, "ground": _GROUND},
-            f"general_model.{name}_changes",
-            name=f"describe_{name}_changes",
+        scene_node(
+            facts_of_changes, f"general_model.{name}_changes", f"describe_{name}_changes",
+            inputs={"scene": scenes, "ground": _GROUND}, keys=keys, fixed={"seed": _SEED},
         )
         for name, scenes, keys in (
             ("simulated", "scenes", training_keys),
             ("recorded", "general_model.scenes", list),
         )
-    ]
+    ]  # fmt: skip
     return Pipeline([parts.to_outputs(f"{SLUG}.scores", f"{NETWORK}.model"), ship, replay, *changes])
 
 
@@ -207,39 +196,22 @@ def _trees() -> Pipeline:
     """Return the pipeline of the method with another training, which takes recordings too."""
     own = composition.create_pipeline(SLUG)
     kept = own.filter(node_names=[node.name for node in own.nodes if f"{SLUG}.model" not in node.outputs])
-    configured = {"survey": "params:survey", "classes": "params:classes"}
-    draw = PerScene(coarse_training_voxels, own=recorded_sampling, scheme=training_scheme, coarse=recorded_scheme)
+    recorded = {"recorded": "general_model.training_set", "recorded_facts": "general_model.training_facts"}
+    simulated = {"simulated": ".training_set", "simulated_facts": FACTS}
     return Pipeline(
         [
             kept,
-            Node(
-                read_training_recordings,
-                [_SHIPPED, configured["classes"]],
-                "general_model.scenes",
-                name="read_training_recordings",
+            named_node(read_training_recordings, "general_model.scenes"),
+            scene_node(
+                coarse_training_voxels, "general_model.training_set", "draw_recorded_voxels",
+                inputs={"scene": "general_model.scenes", "filtered": _GROUND, "trees": _TREES, "shipped": _SHIPPED},
+                own=recorded_sampling, scheme=training_scheme, coarse=recorded_scheme,
             ),
-            Node(
-                draw,
-                {"scene": "general_model.scenes", "filtered": _GROUND, "trees": _TREES, "shipped": _SHIPPED}
-                | configured,
-                "general_model.training_set",
-                name="draw_recorded_voxels",
+            scene_node(
+                stored_facts, "general_model.training_facts", "describe_training_recordings",
+                inputs={"cloud": "general_model.scenes"},
             ),
-            Node(
-                PerScene(stored_facts),
-                {"cloud": "general_model.scenes"},
-                "general_model.training_facts",
-                name="describe_training_recordings",
-            ),
-            Node(
-                train_general_model,
-                [
-                    f"{SLUG}.training_set", "general_model.training_set", _SHIPPED, _TREES, _GROUND,
-                    *configured.values(), f"{SLUG}.checkpoints", FACTS, "general_model.training_facts",
-                ],
-                [f"{SLUG}.model", f"{SLUG}.registered_model"],
-                name="train_general_model",
-            ),
+            named_node(train_general_model, MODEL, slug=SLUG, **simulated, **recorded),
         ]
     )  # fmt: skip
 
@@ -247,28 +219,22 @@ def _trees() -> Pipeline:
 def _network() -> Pipeline:
     """Return the pipeline of the network with another training, which takes recordings too."""
     own = composition.create_pipeline(NETWORK).to_outputs(f"{NETWORK}.training_set")
-    stages = ["params:ground_removal", "params:supervoxelise", "params:features"]
-    configured = {"survey": "params:survey", "classes": "params:classes"}
-    build = PerScene(
-        recorded_graphs, parameters=parameters_of_graphs, stages=stages_of, scheme=training_scheme,
-        coarse=recorded_scheme,
-    )  # fmt: skip
-    inputs = {
-        "scene": "general_model.scenes", "trees": f"{SLUG}.model", "own": f"params:{NETWORK}", "shipped": _SHIPPED,
-        **dict(zip(("ground_removal", "supervoxelise", "description"), stages, strict=True)), **configured,
-    }  # fmt: skip
     return Pipeline(
         [
             *own.nodes,
-            Node(build, inputs, "general_model.graphs", name="build_recorded_graphs"),
-            Node(
-                train_network,
-                [
-                    f"{NETWORK}.training_set", "general_model.graphs", f"params:{NETWORK}", *stages,
-                    *configured.values(), f"{NETWORK}.checkpoints", FACTS, "general_model.training_facts",
-                ],
-                [f"{NETWORK}.model", f"{NETWORK}.registered_model", f"{NETWORK}.objective"],
-                name="train_general_network",
+            scene_node(
+                recorded_graphs, "general_model.graphs", "build_recorded_graphs",
+                inputs={
+                    "scene": "general_model.scenes", "trees": f"{SLUG}.model", "own": f"params:{NETWORK}",
+                    "shipped": _SHIPPED, "ground_removal": _GROUND, "supervoxelise": "params:supervoxelise",
+                    "description": "params:features",
+                },
+                parameters=parameters_of_graphs, stages=stages_of, scheme=training_scheme, coarse=recorded_scheme,
+            ),
+            named_node(
+                train_network, [*MODEL, ".objective"], "train_general_network", slug=NETWORK,
+                simulated=".training_set", recorded="general_model.graphs", simulated_facts=FACTS,
+                recorded_facts="general_model.training_facts",
             ),
         ]
     )  # fmt: skip

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
@@ -19,6 +19,7 @@ from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.model_store.bundle_files import ModelFile
 from mlsroad_pipeline.model_store.shipped_entry import ShippedParameters
 from mlsroad_pipeline.model_store.shipped_models import FOLDER, ShippedModel, shipped_again
+from mlsroad_pipeline.pipelines.per_scene import named_node
 from mlsroad_pipeline.surveys.training_streets import StreetParameters, simulated_cloud, street_parameters
 
 log = logging.getLogger(__name__)
@@ -78,7 +79,7 @@ def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: parameters to the pool of the package with its weights of colour."""
     return Pipeline(
         [
-            Node(describe_colour_streets, "params:shipped", "ground_colour.streets", name="describe_colour_streets"),
-            Node(train_ground_colour, "ground_colour.streets", "shipped_pool", name="train_ground_colour"),
+            named_node(describe_colour_streets, "ground_colour.streets"),
+            named_node(train_ground_colour, "shipped_pool", streets="ground_colour.streets"),
         ]
     )

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import pandas as pd
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
@@ -24,6 +24,7 @@ from mlsroad_pipeline.papers.tomic2019.image_labels.drive_images import (
 from mlsroad_pipeline.papers.tomic2019.image_labels.own_segmentation import own_model
 from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.pipelines.evaluation import evaluate_seen
+from mlsroad_pipeline.pipelines.per_scene import MODEL, named_node
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.surveys.masks import masks_of_passes
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
@@ -101,27 +102,12 @@ def create_pipeline(**_: object) -> Pipeline:
 
     It is no part of the comparison: only surveys with images have it, and training a network takes minutes.
     """
-    own, configured = f"params:{SLUG}", ["params:survey", "params:classes"]
+    drives = f"{SLUG}.drives"
     return Pipeline(
         [
-            Node(
-                find_images,
-                ["scenes", own, "params:survey", "params:ingest", "params:classes"],
-                f"{SLUG}.drives",
-                name="find_images",
-            ),
-            Node(
-                train_network,
-                [f"{SLUG}.drives", own, *configured],
-                [f"{SLUG}.model", f"{SLUG}.registered_model", f"{SLUG}.objective"],
-                name="train_network",
-            ),
-            Node(
-                label_scenes,
-                ["scenes", f"{SLUG}.drives", f"{SLUG}.model", own],
-                f"{SLUG}.labels",
-                name="label_through_images",
-            ),
+            named_node(find_images, drives, slug=SLUG),
+            named_node(train_network, [*MODEL, ".objective"], slug=SLUG, drives=drives),
+            named_node(label_scenes, ".labels", "label_through_images", slug=SLUG, drives=drives),
             *evaluate_seen(SLUG, {SLUG: "label"}),
         ]
     )

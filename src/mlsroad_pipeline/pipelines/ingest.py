@@ -7,13 +7,14 @@ from collections.abc import Mapping
 from typing import Any
 
 import pandas as pd
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.algorithms.quality.tables import quality_table
 from mlsroad_pipeline.algorithms.scenes.joining import join_pieces
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
+from mlsroad_pipeline.pipelines.per_scene import named_node
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import (
     SurveyPlan,
@@ -107,14 +108,17 @@ def report_quality(plan: SurveyPlan, pieces: SceneCollection) -> pd.DataFrame:
     return quality_table({f.source.name: f.key for f in plan.files}, pieces.load_all("quality"))
 
 
+_STORES = {"plan": "survey_plan", "files": "survey_files"}
+
+
 def cut_survey() -> Pipeline:
     """Return the pipeline from the plan of a survey to its pieces and its quality; `label` has it in a namespace."""
     return Pipeline(
         [
-            Node(describe_files, ["survey_plan", "params:ingest"], "survey_files", name="describe_files"),
-            Node(find_corridors, ["survey_plan", "survey_files", "params:ingest"], "corridors", name="find_corridors"),
-            Node(cut_files, ["survey_plan", "survey_files", "corridors", "params:ingest"], "pieces", name="cut_files"),
-            Node(report_quality, ["survey_plan", "pieces"], "survey_quality", name="report_quality"),
+            named_node(describe_files, "survey_files", **_STORES),
+            named_node(find_corridors, "corridors", **_STORES),
+            named_node(cut_files, "pieces", **_STORES),
+            named_node(report_quality, "survey_quality", **_STORES),
         ]
     )
 
@@ -124,11 +128,6 @@ def create_pipeline(**_: object) -> Pipeline:
     # Importing `label` imports this module and must not load the simulator.
     from mlsroad_pipeline.pipelines.simulate import create_pipeline as simulate  # noqa: PLC0415
 
-    plan = Node(
-        plan_files,
-        ["params:survey", "params:ingest", "params:classes", "simulated_surveys"],
-        "survey_plan",
-        name="plan_files",
-    )
-    assemble = Node(assemble_scenes, ["survey_plan", "pieces", "params:ingest"], "scenes", name="assemble_scenes")
+    plan = named_node(plan_files, "survey_plan", parameters="params:survey", simulated="simulated_surveys")
+    assemble = named_node(assemble_scenes, "scenes", **_STORES)
     return simulate() + Pipeline([plan, cut_survey(), assemble])

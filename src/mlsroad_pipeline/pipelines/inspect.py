@@ -4,9 +4,10 @@ import logging
 from typing import Any
 
 import pandas as pd
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.label.checks import output_problems
+from mlsroad_pipeline.pipelines.per_scene import named_node
 from mlsroad_pipeline.reporting.inspection_page import survey_page
 from mlsroad_pipeline.surveys.files import Survey
 from mlsroad_pipeline.surveys.inspection import InspectParameters, inspect_survey, inspection_warnings, survey_facts
@@ -29,13 +30,4 @@ def inspect_files(parameters: InspectParameters, survey: SurveyParameters) -> tu
 
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline from the files of a survey to a quality report and warnings."""
-    return Pipeline(
-        [
-            Node(
-                inspect_files,
-                ["params:inspect", "params:survey"],
-                ["inspection", "inspection_report", "survey_warnings"],
-                name="inspect_files",
-            )
-        ]
-    )
+    return Pipeline([named_node(inspect_files, ["inspection", "inspection_report", "survey_warnings"], slug="inspect")])

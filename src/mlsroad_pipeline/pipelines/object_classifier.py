@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
@@ -34,6 +34,7 @@ from mlsroad_pipeline.model_store.object_classifiers import CARD, CLASSIFIER, RE
 from mlsroad_pipeline.model_store.shipped_entry import ShippedParameters
 from mlsroad_pipeline.model_store.shipped_models import FOLDER
 from mlsroad_pipeline.pipelines.boosted_trees import load_lightgbm
+from mlsroad_pipeline.pipelines.per_scene import named_node
 from mlsroad_pipeline.surveys.training_streets import MOST_POINTS, simulate_street, street_parameters, street_surveys
 
 POOL = FOLDER / SLUG
@@ -157,21 +158,13 @@ def _card(figures: Figures, n_streets: int, n_simulated: int, shipped: ShippedPa
 
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: parameters to the files of the object classifier."""
-    own = "params:shipped"
-    streets, labels, stems, candidates = (
-        f"object_classifier.{name}" for name in ("streets", "labels", "stems", "candidates")
-    )
+    own = {name: f".{name}" for name in ("streets", "labels", "stems", "candidates")} | {"slug": "object_classifier"}
     return Pipeline(
         [
-            Node(simulate_classifier_streets, own, streets, name="simulate_classifier_streets"),
-            Node(label_classifier_streets, streets, labels, name="label_classifier_streets"),
-            Node(describe_stems, [own, streets, labels], stems, name="describe_classifier_stems"),
-            Node(find_candidates, [own, streets, labels, stems], candidates, name="find_classifier_candidates"),
-            Node(
-                train_object_classifier,
-                [own, stems, candidates],
-                "shipped_object_classifier",
-                name="train_object_classifier",
-            ),
+            named_node(simulate_classifier_streets, ".streets", **own),
+            named_node(label_classifier_streets, ".labels", **own),
+            named_node(describe_stems, ".stems", "describe_classifier_stems", **own),
+            named_node(find_candidates, ".candidates", "find_classifier_candidates", **own),
+            named_node(train_object_classifier, "shipped_object_classifier", **own),
         ]
     )

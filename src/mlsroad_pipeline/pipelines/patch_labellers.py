@@ -22,11 +22,11 @@ from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
 from mlsroad_pipeline.papers.shared.patches.labelling import label_patch_scene
 from mlsroad_pipeline.papers.shared.patches.training import PatchTraining, join_training_scenes, number_surveys
 from mlsroad_pipeline.papers.shared.patches.types import PatchStages
-from mlsroad_pipeline.pipelines.per_scene import PerScene, fix_arguments
+from mlsroad_pipeline.pipelines.per_scene import MODEL, fix_arguments, named_node
 from mlsroad_pipeline.pipelines.schemes import training_scheme
+from mlsroad_pipeline.pipelines.training_facts import labelling
 from mlsroad_pipeline.reporting.figures import objective_figure
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
-from mlsroad_pipeline.surveys.plan import held_out_keys
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,17 +62,14 @@ def gather_training(
 
 def gathering() -> Node:
     """Return the node that gathers the training scenes; the pipelines of all methods share it."""
-    parameters = (f"params:{name}" for name in ("ground_removal", "patches", "survey", "classes"))
-    return Node(
-        gather_training, ["patches", "patch_labels", *parameters], "patch_training", name="gather_patch_training"
-    )
+    return named_node(gather_training, "patch_training", "gather_patch_training")
 
 
 def train_patch_graph(
     training: TrainingScenes, parameters: PatchGraphParameters, *, slug: str
 ) -> tuple[ModelBundle, ModelBundle, pd.DataFrame, Figure]:
     """Build the match graph."""
-    bundle = METHODS[slug].load("train")(training.load(), parameters=parameters, n_threads=cpu_count())
+    bundle = METHODS[slug].load("train")(training.load(), slug=slug, parameters=parameters, n_threads=cpu_count())
     objective = pd.DataFrame({"objective": bundle.arrays["objective"]}).rename_axis("iteration").reset_index()
     return bundle, bundle, objective, objective_figure(bundle.arrays["objective"], title="Patch match graph")
 
@@ -87,7 +84,12 @@ def fit_refinement(
 ) -> tuple[ModelBundle, ModelBundle]:
     """Choose the parameters of the Markov random field by cross-validation."""
     bundle = METHODS[slug].load("train")(
-        training.load(), graph.load(), graph_parameters=graph_parameters, parameters=parameters, n_threads=cpu_count()
+        training.load(),
+        graph.load(),
+        slug=slug,
+        graph_parameters=graph_parameters,
+        parameters=parameters,
+        n_threads=cpu_count(),
     )
     return bundle, bundle
 
@@ -98,7 +100,7 @@ def _training(method: Method) -> Callable[..., tuple[ModelBundle, ModelBundle]]:
 
     def train_method(training: TrainingScenes, parameters: kind) -> tuple[ModelBundle, ModelBundle]:
         """Train the method on the training scenes."""
-        bundle = method.load("train")(training.load(), parameters=parameters, n_threads=cpu_count())
+        bundle = method.load("train")(training.load(), slug=method.slug, parameters=parameters, n_threads=cpu_count())
         return bundle, bundle
 
     return train_method
@@ -107,36 +109,20 @@ def _training(method: Method) -> Callable[..., tuple[ModelBundle, ModelBundle]]:
 def _training_node(slug: str) -> Node:
     """Return the node that trains a method."""
     train: Callable[..., Any]
-    more_inputs, more_outputs = [], []
+    inputs, outputs = {"training": "patch_training"}, list(MODEL)
     method = METHODS[slug]
     if method.refines:
         train = fix_arguments(fit_refinement, slug=slug)
-        more_inputs = [f"{method.refines}.model", f"params:{method.refines}"]
+        inputs |= {"graph": f"{method.refines}.model", "graph_parameters": f"params:{method.refines}"}
     elif method.load("parameters") is PatchGraphParameters:
         train = fix_arguments(train_patch_graph, slug=slug)
-        more_outputs = [f"{slug}.objective", f"{slug}.objective_figure"]
+        outputs += [".objective", ".objective_figure"]
     else:
         train = _training(method)
-    return Node(
-        train,
-        ["patch_training", f"params:{slug}", *more_inputs],
-        [f"{slug}.model", f"{slug}.registered_model", *more_outputs],
-        name=f"train_{slug}",
-    )
+    return named_node(train, outputs, f"train_{slug}", slug=slug, **inputs)
 
 
 def create_pipeline(slug: str) -> Pipeline:
     """Return the pipeline of a method that labels patches."""
-    label = PerScene(label_patch_scene, keys=held_out_keys, fixed={"classifier": METHODS[slug].load("use")})
-    return Pipeline(
-        [
-            gathering(),
-            _training_node(slug),
-            Node(
-                label,
-                {"scene": "scenes", "patches": "patches", "bundle": f"{slug}.model"},
-                f"{slug}.labels",
-                name=f"label_by_{slug}",
-            ),
-        ]
-    )
+    label = labelling(label_patch_scene, slug, fixed={"classifier": METHODS[slug].load("use")})
+    return Pipeline([gathering(), _training_node(slug), label])

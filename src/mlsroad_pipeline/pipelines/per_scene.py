@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial, update_wrapper
 from typing import Any, get_type_hints
+
+from kedro.pipeline import Node
 
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile, scene_tasks
@@ -54,8 +56,58 @@ class PerScene:
         return scene_tasks(self._keys(scenes), self._function, inputs, parameters | self._fixed)
 
 
+_ENTRIES = {
+    "scene": "scenes",
+    "features": "supervoxel_features",
+    "survey": "params:survey",
+    "classes": "params:classes",
+}
+"""Argument of a function of scenes to its entry in the catalog, where the names differ."""
+
+
+def scene_node(
+    function: Callable[..., Any], output: str, name: str, *, inputs: Mapping[str, str] | None = None, **options: Any
+) -> Node:
+    """Return a node with one task per scene; arguments not in `inputs` are entries of their names or of `_ENTRIES`."""
+    stage = PerScene(function, **options)
+    entries = {**_ENTRIES, **(inputs or {})}
+    return Node(stage, {key: entries.get(key, key) for key in stage.__signature__.parameters}, output, name=name)
+
+
+_NODE_ENTRIES = {
+    **{name: f"params:{name}" for name in ("survey", "classes", "ingest", "detection", "recognition", "segmentation")},
+    **{name: f"params:{name}" for name in ("features", "simulation", "shipped")},
+    "ground": "params:ground_removal", "supervoxels": "params:supervoxelise", "sizes": "params:patches",
+    "model": ".model", "labels": ".labels", "detections": ".detections", "counts": ".confusions",
+    "checkpoints": ".checkpoints", "scene_facts": "training_facts",
+}  # fmt: skip
+"""Argument of a node function to its entry in the catalog, where the names differ; a dot stands for ``<slug>.``."""
+
+
+def named_node(
+    function: Callable[..., Any], outputs: str | Sequence[str], name: str = "", *, slug: str = "", **inputs: str
+) -> Node:
+    """Return a node, named after its function by default; its inputs are the entries of the function's arguments.
+
+    Entries not in `inputs` are those of `_NODE_ENTRIES`, or of the argument's name. ``parameters`` are those of the
+    method `slug`, whose own entries begin with a dot.
+    """
+    known = {**_NODE_ENTRIES, "parameters": f"params:{slug}", **inputs}
+
+    def entry(given: str) -> str:
+        return slug + given if given.startswith(".") else given
+
+    made = entry(outputs) if isinstance(outputs, str) else [entry(output) for output in outputs]
+    entries = {argument: entry(known.get(argument, argument)) for argument in _required(function)}
+    return Node(function, entries, made, name=name or function.__name__)
+
+
+MODEL = (".model", ".registered_model")
+"""Outputs of a node that trains a method: the model for workers and for the registry."""
+
+
 def _required(function: Callable[..., Any]) -> list[str]:
-    parameters = inspect.signature(function).parameters.values()
+    parameters = inspect.signature(function, follow_wrapped=False).parameters.values()
     return [parameter.name for parameter in parameters if parameter.default is inspect.Parameter.empty]
 
 

@@ -4,7 +4,7 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.algorithms.core.classes import find_scheme
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
@@ -17,29 +17,19 @@ from mlsroad_pipeline.model_store.bundle_files import ModelFile
 from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages
 from mlsroad_pipeline.papers.shared.recognition.cutting import RecognitionParameters
 from mlsroad_pipeline.papers.shared.recognition.recogniser import recognise_objects, train_and_recognise
-from mlsroad_pipeline.pipelines.per_scene import fix_arguments
+from mlsroad_pipeline.pipelines.per_scene import MODEL, fix_arguments, named_node
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys
 
 
 def create_pipeline(slug: str) -> Pipeline:
     """Return the pipeline of a recogniser."""
-    own = f"params:{METHODS[slug].group or slug}"
-    stages = (f"params:{name}" for name in ("ground_removal", "segmentation", "survey", "classes"))
+    inputs = {"slug": slug, "parameters": f"params:{METHODS[slug].group or slug}", "sets": "object_sets"}
+    recognise = fix_arguments(recognise_sets, method=slug)
     return Pipeline(
         [
-            Node(
-                _training(slug),
-                ["object_sets", own, "params:recognition", *stages],
-                [f"{slug}.model", f"{slug}.registered_model"],
-                name=f"train_{slug}",
-            ),
-            Node(
-                fix_arguments(recognise_sets, method=slug),
-                ["object_sets", f"{slug}.model", own, "params:recognition", "params:classes"],
-                f"{slug}.recognitions",
-                name=f"recognise_with_{slug}",
-            ),
+            named_node(_training(slug), MODEL, f"train_{slug}", **inputs),
+            named_node(recognise, ".recognitions", f"recognise_with_{slug}", **inputs),
         ]
     )
 

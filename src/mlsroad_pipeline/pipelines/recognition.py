@@ -16,7 +16,7 @@ from mlsroad_pipeline.papers.shared.recognition.cutting import RecognitionParame
 from mlsroad_pipeline.papers.shared.recognition.object_set import find_folds, listed_files, read_fold
 from mlsroad_pipeline.papers.shared.recognition.scores import score_recognitions
 from mlsroad_pipeline.pipelines.compare import compare_methods
-from mlsroad_pipeline.pipelines.per_scene import PerScene, fix_arguments
+from mlsroad_pipeline.pipelines.per_scene import fix_arguments, named_node, scene_node
 from mlsroad_pipeline.pipelines.recognisers import create_pipeline as recogniser_pipeline
 from mlsroad_pipeline.pipelines.schemes import recognition_scheme
 from mlsroad_pipeline.reporting.figures import confusion_figure
@@ -69,14 +69,12 @@ def train_recognisers() -> Pipeline:
 def score_recognisers() -> Pipeline:
     """Return the pipeline that scores all recognisers and compares them in a table."""
     scores = [
-        Node(
-            fix_arguments(score_recogniser, method=slug),
-            ["object_sets", f"{slug}.recognitions", "params:recognition", "params:classes"],
-            [f"{slug}.scores", f"{slug}.confusion_figure"],
-            name=f"score_{slug}",
+        named_node(
+            fix_arguments(score_recogniser, method=slug), [".scores", ".confusion_figure"], f"score_{slug}",
+            slug=slug, sets="object_sets", recognitions=".recognitions",
         )
         for slug in methods_of("recognition")
-    ]
+    ]  # fmt: skip
     compared = Node(
         compare_methods,
         [f"{slug}.scores" for slug in methods_of("recognition")],
@@ -88,24 +86,11 @@ def score_recognisers() -> Pipeline:
 
 def read_folds() -> Pipeline:
     """Return the pipeline that reads objects from files: the survey's root to ``object_sets``."""
-    return Pipeline(
-        [
-            Node(
-                read_object_folds,
-                ["params:survey", "params:recognition", "params:classes"],
-                "object_sets",
-                name="read_object_folds",
-            )
-        ]
-    )
+    return Pipeline([named_node(read_object_folds, "object_sets")])
 
 
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: scenes and their objects to sets of objects, and these to the scores of all recognisers."""
-    cut = Node(
-        PerScene(cut_objects, scheme=recognition_scheme),
-        {"scene": "scenes", "objects": "objects", "parameters": "params:recognition", "classes": "params:classes"},
-        "object_sets",
-        name="cut_objects_of_scenes",
-    )
+    own = {"parameters": "params:recognition"}
+    cut = scene_node(cut_objects, "object_sets", "cut_objects_of_scenes", inputs=own, scheme=recognition_scheme)
     return Pipeline([cut]) + train_recognisers() + score_recognisers()

@@ -8,8 +8,7 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.model_store.shipped_models import load_shipped
 from mlsroad_pipeline.papers.comparison.recordings.plan import StudyPlan, score_runs
-from mlsroad_pipeline.papers.comparison.recordings.report import source_pages
-from mlsroad_pipeline.papers.comparison.recordings.study import STUDY, summarise
+from mlsroad_pipeline.papers.comparison.recordings.report import STUDY, source_pages, summarise
 from mlsroad_pipeline.papers.shared.studies.study import Stage
 from mlsroad_pipeline.pipelines.study import study_pipeline
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.papers.luo2016.shape_based.labeller import ShapeParameters, fit, label_objects, training_objects
 from mlsroad_pipeline.pipelines.patch_labellers import TrainingScenes, gathering
-from mlsroad_pipeline.pipelines.per_scene import PerScene
-from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys
+from mlsroad_pipeline.pipelines.per_scene import MODEL, named_node, scene_node
+from mlsroad_pipeline.pipelines.training_facts import labelling
+from mlsroad_pipeline.surveys.plan import training_keys
 
 
 def scheme_of(training: TrainingScenes) -> ClassScheme:
@@ -34,27 +35,13 @@ def train_shape_based(
 
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: objects to a model, and to labels of the scenes that it was not trained on."""
-    prepared = {"scene": "scenes", "ground": "ground", "patches": "patches"}
+    inputs = {"training": "patch_training", "parameters": "params:shape_based"}
+    taken, draw = "shape_based.training_set", {"keys": training_keys, "scheme": scheme_of}
     return Pipeline(
         [
             gathering(),
-            Node(
-                PerScene(training_objects, keys=training_keys, scheme=scheme_of),
-                {**prepared, "training": "patch_training", "parameters": "params:shape_based"},
-                "shape_based.training_set",
-                name="take_training_objects",
-            ),
-            Node(
-                train_shape_based,
-                ["patch_training", "params:shape_based", "shape_based.training_set"],
-                ["shape_based.model", "shape_based.registered_model"],
-                name="train_shape_based",
-            ),
-            Node(
-                PerScene(label_objects, keys=held_out_keys),
-                {**prepared, "bundle": "shape_based.model"},
-                "shape_based.labels",
-                name="label_scenes_by_shape",
-            ),
+            scene_node(training_objects, taken, "take_training_objects", inputs=inputs, **draw),
+            named_node(train_shape_based, MODEL, slug="shape_based", training="patch_training", objects=taken),
+            labelling(label_objects, "shape_based", "label_scenes_by_shape"),
         ]
     )

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.execution.task import SceneTask
+from mlsroad_pipeline.pipelines.per_scene import named_node
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.simulated import TRAJECTORY, configured_survey, selected_surveys, write_simulated_survey
 
@@ -39,6 +40,4 @@ def simulate_surveys(simulation: Mapping[str, Any], survey: SurveyParameters) ->
 
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: parameters to surveys below the survey root."""
-    return Pipeline(
-        [Node(simulate_surveys, ["params:simulation", "params:survey"], "simulated_surveys", name="simulate_surveys")]
-    )
+    return Pipeline([named_node(simulate_surveys, "simulated_surveys")])

@@ -1,13 +1,16 @@
-"""Pipeline of a study."""
+"""Pipelines of the studies of the papers."""
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any
 
 from kedro.pipeline import Node, Pipeline
 from matplotlib.figure import Figure
 
+from mlsroad_pipeline import papers
 from mlsroad_pipeline.papers.shared.studies.study import Study
+from mlsroad_pipeline.pipelines import composition
 
 
 def study_pipeline(study: Study) -> Pipeline:
@@ -26,7 +29,7 @@ def study_pipeline(study: Study) -> Pipeline:
         figures = tuple(study.draw(tables, *loaded[len(tables) :]))
         return *figures, study.report(plan, tables, figures)
 
-    groups = [f"params:{group}" for group in (own, *study.parameters)]
+    groups = {"study": f"params:{own}", **{group: f"params:{group}" for group in study.parameters}}
     figures = entries(*(f"{name}_figure" for name in study.captions), "report")
     shown = entries("plan", *study.tables, *study.shown)
     return Pipeline(
@@ -37,3 +40,10 @@ def study_pipeline(study: Study) -> Pipeline:
             Node(report_study, shown, figures, name=f"report_{own}"),
         ]
     )
+
+
+def create_pipeline(name: str) -> Pipeline:
+    """Return the pipeline ``<paper>_study``, after the pipelines that make its inputs: those of entries with a dot."""
+    study: Study = import_module(f"{papers.__name__}.{name.removesuffix('_study')}.study.study").STUDY
+    needed = {entry.partition(".")[0] for stage in study.stages for entry in stage.inputs if "." in entry}
+    return sum(map(composition.create_pipeline, sorted(needed)), study_pipeline(study))

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import pandas as pd
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.algorithms.core.stage_parameters import (
     FeatureParameters,
@@ -20,11 +20,11 @@ from mlsroad_pipeline.algorithms.models.superpoint_transformer.labeller import l
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import SLUG, SuperpointTransformerParameters
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.training_graphs import training_graphs
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.pipelines.per_scene import PerScene
+from mlsroad_pipeline.pipelines.per_scene import MODEL, named_node, scene_node
 from mlsroad_pipeline.pipelines.schemes import training_scheme
-from mlsroad_pipeline.pipelines.training_facts import FACTS, describing, with_training_facts
+from mlsroad_pipeline.pipelines.training_facts import describing, labelling, with_training_facts
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
-from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys
+from mlsroad_pipeline.surveys.plan import training_keys
 
 
 def stages_of(
@@ -65,43 +65,15 @@ def train_network(
 
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: graphs of superpoints to a model, and to labels of the scenes it was not trained on."""
-    prepared = {name: name for name in ("ground", "supervoxels")} | {
-        "scene": "scenes",
-        "features": "supervoxel_features",
-    }
-    own, stages = f"params:{SLUG}", ["params:ground_removal", "params:supervoxelise", "params:features"]
-    configured = {"survey": "params:survey", "classes": "params:classes"}
+    own, drawn = f"params:{SLUG}", f"{SLUG}.training_set"
+    stages = [f"params:{name}" for name in ("ground_removal", "supervoxelise", "features")]
+    inputs = dict(zip(("own", "ground_removal", "supervoxelise", "description"), [own, *stages], strict=True))
+    draw = {"keys": training_keys, "parameters": parameters_of_graphs, "stages": stages_of, "scheme": training_scheme}
     return Pipeline(
         [
             describing(),
-            Node(
-                PerScene(
-                    training_graphs,
-                    keys=training_keys,
-                    parameters=parameters_of_graphs,
-                    stages=stages_of,
-                    scheme=training_scheme,
-                ),
-                {
-                    **prepared,
-                    "own": own,
-                    **dict(zip(("ground_removal", "supervoxelise", "description"), stages, strict=True)),
-                    **configured,
-                },
-                f"{SLUG}.training_set",
-                name="build_training_graphs",
-            ),
-            Node(
-                train_network,
-                [f"{SLUG}.training_set", own, *stages, *configured.values(), f"{SLUG}.checkpoints", FACTS],
-                [f"{SLUG}.model", f"{SLUG}.registered_model", f"{SLUG}.objective"],
-                name=f"train_{SLUG}",
-            ),
-            Node(
-                PerScene(label_scene, keys=held_out_keys),
-                {**prepared, "bundle": f"{SLUG}.model"},
-                f"{SLUG}.labels",
-                name=f"label_by_{SLUG}",
-            ),
+            scene_node(training_graphs, drawn, "build_training_graphs", inputs=inputs, **draw),
+            named_node(train_network, [*MODEL, ".objective"], f"train_{SLUG}", slug=SLUG, graphs=drawn),
+            labelling(label_scene, SLUG),
         ]
     )

@@ -1,16 +1,18 @@
-"""Facts of the training scenes, which labellers store with their models."""
+"""Nodes of all labellers: the facts of the training scenes, which models store, and the labels of the other scenes."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 from kedro.pipeline import Node
 
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.quality.scene_facts import stored_facts, training_facts
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.pipelines.per_scene import PerScene
-from mlsroad_pipeline.surveys.plan import training_keys
+from mlsroad_pipeline.pipelines.per_scene import scene_node
+from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys
 
 FACTS = "training_facts"
 """Catalog entry of the facts of the training scenes."""
@@ -18,8 +20,13 @@ FACTS = "training_facts"
 
 def describing() -> Node:
     """Return the node that describes the training scenes; the pipelines of labellers share it."""
-    describe = PerScene(stored_facts, keys=training_keys)
-    return Node(describe, {"cloud": "scenes"}, FACTS, name="describe_training_scenes")
+    return scene_node(stored_facts, FACTS, "describe_training_scenes", inputs={"cloud": "scenes"}, keys=training_keys)
+
+
+def labelling(function: Callable[..., Any], slug: str, name: str = "", **options: Any) -> Node:
+    """Return the node that labels the scenes that a method was not trained on."""
+    model, labels = {"bundle": f"{slug}.model"}, f"{slug}.labels"
+    return scene_node(function, labels, name or f"label_by_{slug}", inputs=model, keys=held_out_keys, **options)
 
 
 def with_training_facts(bundle: ModelBundle, *scenes: SceneCollection) -> ModelBundle:

@@ -13,7 +13,7 @@ from mlsroad_pipeline.model_store.bundle_files import load_bundle, save_bundle
 from mlsroad_pipeline.papers.luo2016.patch_forest import classifier as patch_forest
 from mlsroad_pipeline.papers.luo2016.patch_forest.classifier import PatchForest, PatchForestParameters
 from mlsroad_pipeline.papers.luo2016.patch_svm import classifier as patch_svm
-from mlsroad_pipeline.papers.luo2016.patch_svm.classifier import PatchSvm, PatchSvmParameters, fit_patch_svm
+from mlsroad_pipeline.papers.luo2016.patch_svm.classifier import PatchSvm, PatchSvmParameters
 from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
 from mlsroad_pipeline.papers.shared.patches.features import COLOURED, GEOMETRY, draw_training_patches, patch_features
 from mlsroad_pipeline.papers.shared.patches.labelling import build_patches, label_patch_scene, label_patches
@@ -30,7 +30,7 @@ def fit_forest(patches, **changes):
 
 
 def fit_svm(patches, parameters=SVM):
-    return fit_patch_svm(patches, parameters=parameters, n_classes=4)
+    return PatchSvm.fit(patches, parameters=parameters, n_classes=4)
 
 
 METHODS = pytest.mark.parametrize("fit", [fit_forest, fit_svm], ids=["forest", "svm"])
@@ -116,13 +116,13 @@ def test_sample_is_balanced(rng):
 
 def test_cross_validation_takes_the_better_parameters_and_holds_scenes_out(rng):
     patches = planted(rng, 400, colour=False)
-    choice = fit_patch_svm(
+    choice = PatchSvm.fit(
         patches, parameters=PatchSvmParameters(costs=[1e-6, 10.0], gammas=[0.1], cv_per_class=60), n_classes=4
     ).choice
     assert choice.cost == 10.0 and choice.mean_f1 > 0.9
     # A machine that only knows the scene cannot be rewarded for it: classes that differ from scene to scene by noise.
     noise = patches.with_columns(label=rng.integers(0, 2, 400))
-    assert fit_patch_svm(noise, parameters=SVM, n_classes=4).choice.mean_f1 < 0.62
+    assert PatchSvm.fit(noise, parameters=SVM, n_classes=4).choice.mean_f1 < 0.62
 
 
 def test_one_scene_is_cut_into_folds_with_a_warning(rng, caplog):

@@ -5,11 +5,13 @@ import pytest
 import torch
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.papers.luo2019.hierarchy_descriptor.recogniser import HierarchyRecogniser
+from mlsroad_pipeline.papers.luo2019.descriptors.recognisers import (
+    HierarchyRecogniser,
+    ShotRecogniser,
+    SpinImageRecogniser,
+)
 from mlsroad_pipeline.papers.luo2019.pointnet.parameters import PointNetParameters
 from mlsroad_pipeline.papers.luo2019.pointnet.recogniser import PointNet, PointNetRecogniser
-from mlsroad_pipeline.papers.luo2019.shot.recogniser import ShotRecogniser
-from mlsroad_pipeline.papers.luo2019.spin_image.recogniser import SpinImageRecogniser
 from mlsroad_pipeline.papers.shared.recognition.descriptor_machine import DescriptorParameters
 
 MACHINE = DescriptorParameters(radii=[0.0, 3.0], costs=[10.0], gammas=[0.003, 0.01], n_folds=2)

@@ -18,13 +18,13 @@ from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
-from mlsroad_pipeline.papers.shared.detection.training import TrainingObjects
+from mlsroad_pipeline.papers.shared.detection.detector import detect_objects
+from mlsroad_pipeline.papers.shared.detection.training import DetectorTraining, TrainingObjects, train_object_detector
 from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.detector import BottomUpTopDownParameters
 from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.oriented_points import OrientedPointParameters
 from mlsroad_pipeline.papers.yu2016.hough_forest.detector import (
     HoughForest,
     HoughForestParameters,
-    fit_hough_forest,
 )
 from mlsroad_pipeline.papers.yu2016.object_matching.detector import (
     ObjectMatchingParameters,
@@ -44,7 +44,7 @@ def models():
 @pytest.mark.parametrize("intensity", [True, False])
 def test_planted_objects_are_detected_in_any_orientation(slug, intensity, models, rng):
     scene, objects = street(rng, 5, intensity=intensity)
-    found = METHODS[slug][0].detect_scene(described(slug, scene, objects), models[slug])
+    found = detect_objects(described(slug, scene, objects), models[slug])
     assert (found["label"] == np.tile(LABELS, 5)).mean() >= 14 / 15
     assert found["label"].dtype == np.int16 and found["scores"].dtype == np.float32
     assert found["scores"].shape == (15, 2) and np.isfinite(found["scores"]).all()
@@ -62,7 +62,7 @@ def test_same_seed_same_model_and_moved_scene_same_scores(slug, models, rng):
         assert again.arrays[name].tobytes() == values.tobytes(), name
     parts = described(slug, scene, objects)
     moved = {**parts, "centres": parts["centres"] + [389_300.0, 5_819_700.0, 34.0]}
-    one, other = (METHODS[slug][0].detect_scene(found, again) for found in (parts, moved))
+    one, other = (detect_objects(found, again) for found in (parts, moved))
     np.testing.assert_allclose(one["scores"], other["scores"], atol=0.03)
 
 
@@ -86,10 +86,10 @@ def test_raw_points_are_labelled(slug, models, rng):
 @methods
 def test_tiny_objects_are_not_detected_and_an_empty_scene_has_none(slug, models, rng):
     scene = PointCloud(rng.random((3, 3)), {"intensity": np.ones(3, np.float32)})
-    found = METHODS[slug][0].detect_scene(described(slug, scene, {"objects": np.zeros(3, np.int32)}), models[slug])
+    found = detect_objects(described(slug, scene, {"objects": np.zeros(3, np.int32)}), models[slug])
     assert found["scores"].shape == (1, 2) and np.isfinite(found["scores"]).all() and found["label"][0] == -1
     nothing = described(slug, scene, {"objects": np.full(3, -1, np.int32)})
-    assert METHODS[slug][0].detect_scene(nothing, models[slug])["scores"].shape == (0, 2)
+    assert detect_objects(nothing, models[slug])["scores"].shape == (0, 2)
 
 
 @methods
@@ -97,16 +97,14 @@ def test_one_example_is_enough_to_train_and_none_is_never_detected(slug, rng, ca
     scene, objects = street(rng, 2)
     labels = np.array([0, -1, -1, -1, 1, -1], np.int16)
     model = trained(slug, scene, objects, labels)
-    found = METHODS[slug][0].detect_scene(described(slug, scene, objects), model)
+    found = detect_objects(described(slug, scene, objects), model)
     assert np.isfinite(found["scores"]).all()
     without = trained(slug, scene, objects, np.where(labels == 1, -1, labels).astype(np.int16))
     assert "No training object is a car" in caplog.text
-    found = METHODS[slug][0].detect_scene(described(slug, scene, objects), without)
+    found = detect_objects(described(slug, scene, objects), without)
     assert (found["scores"][:, 1] == 0).all() and (found["label"] != 1).all()
     with pytest.raises(DataError, match="no training scenes"):
-        METHODS[slug][1](
-            {}, {}, parameters=METHODS[slug][2], stages=STAGES, detection=WANTED, scheme=SCHEME, trained_on={}
-        )
+        train_object_detector({}, {}, DetectorTraining(slug, METHODS[slug], STAGES, WANTED, SCHEME, {}))
 
 
 @methods
@@ -119,10 +117,9 @@ def test_a_street_of_weight_zero_is_excluded_from_threshold_selection(slug, rng)
     for weight in (0.0, 1.0):
         labels = {"a": {"label": np.tile(LABELS, 6), "own": own}}
         labels["b"] = {"label": np.tile(other, 6), "own": own, "weight": weight}
-        model = METHODS[slug][1](
-            {"a": parts, "b": parts}, labels, parameters=METHODS[slug][2], stages=STAGES, detection=WANTED,
-            scheme=SCHEME, trained_on={},
-        )  # fmt: skip
+        model = train_object_detector(
+            {"a": parts, "b": parts}, labels, DetectorTraining(slug, METHODS[slug], STAGES, WANTED, SCHEME, {})
+        )
         reached[weight] = model.metadata["learned"]["geometry"]["f_scores"][1]
     assert reached[0.0] > 0.9 > reached[1.0] + 0.05
 
@@ -146,9 +143,9 @@ def test_geometry_variant_of_the_forest_ignores_intensity(rng):
     scene, objects = street(rng, 3)
     parts = described("hough_forest", scene, objects)
     labels = np.tile(LABELS, 3)
-    one = fit_hough_forest(TrainingObjects(parts, labels, 2), FOREST)[0]
+    one = HoughForest.fit(TrainingObjects(parts, labels, 2), FOREST)[0]
     bright = {**parts, "descriptors": parts["descriptors"].copy()}
     bright["descriptors"][:, 19] = rng.random(len(bright["descriptors"]))
-    other = fit_hough_forest(TrainingObjects(bright, labels, 2), FOREST)[0]
+    other = HoughForest.fit(TrainingObjects(bright, labels, 2), FOREST)[0]
     for name, values in one.to_arrays().items():
         assert values.tobytes() == other.to_arrays()[name].tobytes(), name

@@ -163,12 +163,6 @@ class CellGrid:
     minimum: NDArray[np.float64]  # Minimum corner of the cells inside the margin, metres
     margin: int  # Empty cells below and above the points along each axis
 
-    def centres(self) -> NDArray[np.float64]:
-        """Return the centres of the occupied cells, metres, shape (c, 3)."""
-        nx, ny, _ = self.shape
-        indices = np.stack([self.keys % nx, self.keys // nx % ny, self.keys // (nx * ny)], axis=1)
-        return self.minimum + (indices - self.margin + 0.5) * self.cell_size
-
     def row_offsets(self, reach: int) -> NDArray[np.int64]:
         """Return (dy, dz, key offset) of the rows of cells up to `reach` cells away, shape (r, 3)."""
         nx, ny, _ = self.shape

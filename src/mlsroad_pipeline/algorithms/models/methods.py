@@ -15,6 +15,22 @@ PACKAGE = "mlsroad_pipeline"
 
 Task = Literal["labelling", "detection", "recognition"]
 
+_SHARED: dict[Task, dict[str, str]] = {
+    "labelling": {
+        "train": "papers.shared.patches.models:train",
+        "label_cloud": "papers.shared.patches.models:label_cloud",
+    },
+    "detection": {
+        "train": "papers.shared.detection.training:train_object_detector",
+        "label_cloud": "papers.shared.detection.detector:label_cloud",
+    },
+    "recognition": {
+        "train": "papers.shared.recognition.recogniser:train_recogniser",
+        "label_cloud": "papers.shared.recognition.recogniser:label_cloud",
+    },
+}
+"""Parts that methods without their own share, by task; those of labelling are of methods that label patches."""
+
 
 @dataclass(frozen=True)
 class Method:
@@ -34,12 +50,12 @@ class Method:
         Class of the parameters; none of a composed method.
     use : str
         Applies a model. Patch labellers: the classifier class. Other labellers: the function that labels a prepared
-        scene. Detectors: the function that detects described objects. Recognisers: the recogniser class. None of a
-        composed method.
-    train : str, default "papers.shared.recognition.recogniser:train_recogniser"
-        Function that trains a model; recognisers share one.
-    label_cloud : str, default "papers.shared.recognition.recogniser:label_cloud"
-        Function that labels a cloud from raw coordinates on: ``(cloud, bundle)`` to labels and confidences.
+        scene. Detectors and recognisers: their class. None of a composed method.
+    train : str, optional
+        Function that trains a model; by default the one that patch labellers, detectors or recognisers share.
+    label_cloud : str, optional
+        Function that labels a cloud from raw coordinates on: ``(cloud, bundle)`` to labels and confidences. By default
+        the one that patch labellers, detectors or recognisers share.
     label_softly : str, optional
         Function that labels a cloud and returns class probabilities too: see `labelling.SoftLabels`.
     group : str, optional
@@ -47,7 +63,7 @@ class Method:
     needs_images : bool, default False
         Whether models need the images of a survey beside its points.
     uses_intensity : bool, default False
-        Whether a recogniser takes the intensities of an object, where there are any.
+        Whether a detector or recogniser takes the intensities of an object, where there are any.
     variant : str, optional
         Images that a sub-network of JointNet takes.
     describe : str, optional
@@ -69,8 +85,8 @@ class Method:
     folder: str
     parameters: str = ""
     use: str = ""
-    train: str = "papers.shared.recognition.recogniser:train_recogniser"
-    label_cloud: str = "papers.shared.recognition.recogniser:label_cloud"
+    train: str = ""
+    label_cloud: str = ""
     label_softly: str = ""
     group: str = ""
     needs_images: bool = False
@@ -111,7 +127,7 @@ class Method:
         str
             ``"module:name"``.
         """
-        module, name = getattr(self, part).split(":")
+        module, name = (getattr(self, part) or _SHARED[self.task][part]).split(":")
         package = f"{PACKAGE}.{self.folder}" if module.startswith(".") else f"{PACKAGE}."
         return f"{package}{module}:{name}"
 
@@ -155,8 +171,10 @@ def load_place(place: str) -> Any:
     return getattr(import_module(module), name)
 
 
-_JOINTNET_FOLDER = "papers.luo2019.jointnet"
-_JOINTNET, _JOINTNET_PARAMETERS = ".recogniser:JointNetRecogniser", ".parameters:JointNetParameters"
+_JOINTNET: dict[str, Any] = {
+    "task": "recognition", "folder": "papers.luo2019.jointnet", "parameters": ".parameters:JointNetParameters",
+    "use": ".recogniser:JointNetRecogniser", "uses_intensity": True,
+}  # fmt: skip
 _DESCRIPTORS = "papers.shared.recognition.descriptor_machine:DescriptorParameters"
 _PARTS = "papers.shared.detection.regions:describe_parts"
 
@@ -168,29 +186,28 @@ _TABLE = (
     ),
     Method(
         "patch_graph", "labelling", "papers.luo2016.patch_graph", ".classifier:PatchGraphParameters",
-        ".classifier:PatchGraphClassifier", ".labeller:train", ".labeller:label_cloud",
+        ".classifier:PatchGraphClassifier",
     ),
     Method(
         "patch_graph_mrf", "labelling", "papers.luo2016.patch_graph", ".refined_classifier:GridParameters",
-        ".refined_classifier:RefinedPatchGraphClassifier", ".labeller:train_refinement",
-        ".labeller:label_cloud_refined", refines="patch_graph",
+        ".refined_classifier:RefinedPatchGraphClassifier", ".refined_classifier:train_refinement",
+        refines="patch_graph",
     ),
     Method(
         "patch_graph_printed", "labelling", "papers.luo2016.patch_graph", ".classifier:PatchGraphParameters",
-        ".classifier:PatchGraphClassifier", ".labeller:train_printed", ".labeller:label_cloud",
+        ".classifier:PatchGraphClassifier",
     ),
     Method(
         "patch_graph_mrf_printed", "labelling", "papers.luo2016.patch_graph", ".refined_classifier:GridParameters",
-        ".refined_classifier:RefinedPatchGraphClassifier", ".labeller:train_printed_refinement",
-        ".labeller:label_cloud_refined", refines="patch_graph_printed",
+        ".refined_classifier:RefinedPatchGraphClassifier", ".refined_classifier:train_refinement",
+        refines="patch_graph_printed",
     ),
     Method(
-        "patch_svm", "labelling", "papers.luo2016.patch_svm", ".classifier:PatchSvmParameters", ".classifier:PatchSvm",
-        ".classifier:train", ".classifier:label_cloud",
+        "patch_svm", "labelling", "papers.luo2016.patch_svm", ".classifier:PatchSvmParameters", ".classifier:PatchSvm"
     ),
     Method(
         "patch_forest", "labelling", "papers.luo2016.patch_forest", ".classifier:PatchForestParameters",
-        ".classifier:PatchForest", ".classifier:train", ".classifier:label_cloud",
+        ".classifier:PatchForest",
     ),
     Method(
         "shape_based", "labelling", "papers.luo2016.shape_based",
@@ -199,7 +216,7 @@ _TABLE = (
     ),
     Method(
         "max_margin_markov", "labelling", "papers.luo2016.max_margin_markov", ".classifier:MarginParameters",
-        ".classifier:MaxMarginMarkov", ".classifier:train", ".classifier:label_cloud",
+        ".classifier:MaxMarginMarkov",
     ),
     Method(
         "superpoint_transformer", "labelling", "algorithms.models.superpoint_transformer",
@@ -219,47 +236,31 @@ _TABLE = (
         ".labeller:FusionParameters", ".labeller:fuse_scene", ".labeller:fit",
         "algorithms.models.bundle:refuse_points", needs_images=True,
     ),
-    Method(
-        "visual_words", "detection", "papers.yu2016.visual_words",
-        ".training:VisualWordsParameters", ".labeller:detect_scene",
-        ".training:train_detector", ".labeller:label_cloud",
-        describe=".groups:describe_objects", description="groups", described="groups",
-    ),
-    Method(
-        "visual_words_printed", "detection", "papers.yu2016.visual_words", ".training:VisualWordsParameters",
-        ".labeller:detect_scene", ".training:train_printed_detector", ".labeller:label_cloud",
-        describe=".groups:describe_objects", description="groups", described="groups",
+    *(
+        Method(
+            slug, "detection", "papers.yu2016.visual_words", ".training:VisualWordsParameters",
+            ".training:VisualWords", ".training:train_detector", describe=".groups:describe_objects",
+            description="groups", described="groups",
+        )
+        for slug in ("visual_words", "visual_words_printed")
     ),
     Method(
         "hough_forest", "detection", "papers.yu2016.hough_forest", ".detector:HoughForestParameters",
-        ".detector:detect_scene", ".detector:train_hough_forest", ".detector:label_cloud",
-        describe=_PARTS, description="regions",
+        ".detector:HoughForest", describe=_PARTS, description="regions", uses_intensity=True,
     ),
     Method(
         "object_matching", "detection", "papers.yu2016.object_matching", ".detector:ObjectMatchingParameters",
-        ".detector:detect_scene", ".detector:train_object_matching", ".detector:label_cloud",
-        describe=_PARTS, description="regions",
+        ".detector:ObjectMatcher", describe=_PARTS, description="regions", uses_intensity=True,
     ),
     Method(
         "bottom_up_top_down", "detection", "papers.yu2016.bottom_up_top_down", ".detector:BottomUpTopDownParameters",
-        ".detector:detect_scene", ".detector:train_bottom_up_top_down", ".detector:label_cloud",
-        describe=".oriented_points:describe_surfaces", description="surfaces",
+        ".detector:BottomUpTopDown", describe=".oriented_points:describe_surfaces", description="surfaces",
     ),
-    Method("jointnet", "recognition", _JOINTNET_FOLDER, _JOINTNET_PARAMETERS, _JOINTNET, uses_intensity=True),
-    Method("jointnet_tuned", "recognition", _JOINTNET_FOLDER, _JOINTNET_PARAMETERS, _JOINTNET, uses_intensity=True),
-    Method("jointnet_printed", "recognition", _JOINTNET_FOLDER, _JOINTNET_PARAMETERS, _JOINTNET, uses_intensity=True),
+    *(Method(slug, **_JOINTNET) for slug in ("jointnet", "jointnet_tuned", "jointnet_printed")),
+    *(Method(f"{view}_net", **_JOINTNET, group="jointnet", variant=view) for view in ("hssi", "vqai", "vaai")),
     *(
-        Method(
-            f"{view}_net", "recognition", "papers.luo2019.jointnet", _JOINTNET_PARAMETERS, _JOINTNET, group="jointnet",
-            uses_intensity=True, variant=view,
-        )
-        for view in ("hssi", "vqai", "vaai")
-    ),
-    Method("spin_image", "recognition", "papers.luo2019.spin_image", _DESCRIPTORS, ".recogniser:SpinImageRecogniser"),
-    Method("shot", "recognition", "papers.luo2019.shot", _DESCRIPTORS, ".recogniser:ShotRecogniser"),
-    Method(
-        "hierarchy_descriptor", "recognition", "papers.luo2019.hierarchy_descriptor", _DESCRIPTORS,
-        ".recogniser:HierarchyRecogniser",
+        Method(slug, "recognition", "papers.luo2019.descriptors", _DESCRIPTORS, f".recognisers:{kind}Recogniser")
+        for slug, kind in (("spin_image", "SpinImage"), ("shot", "Shot"), ("hierarchy_descriptor", "Hierarchy"))
     ),
     Method(
         "pointnet", "recognition", "papers.luo2019.pointnet", ".parameters:PointNetParameters",

@@ -15,7 +15,7 @@ from scipy import stats
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.metrics.scores import ALL, COLUMNS, check_scores
 from mlsroad_pipeline.papers.shared.studies.figures import draw_panels, name_axes
-from mlsroad_pipeline.papers.shared.studies.tables import paired_interval
+from mlsroad_pipeline.papers.shared.studies.study import paired_interval
 from mlsroad_pipeline.reporting.figures import SERIES
 from mlsroad_pipeline.reporting.html.report import FactsSection, FiguresSection, Section, TableSection
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import Any, TypedDict
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -31,15 +31,10 @@ def coarse_labels(label: NDArray[np.integer], trained: ClassScheme, scored: Clas
     return table[label]
 
 
-class SceneMatrix(TypedDict):
-    """Confusion matrix of a scene."""
-
-    # Points by true and predicted class, see `confusion_matrix`; k matrices for k sets of points
-    matrix: NDArray[np.int64]
-
-
-def count_scene(scene: PointCloud, labels: PointLabels, *, trained: ClassScheme, scored: ClassScheme) -> SceneMatrix:
-    """Return the confusion matrix of the core points of a scene."""
+def count_scene(
+    scene: PointCloud, labels: PointLabels, *, trained: ClassScheme, scored: ClassScheme
+) -> dict[str, NDArray[np.int64]]:
+    """Return the confusion matrix of the core points of a scene as `matrix`."""
     return {"matrix": count_labels(scene, labels["label"], scene["core"], trained=trained, scored=scored)}
 
 
@@ -56,12 +51,14 @@ def count_labels(
     return confusion_matrix(truth, coarse_labels(label[counted], trained, scored), len(scored))
 
 
-def sum_by_split(matrices: Mapping[str, SceneMatrix]) -> dict[str, NDArray[np.int64]]:
-    """Return the sum of the confusion matrices of each split."""
+def sum_by_split(
+    matrices: Mapping[str, Mapping[str, NDArray[np.int64]]], name: str = "matrix"
+) -> dict[str, NDArray[np.int64]]:
+    """Return the sum of the confusion matrices of each split, those of a name."""
     total: dict[str, NDArray[np.int64]] = {}
     for key, counted in matrices.items():
         split = SceneKey.parse(key).split
-        total[split] = total.get(split, 0) + counted["matrix"]
+        total[split] = total.get(split, 0) + counted[name]
     return total
 
 
@@ -105,7 +102,7 @@ def seen_scores_table(
     """Return the scores of methods on all splits, over all points and over the visible ones."""
     tables, matrices = [], {}
     for method in next(iter(counted.values())):
-        total = sum_by_split({key: {"matrix": matrix[method]} for key, matrix in counted.items()})
+        total = sum_by_split(counted, method)
         every = {f"{split}{suffix}": both[0] for split, both in total.items()}
         visible = {f"{split}{suffix}_visible": both[1] for split, both in total.items()}
         tables.append(scores_table(every | visible, method=method, scheme=scheme))
@@ -121,17 +118,8 @@ def seen_share(table: pd.DataFrame, split: str) -> str:
 
 
 GROUND_CLASSES = (
-    "road",
-    "lane_marking",
-    "parking",
-    "sidewalk",
-    "curb",
-    "manhole",
-    "trail",
-    "grass",
-    "soil",
-    "other_ground",
-)
+    "road", "lane_marking", "parking", "sidewalk", "curb", "manhole", "trail", "grass", "soil", "other_ground",
+)  # fmt: skip
 """Taxonomy classes of ground points."""
 
 UNSCORED = ("unlabelled", "outlier")
@@ -139,37 +127,25 @@ UNSCORED = ("unlabelled", "outlier")
 SUPERVOXEL_SCORES = ("boundary_recall", "under_segmentation_error", "accuracy_ceiling")
 
 
-class GroundCounts(TypedDict):
-    """Counts of a ground filter on a scene."""
-
-    counts: NDArray[np.int64]  # See `count_ground`
-
-
-class SupervoxelQuality(TypedDict):
-    """Quality of the supervoxels of a scene."""
-
-    quality: NDArray[np.float64]  # The scores of `SUPERVOXEL_SCORES`; NaN where undefined
-    weights: NDArray[np.int64]  # Numbers of scored points and of supervoxels
-
-
-def count_ground_points(scene: PointCloud, ground: GroundMask) -> GroundCounts:
-    """Count the core points of a scene by true and predicted ground."""
+def count_ground_points(scene: PointCloud, ground: GroundMask) -> dict[str, NDArray[np.int64]]:
+    """Count the core points of a scene by true and predicted ground, see `count_ground`."""
     label = scene["label"]
     truth = np.isin(label, [TAXONOMY[name] for name in GROUND_CLASSES])
     known = ~np.isin(label, [TAXONOMY[name] for name in UNSCORED]) & scene["core"]
     return {"counts": count_ground(ground["ground"], truth, valid=known)}
 
 
-def ground_table(counts: Mapping[str, GroundCounts]) -> pd.DataFrame:
+def ground_table(counts: Mapping[str, Mapping[str, NDArray[np.int64]]]) -> pd.DataFrame:
     """Return the scores of the ground filter per split."""
     sums = {split: np.sum([s["counts"] for s in scenes], axis=0) for split, scenes in group_by_split(counts).items()}
     return pd.DataFrame([{"split": split, **asdict(scores_of_counts(total))} for split, total in sums.items()])
 
 
-def measure_supervoxels(scene: PointCloud, supervoxels: SupervoxelPartition) -> SupervoxelQuality:
+def measure_supervoxels(scene: PointCloud, supervoxels: SupervoxelPartition) -> dict[str, NDArray]:
     """Return the quality of the supervoxels of a scene over its core points.
 
-    The boundary recall is estimated from a seeded sample of the points.
+    `quality` has the scores of `SUPERVOXEL_SCORES`, NaN where undefined; `weights` the numbers of scored points and of
+    supervoxels. The boundary recall is estimated from a seeded sample of the points.
     """
     label = scene["label"]
     keep = scene["core"] & inliers(scene) & ~np.isin(label, [TAXONOMY[name] for name in UNSCORED])
@@ -191,7 +167,7 @@ def _near_pairs(xyz: NDArray[np.floating], *, sample: int = 20_000, k: int = 10)
     return pairs[pairs[:, 0] != pairs[:, 1]]
 
 
-def supervoxel_table(measured: Mapping[str, SupervoxelQuality]) -> pd.DataFrame:
+def supervoxel_table(measured: Mapping[str, Mapping[str, NDArray]]) -> pd.DataFrame:
     """Return the scores of the supervoxels per split: means over scenes, weighted by their points."""
     rows = []
     for split, scenes in group_by_split(measured).items():

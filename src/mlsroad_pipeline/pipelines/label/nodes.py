@@ -32,7 +32,7 @@ from mlsroad_pipeline.label.inventory import (
 from mlsroad_pipeline.label.model_choice import ModelRequest, choose_model, image_request
 from mlsroad_pipeline.label.photos import write_photos
 from mlsroad_pipeline.label.report import label_report_sections, report_pictures
-from mlsroad_pipeline.label.result_warnings import facts_of_pieces, label_warnings, unusual_properties, unusual_warnings
+from mlsroad_pipeline.label.result_warnings import label_warnings, unusual_properties, unusual_warnings
 from mlsroad_pipeline.label.runs import open_run
 from mlsroad_pipeline.label.scene import LabelSettings, object_rules
 from mlsroad_pipeline.label.summary import LabelSummary, summarise_labels
@@ -60,26 +60,21 @@ def plan_label_files(parameters: LabelParameters, ingest: IngestParameters, run:
 
 
 def check_label_outputs(
-    plan: SurveyPlan, files: SceneCollection, quality: pd.DataFrame, parameters: LabelParameters
+    plan: SurveyPlan, files: SceneCollection, read_quality: pd.DataFrame, parameters: LabelParameters
 ) -> pd.DataFrame:
     """Check that all results can be written, and return the quality of the files."""
-    check_outputs(plan, files, quality, parameters)
-    return quality
+    check_outputs(plan, files, read_quality, parameters)
+    return read_quality
 
 
 def find_named_model(
-    parameters: LabelParameters, images: ImageLabelsParameters, classes: Mapping[str, Any]
+    parameters: LabelParameters, image_labels: ImageLabelsParameters, classes: Mapping[str, Any]
 ) -> ModelRequest:
     """Return the request for the model, before the survey is read."""
-    if parameters.method == "image_labels" and parameters.model is None and images.own_segmentation:
-        return image_request(ModelRequest(parameters.method), images, classes["schemes"])
-    choice = choose_model(method=parameters.method, model=parameters.model, store=configured_store())
-    return image_request(ModelRequest(parameters.method, choice), images, classes["schemes"])
-
-
-def describe_survey(plan: SurveyPlan, pieces: SceneCollection, ingest: IngestParameters) -> dict[str, float]:
-    """Return the facts of the survey that are compared with the training data of models."""
-    return facts_of_pieces(plan, pieces, ingest)
+    choice = None
+    if parameters.method != "image_labels" or parameters.model is not None or not image_labels.own_segmentation:
+        choice = choose_model(method=parameters.method, model=parameters.model, store=configured_store())
+    return image_request(ModelRequest(parameters.method, choice), image_labels, classes["schemes"])
 
 
 def load_model(request: ModelRequest, checked: pd.DataFrame) -> ModelBundle:
@@ -118,10 +113,10 @@ def warn_of_survey(
 
 
 def find_label_images(
-    plan: SurveyPlan, model: ModelFile, parameters: LabelParameters, images: ImageLabelsParameters
+    plan: SurveyPlan, model: ModelFile, parameters: LabelParameters, image_labels: ImageLabelsParameters
 ) -> LabelImages:
     """Return the images of the survey for a model that uses images."""
-    return images_to_label(plan, model.load(), parameters.images, images.masks)
+    return images_to_label(plan, model.load(), parameters.images, image_labels.masks)
 
 
 def label_new_scenes(

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.features.supervoxel_features import SupervoxelFeatures
 from mlsroad_pipeline.algorithms.models.machines.class_balance import class_weights, draw_per_class, majority_labels
-from mlsroad_pipeline.papers.tomic2019.detrended_forest.classifier import DetrendedForestClassifier
-from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import ForestParameters
+from mlsroad_pipeline.algorithms.models.machines.flat_forest import FlatForest
+from mlsroad_pipeline.papers.tomic2019.detrended_forest.labeller import forest_probabilities
+from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import ForestParameters, grow_forest
 
 
 @pytest.fixture
@@ -29,7 +31,7 @@ def test_samples_have_a_maximum_size_per_class():
     assert len(draw_per_class(np.full(3, -1), 10, seed=0)) == 0
 
 
-@pytest.mark.parametrize(("kind", "totals"), [("balanced", (1, 1)), ("sqrt", (30, 6)), (None, (900, 36))])
+@pytest.mark.parametrize(("kind", "totals"), [("balanced", (1, 1)), ("sqrt", (30, 6)), ("none", (900, 36))])
 def test_total_class_weights_do_not_depend_on_the_sample_size(kind, totals):
     sizes = np.array([900, 36])
     for drawn in (sizes, np.array([100, 36])):
@@ -37,42 +39,38 @@ def test_total_class_weights_do_not_depend_on_the_sample_size(kind, totals):
         together = np.array([weights[c] * drawn[c] for c in (0, 1)])
         assert together[0] / together[1] == pytest.approx(totals[0] / totals[1])
         assert together.sum() == pytest.approx(drawn.sum())
-    assert class_weights(sizes, sizes, None) is None
+    assert class_weights(sizes, sizes, "none") is None
+
+
+def grow(values, labels, *, n_jobs=1, **changes):
+    """Return the probabilities of a forest on its own training data, and its out-of-bag error."""
+    parameters = ForestParameters(**{"min_samples_leaf": 20, "max_features": 0.5, "seed": 0, **changes})
+    table = SupervoxelFeatures(values, ("a", "b"), np.zeros((len(values), 3)), np.ones(len(values), np.int64))
+    grown = grow_forest(table, labels, parameters, n_classes=2, n_jobs=n_jobs)
+    return forest_probabilities(FlatForest.from_arrays(grown.arrays), grown.arrays, values), grown.oob_error
 
 
 def test_a_larger_weight_raises_the_recall_of_a_rare_class(overlap):
-    values, labels = overlap
     found = [
-        (DetrendedForestClassifier(2, n_trees=60, min_samples_leaf=20, class_weight=kind)
-         .fit(values, labels).predict(values) == 1).mean()
-        for kind in (None, "sqrt", "balanced")
-    ]  # fmt: skip
+        (grow(*overlap, n_trees=60, class_weight=kind)[0].argmax(axis=1) == 1).mean()
+        for kind in ("none", "sqrt", "balanced")
+    ]
     assert found[0] < found[1] < found[2]
 
 
 def test_weights_compensate_for_sampling(overlap):
-    values, labels = overlap
-
-    def share(**kwargs):
-        model = DetrendedForestClassifier(2, n_trees=150, min_samples_leaf=20, class_weight="sqrt", **kwargs)
-        return model.fit(values, labels).predict_proba(values)[:, 1].mean()
-
-    assert share(max_per_class=300) == pytest.approx(share(), abs=0.05)
+    one, two = (
+        grow(*overlap, n_trees=150, class_weight="sqrt", max_per_class=limit)[0][:, 1].mean() for limit in (300, 900)
+    )
+    assert one == pytest.approx(two, abs=0.05)
 
 
 def test_a_forest_on_samples_does_not_depend_on_the_jobs(overlap):
-    values, labels = overlap
     one, two = (
-        DetrendedForestClassifier(2, n_trees=9, class_weight="sqrt", max_per_class=50, n_jobs=jobs).fit(values, labels)
+        grow(*overlap, n_trees=9, min_samples_leaf=5, class_weight="sqrt", max_per_class=50, n_jobs=jobs)
         for jobs in (1, 2)
     )
-    assert one.predict_proba(values).tobytes() == two.predict_proba(values).tobytes()
-    assert one.oob_error_curve_.tobytes() == two.oob_error_curve_.tobytes()
-
-
-def test_a_bound_below_one_is_named(overlap):
-    with pytest.raises(ParameterError, match=r"max_per_class .*got 0"):
-        DetrendedForestClassifier(2, max_per_class=0).fit(*overlap)
+    assert [part.tobytes() for part in one] == [part.tobytes() for part in two]
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,8 @@
 """Two classes of patches, below and above a height."""
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
-
-from mlsroad_pipeline.papers.shared.patches.labelling import label_patch_cloud
-from mlsroad_pipeline.papers.shared.patches.training import train_model
 
 
 @dataclass(frozen=True)
@@ -43,7 +39,3 @@ class Toy:
     def from_arrays(cls, arrays):
         """Rebuild the classifier."""
         return cls(float(arrays["height"]), np.asarray(arrays["classes"]), int(arrays["n_classes"]))
-
-
-train = partial(train_model, slug="toy", fit=Toy.fit)
-label_cloud = partial(label_patch_cloud, classifier=Toy)

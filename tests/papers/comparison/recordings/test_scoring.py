@@ -10,11 +10,10 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.papers.comparison.recordings.parameters import StudyParameters, sources_of
 from mlsroad_pipeline.papers.comparison.recordings.plan import Run, StudyPlan
-from mlsroad_pipeline.papers.comparison.recordings.preparation import labelled_for
+from mlsroad_pipeline.papers.comparison.recordings.preparation import labelled_for, model_arrays, stored_model
 from mlsroad_pipeline.papers.comparison.recordings.report import markdown_tables, summary
 from mlsroad_pipeline.papers.comparison.recordings.results import shown_rows, study_tables
 from mlsroad_pipeline.papers.comparison.recordings.scoring import score_points, unmixed
-from mlsroad_pipeline.papers.comparison.recordings.training import model_arrays, stored_model
 
 SCHEME = ClassScheme.from_config("common", base("classes")["schemes"]["common"])
 GROUND, BUILDING, VEGETATION, POLE, SIGN = SCHEME.labels_of(["ground", "building", "vegetation", "pole", "sign"])

@@ -10,10 +10,10 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.papers.luo2016.max_margin_markov.classifier import (
     MarginParameters,
     MaxMarginMarkov,
-    fit_max_margin,
 )
 from mlsroad_pipeline.papers.luo2016.max_margin_markov.network import (
     BoostedTrees,
+    MarkovGraph,
     MarkovNetwork,
     build_markov_graph,
     clique_shares,
@@ -49,7 +49,7 @@ def training_set(rng, n_scenes=4, **options):
 @pytest.fixture(scope="module")
 def fitted():
     rng = np.random.default_rng(4)
-    return fit_max_margin(*training_set(rng), n_classes=4, parameters=QUICK)
+    return MaxMarginMarkov.fit(*training_set(rng), n_classes=4, parameters=QUICK)
 
 
 def random_network(rng, n_labels=3):
@@ -101,7 +101,9 @@ def test_search_and_conditionals_against_enumeration(rng):
 
 
 def test_clique_shares_by_hand():
-    shares = clique_shares(np.array([0, 0, 0, 1]), np.array([0, 4, 6]), np.array([0, 1, 2, 3, 2, 3], np.int32), 3, 0.5)
+    nothing, members = np.zeros((0, 1), np.float32), np.array([0, 1, 2, 3, 2, 3], np.int32)
+    graph = MarkovGraph(nothing, np.zeros((0, 2), np.int32), nothing, np.array([0, 4, 6]), members, nothing)
+    shares = clique_shares(graph, np.array([0, 0, 0, 1]), 3, 0.5)
     np.testing.assert_allclose(shares, [[0.5, 0, 0], [0, 0, 0]])
 
 
@@ -146,7 +148,7 @@ def test_context_tells_what_sites_alone_cannot(rng, fitted):
 
 
 def test_same_seed_same_model_and_round_trip(rng, fitted):
-    again = fit_max_margin(*training_set(np.random.default_rng(4)), n_classes=4, parameters=QUICK, n_threads=3)
+    again = MaxMarginMarkov.fit(*training_set(np.random.default_rng(4)), n_classes=4, parameters=QUICK, n_threads=3)
     arrays = fitted.to_arrays()
     assert all(np.array_equal(arrays[name], other) for name, other in again.to_arrays().items())
     assert all(array.dtype != object for array in arrays.values())
@@ -160,7 +162,7 @@ def test_colour_may_be_missing_on_either_side(rng, fitted):
     bare = patches.with_columns(rgb=None)
     grey = patches.with_columns(rgb=np.tile(fitted.colour, (len(patches), 1)))
     assert np.array_equal(fitted.predict_proba(bare, edges), fitted.predict_proba(grey, edges))
-    colourless = fit_max_margin(*training_set(rng, 1, colour=False), n_classes=3, parameters=QUICK)
+    colourless = MaxMarginMarkov.fit(*training_set(rng, 1, colour=False), n_classes=3, parameters=QUICK)
     assert np.array_equal(colourless.predict_proba(patches, edges), colourless.predict_proba(bare, edges))
 
 
@@ -176,11 +178,11 @@ def test_training_needs_labels_of_two_classes(rng):
     patches, edges = planted_scene(rng)
     same = patches.with_columns(label=np.zeros(len(patches)))
     with pytest.raises(DataError, match="all training patches are of class 0"):
-        fit_max_margin(same, edges, n_classes=3)
+        MaxMarginMarkov.fit(same, edges, n_classes=3)
     with pytest.raises(DataError, match="from 0 to 1, got 0 to 2"):
-        fit_max_margin(patches, edges, n_classes=2)
+        MaxMarginMarkov.fit(patches, edges, n_classes=2)
     with pytest.raises(DataError, match="no patches to train on"):
-        fit_max_margin(patches.take(np.arange(0)), edges[:0], n_classes=3)
+        MaxMarginMarkov.fit(patches.take(np.arange(0)), edges[:0], n_classes=3)
 
 
 @pytest.mark.parametrize(

@@ -47,9 +47,13 @@ def test_printed_models_are_stored_and_label_a_cloud(tmp_path):
     training = PatchTraining(*join_training_scenes(patches, labels), stages, SCHEME, {})
     printed = {**base("patch_graph_printed"), "n_matches": 3, "scene_length": 3.0}
     parameters = PatchGraphParameters(**printed)
-    graph = METHODS["patch_graph_printed"].load("train")(training, parameters=parameters)
+    graph = METHODS["patch_graph_printed"].load("train")(training, slug="patch_graph_printed", parameters=parameters)
     refined = METHODS["patch_graph_mrf_printed"].load("train")(
-        training, graph, graph_parameters=parameters, parameters=GridParameters((0.2,), (0.0, 10.0))
+        training,
+        graph,
+        slug="patch_graph_mrf_printed",
+        graph_parameters=parameters,
+        parameters=GridParameters((0.2,), (0.0, 10.0)),
     )
     assert (graph.slug, refined.slug) == ("patch_graph_printed", "patch_graph_mrf_printed")
     assert refined.metadata["graph"]["search"]["promise"] == "inf"

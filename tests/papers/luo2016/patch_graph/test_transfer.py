@@ -10,8 +10,11 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import (
     PatchGraphClassifier,
     PatchGraphParameters,
+    class_probabilities,
     cut_scenes,
+    match_patches,
     thin_scenes,
+    train_graph,
 )
 from mlsroad_pipeline.papers.luo2016.patch_graph.costs import CostWeights
 from mlsroad_pipeline.papers.luo2016.patch_graph.iterations import SearchParameters
@@ -29,7 +32,6 @@ from mlsroad_pipeline.papers.luo2016.patch_graph.refinement import (
     edge_weights,
     refine,
 )
-from mlsroad_pipeline.papers.luo2016.patch_graph.transfer import class_probabilities, match_patches, train_graph
 
 NO_EDGES = np.empty((0, 2), np.int32)
 MOVES_ALONE = SearchParameters(exhaustive_budget=0, n_costly=0, minority_share=0.0)

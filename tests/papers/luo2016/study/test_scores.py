@@ -26,7 +26,7 @@ from mlsroad_pipeline.papers.luo2016.study.scores import (
 from mlsroad_pipeline.papers.luo2016.study.study import by_step, scores_frame, table_one, wide_table
 from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
 from mlsroad_pipeline.papers.shared.studies.parameters import changed
-from mlsroad_pipeline.papers.shared.studies.tables import paper_table
+from mlsroad_pipeline.papers.shared.studies.study import paper_table
 
 ALL = (*CLASSES, "other")
 N = len(ALL)

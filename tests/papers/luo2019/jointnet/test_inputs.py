@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.papers.luo2019.jointnet import inputs
 from mlsroad_pipeline.papers.luo2019.jointnet.inputs import isolated_points
 from mlsroad_pipeline.papers.luo2019.jointnet.network import train_regression
 from mlsroad_pipeline.papers.luo2019.jointnet.parameters import JointNetParameters, TrainingParameters
@@ -26,10 +25,12 @@ def test_stray_points_are_isolated_and_objects_do_not_touch_each_other(rng):
     assert np.array_equal(single, alone[200:362])
 
 
-def test_spacing_is_that_of_a_search_tree(rng):
+def test_isolated_points_have_several_times_the_spacing_of_the_others(rng):
     xyz = rng.normal(size=(300, 3)) + [400_000.0, 5_800_000.0, 30.0]
-    wanted = cKDTree(xyz).query(xyz, k=5)[0][:, 1:].mean(axis=1)
-    np.testing.assert_allclose(inputs._spacing(xyz), wanted, rtol=1e-6)
+    spacing = cKDTree(xyz).query(xyz, k=5)[0][:, 1:].mean(axis=1)
+    alone = isolated_points(xyz, np.array([0, 300]), factor=3.0, least=8)
+    far = spacing > 3.0 * np.median(spacing)
+    assert far.any() and alone[far].all() and not alone[spacing < np.median(spacing)].any()
 
 
 def test_an_object_keeps_half_of_its_points(rng):

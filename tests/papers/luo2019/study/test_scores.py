@@ -29,7 +29,7 @@ from mlsroad_pipeline.papers.luo2019.study.sets import (
 )
 from mlsroad_pipeline.papers.shared.recognition.disturbances import Disturbance
 from mlsroad_pipeline.papers.shared.recognition.object_set import ObjectSet
-from mlsroad_pipeline.papers.shared.studies.tables import paper_table
+from mlsroad_pipeline.papers.shared.studies.study import paper_table
 from mlsroad_pipeline.simulation.parameters.presets import PRESETS
 
 CUT = CutParameters(min_points=5, purity=0.8, completeness=0.5, max_points=40, segmentation="yang_dong", reach=25.0)

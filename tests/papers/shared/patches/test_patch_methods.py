@@ -12,18 +12,15 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.papers.luo2016.max_margin_markov.classifier import MarginParameters
-from mlsroad_pipeline.papers.luo2016.max_margin_markov.classifier import train as train_network
-from mlsroad_pipeline.papers.luo2016.patch_forest import classifier as patch_forest
 from mlsroad_pipeline.papers.luo2016.patch_forest.classifier import PatchForestParameters
-from mlsroad_pipeline.papers.luo2016.patch_graph import labeller
 from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import PatchGraphParameters
-from mlsroad_pipeline.papers.luo2016.patch_graph.refined_classifier import GridParameters
-from mlsroad_pipeline.papers.luo2016.patch_svm import classifier as patch_svm_training
+from mlsroad_pipeline.papers.luo2016.patch_graph.refined_classifier import GridParameters, train_refinement
 from mlsroad_pipeline.papers.luo2016.patch_svm.classifier import PatchSvmParameters
 from mlsroad_pipeline.papers.luo2016.shape_based import labeller as shape_based
 from mlsroad_pipeline.papers.luo2016.shape_based import labeller as shape_training
 from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
 from mlsroad_pipeline.papers.shared.patches.labelling import label_patches
+from mlsroad_pipeline.papers.shared.patches.models import train as train_classifier
 from mlsroad_pipeline.papers.shared.patches.training import PatchTraining, join_training_scenes, number_surveys
 from mlsroad_pipeline.papers.shared.patches.types import PatchStages
 
@@ -47,16 +44,14 @@ def train(method, clouds, graph=GRAPH):
         return shape_training.fit(rows, parameters=SHAPES, stages=STAGES, scheme=SCHEME, trained_on={})
     labels = {key: label_patches(clouds[int(key)], found, SCHEME) for key, found in patches.items()}
     training = PatchTraining(*join_training_scenes(patches, labels), STAGES, SCHEME, {})
-    if method == "patch_svm":
-        return patch_svm_training.train(training, parameters=SVM)
-    if method == "patch_forest":
-        return patch_forest.train(training, parameters=PatchForestParameters())
-    if method == "max_margin_markov":
-        return train_network(training, parameters=MarginParameters(n_rounds=6, fit_rows=1500))
-    transfer = labeller.train(training, parameters=graph)
-    if method == "patch_graph":
-        return transfer
-    return labeller.train_refinement(training, transfer, graph_parameters=graph, parameters=GRID)
+    if method != "patch_graph_mrf":
+        parameters = {
+            "patch_svm": SVM, "patch_forest": PatchForestParameters(), "patch_graph": graph,
+            "max_margin_markov": MarginParameters(n_rounds=6, fit_rows=1500),
+        }  # fmt: skip
+        return train_classifier(training, slug=method, parameters=parameters[method])
+    transfer = train_classifier(training, slug="patch_graph", parameters=graph)
+    return train_refinement(training, transfer, slug=method, graph_parameters=graph, parameters=GRID)
 
 
 @pytest.fixture(scope="module")

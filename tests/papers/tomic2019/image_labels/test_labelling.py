@@ -3,6 +3,7 @@ import pytest
 
 from mlsroad_pipeline.algorithms.cameras.camera import Camera
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.papers.tomic2019.fusion.two_methods import best_labels
 from mlsroad_pipeline.papers.tomic2019.image_labels.labeller import label_through_images
 
 AXES = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
@@ -31,13 +32,16 @@ def test_points_take_the_class_of_their_pixel_and_hidden_ones_take_none():
     found = label_through_images(
         xyz, [("a", looking_along_x([0, 0, 0]), halves(1, 2))], groups=["a", "b"], n_classes=3
     )  # fmt: skip
-    labels = found.labels
+    labels = best_labels(found.probabilities)
     assert (labels[0, : len(front)] == 2)[front[:, 1] < -0.05].all()
     shadow = (back[:, 1] < -0.1) & (back[:, 1] > -2.8)
     assert (labels[0, len(front) :][shadow] == -1).all()
     free = back[:, 1] > 0.1
     assert (labels[0, len(front) :][free] == 1).all() and (labels[1] == -1).all()
-    assert np.isnan(found.probabilities[1]).all() and (found.confidence[0] == (labels[0] >= 0)).all()
+    assert (
+        np.isnan(found.probabilities[1]).all()
+        and (np.nan_to_num(found.probabilities[0]).max(axis=1) == (labels[0] >= 0)).all()
+    )
 
 
 def test_images_of_one_camera_are_averaged_and_counted():
@@ -48,12 +52,12 @@ def test_images_of_one_camera_are_averaged_and_counted():
     assert (found.n_images[0] == 3).all() and (found.n_images[1] == 1).all()
     np.testing.assert_allclose(found.probabilities[0], [[2 / 3, 1 / 3, 0]] * len(xyz), atol=1e-6)
     np.testing.assert_allclose(found.pooled(), [[2 / 4, 1 / 4, 1 / 4]] * len(xyz), atol=1e-6)
-    assert (found.labels == [[0], [2]]).all()
+    assert (best_labels(found.probabilities) == [[0], [2]]).all()
 
 
 def test_a_survey_without_images_labels_nothing():
     found = label_through_images(wall(8.0, (-1, 1)), [], groups=["a"], n_classes=3)
-    assert (found.labels == -1).all() and np.isnan(found.pooled()).all()
+    assert (best_labels(found.probabilities) == -1).all() and np.isnan(found.pooled()).all()
 
 
 def test_images_that_show_no_labelled_point_are_not_segmented():
@@ -74,7 +78,8 @@ def test_images_that_show_no_labelled_point_are_not_segmented():
         ("a", looking_along_x([5, 0, 0]), lambda: segmented("seen")),
     ]
     found = label_through_images(xyz, images, groups=["a"], n_classes=3, n_labelled=n)
-    assert asked == ["seen"] and found.labels.shape == (1, n) and (found.labels[0] >= 0).any()
+    labels = best_labels(found.probabilities)
+    assert asked == ["seen"] and labels.shape == (1, n) and (labels[0] >= 0).any()
     again = label_through_images(xyz, [("a", images[-1][1], halves(1, 2))], groups=["a"], n_classes=3)
     np.testing.assert_array_equal(found.probabilities, again.probabilities[:, :n])
 
@@ -83,7 +88,7 @@ def test_points_farther_than_the_limit_hide_others_but_take_nothing():
     xyz = np.concatenate([wall(6.0, (-2, 0)), wall(9.0, (-2.5, 2.5))])
     image = ("a", looking_along_x([0, 0, 0]), halves(1, 2))
     whole, near = (
-        label_through_images(xyz, [image], groups=["a"], n_classes=3, max_distance=limit).labels[0]
+        best_labels(label_through_images(xyz, [image], groups=["a"], n_classes=3, max_distance=limit).probabilities)[0]
         for limit in (np.inf, 8.0)
     )
     close = np.linalg.norm(xyz, axis=1) <= 8.0

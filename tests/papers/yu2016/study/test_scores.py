@@ -10,11 +10,10 @@ from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.papers.shared.studies.tables import paper_table
+from mlsroad_pipeline.papers.shared.studies.study import paper_table
 from mlsroad_pipeline.papers.yu2016.study import scores as yu2016
-from mlsroad_pipeline.papers.yu2016.study.objects import touching_instances
 from mlsroad_pipeline.papers.yu2016.study.parameters import StudyParameters, StudyScale, StudySurvey, model_key, run_key
-from mlsroad_pipeline.papers.yu2016.study.runs import joint_prevalence
+from mlsroad_pipeline.papers.yu2016.study.runs import joint_prevalence, touching_instances
 from mlsroad_pipeline.papers.yu2016.study.streets import (
     make_survey,
     separate_images,

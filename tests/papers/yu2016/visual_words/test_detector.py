@@ -18,8 +18,8 @@ from mlsroad_pipeline.papers.yu2016.visual_words.appearance import (
     within_sizes,
 )
 from mlsroad_pipeline.papers.yu2016.visual_words.detector import VisualWordsDetector
-from mlsroad_pipeline.papers.yu2016.visual_words.labeller import bag_objects
 from mlsroad_pipeline.papers.yu2016.visual_words.queries import DetectorParameters
+from mlsroad_pipeline.papers.yu2016.visual_words.training import bag_objects
 
 
 def test_bags_are_equations_21_and_22():
@@ -237,14 +237,11 @@ def test_a_scene_without_objects_and_a_cloud_without_any(rng):
     from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
     from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
     from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters, segment_scene
+    from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages, detect_objects, label_cloud
     from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters, object_classes
+    from mlsroad_pipeline.papers.shared.detection.training import DetectorTraining
     from mlsroad_pipeline.papers.yu2016.visual_words.groups import describe_objects
-    from mlsroad_pipeline.papers.yu2016.visual_words.labeller import detect_scene, label_cloud
-    from mlsroad_pipeline.papers.yu2016.visual_words.training import (
-        DetectionStages,
-        VisualWordsParameters,
-        train_detector,
-    )
+    from mlsroad_pipeline.papers.yu2016.visual_words.training import VisualWordsParameters, train_detector
 
     members = (("light_pole",), ("road", "tree"))
     scheme = ClassScheme("test", ("pole", "other"), members, ("unlabelled",), (64, 1))
@@ -268,8 +265,8 @@ def test_a_scene_without_objects_and_a_cloud_without_any(rng):
     no_groups = describe_objects(bare, nothing, parameters=parameters.groups)
     nameless = object_classes(bare, nothing, scheme=scheme, parameters=detection)
     bundle = train_detector(
-        {"train.a": groups, "train.b": no_groups}, {"train.a": named, "train.b": nameless}, parameters=parameters, stages=stages, detection=detection,
-        scheme=scheme, trained_on={},
+        {"train.a": groups, "train.b": no_groups}, {"train.a": named, "train.b": nameless},
+        DetectorTraining("visual_words", parameters, stages, detection, scheme, {}),
     )  # fmt: skip
     assert bundle.metadata["variants"] == ["geometry+intensity", "geometry"]
     given = scene.with_columns(ground=ground["ground"], height=xyz[:, 2].astype(np.float32))
@@ -278,24 +275,25 @@ def test_a_scene_without_objects_and_a_cloud_without_any(rng):
         assert (found[label == 41] == 0).mean() > 0.9 and (found[label == 1] == -1).all()
         assert (confidence[found == -1] == 0).all() and (confidence[found == 0] > 0).all()
     alone = train_detector(
-        {"train.a": groups}, {"train.a": named}, parameters=replace(parameters, without_intensity=False),
-        stages=stages, detection=detection, scheme=scheme, trained_on={},
+        {"train.a": groups}, {"train.a": named}, DetectorTraining(
+            "visual_words", replace(parameters, without_intensity=False), stages, detection, scheme, {}
+        ),
     )  # fmt: skip
     assert alone.metadata["variants"] == ["geometry+intensity"]
-    assert (detect_scene(groups, alone)["label"] == detect_scene(groups, bundle)["label"]).all()
+    assert (detect_objects(groups, alone)["label"] == detect_objects(groups, bundle)["label"]).all()
     with pytest.raises(DataError, match="was trained with intensity alone"):
         label_cloud(given.without_columns(["intensity"]), alone)
     bare = PointCloud(road, {"core": np.ones(9000, bool), "label": label[:9000]}, source="bare road")
     nothing = segment_scene(bare, {"ground": np.ones(9000, bool)}, stages.segmentation)
     described = describe_objects(bare, nothing, parameters=parameters.groups)
-    assert detect_scene(described, bundle)["label"].shape == (0,)
+    assert detect_objects(described, bundle)["label"].shape == (0,)
     with pytest.raises(DataError, match="the split 'train' is empty"):
-        train_detector({}, {}, parameters=parameters, stages=stages, detection=detection, scheme=scheme, trained_on={})
+        train_detector({}, {}, DetectorTraining("visual_words", parameters, stages, detection, scheme, {}))
     empty = object_classes(bare, nothing, scheme=scheme, parameters=detection)
     with pytest.raises(DataError, match="no groups to make words of"):
         train_detector(
-            {"train.a": described}, {"train.a": empty}, parameters=parameters, stages=stages, detection=detection,
-            scheme=scheme, trained_on={},
+            {"train.a": described}, {"train.a": empty},
+            DetectorTraining("visual_words", parameters, stages, detection, scheme, {}),
         )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ import pytest
 from references.words import distance
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.papers.yu2016.visual_words._context import orders
+from mlsroad_pipeline.papers.yu2016.visual_words._cells import orders
 from mlsroad_pipeline.papers.yu2016.visual_words.distance import WordIndex, inverse_covariance
 from mlsroad_pipeline.papers.yu2016.visual_words.groups import ContextualGroups
 from mlsroad_pipeline.papers.yu2016.visual_words.vocabulary import (

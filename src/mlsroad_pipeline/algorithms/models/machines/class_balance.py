@@ -12,7 +12,7 @@ from mlsroad_pipeline.algorithms.core.classes import IGNORE
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_column
 
-EXPONENTS = {"balanced": 0.0, "sqrt": 0.5, None: 1.0}
+EXPONENTS = {"balanced": 0.0, "sqrt": 0.5, "none": 1.0}
 """Class weight to exponent: the total weight of a class is its number of groups raised to this power."""
 
 
@@ -48,22 +48,8 @@ def draw_per_class(target: NDArray[np.integer], limit: int | None, *, seed: int)
     return np.sort(np.concatenate(drawn)) if drawn else np.empty(0, np.int64)
 
 
-def class_weights(
-    sizes: NDArray[np.integer], drawn: NDArray[np.integer], class_weight: str | None
-) -> dict[int, float] | None:
+def class_weights(sizes: NDArray[np.integer], drawn: NDArray[np.integer], class_weight: str) -> dict[int, float] | None:
     """Return the weight of one sample of each class."""
     total = sizes.astype(np.float64) ** EXPONENTS[class_weight]
     weights = total / drawn * (drawn.sum() / total.sum())
     return None if np.allclose(weights, 1.0) else dict(enumerate(weights.tolist()))
-
-
-def check_weight(sample_weight: ArrayLike | None, n: int) -> NDArray[np.float64] | None:
-    """Check sample weights and return them as an array."""
-    if sample_weight is None:
-        return None
-    weight = np.asarray(sample_weight, dtype=np.float64)
-    if weight.shape != (n,):
-        raise DataError(f"sample_weight must have shape ({n},), got {weight.shape}")
-    if not np.isfinite(weight).all() or (weight < 0).any():
-        raise DataError("sample_weight must be finite and not negative")
-    return weight

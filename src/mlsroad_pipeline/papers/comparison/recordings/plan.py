@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,7 +12,6 @@ import numpy as np
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme, find_scheme
 from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG as TREES
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
@@ -31,12 +30,13 @@ from mlsroad_pipeline.papers.comparison.recordings.parameters import (
     StudyParameters,
     sources_of,
 )
-from mlsroad_pipeline.papers.comparison.recordings.preparation import preparation_of
+from mlsroad_pipeline.papers.comparison.recordings.preparation import model_arrays, preparation_of, prepare, train_model
 from mlsroad_pipeline.papers.comparison.recordings.scoring import score_source
 from mlsroad_pipeline.papers.comparison.recordings.streets import make_scenes
-from mlsroad_pipeline.papers.comparison.recordings.training import model_arrays, train_model
 from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
+from mlsroad_pipeline.papers.shared.studies.parameters import method_parameters
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
+from mlsroad_pipeline.surveys.recordings import read_scene
 
 WHOLE = "whole"
 """Use of all labels of a scene; `OWN` is that of the labels of the training part."""
@@ -171,30 +171,34 @@ def street_key(name: str) -> str:
     return f"{STREET}.{name}"
 
 
-def parameter_groups() -> dict[str, Any]:
-    """Return the groups of parameters that methods are trained with, and their classes."""
-    stages: dict[str, Any] = {
-        "ground_removal": GroundParameters,
-        "supervoxelise": SupervoxelParameters,
-        "features": FeatureParameters,
-        "patches": PatchParameters,
-    }
-    return {**stages, **{slug: METHODS[slug].load("parameters") for slug in methods_of("labelling")}}
+STAGES = ("ground_removal", "supervoxelise", "features", "patches")
+"""Stages whose parameters methods are trained with."""
 
 
-def plan_study(study: StudyParameters, classes: Mapping[str, Any], *parameters: Any) -> StudyPlan:
-    """Return the plan; the further parameters are those of `parameter_groups`."""
+def plan_study(
+    study: StudyParameters,
+    classes: Mapping[str, Any],
+    ground_removal: GroundParameters,
+    supervoxelise: SupervoxelParameters,
+    features: FeatureParameters,
+    patches: PatchParameters,
+    **methods: Any,
+) -> StudyPlan:
+    """Return the plan."""
     sources = sources_of(study.sources)
     codings = {name: source.read_coding(classes["codings"]) for name, source in sources.items()}
     scheme = find_scheme(classes["schemes"], study.scheme)
-    groups = zip(parameter_groups().items(), parameters, strict=True)
-    made = {name: kind(**values) if isinstance(values, Mapping) else values for (name, kind), values in groups}
-    return StudyPlan(study, sources, codings, scheme, made)
+    stages = dict(zip(STAGES, (ground_removal, supervoxelise, features, patches), strict=True))
+    return StudyPlan(study, sources, codings, scheme, {**stages, **method_parameters(methods)})
 
 
-def read_scenes(plan: StudyPlan, read: Callable[..., PointCloud]) -> dict[str, SceneTask]:
+def read_scenes(plan: StudyPlan) -> dict[str, SceneTask]:
     """Create one task per file of a recording that reads it, and one per street that simulates it."""
-    tasks = dict(_street_tasks(plan)) if any(run.protocol not in (SHIPPED, OWN) for run in plan.runs()) else {}
+    tasks = {}
+    trained = any(run.protocol not in (SHIPPED, OWN) for run in plan.runs())
+    for name, config in plan.streets().items() if trained else ():
+        street = {"simulation": simulation_parameters(config), "scan_spacing": config.get("scan_spacing")}
+        tasks[street_key(name)] = SceneTask(make_scenes, parameters=street)
     for name in plan.read_sources():
         source = plan.sources[name]
         paths = source.paths(plan.root)
@@ -215,14 +219,8 @@ def read_scenes(plan: StudyPlan, read: Callable[..., PointCloud]) -> dict[str, S
                 "is_test": is_test,
                 "gap": plan.study.gap,
             }
-            tasks[f"{name}.{stem}"] = SceneTask(read, files, parameters)
+            tasks[f"{name}.{stem}"] = SceneTask(read_scene, files, parameters)
     return tasks
-
-
-def _street_tasks(plan: StudyPlan) -> Iterator[tuple[str, SceneTask]]:
-    for name, config in plan.streets().items():
-        parameters = {"simulation": simulation_parameters(config), "scan_spacing": config.get("scan_spacing")}
-        yield street_key(name), SceneTask(make_scenes, parameters=parameters)
 
 
 def prepare_scenes(plan: StudyPlan, scenes: SceneCollection) -> dict[str, SceneTask]:
@@ -233,11 +231,12 @@ def prepare_scenes(plan: StudyPlan, scenes: SceneCollection) -> dict[str, SceneT
         for key in plan.training_scenes(run):
             source = plan.sources.get(key.partition(".")[0])
             parameters = {
+                "kind": preparation.kind,
                 "stages": preparation.stages(plan.parameters),
                 "scheme": plan.scheme,
                 "mixed": () if source is None else tuple(source.mixed),
             }
-            tasks[f"{preparation.kind}.{key}"] = SceneTask(preparation.prepare, {"scenes": scenes[key]}, parameters)
+            tasks[f"{preparation.kind}.{key}"] = SceneTask(prepare, {"scenes": scenes[key]}, parameters)
     return tasks
 
 

@@ -1,7 +1,9 @@
-"""Preparation of training scenes for each method, and training on prepared scenes."""
+"""Preparation of training scenes for each method, training on prepared scenes, and trained models as arrays."""
 
 from __future__ import annotations
 
+import json
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -24,6 +26,7 @@ from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.training_graphs import training_graphs
 from mlsroad_pipeline.algorithms.scenes.parts import TRAIN
 from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_supervoxels, find_ground
+from mlsroad_pipeline.execution.task import StoredResult
 from mlsroad_pipeline.papers.comparison.recordings.parameters import OWN
 from mlsroad_pipeline.papers.comparison.recordings.streets import ignoring, scenes_in
 from mlsroad_pipeline.papers.luo2016.shape_based import labeller as shape_based
@@ -69,10 +72,8 @@ class Setup(NamedTuple):
 class Preparation:
     """Preparation of the scenes of a method, and its training on them."""
 
-    kind: str  # methods of one kind share the prepared scenes
+    kind: str  # one of `_PARTS`; methods of one kind share the prepared scenes
     stages: Callable[[Mapping[str, Any]], Any]  # takes the parameters of all groups
-    # takes the loaded scenes and the keywords `stages`, `scheme` and `mixed`
-    prepare: Callable[..., dict[str, Any]]
     fit: Callable[[Sequence[Prepared], Setup], ModelBundle]
 
 
@@ -92,19 +93,13 @@ def labelled_for(
         yield name, uses
 
 
-def prepare_supervoxels(
-    scenes: PointCloud | Mapping[str, PointCloud], *, stages: StageParameters, scheme: ClassScheme, mixed: Sequence[str]
-) -> dict[str, Any]:
-    """Compute the labelled supervoxels of scenes for each use."""
-    out: dict[str, Any] = {}
-    for name, uses in labelled_for(scenes, scheme, mixed):
-        cloud = uses["whole"]
-        ground = find_ground(cloud, stages.ground)
-        supervoxels = build_supervoxels(cloud, stages.supervoxels)
-        features = describe_supervoxels(cloud, ground, supervoxels, stages.features)
-        for use, labelled in uses.items():
-            out[f"{name}.{use}"] = training_rows(labelled, supervoxels, features, scheme=scheme)
-    return out
+def prepare_supervoxels(uses: dict[str, PointCloud], stages: StageParameters, scheme: ClassScheme) -> dict[str, Any]:
+    """Compute the labelled supervoxels of a scene for each use."""
+    cloud = uses["whole"]
+    ground = find_ground(cloud, stages.ground)
+    supervoxels = build_supervoxels(cloud, stages.supervoxels)
+    features = describe_supervoxels(cloud, ground, supervoxels, stages.features)
+    return {use: training_rows(one, supervoxels, features, scheme=scheme) for use, one in uses.items()}
 
 
 def _fit_forest(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
@@ -120,19 +115,12 @@ def _forest_stages(parameters: Mapping[str, Any]) -> StageParameters:
     return StageParameters(*(parameters[name] for name in ("ground_removal", "supervoxelise", "features")))
 
 
-def prepare_patches(
-    scenes: PointCloud | Mapping[str, PointCloud], *, stages: PatchStages, scheme: ClassScheme, mixed: Sequence[str]
-) -> dict[str, Any]:
-    """Cut scenes into patches, with ground and classes for each use."""
-    out: dict[str, Any] = {}
-    for name, uses in labelled_for(scenes, scheme, mixed):
-        ground = find_ground(uses["whole"], stages.ground)
-        patches = build_patches(uses["whole"], ground, stages.patches)
-        out[f"{name}.patches"] = patches
-        out[f"{name}.ground"] = {"ground": ground["ground"]}
-        for use, labelled in uses.items():
-            out[f"{name}.{use}"] = label_patches(labelled, patches, scheme)
-    return out
+def prepare_patches(uses: dict[str, PointCloud], stages: PatchStages, scheme: ClassScheme) -> dict[str, Any]:
+    """Cut a scene into patches, with ground and classes for each use."""
+    ground = find_ground(uses["whole"], stages.ground)
+    patches = build_patches(uses["whole"], ground, stages.patches)
+    labels = {use: label_patches(labelled, patches, scheme) for use, labelled in uses.items()}
+    return {"patches": patches, "ground": {"ground": ground["ground"]}, **labels}
 
 
 def _patch_stages(parameters: Mapping[str, Any]) -> PatchStages:
@@ -156,14 +144,13 @@ def _fit_patches(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
     training = PatchTraining(
         *joined, _patch_stages(setup.parameters), setup.scheme, setup.facts, numbers.astype(np.int32)
     )
-    graph = METHODS[setup.method].refines
+    graph, train = METHODS[setup.method].refines, METHODS[setup.method].load("train")
     if not graph:
-        bundle: ModelBundle = METHODS[setup.method].load("train")(training, parameters=setup.own)
+        bundle: ModelBundle = train(training, slug=setup.method, parameters=setup.own)
         return bundle
-    transfer = METHODS[graph].load("train")(training, parameters=setup.parameters[graph])
-    refined: ModelBundle = METHODS[setup.method].load("train")(
-        training, transfer, graph_parameters=setup.parameters[graph], parameters=setup.own
-    )
+    own = setup.parameters[graph]
+    transfer = METHODS[graph].load("train")(training, slug=graph, parameters=own)
+    refined: ModelBundle = train(training, transfer, slug=setup.method, graph_parameters=own, parameters=setup.own)
     return refined
 
 
@@ -185,26 +172,20 @@ def _fit_shapes(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
     )
 
 
-def prepare_graphs(
-    scenes: PointCloud | Mapping[str, PointCloud],
-    *,
-    stages: tuple[StageParameters, SuperpointTransformerParameters],
-    scheme: ClassScheme,
-    mixed: Sequence[str],
-) -> dict[str, Any]:
-    """Build the labelled graphs of superpoints of scenes for each use, as scanned and in views of virtual scanners."""
+GraphStages = tuple[StageParameters, SuperpointTransformerParameters]
+
+
+def prepare_graphs(uses: dict[str, PointCloud], stages: GraphStages, scheme: ClassScheme) -> dict[str, Any]:
+    """Build the labelled graphs of superpoints of a scene for each use, as scanned and in views of virtual scanners."""
+    prepared = superpoint_transformer.prepare(uses["whole"], stages[0], fresh=True)
     out: dict[str, Any] = {}
-    for name, uses in labelled_for(scenes, scheme, mixed):
-        prepared = superpoint_transformer.prepare(uses["whole"], stages[0], fresh=True)
-        for use, labelled in uses.items():
-            graphs = training_graphs(labelled, *prepared, parameters=stages[1], stages=stages[0], scheme=scheme)
-            out |= {f"{name}.{view}.{use}": graph for view, graph in graphs.items()}
+    for use, labelled in uses.items():
+        graphs = training_graphs(labelled, *prepared, parameters=stages[1], stages=stages[0], scheme=scheme)
+        out |= {f"{view}.{use}": graph for view, graph in graphs.items()}
     return out
 
 
-def _graph_stages(
-    parameters: Mapping[str, Any],
-) -> tuple[StageParameters, SuperpointTransformerParameters]:
+def _graph_stages(parameters: Mapping[str, Any]) -> GraphStages:
     return _forest_stages(parameters), parameters[SUPERPOINTS].of_graphs()
 
 
@@ -220,23 +201,16 @@ def _fit_graphs(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
     return bundle
 
 
-def prepare_voxels(
-    scenes: PointCloud | Mapping[str, PointCloud],
-    *,
-    stages: tuple[GroundParameters, BoostedTreesParameters],
-    scheme: ClassScheme,
-    mixed: Sequence[str],
-) -> dict[str, Any]:
-    """Draw the labelled voxels of scenes for each use."""
-    out: dict[str, Any] = {}
-    for name, uses in labelled_for(scenes, scheme, mixed):
-        ground = find_ground(uses["whole"], stages[0])
-        for use, labelled in uses.items():
-            out[f"{name}.{use}"] = training_voxels(labelled, ground, parameters=stages[1], scheme=scheme)
-    return out
+VoxelStages = tuple[GroundParameters, BoostedTreesParameters]
 
 
-def _voxel_stages(parameters: Mapping[str, Any]) -> tuple[GroundParameters, BoostedTreesParameters]:
+def prepare_voxels(uses: dict[str, PointCloud], stages: VoxelStages, scheme: ClassScheme) -> dict[str, Any]:
+    """Draw the labelled voxels of a scene for each use."""
+    ground = find_ground(uses["whole"], stages[0])
+    return {use: training_voxels(one, ground, parameters=stages[1], scheme=scheme) for use, one in uses.items()}
+
+
+def _voxel_stages(parameters: Mapping[str, Any]) -> VoxelStages:
     return parameters["ground_removal"], parameters[TREES].of_sample()
 
 
@@ -250,11 +224,30 @@ def _fit_voxels(scenes: Sequence[Prepared], setup: Setup) -> ModelBundle:
     return bundle
 
 
-_FOREST = Preparation("supervoxels", _forest_stages, prepare_supervoxels, _fit_forest)
-_PATCHES = Preparation("patches", _patch_stages, prepare_patches, _fit_patches)
-_SHAPES = Preparation("patches", _patch_stages, prepare_patches, _fit_shapes)
-_GRAPHS = Preparation("superpoint_graphs", _graph_stages, prepare_graphs, _fit_graphs)
-_VOXELS = Preparation("voxels", _voxel_stages, prepare_voxels, _fit_voxels)
+_PARTS: dict[str, Callable[..., dict[str, Any]]] = {
+    "supervoxels": prepare_supervoxels,
+    "patches": prepare_patches,
+    "superpoint_graphs": prepare_graphs,
+    "voxels": prepare_voxels,
+}
+
+
+def prepare(
+    scenes: PointCloud | Mapping[str, PointCloud], *, kind: str, stages: Any, scheme: ClassScheme, mixed: Sequence[str]
+) -> dict[str, Any]:
+    """Return the parts of all scenes for a kind of preparation, ``<scene>.<part>``."""
+    return {
+        f"{name}.{part}": arrays
+        for name, uses in labelled_for(scenes, scheme, mixed)
+        for part, arrays in _PARTS[kind](uses, stages, scheme).items()
+    }
+
+
+_FOREST = Preparation("supervoxels", _forest_stages, _fit_forest)
+_PATCHES = Preparation("patches", _patch_stages, _fit_patches)
+_SHAPES = Preparation("patches", _patch_stages, _fit_shapes)
+_GRAPHS = Preparation("superpoint_graphs", _graph_stages, _fit_graphs)
+_VOXELS = Preparation("voxels", _voxel_stages, _fit_voxels)
 _OF_METHOD = {
     "detrended_forest": _FOREST,
     "shape_based": _SHAPES,
@@ -275,3 +268,32 @@ def preparation_of(method: str) -> Preparation:
     if method not in _OF_METHOD:
         raise ParameterError(f"the benchmark of recordings cannot train {method}: add it to its preparation.py")
     return _OF_METHOD[method]
+
+
+def train_model(
+    prepared: Sequence[StoredResult],
+    *,
+    method: str,
+    uses: Mapping[str, tuple[str, str, float]],
+    parameters: Mapping[str, Any],
+    scheme: ClassScheme,
+    trained_on: Mapping[str, Any],
+) -> dict[str, dict[str, NDArray]]:
+    """Train a method; the result has the arrays, the metadata as JSON, and the time of training without preparation."""
+    scenes = [Prepared(handle.load(), *uses[handle.key]) for handle in prepared]
+    start, used = time.perf_counter(), time.process_time()
+    bundle = preparation_of(method).fit(scenes, Setup(method, parameters, scheme, trained_on))
+    seconds = {"seconds": time.perf_counter() - start, "cpu_seconds": time.process_time() - used}
+    return {**model_arrays(bundle), "times": {name: np.array(value) for name, value in seconds.items()}}
+
+
+def model_arrays(bundle: ModelBundle) -> dict[str, dict[str, NDArray]]:
+    """Return a model as arrays; `stored_model` is the inverse."""
+    metadata = {"slug": np.array(bundle.slug), "json": np.array(json.dumps(dict(bundle.metadata)))}
+    return {"arrays": dict(bundle.arrays), "metadata": metadata}
+
+
+def stored_model(model: Mapping[str, Mapping[str, NDArray]]) -> ModelBundle:
+    """Return the model of arrays of `model_arrays`."""
+    metadata = json.loads(str(model["metadata"]["json"]))
+    return ModelBundle(str(model["metadata"]["slug"]), model["arrays"], metadata)

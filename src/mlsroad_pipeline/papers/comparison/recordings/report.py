@@ -1,4 +1,4 @@
-"""Report, summary, text table and pictures of the benchmark of recordings."""
+"""Benchmark of labellers on recordings as a study: report, summary, text table and pictures."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.models.methods import methods_of
 from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.papers.comparison.recordings import plan as stages
 from mlsroad_pipeline.papers.comparison.recordings.parameters import PROTOCOLS
-from mlsroad_pipeline.papers.comparison.recordings.plan import Run, StudyPlan
-from mlsroad_pipeline.papers.comparison.recordings.results import shown_rows
+from mlsroad_pipeline.papers.comparison.recordings.results import shown_rows, study_tables
 from mlsroad_pipeline.papers.comparison.recordings.scoring import unmixed
 from mlsroad_pipeline.papers.shared.studies.figures import draw_bars, draw_panels, legend_below, name_axes
-from mlsroad_pipeline.papers.shared.studies.study import Shown, Tables
+from mlsroad_pipeline.papers.shared.studies.study import Shown, Stage, Study, Tables
 from mlsroad_pipeline.reporting.clouds.cloud_figures import cloud_figure, labelling_pictures
 from mlsroad_pipeline.reporting.clouds.view import birds_eye_view, oblique_view
 from mlsroad_pipeline.reporting.html.report import FactsSection, FiguresSection, Section, build_report
@@ -54,12 +55,12 @@ def study_figures(tables: Tables) -> tuple[Figure, ...]:
     return (figure,)
 
 
-def study_facts(plan: StudyPlan) -> dict[str, Any]:
+def study_facts(plan: stages.StudyPlan) -> dict[str, Any]:
     """Return the classes and how means are taken."""
     return {"class scheme": plan.scheme.name, "means": NOTE}
 
 
-def study_page(plan: StudyPlan, tables: Tables) -> list[Shown]:
+def study_page(plan: stages.StudyPlan, tables: Tables) -> list[Shown]:
     """Return the tables of the page."""
     shown = shown_rows(tables["benchmark"])
     sources = pd.DataFrame(
@@ -87,7 +88,7 @@ def _of_source(shown: pd.DataFrame, name: str) -> pd.DataFrame:
     return pd.concat([overall, per_class], axis=1)
 
 
-def mean_table(plan: StudyPlan, shown: pd.DataFrame) -> pd.DataFrame:
+def mean_table(plan: stages.StudyPlan, shown: pd.DataFrame) -> pd.DataFrame:
     """Return the mean IoU of each method and protocol, one column per recording."""
     wide = shown.pivot(index=["method", "protocol"], columns="source", values="mean_iou")
     names = [name for name in plan.sources if name in wide]
@@ -98,7 +99,7 @@ def mean_table(plan: StudyPlan, shown: pd.DataFrame) -> pd.DataFrame:
     return wide.rename(columns=titles).rename_axis(columns=None).reset_index(drop=True)
 
 
-def markdown_tables(plan: StudyPlan, benchmark: pd.DataFrame) -> str:
+def markdown_tables(plan: stages.StudyPlan, benchmark: pd.DataFrame) -> str:
     """Return Markdown tables: mean IoU of all runs, and the IoU per class of each recording."""
     shown = shown_rows(benchmark)
     parts = [_markdown(mean_table(plan, shown))]
@@ -119,7 +120,7 @@ def _markdown(table: pd.DataFrame) -> str:
     return "\n".join([head, *rows])
 
 
-def summary(plan: StudyPlan, benchmark: pd.DataFrame) -> dict[str, Any]:
+def summary(plan: stages.StudyPlan, benchmark: pd.DataFrame) -> dict[str, Any]:
     """Return the recordings and all rows of the benchmark as JSON values."""
     rows = [
         {str(k): v for k, v in row.items() if not (isinstance(v, float) and pd.isna(v))}
@@ -136,7 +137,7 @@ REACH = 50.0
 """Drawn surroundings of the middle of a scene, metres; beyond, points of single scans lie too far apart to see."""
 
 
-def source_pages(plan: StudyPlan, scenes: SceneCollection, runs: SceneCollection) -> dict[str, str]:
+def source_pages(plan: stages.StudyPlan, scenes: SceneCollection, runs: SceneCollection) -> dict[str, str]:
     """Return one HTML page per recording with the pictures of its middle scene for the chosen runs.
 
     A recording without a chosen run among those that are requested keeps its page.
@@ -154,7 +155,7 @@ def source_pages(plan: StudyPlan, scenes: SceneCollection, runs: SceneCollection
             FactsSection("Recording", {"scanner": source.scanner, "licence": source.licence, "scene": middle})
         ]
         for key in keys:
-            run = Run.parse(key)
+            run = stages.Run.parse(key)
             label = runs.part("picture")[key].load()["label"]
             figures = scene_figures(plan, run, scene, label)
             sections.append(FiguresSection(f"{run.method}, {run.protocol}", figures))
@@ -163,7 +164,7 @@ def source_pages(plan: StudyPlan, scenes: SceneCollection, runs: SceneCollection
 
 
 def scene_figures(
-    plan: StudyPlan, run: Run, scene: PointCloud, label: NDArray[np.integer]
+    plan: stages.StudyPlan, run: stages.Run, scene: PointCloud, label: NDArray[np.integer]
 ) -> Mapping[str, Figure | NDArray[np.uint8]]:
     """Draw truth, prediction and errors of a scene from above and from the side."""
     middle = np.median(scene.xyz[:, :2], axis=0)
@@ -179,3 +180,33 @@ def scene_figures(
         )
         for name, view in views.items()
     }  # fmt: skip
+
+
+def tabulate(plan: stages.StudyPlan, runs: SceneCollection, models: SceneCollection) -> dict[str, pd.DataFrame]:
+    """Make the tables of all stored runs."""
+    return study_tables(plan, runs.load_all(), models.load_all("times"))
+
+
+def summarise(plan: stages.StudyPlan, benchmark: pd.DataFrame) -> tuple[dict[str, Any], str]:
+    """Return the benchmark as JSON values and as text tables."""
+    return summary(plan, benchmark), markdown_tables(plan, benchmark)
+
+
+STUDY = Study(
+    "recordings",
+    "Labellers on recordings",
+    parameters=("classes", *stages.STAGES, *methods_of("labelling")),
+    plan=stages.plan_study,
+    stages=[
+        Stage("read_recordings", stages.read_scenes, [], "scenes"),
+        Stage("prepare_recordings", stages.prepare_scenes, ["scenes"], "prepared"),
+        Stage("train_on_recordings", stages.train_models, ["prepared"], "models"),
+    ],
+    results=["runs", "models"],
+    tables=("scores", "benchmark", "reliability"),
+    tabulate=tabulate,
+    captions=CAPTIONS,
+    draw=study_figures,
+    facts=study_facts,
+    page=study_page,
+)

@@ -18,7 +18,7 @@ from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.algorithms.models.pool.labeller import with_trees
 from mlsroad_pipeline.algorithms.scenes.parts import TEST
 from mlsroad_pipeline.execution.task import StoredResult
-from mlsroad_pipeline.papers.comparison.recordings.training import stored_model
+from mlsroad_pipeline.papers.comparison.recordings.preparation import stored_model
 from mlsroad_pipeline.papers.shared.evaluation import coarse_labels
 
 

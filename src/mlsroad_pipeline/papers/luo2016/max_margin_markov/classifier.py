@@ -9,7 +9,6 @@ import logging
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Self
 
 import numpy as np
@@ -24,66 +23,9 @@ from mlsroad_pipeline.papers.luo2016.max_margin_markov.network import (
     build_markov_graph,
     clique_shares,
 )
-from mlsroad_pipeline.papers.shared.patches.labelling import label_patch_cloud
-from mlsroad_pipeline.papers.shared.patches.table import Patches
-from mlsroad_pipeline.papers.shared.patches.training import train_model
+from mlsroad_pipeline.papers.shared.patches.table import Patches, edges_between
 
 SLUG = "max_margin_markov"
-
-
-class MaxMarginMarkov:
-    """Patch classifier with a max-margin Markov network."""
-
-    def __init__(
-        self,
-        network: MarkovNetwork,
-        clique_shares: Sequence[float],
-        temperature: float,
-        colour: NDArray[np.float32],
-        errors: Sequence[float] = (),
-    ) -> None:
-        self.network = network
-        self.clique_shares = tuple(float(share) for share in clique_shares)
-        self.temperature = temperature
-        self.colour = colour
-        self.errors = tuple(errors)
-
-    def predict_proba(self, patches: Patches, edges: NDArray[np.int32]) -> NDArray[np.float64]:
-        """Return class probabilities."""
-        if len(patches) == 0:
-            return np.zeros((0, self.network.n_labels))
-        if len(self.colour) == 0:
-            patches = patches.with_columns(rgb=None)
-        elif patches.rgb is None:
-            patches = patches.with_columns(rgb=np.tile(self.colour, (len(patches), 1)))
-        graph = build_markov_graph(patches, edges, self.clique_shares)
-        return self.network.conditional_probabilities(graph, self.temperature)
-
-    def to_arrays(self) -> dict[str, NDArray]:
-        """Return the learned parameters as named arrays."""
-        return {
-            **self.network.to_arrays(),
-            "clique_shares": np.array(self.clique_shares),
-            "temperature": np.array(self.temperature),
-            "colour": self.colour,
-            "errors": np.array(self.errors),
-        }
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
-        """Rebuild a classifier from the arrays of `to_arrays`."""
-        return cls(
-            MarkovNetwork.from_arrays(arrays),
-            arrays["clique_shares"].tolist(),
-            float(arrays["temperature"]),
-            arrays["colour"],
-            arrays["errors"].tolist(),
-        )
-
-
-label_cloud = partial(label_patch_cloud, classifier=MaxMarginMarkov)
-"""Entry point of the models."""
-
 
 _EXPONENTS = {"balanced": 1.0, "sqrt": 0.5, "none": 0.0}
 
@@ -137,8 +79,8 @@ def _gradient(scene: _Scene, predicted: NDArray[np.int32], network: MarkovNetwor
     for labels, sign in ((truth, 1.0), (predicted, -1.0)):
         agree = labels[ends[:, 0]] == labels[ends[:, 1]]
         gradient["pairs"][agree] += sign * eye[labels[ends[agree, 0]]]
-    shape = (graph.indptr, graph.members, network.n_labels, network.truncation)
-    gradient["groups"] = clique_shares(truth, *shape) - clique_shares(predicted, *shape)
+    true, found = (clique_shares(graph, y, network.n_labels, network.truncation) for y in (truth, predicted))
+    gradient["groups"] = true - found
     return gradient
 
 
@@ -199,52 +141,91 @@ def _boost(
     return wrong / sum(len(scene.truth) for scene in batch)
 
 
-def fit_max_margin(
-    patches: Patches,
-    edges: NDArray[np.int32],
-    *,
-    n_classes: int,
-    parameters: MarginParameters | None = None,
-    n_threads: int = 1,
-) -> MaxMarginMarkov:
-    """Train a max-margin Markov network on labelled patches."""
-    p = parameters if parameters is not None else MarginParameters()
-    if len(patches) == 0:
-        raise DataError("no patches to train on")
-    if patches.label.min() < 0 or patches.label.max() >= n_classes:
-        raise DataError(
-            f"labels of training patches must be from 0 to {n_classes - 1}, got {patches.label.min()} to "
-            f"{patches.label.max()}"
-        )
-    sizes = np.bincount(patches.label, minlength=n_classes)
-    if np.count_nonzero(sizes) < 2:
-        raise DataError(f"all training patches are of class {int(sizes.argmax())}: training needs at least two classes")
-    weights = np.where(sizes > 0, 1.0 / np.maximum(sizes, 1) ** _EXPONENTS[p.class_weight], 0.0)
-    weights *= len(patches) / (weights * sizes).sum()
-    network = MarkovNetwork(n_classes, p.truncation)
-    network.known = sizes > 0
-    scenes = _split(patches, np.asarray(edges), p.clique_shares)
-    errors = []
-    with ThreadPoolExecutor(n_threads) as pool:
-        for number, batch in enumerate(_rounds(scenes, p.batch_patches, p.n_rounds, p.seed)):
-            errors.append(_boost(network, batch, weights, number, p, pool))
-            logger.debug("round %d: %.3f of the sites wrong", number + 1, errors[-1])
-    colour = np.zeros(0, np.float32) if patches.rgb is None else patches.rgb.mean(axis=0, dtype=np.float64)
-    return MaxMarginMarkov(network, p.clique_shares, p.temperature, colour.astype(np.float32), errors)
-
-
 def _split(patches: Patches, edges: NDArray[np.int32], clique_shares: Sequence[float]) -> list[_Scene]:
     """Split the training set into scenes and build the graph of each."""
     scenes = []
     for number in np.unique(patches.scene):
-        rows = np.flatnonzero(patches.scene == number)
-        place = np.full(len(patches), -1, np.int32)
-        place[rows] = np.arange(len(rows), dtype=np.int32)
-        inside = place[edges.reshape(-1, 2)]
-        graph = build_markov_graph(patches.take(rows), inside[(inside >= 0).all(axis=1)], clique_shares)
+        rows = patches.scene == number
+        graph = build_markov_graph(patches.take(rows), edges_between(edges.reshape(-1, 2), rows), clique_shares)
         scenes.append(_Scene(graph, patches.label[rows].astype(np.int32)))
     return scenes
 
 
-train = partial(train_model, slug=SLUG, fit=fit_max_margin)
-"""Trains a model on a `PatchTraining` with `MarginParameters`."""
+@dataclass(frozen=True, eq=False)
+class MaxMarginMarkov:
+    """Patch classifier with a max-margin Markov network."""
+
+    network: MarkovNetwork
+    clique_shares: Sequence[float]  # see `MarginParameters`
+    temperature: float
+    colour: NDArray[np.float32]  # mean colour of training, for patches without colour; empty without colour
+    errors: Sequence[float]  # share of wrong sites in the loss-augmented labelling of each round
+
+    @classmethod
+    def fit(
+        cls,
+        patches: Patches,
+        edges: NDArray[np.int32],
+        *,
+        n_classes: int,
+        parameters: MarginParameters | None = None,
+        n_threads: int = 1,
+    ) -> Self:
+        """Train a max-margin Markov network on labelled patches."""
+        p = parameters if parameters is not None else MarginParameters()
+        if len(patches) == 0:
+            raise DataError("no patches to train on")
+        if patches.label.min() < 0 or patches.label.max() >= n_classes:
+            raise DataError(
+                f"labels of training patches must be from 0 to {n_classes - 1}, got {patches.label.min()} to "
+                f"{patches.label.max()}"
+            )
+        sizes = np.bincount(patches.label, minlength=n_classes)
+        if np.count_nonzero(sizes) < 2:
+            raise DataError(
+                f"all training patches are of class {int(sizes.argmax())}: training needs at least two classes"
+            )
+        weights = np.where(sizes > 0, 1.0 / np.maximum(sizes, 1) ** _EXPONENTS[p.class_weight], 0.0)
+        weights *= len(patches) / (weights * sizes).sum()
+        network = MarkovNetwork(n_classes, p.truncation)
+        network.known = sizes > 0
+        scenes = _split(patches, np.asarray(edges), p.clique_shares)
+        errors = []
+        with ThreadPoolExecutor(n_threads) as pool:
+            for number, batch in enumerate(_rounds(scenes, p.batch_patches, p.n_rounds, p.seed)):
+                errors.append(_boost(network, batch, weights, number, p, pool))
+                logger.debug("round %d: %.3f of the sites wrong", number + 1, errors[-1])
+        colour = np.zeros(0, np.float32) if patches.rgb is None else patches.rgb.mean(axis=0, dtype=np.float64)
+        return cls(network, p.clique_shares, p.temperature, colour.astype(np.float32), errors)
+
+    def predict_proba(self, patches: Patches, edges: NDArray[np.int32]) -> NDArray[np.float64]:
+        """Return class probabilities."""
+        if len(patches) == 0:
+            return np.zeros((0, self.network.n_labels))
+        if len(self.colour) == 0:
+            patches = patches.with_columns(rgb=None)
+        elif patches.rgb is None:
+            patches = patches.with_columns(rgb=np.tile(self.colour, (len(patches), 1)))
+        graph = build_markov_graph(patches, edges, self.clique_shares)
+        return self.network.conditional_probabilities(graph, self.temperature)
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """Return the learned parameters as named arrays."""
+        return {
+            **self.network.to_arrays(),
+            "clique_shares": np.array(self.clique_shares),
+            "temperature": np.array(self.temperature),
+            "colour": self.colour,
+            "errors": np.array(self.errors),
+        }
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
+        """Rebuild a classifier from the arrays of `to_arrays`."""
+        return cls(
+            MarkovNetwork.from_arrays(arrays),
+            arrays["clique_shares"].tolist(),
+            float(arrays["temperature"]),
+            arrays["colour"],
+            arrays["errors"].tolist(),
+        )

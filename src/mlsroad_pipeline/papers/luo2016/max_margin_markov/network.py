@@ -59,6 +59,11 @@ class MarkovGraph:
         """Number of patches of each clique."""
         return np.diff(self.indptr)
 
+    @property
+    def clique_of_member(self) -> NDArray[np.int64]:
+        """Clique of each entry of `members`."""
+        return np.repeat(np.arange(len(self.sizes)), self.sizes)
+
 
 def _pair_features(patches: Patches, edges: NDArray[np.int32]) -> NDArray[np.float32]:
     i, j = edges[:, 0], edges[:, 1]
@@ -130,15 +135,14 @@ class BoostedTrees:
 
     def __init__(self, n_values: int) -> None:
         self.n_values = n_values
-        self._roots = np.zeros(1, np.int64)
-        self._column = np.zeros(0, np.int16)
-        self._threshold = np.zeros(0, np.float64)
-        self._child = np.zeros((0, 2), np.int32)
-        self._value = np.zeros((0, n_values), np.float32)
+        self._arrays: dict[str, NDArray] = {
+            "roots": np.zeros(1, np.int64), "column": np.zeros(0, np.int16), "threshold": np.zeros(0, np.float64),
+            "child": np.zeros((0, 2), np.int32), "value": np.zeros((0, n_values), np.float32),
+        }  # fmt: skip
 
     def __len__(self) -> int:
         """Return the number of trees."""
-        return len(self._roots) - 1
+        return len(self._arrays["roots"]) - 1
 
     def grow(
         self,
@@ -158,39 +162,31 @@ class BoostedTrees:
             max_depth=max_depth, min_samples_leaf=min(min_samples_leaf, len(features)), random_state=seed
         ).fit(features, target, sample_weight=weight)
         tree = fitted.tree_
-        self._roots = np.append(self._roots, self._roots[-1] + tree.node_count)
-        self._column = np.append(self._column, np.where(tree.children_left < 0, -1, tree.feature).astype(np.int16))
-        self._threshold = np.append(self._threshold, tree.threshold)
-        children = np.stack([tree.children_left, tree.children_right], axis=1).astype(np.int32)
-        self._child = np.concatenate([self._child, children])
-        values = step * tree.value.reshape(tree.node_count, self.n_values)
-        self._value = np.concatenate([self._value, values.astype(np.float32)])
+        grown = {
+            "roots": self._arrays["roots"][-1:] + tree.node_count,
+            "column": np.where(tree.children_left < 0, -1, tree.feature).astype(np.int16),
+            "threshold": tree.threshold,
+            "child": np.stack([tree.children_left, tree.children_right], axis=1).astype(np.int32),
+            "value": (step * tree.value.reshape(tree.node_count, self.n_values)).astype(np.float32),
+        }
+        self._arrays = {name: np.concatenate([before, grown[name]]) for name, before in self._arrays.items()}
 
     def predict(self, features: NDArray[np.float32]) -> NDArray[np.float64]:
         """Return the sum of the trees."""
-        check_tested(self._column, features.shape[1], "boosted trees")
+        check_tested(self._arrays["column"], features.shape[1], "boosted trees")
         total = np.zeros((len(features), self.n_values))
-        rows = np.ascontiguousarray(features, dtype=np.float32)
-        _add_trees(rows, self._roots, self._column, self._threshold, self._child, self._value, total)
+        _add_trees(np.ascontiguousarray(features, dtype=np.float32), *self._arrays.values(), total)
         return total
 
     def to_arrays(self, prefix: str) -> dict[str, NDArray]:
         """Return the trees as named arrays."""
-        return {
-            f"{prefix}_roots": self._roots,
-            f"{prefix}_column": self._column,
-            f"{prefix}_threshold": self._threshold,
-            f"{prefix}_child": self._child,
-            f"{prefix}_value": self._value,
-        }
+        return {f"{prefix}_{name}": values for name, values in self._arrays.items()}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray], prefix: str) -> Self:
         """Rebuild the trees from the arrays of `to_arrays`."""
         trees = cls(arrays[f"{prefix}_value"].shape[1])
-        trees._roots, trees._column = arrays[f"{prefix}_roots"], arrays[f"{prefix}_column"]
-        trees._threshold, trees._child = arrays[f"{prefix}_threshold"], arrays[f"{prefix}_child"]
-        trees._value = arrays[f"{prefix}_value"]
+        trees._arrays = {name: arrays[f"{prefix}_{name}"] for name in trees._arrays}
         return trees
 
 
@@ -199,60 +195,44 @@ _CYCLES = 5
 """Maximum cycles of alpha-expansion; further cycles hardly lower the energy."""
 
 
-@njit(cache=True, nogil=True)
+def _label_counts(graph: MarkovGraph, labels: NDArray[np.integer], n_labels: int) -> NDArray[np.float64]:
+    """Return the number of members of each clique with each label."""
+    counts = np.zeros((len(graph.sizes), n_labels))
+    np.add.at(counts, (graph.clique_of_member, labels[graph.members]), 1.0)
+    return counts
+
+
 def clique_shares(
-    labels: NDArray[np.integer], indptr: NDArray[np.int64], members: NDArray[np.int32], n_labels: int, truncation: float
+    graph: MarkovGraph, labels: NDArray[np.integer], n_labels: int, truncation: float
 ) -> NDArray[np.float64]:
     """Return the consistency (c, n_labels) of each label with each clique.
 
     It is 1 if all members have the label, and decreases linearly to 0 at a fraction `truncation` of deviating members.
     """
-    suits = np.zeros((len(indptr) - 1, n_labels))
-    for c in range(len(suits)):
-        size = indptr[c + 1] - indptr[c]
-        for s in range(indptr[c], indptr[c + 1]):
-            suits[c, labels[members[s]]] += 1.0
-        for k in range(n_labels):
-            suits[c, k] = max(1.0 - (size - suits[c, k]) / (truncation * size), 0.0)
-    return suits
+    size = graph.sizes[:, None]
+    return np.maximum(1.0 - (size - _label_counts(graph, labels, n_labels)) / (truncation * size), 0.0)
 
 
-@njit(cache=True, nogil=True)
 def _add_pairs(
     scores: NDArray[np.float64], labels: NDArray[np.int32], edges: NDArray[np.int32], agreement: NDArray[np.float64]
 ) -> None:
-    for e in range(len(edges)):
-        i, j = edges[e, 0], edges[e, 1]
-        scores[i, labels[j]] += agreement[e, labels[j]]
-        scores[j, labels[i]] += agreement[e, labels[i]]
+    ends, others = edges.ravel(), labels[edges[:, ::-1].ravel()]
+    np.add.at(scores, (ends, others), agreement[np.repeat(np.arange(len(edges)), 2), others])
 
 
-@njit(cache=True, nogil=True)
 def _add_groups(
     scores: NDArray[np.float64],
     labels: NDArray[np.int32],
-    indptr: NDArray[np.int64],
-    members: NDArray[np.int32],
+    graph: MarkovGraph,
     reward: NDArray[np.float64],
     truncation: float,
 ) -> None:
     n_labels = scores.shape[1]
-    worth = np.empty((n_labels, n_labels))
-    count = np.empty(n_labels)
-    for c in range(len(reward)):
-        size = indptr[c + 1] - indptr[c]
-        count[:] = 0.0
-        for s in range(indptr[c], indptr[c + 1]):
-            count[labels[members[s]]] += 1.0
-        for a in range(n_labels):  # score of the clique after one member changes from label a to k
-            for k in range(n_labels):
-                worth[a, k] = 0.0
-                for other in range(n_labels):
-                    have = count[other] + (other == k) - (other == a)
-                    worth[a, k] = max(worth[a, k], reward[c, other] * (1.0 - (size - have) / (truncation * size)))
-        for s in range(indptr[c], indptr[c + 1]):
-            for k in range(n_labels):
-                scores[members[s], k] += worth[labels[members[s]], k]
+    size, unit = graph.sizes[:, None, None, None], np.eye(n_labels)
+    # Score of a clique after one member changes from label a to k: axes are clique, a, k, and the label that counts.
+    have = _label_counts(graph, labels, n_labels)[:, None, None] + unit - unit[:, None]
+    worth = (reward[:, None, None] * (1.0 - (size - have) / (truncation * size))).max(axis=3, initial=0.0)
+    np.add.at(scores, graph.members, worth[graph.clique_of_member, labels[graph.members]])
 
 
 class MarkovNetwork:
@@ -302,7 +282,7 @@ class MarkovNetwork:
         labels = self.best_labels(graph, potentials)
         scores = potentials[0].copy()
         _add_pairs(scores, labels, graph.edges, potentials[1])
-        _add_groups(scores, labels, graph.indptr, graph.members, potentials[2], self.truncation)
+        _add_groups(scores, labels, graph, potentials[2], self.truncation)
         scores[:, ~self.known] = -np.inf
         scores = np.exp((scores - scores.max(axis=1, keepdims=True)) / temperature)
         return scores / scores.sum(axis=1, keepdims=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Self
 
 import numpy as np
@@ -17,9 +16,7 @@ from mlsroad_pipeline.papers.shared.patches.features import (
     patch_features,
     variants_of,
 )
-from mlsroad_pipeline.papers.shared.patches.labelling import label_patch_cloud
 from mlsroad_pipeline.papers.shared.patches.table import Patches
-from mlsroad_pipeline.papers.shared.patches.training import train_model
 
 SLUG = "patch_forest"
 
@@ -65,11 +62,3 @@ class PatchForest(PatchVariants):
             model.fit(patch_features(sample, variant), sample.label)
             forests[variant] = FlatForest.from_trees(model.estimators_)
         return cls(n_classes, np.unique(sample.label).astype(np.int64), forests)
-
-
-label_cloud = partial(label_patch_cloud, classifier=PatchForest)
-"""Entry point of the models."""
-
-
-train = partial(train_model, slug=SLUG, fit=PatchForest.fit)
-"""Trains a model on a `PatchTraining` with `PatchForestParameters`."""

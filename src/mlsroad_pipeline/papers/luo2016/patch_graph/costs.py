@@ -120,22 +120,6 @@ class PatchIndex(NamedTuple):
     heights: NDArray[np.float32]  # Their heights, metres
 
 
-@njit(cache=True, nogil=True)
-def _row_limits(keys: NDArray, starts: NDArray, rows: NDArray, reach: int, first: int, out: NDArray) -> None:
-    """Write the ranges of patches in the rows around each cell of a scene; keys are ascending."""
-    for j in range(len(rows)):
-        begin, end = 0, 0
-        for cell in range(len(keys)):
-            low = keys[cell] + rows[j, 2] - reach
-            while begin < len(keys) and keys[begin] < low:
-                begin += 1
-            end = max(end, begin)
-            while end < len(keys) and keys[end] <= low + 2 * reach:
-                end += 1
-            out[cell, j, 0] = first + starts[begin]
-            out[cell, j, 1] = first + starts[end]
-
-
 def build_patch_index(
     patches: Patches, weights: CostWeights, *, near_radius: float, far_radius: float, with_colour: bool
 ) -> tuple[PatchIndex, NDArray[np.int64], NDArray[np.int32]]:
@@ -160,8 +144,9 @@ def build_patch_index(
         cell[first:last] = n_cells + np.repeat(np.arange(len(grid.keys)), np.diff(grid.starts))
         for reach, ranges in zip(reaches, limits, strict=True):
             rows = grid.row_offsets(reach)
-            ranges.append(np.empty((len(grid.keys), len(rows), 2), np.int32))
-            _row_limits(grid.keys, grid.starts, rows, reach, first, ranges[-1])
+            low = grid.keys[:, None] + rows[:, 2] - reach
+            ends = np.searchsorted(grid.keys, low), np.searchsorted(grid.keys, low + 2 * reach, side="right")
+            ranges.append((first + grid.starts[np.stack(ends, axis=2)]).astype(np.int32))
         n_cells += len(grid.keys)
     table = weigh_descriptors(patches, weights, with_colour=with_colour)[order]
     height, scene = patches.height[order], scene_of[order].astype(np.int32)

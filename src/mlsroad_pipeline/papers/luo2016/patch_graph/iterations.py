@@ -9,12 +9,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
 from mlsroad_pipeline.algorithms.geometry.threads import check_threads, run_in_chunks
 from mlsroad_pipeline.papers.luo2016.patch_graph import moves, search
-from mlsroad_pipeline.papers.luo2016.patch_graph.costs import PatchIndex
-from mlsroad_pipeline.papers.luo2016.patch_graph.search import DescriptionCells, NodeChooser, search_cells
+from mlsroad_pipeline.papers.luo2016.patch_graph.costs import CostWeights, PatchIndex, build_patch_index
+from mlsroad_pipeline.papers.luo2016.patch_graph.search import (
+    DescriptionCells,
+    NodeChooser,
+    build_description_cells,
+    minority_classes,
+    search_cells,
+)
+from mlsroad_pipeline.papers.shared.patches.table import Patches
 
 
 @dataclass(frozen=True)
@@ -190,3 +197,44 @@ def find_matches(
     by_cost = np.argsort(state.costs, axis=1, kind="stable")
     ranked = np.take_along_axis(state.matches, by_cost, 1), np.take_along_axis(state.costs, by_cost, 1)
     return MatchGraph(*ranked, np.array(objective))
+
+
+def match_with_each_other(
+    patches: Patches,
+    *,
+    n_matches: int,
+    weights: CostWeights,
+    search: SearchParameters,
+    minority: Sequence[int] | None,
+    seed: int,
+    n_threads: int,
+) -> tuple[MatchGraph, PatchIndex, DescriptionCells, NDArray[np.int64]]:
+    """Build a match graph (see `build_match_graph`); return it with its index, clusters and the order of the index."""
+    n_scenes = len(np.unique(patches.scene))
+    check_matches(n_matches, n_scenes, needed=n_matches + 1, seed=seed)
+    check_threads(n_threads)
+    index, order, _ = build_patch_index(
+        patches, weights, near_radius=search.propagation_radius, far_radius=search.search_radius,
+        with_colour=patches.rgb is not None,
+    )  # fmt: skip
+    cells = build_description_cells(index.table, seed=seed, n_threads=n_threads)
+    labels = patches.label[order]
+    rare = minority_classes(labels) if minority is None else minority
+    chooser = make_chooser(labels, rare, len(patches), search, seed)
+    graph = find_matches(
+        index, index, patches.height[order], None, n_matches, search, chooser, cells,
+        apart=True, seed=seed, n_threads=n_threads,
+    )  # fmt: skip
+    return graph, index, cells, order
+
+
+def check_matches(n_matches: int, n_scenes: int, *, needed: int, seed: int) -> None:
+    """Check the parameters of a match graph and the number of its scenes."""
+    check_at_least(n_matches, 1, "n_matches")
+    if seed < 0:
+        raise ParameterError(f"seed must not be negative, got {seed!r}")
+    if n_scenes < needed:
+        raise DataError(
+            f"{n_matches} matches from different scenes need patches of at least {needed} scenes, got {n_scenes}: "
+            "cut the training survey into shorter scenes, add training scenes, or lower n_matches"
+        )

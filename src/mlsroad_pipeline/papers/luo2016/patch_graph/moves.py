@@ -143,25 +143,12 @@ def initialise(
                 insert(v, cost, s, matches[u], costs[u], scenes)
 
 
-@njit(cache=True, nogil=True)
 def incoming_edges(matches: NDArray[np.int32], fresh: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """List the sources of the fresh incoming edges of each node, as a CSR pair."""
-    n, n_matches = matches.shape
-    indptr = np.zeros(n + 1, np.int64)
-    for u in range(n):
-        for k in range(n_matches):
-            if fresh[u, k]:
-                indptr[matches[u, k] + 1] += 1
-    for v in range(n):
-        indptr[v + 1] += indptr[v]
-    at = indptr[:-1].copy()
-    indices = np.empty(indptr[n], np.int32)
-    for u in range(n):
-        for k in range(n_matches):
-            if fresh[u, k]:
-                indices[at[matches[u, k]]] = u
-                at[matches[u, k]] += 1
-    return indptr, indices
+    sources, _ = np.nonzero(fresh)
+    targets = matches[fresh]
+    indptr = np.concatenate([[0], np.cumsum(np.bincount(targets, minlength=len(matches)))])
+    return indptr, sources[np.argsort(targets, kind="stable")].astype(np.int32)
 
 
 @njit(cache=True, nogil=True)
@@ -279,15 +266,7 @@ def propagate(
                         insert(t, cost, target_scene[t], row, row_costs, scenes)
 
 
-@njit(cache=True, nogil=True)
 def mark_changes(old: NDArray[np.int32], new: NDArray[np.int32], fresh: NDArray[np.bool_], keep: bool) -> None:
     """Mark matches absent from `old`; with `keep`, also those marked before and still present."""
-    n_matches = old.shape[1]
-    before = np.empty(n_matches, np.bool_)
-    for u in range(len(old)):
-        before[:] = fresh[u]
-        for k in range(n_matches):
-            fresh[u, k] = True
-            for j in range(n_matches):
-                if new[u, k] == old[u, j]:
-                    fresh[u, k] = keep and before[j]
+    same = new[:, :, None] == old[:, None, :]
+    fresh[:] = ~same.any(axis=2) | (keep & (same & fresh[:, None, :]).any(axis=2))

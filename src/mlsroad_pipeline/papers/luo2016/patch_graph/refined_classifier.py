@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from itertools import product
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import (
     PatchGraphClassifier,
     PatchGraphParameters,
+    class_probabilities,
     cut_scenes,
+    match_patches,
 )
 from mlsroad_pipeline.papers.luo2016.patch_graph.refinement import (
     CRITERIA,
@@ -26,8 +30,8 @@ from mlsroad_pipeline.papers.luo2016.patch_graph.refinement import (
     choose_parameters,
     refine,
 )
-from mlsroad_pipeline.papers.luo2016.patch_graph.transfer import class_probabilities, match_patches
-from mlsroad_pipeline.papers.shared.patches.table import Patches
+from mlsroad_pipeline.papers.shared.patches.table import Patches, edges_between
+from mlsroad_pipeline.papers.shared.patches.training import PatchTraining, bundle_model
 
 logger = logging.getLogger(__name__)
 
@@ -67,7 +71,11 @@ def label_held_out(
         return list(labelled.values())
     for number, rows in _held_out(fold):
         others = PatchGraphClassifier.fit(
-            patches.take(~rows), _edges_of(edges, ~rows), transfer.n_classes, parameters=parameters, n_threads=n_threads
+            patches.take(~rows),
+            edges_between(edges, ~rows),
+            transfer.n_classes,
+            parameters=parameters,
+            n_threads=n_threads,
         )
         logger.info("fold %d: %d of %d patches held out", number, rows.sum(), len(patches))
         for place in np.intersect1d(whole.scene[rows], drawn).tolist():
@@ -102,15 +110,9 @@ def _held_out(fold: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.bool_]]
         yield number, fold == number
 
 
-def _edges_of(edges: NDArray[np.int32], rows: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Return the edges between the given patches, as indices into these."""
-    place = np.where(rows, np.cumsum(rows) - 1, -1).astype(np.int32)[edges]
-    return place[(place >= 0).all(axis=1)]
-
-
 def _piece(patches: Patches, edges: NDArray[np.int32], scene: int) -> tuple[Patches, NDArray[np.int32]]:
     rows = patches.scene == scene
-    return patches.take(rows), _edges_of(edges, rows)
+    return patches.take(rows), edges_between(edges, rows)
 
 
 @dataclass(frozen=True)
@@ -142,32 +144,28 @@ class GridParameters:
             if not getattr(self, name):
                 raise ParameterError(f"patch_graph_mrf.{name} must list at least one value")
         for weight, decay, clique in product(self.smoothness, self.colour_decay, self.clique_weight):
-            RefinementParameters(
-                weight,
-                decay,
-                self.ground_penalty,
-                self.floor,
-                self.smooth_ground,
-                clique,
-                self.clique_truncation,
-                self.mast_radius,
-            )
+            replace(self.base(), smoothness=weight, colour_decay=decay, clique_weight=clique)
         check_at_least(self.max_patches, 1, "patch_graph_mrf.max_patches")
         if self.criterion not in CRITERIA:
             raise ParameterError(f"patch_graph_mrf.criterion must be one of {list(CRITERIA)}, got {self.criterion!r}")
         if self.n_folds < 0 or self.n_folds == 1:
             raise ParameterError(f"patch_graph_mrf.n_folds must be 0 or at least 2, got {self.n_folds!r}")
 
+    def base(self) -> RefinementParameters:
+        """Return the parameters of the field that are not searched for."""
+        return RefinementParameters(
+            ground_penalty=self.ground_penalty, floor=self.floor, smooth_ground=self.smooth_ground,
+            clique_truncation=self.clique_truncation, mast_radius=self.mast_radius,
+        )  # fmt: skip
 
+
+@dataclass(frozen=True, eq=False)
 class RefinedPatchGraphClassifier:
     """Patch classifier by label transfer and a Markov random field."""
 
-    def __init__(
-        self, transfer: PatchGraphClassifier, *, parameters: RefinementParameters, ground: GroundClasses
-    ) -> None:
-        self.transfer = transfer
-        self.parameters = parameters
-        self.ground = ground
+    transfer: PatchGraphClassifier
+    parameters: RefinementParameters
+    ground: GroundClasses
 
     def predict_proba(self, patches: Patches, edges: NDArray[np.int32]) -> NDArray[np.float64]:
         """Return the conditional class probabilities of the patches of one scene."""
@@ -214,12 +212,44 @@ def refine_classifier(
         transfer, patches, edges, parameters=graph_parameters, max_patches=grid.max_patches, surveys=surveys,
         n_folds=grid.n_folds, n_threads=n_threads,
     )  # fmt: skip
-    base = RefinementParameters(
-        ground_penalty=grid.ground_penalty, floor=grid.floor, smooth_ground=grid.smooth_ground,
-        clique_truncation=grid.clique_truncation, mast_radius=grid.mast_radius,
-    )  # fmt: skip
     parameters, tried = choose_parameters(
         scenes, smoothness=grid.smoothness, colour_decay=grid.colour_decay, clique_weight=grid.clique_weight,
-        criterion=grid.criterion, base=base, ground=ground,
+        criterion=grid.criterion, base=grid.base(), ground=ground,
     )  # fmt: skip
     return RefinedPatchGraphClassifier(transfer, parameters=parameters, ground=ground), tried
+
+
+def ground_classes(scheme: ClassScheme) -> GroundClasses:
+    """Return the classes of grass and road in a scheme."""
+    places = {member: place for place, members in enumerate(scheme.members) for member in members}
+    return GroundClasses(grass=places.get("grass", -1), road=places.get("road", -1))
+
+
+def train_refinement(
+    training: PatchTraining,
+    transfer: ModelBundle,
+    *,
+    slug: str,
+    graph_parameters: PatchGraphParameters,
+    parameters: GridParameters,
+    n_threads: int = 1,
+) -> ModelBundle:
+    """Choose the parameters of the Markov random field on the training scenes."""
+    classifier, tried = refine_classifier(
+        PatchGraphClassifier.from_arrays(transfer.arrays),
+        training.patches,
+        training.edges,
+        graph_parameters=graph_parameters,
+        grid=parameters,
+        ground=ground_classes(training.scheme),
+        surveys=training.surveys,
+        n_threads=n_threads,
+    )
+    chosen = {name: getattr(classifier.parameters, name) for name in ("smoothness", "colour_decay", "clique_weight")}
+    return bundle_model(
+        slug,
+        classifier,
+        replace(training, trained_on=transfer.metadata["trained_on"]),
+        parameters=parameters,
+        facts={"chosen": chosen, "grid": tried, "graph": transfer.metadata["parameters"][transfer.slug]},
+    )

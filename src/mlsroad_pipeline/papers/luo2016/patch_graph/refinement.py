@@ -18,7 +18,7 @@ from mlsroad_pipeline.algorithms.energy import robust_potts
 from mlsroad_pipeline.algorithms.energy.alpha_expansion import minimize
 from mlsroad_pipeline.algorithms.energy.robust_potts import Cliques
 from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
-from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
+from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scores
 
 BAND = (1.0, 2.5)
 """Heights above ground at which masts are looked for, metres: above plants and below crowns."""
@@ -280,14 +280,7 @@ def choose_parameters(
             )  # fmt: skip
             total += confusion_matrix(scene.labels, labels, len(total))[:, : len(total)]
         tried.append(parameters)
-        grid.append({"smoothness": weight, "colour_decay": decay, "clique_weight": clique, **_quality(total)})
+        quality = {name: float(getattr(scores(total), name)) for name in CRITERIA}
+        grid.append({"smoothness": weight, "colour_decay": decay, "clique_weight": clique, **quality})
     best = max(range(len(grid)), key=lambda place: grid[place][criterion])
     return tried[best], grid
-
-
-def _quality(confusion: NDArray[np.int64]) -> dict[str, float]:
-    """Return the mean F1 over the classes that occur, and the overall accuracy."""
-    support, right = confusion.sum(axis=1), np.diagonal(confusion)
-    both = support + confusion.sum(axis=0)
-    f1 = 2 * right[support > 0] / both[support > 0]
-    return {"mean_f1": float(f1.mean()), "overall_accuracy": float(right.sum() / support.sum())}

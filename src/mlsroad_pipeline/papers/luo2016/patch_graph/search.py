@@ -142,18 +142,11 @@ def _assign(
         out[i] = costs.argmin()
 
 
-@njit(cache=True, nogil=True)
 def _means(table: NDArray[np.float32], cell: NDArray[np.int32], centres: NDArray[np.float32]) -> None:
     """Move each centre to the mean of its rows; centres without rows remain."""
-    sums, counts = np.zeros(centres.shape), np.zeros(len(centres), np.int64)
-    for i in range(len(table)):
-        counts[cell[i]] += 1
-        for k in range(table.shape[1]):
-            sums[cell[i], k] += table[i, k]
-    for c in range(len(centres)):
-        if counts[c]:
-            for k in range(table.shape[1]):
-                centres[c, k] = sums[c, k] / counts[c]
+    counts = np.bincount(cell, minlength=len(centres))
+    sums = np.stack([np.bincount(cell, column, len(centres)) for column in table.T], axis=1)
+    centres[counts > 0] = sums[counts > 0] / counts[counts > 0, None]
 
 
 def build_description_cells(table: NDArray[np.float32], *, seed: int = 0, n_threads: int = 1) -> DescriptionCells:

@@ -6,32 +6,25 @@ import logging
 import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from functools import partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.model_selection import StratifiedGroupKFold
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.models.machines.kernel_machine import (
-    Choice,
-    KernelMachine,
-    choose_machine,
-    fit_machine,
-    standardise,
-)
+from mlsroad_pipeline.algorithms.models.machines import kernel_machine
 from mlsroad_pipeline.papers.shared.patches.features import (
     PatchVariants,
     draw_training_patches,
     patch_features,
     variants_of,
 )
-from mlsroad_pipeline.papers.shared.patches.labelling import label_patch_cloud
 from mlsroad_pipeline.papers.shared.patches.table import Patches
-from mlsroad_pipeline.papers.shared.patches.training import train_model
 
 SLUG = "patch_svm"
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -60,65 +53,54 @@ class PatchSvmParameters:
 
 
 class PatchSvm(PatchVariants):
-    """Trained support vector machine for each feature set; see `training.fit_patch_svm`."""
+    """Trained support vector machine for each feature set."""
 
-    kind, slug = KernelMachine, SLUG
-    choice: Choice | None = None  # C and gamma of a newly trained classifier; None after loading
+    kind, slug = kernel_machine.KernelMachine, SLUG
+    choice: kernel_machine.Choice | None = None  # C and gamma of a newly trained classifier; None after loading
 
+    @classmethod
+    def fit(
+        cls,
+        patches: Patches,
+        edges: NDArray[np.int32] | None = None,
+        *,
+        parameters: PatchSvmParameters,
+        n_classes: int,
+        n_threads: int = 1,
+    ) -> Self:
+        """Train on labelled patches.
 
-label_cloud = partial(label_patch_cloud, classifier=PatchSvm)
-"""Entry point of the models."""
-
-
-logger = logging.getLogger(__name__)
-
-
-def fit_patch_svm(
-    patches: Patches,
-    edges: NDArray[np.int32] | None = None,
-    *,
-    parameters: PatchSvmParameters,
-    n_classes: int,
-    n_threads: int = 1,
-) -> PatchSvm:
-    """Train on labelled patches.
-
-    C and gamma maximise the mean F1 on held-out scenes; ties go to the smaller values. With fewer scenes than folds,
-    each scene is cut across its longer side into one part per fold, and a warning is logged.
-    """
-    sample = draw_training_patches(patches, parameters.max_per_class, seed=parameters.seed)
-    trained = np.unique(sample.label).astype(np.int64)
-    if len(trained) < 2:
-        raise DataError(f"{SLUG} needs patches of at least two classes, got only class {int(trained[0])}")
-    small = draw_training_patches(patches, parameters.cv_per_class, seed=parameters.seed)
-    folds = _folds(small, parameters)
-    if not folds:
-        raise DataError(f"{SLUG}: no fold has training patches of two classes: add training scenes")
-    machines = {}
-    choice: Choice | None = None
-    for variant in reversed(variants_of(sample)):
-        features = patch_features(sample, variant)
-        shift, scale = standardise(features)
-        held_out = (patch_features(small, variant) - shift) / scale
-        if choice is None:
-            choice = choose_machine(
-                held_out, small.label, folds, costs=parameters.costs, gammas=parameters.gammas, n_threads=n_threads
+        C and gamma maximise the mean F1 on held-out scenes; ties go to the smaller values. With fewer scenes than
+        folds, each scene is cut across its longer side into one part per fold, and a warning is logged.
+        """
+        sample = draw_training_patches(patches, parameters.max_per_class, seed=parameters.seed)
+        trained = np.unique(sample.label).astype(np.int64)
+        if len(trained) < 2:
+            raise DataError(f"{SLUG} needs patches of at least two classes, got only class {int(trained[0])}")
+        small = draw_training_patches(patches, parameters.cv_per_class, seed=parameters.seed)
+        folds = _folds(small, parameters)
+        if not folds:
+            raise DataError(f"{SLUG}: no fold has training patches of two classes: add training scenes")
+        machines = {}
+        choice: kernel_machine.Choice | None = None
+        for variant in reversed(variants_of(sample)):
+            features = patch_features(sample, variant)
+            shift, scale = kernel_machine.standardise(features)
+            held_out = (patch_features(small, variant) - shift) / scale
+            if choice is None:
+                choice = kernel_machine.choose_machine(
+                    held_out, small.label, folds, costs=parameters.costs, gammas=parameters.gammas, n_threads=n_threads
+                )
+            machines[variant] = kernel_machine.fit_machine(
+                features, sample.label, choice, held_out=held_out, held_out_labels=small.label, folds=folds
             )
-        machines[variant] = fit_machine(
-            features, sample.label, choice, held_out=held_out, held_out_labels=small.label, folds=folds
-        )
-    classifier = PatchSvm(n_classes, trained, machines)
-    classifier.choice = choice
-    return classifier
+        classifier = cls(n_classes, trained, machines)
+        classifier.choice = choice
+        return classifier
 
-
-def _describe(classifier: PatchSvm) -> dict[str, Any]:
-    assert classifier.choice is not None  # set by `fit_patch_svm`
-    return {"chosen": asdict(classifier.choice)}
-
-
-train = partial(train_model, slug=SLUG, fit=fit_patch_svm, describe=_describe)
-"""Trains a model on a `PatchTraining` with `PatchSvmParameters`; its metadata hold the choice of cross-validation."""
+    def describe(self) -> dict[str, Any]:
+        """Return the choice of cross-validation of a newly trained classifier."""
+        return {} if self.choice is None else {"chosen": asdict(self.choice)}
 
 
 def _groups(patches: Patches, n_folds: int) -> NDArray[np.int64]:

@@ -15,16 +15,9 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
-from mlsroad_pipeline.papers.luo2016.max_margin_markov.classifier import MarginParameters
-from mlsroad_pipeline.papers.luo2016.patch_forest.classifier import PatchForestParameters
-from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import PatchGraphParameters
-from mlsroad_pipeline.papers.luo2016.patch_graph.refined_classifier import GridParameters
-from mlsroad_pipeline.papers.luo2016.patch_svm.classifier import PatchSvmParameters
-from mlsroad_pipeline.papers.luo2016.shape_based.labeller import ShapeParameters
 from mlsroad_pipeline.papers.luo2016.study.runs import (
     AS_PRINTED,
     GRAPH,
-    METHODS,
     PRINTED,
     REFINES,
     RUNS,
@@ -35,7 +28,7 @@ from mlsroad_pipeline.papers.luo2016.study.runs import (
 from mlsroad_pipeline.papers.luo2016.study.scores import repetition_scores
 from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
 from mlsroad_pipeline.papers.shared.patches.types import PatchStages
-from mlsroad_pipeline.papers.shared.studies.parameters import ScaledStudy, changed
+from mlsroad_pipeline.papers.shared.studies.parameters import ScaledStudy, changed, method_parameters
 from mlsroad_pipeline.papers.shared.studies.streets import street_key
 
 
@@ -242,23 +235,14 @@ class StudyPlan:
 def plan_study(
     study: StudyParameters,
     classes: Mapping[str, Any],
-    ground: GroundParameters,
-    sizes: PatchParameters,
-    svm: PatchSvmParameters,
-    forest: PatchForestParameters,
-    shapes: ShapeParameters,
-    network: MarginParameters,
-    printed: PatchGraphParameters,
-    printed_refinement: GridParameters,
-    graph: PatchGraphParameters,
-    refinement: GridParameters,
+    ground_removal: GroundParameters,
+    patches: PatchParameters,
+    **methods: Any,
 ) -> StudyPlan:
     """Return the plan with the changes of the scale."""
-    changes = study.chosen_scale().methods
-    given = (svm, forest, shapes, network, printed, printed_refinement, graph, refinement)
-    methods: dict[str, Any] = dict(zip(METHODS, given, strict=True))
-    parameters = {slug: changed(own, changes.get(slug, {})) for slug, own in methods.items()}
-    return StudyPlan(study, find_scheme(classes["schemes"], study.scheme), ground, sizes, parameters)
+    scheme = find_scheme(classes["schemes"], study.scheme)
+    parameters = method_parameters(methods, study.chosen_scale().methods)
+    return StudyPlan(study, scheme, ground_removal, patches, parameters)
 
 
 def cut_streets(plan: StudyPlan, streets: SceneCollection) -> dict[str, SceneTask]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, TypedDict
 
 import numpy as np
@@ -13,13 +13,13 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.machines.class_balance import majority_labels
-from mlsroad_pipeline.papers.luo2016.max_margin_markov.classifier import fit_max_margin
+from mlsroad_pipeline.papers.luo2016.max_margin_markov.classifier import MaxMarginMarkov
 from mlsroad_pipeline.papers.luo2016.patch_forest.classifier import PatchForest
 from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import PatchGraphClassifier
-from mlsroad_pipeline.papers.luo2016.patch_graph.labeller import ground_classes
-from mlsroad_pipeline.papers.luo2016.patch_graph.refined_classifier import refine_classifier
-from mlsroad_pipeline.papers.luo2016.patch_svm.classifier import fit_patch_svm
+from mlsroad_pipeline.papers.luo2016.patch_graph.refined_classifier import ground_classes, refine_classifier
+from mlsroad_pipeline.papers.luo2016.patch_svm.classifier import PatchSvm
 from mlsroad_pipeline.papers.luo2016.shape_based import labeller as shape_based
 from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
 from mlsroad_pipeline.papers.shared.patches.labelling import build_patches, label_patches
@@ -49,16 +49,8 @@ LEAST_POINTS = 100
 """Fewest points of an object that is counted; most objects with fewer are cut off at an end of the street."""
 
 
-class StreetCounts(TypedDict):
-    """Counts of a street by class, each of shape (classes,)."""
-
-    points: NDArray[np.int64]
-    objects: NDArray[np.int64]  # instances of the simulator
-    touching: NDArray[np.int64]  # objects with a patch beside a patch of another object
-
-
-def count_street(points: PointCloud, patches: ScenePatches, scheme: ClassScheme) -> StreetCounts:
-    """Count the points and objects of each class; ground has no objects."""
+def count_street(points: PointCloud, patches: ScenePatches, scheme: ClassScheme) -> dict[str, NDArray[np.int64]]:
+    """Count the points, the objects, and those objects that touch another one, by class; ground has no objects."""
     labels, n = scheme.encode(points["label"], source=points.source), len(scheme)
     names, instance = np.unique(points["instance"], return_inverse=True)
     whole = np.bincount(instance) >= LEAST_POINTS
@@ -80,14 +72,6 @@ def count_street(points: PointCloud, patches: ScenePatches, scheme: ClassScheme)
     }
 
 
-class CutStreet(TypedDict):
-    """Patches of a street and their classes, from `cut_patches`, and the counts of Table I."""
-
-    patches: ScenePatches
-    labels: PatchLabels
-    counts: StreetCounts
-
-
 class Street(TypedDict):
     """Points of a street, with ground and heights, and its patches."""
 
@@ -107,8 +91,8 @@ class RunResult(TypedDict):
     pictured: dict[str, NDArray[np.int8]]
 
 
-def cut_patches(points: PointCloud, *, sizes: PatchParameters, scheme: ClassScheme) -> CutStreet:
-    """Cut a street into patches and assign their classes and stations."""
+def cut_patches(points: PointCloud, *, sizes: PatchParameters, scheme: ClassScheme) -> dict[str, Any]:
+    """Cut a street into patches, assign their classes and stations, and return them with the counts of Table I."""
     patches = build_patches(points, _ground(points), sizes)
     owner = patches["patch_of_point"]
     station = np.bincount(owner, weights=points["station"]) / np.bincount(owner)
@@ -116,31 +100,11 @@ def cut_patches(points: PointCloud, *, sizes: PatchParameters, scheme: ClassSche
     return {"patches": patches, "labels": labels, "counts": count_street(points, patches, scheme)}
 
 
-class _Tally:
-    """Confusion matrices and times of the methods of one run."""
+Labelling = Callable[[Street], dict[str, tuple[NDArray[np.integer], float]]]
+"""Function of a test street to the labels of its points by each method of a run, and their CPU time."""
 
-    def __init__(self, scheme: ClassScheme, *, pictured: bool) -> None:
-        self.scheme = scheme
-        self.pictured = pictured
-        self.labels: dict[str, NDArray[np.int8]] = {}
-        self.matrices: dict[str, list[NDArray[np.int64]]] = {}
-        self.facts: dict[str, dict[str, Any]] = {}
-
-    def add(self, method: str, *, train_seconds: float, **facts: Any) -> None:
-        self.matrices[method] = []
-        self.facts[method] = {"train_seconds": train_seconds, "label_seconds": 0.0, **facts}
-
-    def count(self, method: str, points: PointCloud, labels: NDArray[np.integer], seconds: float) -> None:
-        truth = self.scheme.encode(points["label"], source=points.source)
-        self.matrices[method].append(confusion_matrix(truth, labels, len(self.scheme)))
-        self.facts[method]["label_seconds"] += seconds
-        if self.pictured:
-            self.labels.setdefault(method, labels.astype(np.int8))
-
-    def result(self) -> RunResult:
-        frame = pd.DataFrame([{"method": name, **facts} for name, facts in self.facts.items()])
-        matrices = {name: np.array(each) for name, each in self.matrices.items()}
-        return {"matrices": matrices, "facts": frame, "pictured": self.labels}
+Trained = tuple[dict[str, dict[str, Any]], Labelling]
+"""Facts of each method of a run, and the function that labels streets with them."""
 
 
 def train_and_score(
@@ -154,107 +118,101 @@ def train_and_score(
     pictured: bool = False,
 ) -> RunResult:
     """Train a method and score it at full resolution."""
-    tally = _Tally(scheme, pictured=pictured)
-    if method == shape_based.SLUG:
-        _run_objects(tally, train, test, parameters[method], stages)
-        return tally.result()
-    joined = join_training_scenes(
-        {key: street["patches"] for key, street in train.items()},
-        {key: street["labels"] for key, street in train.items()},
-    )
-    if method in REFINES:
-        _run_graph(tally, joined, test, method, parameters, stages, len(train))
-    else:
-        _run_patches(tally, joined, test, method, parameters[method], stages)
-    return tally.result()
-
-
-def _test_streets(
-    test: Mapping[str, Street], stages: PatchStages
-) -> Iterator[tuple[PointCloud, Patches, NDArray[np.int32], Callable[[NDArray], NDArray[np.int16]]]]:
-    """Yield points, patches and edges of each test street, and a function from patch probabilities to point labels."""
+    fit = _train_objects if method == shape_based.SLUG else _train_graph if method in REFINES else _train_patches
+    facts, label = fit(train, method, parameters, stages, scheme)
+    matrices: dict[str, list[NDArray[np.int64]]] = {name: [] for name in facts}
+    seconds, shown = dict.fromkeys(facts, 0.0), dict[str, NDArray[np.int8]]()
     for street in test.values():
-        points, patches = street["points"], Patches.from_arrays(street["patches"])
+        truth = scheme.encode(street["points"]["label"], source=street["points"].source)
+        for name, (labels, used) in label(street).items():
+            matrices[name].append(confusion_matrix(truth, labels, len(scheme)))
+            seconds[name] += used
+            if pictured:
+                shown.setdefault(name, labels.astype(np.int8))
+    rows = [
+        {"method": name, "train_seconds": own.pop("train_seconds"), "label_seconds": seconds[name], **own}
+        for name, own in facts.items()
+    ]
+    counted = {name: np.array(each) for name, each in matrices.items()}
+    return {"matrices": counted, "facts": pd.DataFrame(rows), "pictured": shown}
 
-        def vote(probabilities: NDArray, points: PointCloud = points, patches: Patches = patches) -> NDArray[np.int16]:
-            radius = stages.patches.area_radius
-            return vote_on_points(points.xyz, patches.centroid, probabilities, radius=radius)[0]
 
-        yield points, patches, street["patches"]["edges"], vote
+def _joined(train: Mapping[str, Street]) -> tuple[Patches, NDArray[np.int32]]:
+    patches = {key: street["patches"] for key, street in train.items()}
+    return join_training_scenes(patches, {key: street["labels"] for key, street in train.items()})
 
 
-def _run_patches(
-    tally: _Tally,
-    joined: tuple[Patches, NDArray[np.int32]],
-    test: Mapping[str, Street],
-    method: str,
-    parameters: Any,
-    stages: PatchStages,
-) -> None:
-    n_classes = len(tally.scheme)
-    fits = {"patch_svm": fit_patch_svm, "patch_forest": PatchForest.fit, "max_margin_markov": fit_max_margin}
-    fit: Any = fits[method]
-    classifier, seconds = timed(fit, *joined, parameters=parameters, n_classes=n_classes)
+def _table(street: Street) -> tuple[Patches, NDArray[np.int32]]:
+    return Patches.from_arrays(street["patches"]), street["patches"]["edges"]
+
+
+def _vote(street: Street, probabilities: NDArray, stages: PatchStages) -> NDArray[np.int16]:
+    centroids, radius = street["patches"]["centroid"], stages.patches.area_radius
+    return vote_on_points(street["points"].xyz, centroids, probabilities, radius=radius)[0]
+
+
+def _train_patches(
+    train: Mapping[str, Street], method: str, parameters: Mapping[str, Any], stages: PatchStages, scheme: ClassScheme
+) -> Trained:
+    kinds: dict[str, Any] = {"patch_svm": PatchSvm, "patch_forest": PatchForest, "max_margin_markov": MaxMarginMarkov}
+    joined, kind = _joined(train), kinds[method]
+    classifier, seconds = timed(kind.fit, *joined, parameters=parameters[method], n_classes=len(scheme))
     choice = getattr(classifier, "choice", None)
     facts = {} if choice is None else {"cost": choice.cost, "gamma": choice.gamma}
-    tally.add(method, train_seconds=seconds, **facts)
-    for points, patches, edges, vote in _test_streets(test, stages):
-        probabilities, first = timed(classifier.predict_proba, patches, edges)
-        labels, second = timed(vote, probabilities)
-        tally.count(method, points, labels, first + second)
+
+    def label(street: Street) -> dict[str, Any]:
+        probabilities, first = timed(classifier.predict_proba, *_table(street))
+        labels, second = timed(_vote, street, probabilities, stages)
+        return {method: (labels, first + second)}
+
+    return {method: {"train_seconds": seconds, **facts}}, label
 
 
-def _run_graph(
-    tally: _Tally,
-    joined: tuple[Patches, NDArray[np.int32]],
-    test: Mapping[str, Street],
-    method: str,
-    parameters: Mapping[str, Any],
-    stages: PatchStages,
-    n_streets: int,
-) -> None:
-    ground, refinement = ground_classes(tally.scheme), REFINES[method]
-    transfer, seconds = timed(PatchGraphClassifier.fit, *joined, len(tally.scheme), parameters=parameters[method])
+def _train_graph(
+    train: Mapping[str, Street], method: str, parameters: Mapping[str, Any], stages: PatchStages, scheme: ClassScheme
+) -> Trained:
+    joined, refinement, own = _joined(train), REFINES[method], parameters[method]
+    transfer, seconds = timed(PatchGraphClassifier.fit, *joined, len(scheme), parameters=own)
     (refined, _), more = timed(
-        refine_classifier, transfer, *joined, graph_parameters=parameters[method], grid=parameters[refinement],
-        ground=ground, surveys=np.arange(n_streets, dtype=np.int32),
+        refine_classifier, transfer, *joined, graph_parameters=own, grid=parameters[refinement],
+        ground=ground_classes(scheme), surveys=np.arange(len(train), dtype=np.int32),
     )  # fmt: skip
     objective = transfer.graph.objective
     facts = {"objective": float(objective[-1]), "iterations": len(objective) - 1, "nodes": len(transfer.graph.labels)}
     chosen = {name: getattr(refined.parameters, name) for name in ("smoothness", "colour_decay", "clique_weight")}
-    tally.add(method, train_seconds=seconds, **facts)
-    tally.add(refinement, train_seconds=seconds + more, **facts, **chosen)
-    for points, patches, edges, vote in _test_streets(test, stages):
+
+    def label(street: Street) -> dict[str, Any]:
+        patches, edges = _table(street)
         transferred, first = timed(transfer.predict_proba, patches, edges)
-        labels, second = timed(vote, transferred)
-        tally.count(method, points, labels, first + second)
+        labels, second = timed(_vote, street, transferred, stages)
         (_, field), third = timed(refined.refine, transferred, patches, edges)
-        labels, fourth = timed(vote, field)
-        tally.count(refinement, points, labels, first + third + fourth)
+        smooth, fourth = timed(_vote, street, field, stages)
+        return {method: (labels, first + second), refinement: (smooth, first + third + fourth)}
+
+    with_field = {"train_seconds": seconds + more, **facts, **chosen}
+    return {method: {"train_seconds": seconds, **facts}, refinement: with_field}, label
 
 
-def _run_objects(
-    tally: _Tally,
-    train: Mapping[str, Street],
-    test: Mapping[str, Street],
-    parameters: shape_based.ShapeParameters,
-    stages: PatchStages,
-) -> None:
-    def learn() -> Any:
+def _train_objects(
+    train: Mapping[str, Street], method: str, parameters: Mapping[str, Any], stages: PatchStages, scheme: ClassScheme
+) -> Trained:
+    own = parameters[method]
+
+    def learn() -> ModelBundle:
         rows = [
-            shape_based.training_objects(
-                s["points"], _ground(s["points"]), s["patches"], scheme=tally.scheme, parameters=parameters
-            )
+            shape_based.training_objects(s["points"], _ground(s["points"]), s["patches"], scheme=scheme, parameters=own)
             for s in train.values()
         ]
-        return shape_based.fit(rows, parameters=parameters, stages=stages, scheme=tally.scheme, trained_on={})
+        return shape_based.fit(rows, parameters=own, stages=stages, scheme=scheme, trained_on={})
 
-    bundle, seconds = timed(learn)
-    tally.add(shape_based.SLUG, train_seconds=seconds, classes_given=", ".join(bundle.metadata["classes_given"]))
-    for street in test.values():
+    def label(street: Street) -> dict[str, Any]:
         points = street["points"]
         labels, used = timed(shape_based.label_objects, points, _ground(points), street["patches"], bundle)
-        tally.count(shape_based.SLUG, points, labels["label"], used)
+        return {method: (labels["label"], used)}
+
+    bundle, seconds = timed(learn)
+    given = ", ".join(bundle.metadata["classes_given"])
+    return {method: {"train_seconds": seconds, "classes_given": given}}, label
 
 
 def _ground(points: PointCloud) -> Ground:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.metrics.confusion import scores
-from mlsroad_pipeline.papers.shared.studies.tables import paired_interval, paper_table
+from mlsroad_pipeline.papers.shared.studies.study import paired_interval, paper_table
 
 CLASSES = ("road", "grass", "palm tree", "cycas", "brushwood", "light pole", "vehicle")
 """The seven classes of Table I that means are taken over; `other` is excluded."""

@@ -12,16 +12,9 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.metrics.scores import ALL, check_scores
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
+from mlsroad_pipeline.papers.luo2016.study import plan as stages
 from mlsroad_pipeline.papers.luo2016.study.figures import CAPTIONS, study_figures
-from mlsroad_pipeline.papers.luo2016.study.plan import (
-    StudyPlan,
-    StudyRun,
-    cut_streets,
-    plan_study,
-    run_methods,
-    try_settings,
-)
-from mlsroad_pipeline.papers.luo2016.study.runs import METHODS, PRINTED_REFINED, REFINED, RunResult, StreetCounts
+from mlsroad_pipeline.papers.luo2016.study.runs import METHODS, PRINTED_REFINED, REFINED, RunResult
 from mlsroad_pipeline.papers.luo2016.study.scores import (
     CLASSES,
     MEANS,
@@ -34,8 +27,7 @@ from mlsroad_pipeline.papers.luo2016.study.scores import (
     times_table,
 )
 from mlsroad_pipeline.papers.shared.studies.streets import make_street, street_tasks
-from mlsroad_pipeline.papers.shared.studies.study import Shown, Stage, Study, Tables
-from mlsroad_pipeline.papers.shared.studies.tables import paper_table
+from mlsroad_pipeline.papers.shared.studies.study import Shown, Stage, Study, Tables, paper_table
 
 Results = Mapping[str, RunResult]
 """Key of a run to its result."""
@@ -45,7 +37,7 @@ PREDICTED = {"shape_based": OBJECTS}
 
 
 def study_tables(
-    plan: StudyPlan, patches: SceneCollection, trials: SceneCollection, runs: SceneCollection
+    plan: stages.StudyPlan, patches: SceneCollection, trials: SceneCollection, runs: SceneCollection
 ) -> dict[str, pd.DataFrame]:
     """Make the tables; splits of the scores are the test streets, steps of `by_size` and `by_radius` millimetres."""
     counts = patches.part("counts")
@@ -84,7 +76,7 @@ def study_tables(
 
 
 def _sensitivity(
-    runs: Mapping[float, Sequence[StudyRun]], results: Results, classes: Sequence[str], method: str
+    runs: Mapping[float, Sequence[stages.StudyRun]], results: Results, classes: Sequence[str], method: str
 ) -> pd.DataFrame:
     """Score a method at every value, over the test streets of all runs of the value."""
     matrices: dict[float, dict[str, dict[str, NDArray[np.int64]]]] = {}
@@ -102,10 +94,10 @@ def _sensitivity(
     return sensitivity_table(matrices, facts, classes=classes)
 
 
-def table_one(streets: Sequence[StreetCounts], classes: Sequence[str]) -> pd.DataFrame:
+def table_one(streets: Sequence[Mapping[str, NDArray[np.int64]]], classes: Sequence[str]) -> pd.DataFrame:
     """Return the points and objects of all streets by class beside Table I of the paper."""
     kinds = ("points", "objects", "touching")
-    totals = {kind: np.sum([street[kind] for street in streets], axis=0) for kind in kinds}  # type: ignore[literal-required]  # mypy reads no tuple of names
+    totals = {kind: np.sum([street[kind] for street in streets], axis=0) for kind in kinds}
     table = pd.DataFrame({"class": list(classes), **totals})
     table["share"] = table["points"] / table["points"].sum()
     paper = paper_table("luo2016", "table_1")
@@ -141,7 +133,7 @@ def by_step(table: pd.DataFrame, name: str) -> pd.DataFrame:
     return pd.concat([steps.rename("millimetres"), kept], axis=1)
 
 
-def _tuning(plan: StudyPlan, tried: Results) -> pd.DataFrame:
+def _tuning(plan: stages.StudyPlan, tried: Results) -> pd.DataFrame:
     chosen = plan.tuned(tried)
     settings = [setting for tried_of in plan.scale.tuning.values() for setting in tried_of]
     rows = [
@@ -198,7 +190,7 @@ def _listed(values: Mapping[str, Any]) -> str:
     return ", ".join(f"{key} {value}" for key, value in pairs)
 
 
-def study_facts(plan: StudyPlan) -> dict[str, Any]:
+def study_facts(plan: stages.StudyPlan) -> dict[str, Any]:
     """Return the streets of the runs."""
     scale = plan.scale
     return {
@@ -209,7 +201,7 @@ def study_facts(plan: StudyPlan) -> dict[str, Any]:
     }
 
 
-def study_page(plan: StudyPlan, tables: Tables) -> list[Shown]:
+def study_page(plan: stages.StudyPlan, tables: Tables) -> list[Shown]:
     """Return the tables of the page."""
     note = "Ours ± standard deviation over test streets (paper in brackets). "
     note += "The paper swaps the names of precision and recall; here both have their usual meaning."
@@ -229,7 +221,7 @@ def study_page(plan: StudyPlan, tables: Tables) -> list[Shown]:
     ]
 
 
-def make_streets(plan: StudyPlan) -> dict[str, SceneTask]:
+def make_streets(plan: stages.StudyPlan) -> dict[str, SceneTask]:
     """Create one task per street that simulates it."""
     columns = ("rgb", "label", "instance")
     return street_tasks(make_street, plan.surveys(), ground=plan.ground, columns=columns, with_station=True)
@@ -239,12 +231,12 @@ STUDY = Study(
     "luo2016",
     "Luo et al. 2016 on simulated streets",
     parameters=("classes", "ground_removal", "patches", *METHODS),
-    plan=plan_study,
+    plan=stages.plan_study,
     stages=[
         Stage("make_luo2016_streets", make_streets, [], "streets"),
-        Stage("cut_luo2016_streets", cut_streets, ["streets"], "patches"),
-        Stage("try_luo2016_settings", try_settings, ["streets", "patches"], "tried"),
-        Stage("run_luo2016_methods", run_methods, ["streets", "patches", "tried"], "runs"),
+        Stage("cut_luo2016_streets", stages.cut_streets, ["streets"], "patches"),
+        Stage("try_luo2016_settings", stages.try_settings, ["streets", "patches"], "tried"),
+        Stage("run_luo2016_methods", stages.run_methods, ["streets", "patches", "tried"], "runs"),
     ],
     results=["patches", "tried", "runs"],
     tables=(

@@ -31,9 +31,6 @@ def _convolution(inputs: int, outputs: int, kernel: int, batch_norm: bool) -> li
 class Halving(nn.Module):
     """Max pooling over 2 x 2 cells; the last row or column of an odd size is pooled alone."""
 
-    def __init__(self) -> None:
-        super().__init__()
-
     def forward(self, maps: Tensor) -> Tensor:
         """Pool feature maps."""
         if self.training or maps.shape[2] % 2 or maps.shape[3] % 2:
@@ -47,9 +44,6 @@ class PyramidPooling(nn.Module):
 
     Two levels of 2 x 1 and 1 x 1 cells (Luo et al. 2019, Figure 5): 3 values per channel for images of any size.
     """
-
-    def __init__(self) -> None:
-        super().__init__()
 
     def forward(self, maps: Tensor) -> Tensor:
         """Pool feature maps."""

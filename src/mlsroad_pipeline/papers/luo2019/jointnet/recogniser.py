@@ -99,7 +99,7 @@ class JointNetRecogniser:
         points = _points(objects, intensities)
         self.networks_, self.histories_ = [], []
         for member in range(self.parameters.training.n_members):
-            trained = train_network(
+            network, history = train_network(
                 points,
                 target,
                 n_classes=len(self.classes_),
@@ -108,8 +108,8 @@ class JointNetRecogniser:
                 checkpoints=self.checkpoints,
                 progress=self.progress,
             )
-            self.networks_.append(trained.network)
-            self.histories_.append(trained.history)
+            self.networks_.append(network)
+            self.histories_.append(history)
         self.regression_ = train_regression(points, target, self.parameters)
         return self
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -34,14 +34,6 @@ _SETTLE_BATCH = 128
 logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class Trained:
-    """A trained network and its losses."""
-
-    network: JointNet  # The network, in evaluation mode
-    history: list[dict[str, float]]  # Per epoch ``loss`` and, with held-out objects, ``validation_loss``
-
-
 def scheduled_rate(step: int, n_steps: int, epoch: int, p: TrainingParameters) -> float:
     """Return the learning rate of a step."""
     if p.schedule == "halving":
@@ -65,8 +57,11 @@ def train_network(
     member: int = 0,
     checkpoints: Checkpoints | None = None,
     progress: bool = False,
-) -> Trained:
-    """Train one network."""
+) -> tuple[JointNet, list[dict[str, float]]]:
+    """Train one network, and return it in evaluation mode with its history.
+
+    The history has per epoch ``loss`` and, with held-out objects, ``validation_loss``.
+    """
     run = _Run(points, target, n_classes, parameters, member)
     name = f"network_{member}"
     if checkpoints is not None and (state := checkpoints.load(name)) is not None:
@@ -219,12 +214,12 @@ class _Run:
                 for rows in torch.from_numpy(rng.permutation(len(self.target))).to(self.device).split(_SETTLE_BATCH):
                     self.network({view: v[rows] for view, v in images.items()}, measures[rows])
 
-    def result(self) -> Trained:
+    def result(self) -> tuple[JointNet, list[dict[str, float]]]:
         """Return the network of the best epoch or, without held-out objects, of the last."""
         if self.best is not None:
             self.network.load_state_dict(self.best)
         self._settle()
-        return Trained(self.network.eval(), self.history)
+        return self.network.eval(), self.history
 
 
 def _held_out(target: NDArray[np.int64], p: TrainingParameters) -> NDArray[np.bool_]:

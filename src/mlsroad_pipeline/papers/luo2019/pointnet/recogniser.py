@@ -18,7 +18,7 @@ from mlsroad_pipeline.algorithms.models.machines.torch_training import (
     reproducible,
 )
 from mlsroad_pipeline.papers.luo2019.pointnet.parameters import SLUG, PointNetParameters
-from mlsroad_pipeline.papers.shared.recognition.shape_recogniser import ShapeRecogniser
+from mlsroad_pipeline.papers.shared.recognition.descriptor_machine import ShapeRecogniser
 
 _BATCH = 128
 """Objects per batch in prediction."""

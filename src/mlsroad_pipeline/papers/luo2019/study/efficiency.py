@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from mlsroad_pipeline.algorithms.models.machines.torch_training import reproducible
@@ -15,7 +16,6 @@ from mlsroad_pipeline.papers.luo2019.jointnet.inputs import Points, encode
 from mlsroad_pipeline.papers.luo2019.jointnet.network import JointNet
 from mlsroad_pipeline.papers.luo2019.pointnet.parameters import PointNetParameters
 from mlsroad_pipeline.papers.luo2019.pointnet.recogniser import PointNet
-from mlsroad_pipeline.papers.luo2019.study.scores import NetworkCost
 
 POINTS = 1000
 """Points of each timed object."""
@@ -24,8 +24,8 @@ STEPS, SECONDS = 20, 4.0
 """Training steps over which times are averaged; fewer where they take more CPU time than this."""
 
 
-def measure_network(*, parameters: Any, n_classes: int) -> NetworkCost:
-    """Measure one network on one CPU thread with a batch of random objects."""
+def measure_network(*, parameters: Any, n_classes: int) -> dict[str, NDArray]:
+    """Measure one network on one CPU thread with a batch of random objects: its size, memory and times of a step."""
     with reproducible(0):
         network, run = _pointnet(parameters, n_classes) if isinstance(parameters, PointNetParameters) else _jointnet(
             parameters, n_classes

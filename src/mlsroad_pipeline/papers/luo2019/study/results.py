@@ -11,25 +11,9 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.metrics.scores import recognition_scores
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.papers.luo2019.study.plan import (
-    ALONE,
-    BASELINES,
-    CLEAN,
-    GRID,
-    JOINTNET,
-    MAIN,
-    METHODS,
-    PUBLISHED,
-    SIZE,
-    SUB_NETWORKS,
-    SYDNEY,
-    TRAINING,
-    StudyPlan,
-    StudyRun,
-)
+from mlsroad_pipeline.papers.luo2019.study import plan as luo2019
 from mlsroad_pipeline.papers.luo2019.study.runs import Recognised, TrainingFacts
 from mlsroad_pipeline.papers.luo2019.study.scores import (
-    NetworkCost,
     area_under,
     mean_figures,
     paired_interval,
@@ -37,7 +21,7 @@ from mlsroad_pipeline.papers.luo2019.study.scores import (
     street_confusions,
     weighted_f1,
 )
-from mlsroad_pipeline.papers.shared.studies.tables import paper_table
+from mlsroad_pipeline.papers.shared.studies.study import paper_table
 
 Results = Mapping[str, Recognised]
 """Key of a run to its class scores."""
@@ -52,7 +36,7 @@ LEVELS = ("level=1", "level=2", "level=3")
 class _Condition:
     """Joined class scores of several runs under one condition."""
 
-    def __init__(self, runs: list[StudyRun], results: Results, condition: str, n_classes: int) -> None:
+    def __init__(self, runs: list[luo2019.StudyRun], results: Results, condition: str, n_classes: int) -> None:
         row = [list(run.conditions).index(condition) for run in runs]
         each = [results[run.key] for run in runs]
         self.n_classes = n_classes
@@ -74,7 +58,7 @@ class _Condition:
         return pd.DataFrame({"threshold": threshold, "precision": precision, "recall": recall})
 
 
-def study_tables(plan: StudyPlan, runs: SceneCollection, networks: SceneCollection) -> dict[str, pd.DataFrame]:
+def study_tables(plan: luo2019.StudyPlan, runs: SceneCollection, networks: SceneCollection) -> dict[str, pd.DataFrame]:
     """Make the tables; scores are those of undisturbed objects, their splits are the sets.
 
     Figures 9 and 10 are `sub_networks` and `confusion_counts`, of networks without the measures.
@@ -82,9 +66,9 @@ def study_tables(plan: StudyPlan, runs: SceneCollection, networks: SceneCollecti
     made = _Tables(plan, runs.load_all("results"), runs.load_all("facts"), networks.load_all())
     efficiency = made.efficiency()
     sub_networks, confusions = made.sub_networks()
-    sizes, curves_7 = made.variants(SIZE)
-    grid, _ = made.variants(GRID)
-    training, curves_14 = made.variants(TRAINING)
+    sizes, curves_7 = made.variants(luo2019.SIZE)
+    grid, _ = made.variants(luo2019.GRID)
+    training, curves_14 = made.variants(luo2019.TRAINING)
     return {
         "scores": made.scores(),
         "table_1": _table_one(efficiency),
@@ -105,29 +89,31 @@ def study_tables(plan: StudyPlan, runs: SceneCollection, networks: SceneCollecti
 
 def _table_four(efficiency: pd.DataFrame) -> pd.DataFrame:
     """Return Table 4; the paper's PointNet has the published size, and a descriptor has four bytes per dimension."""
-    table = efficiency[efficiency["method"].isin((*BASELINES, PUBLISHED, JOINTNET))].copy()
+    table = efficiency[efficiency["method"].isin((*luo2019.BASELINES, luo2019.PUBLISHED, luo2019.JOINTNET))].copy()
     table.insert(2, "footprint_bytes", 4 * table["dimension"])
     paper = paper_table("luo2019", "table_4")
-    paper["method"] = paper["method"].replace({BASELINES[-1]: PUBLISHED})
+    paper["method"] = paper["method"].replace({luo2019.BASELINES[-1]: luo2019.PUBLISHED})
     return table.merge(paper, on="method", how="left")
 
 
 def _table_one(efficiency: pd.DataFrame) -> pd.DataFrame:
-    chosen = efficiency[efficiency["method"].isin((*SUB_NETWORKS, JOINTNET))].drop(columns="dimension")
+    chosen = efficiency[efficiency["method"].isin((*luo2019.SUB_NETWORKS, luo2019.JOINTNET))].drop(columns="dimension")
     paper = paper_table("luo2019", "table_1").set_index("method")
-    rows = paper.reindex(["jointnet" if m == JOINTNET else "sub-networks" for m in chosen["method"]])
+    rows = paper.reindex(["jointnet" if m == luo2019.JOINTNET else "sub-networks" for m in chosen["method"]])
     return pd.concat([chosen.reset_index(drop=True), rows.reset_index(drop=True)], axis=1)
 
 
 class _Tables:
     """Builder of the tables."""
 
-    def __init__(self, plan: StudyPlan, results: Results, facts: Facts, networks: Mapping[str, NetworkCost]) -> None:
+    def __init__(
+        self, plan: luo2019.StudyPlan, results: Results, facts: Facts, networks: Mapping[str, Mapping[str, NDArray]]
+    ) -> None:
         self.plan, self.results, self.facts, self.networks = plan, results, facts, networks
-        self.main = plan.of_group(MAIN)
+        self.main = plan.of_group(luo2019.MAIN)
         self.sets = tuple(dict.fromkeys(run.dataset for run in self.main))
 
-    def _of(self, name: str, method: str) -> list[StudyRun]:
+    def _of(self, name: str, method: str) -> list[luo2019.StudyRun]:
         return [run for run in self.main if run.dataset == name and run.method == method]
 
     def _under(self, name: str, method: str, condition: str) -> _Condition:
@@ -136,24 +122,24 @@ class _Tables:
     def scores(self) -> pd.DataFrame:
         tables = [
             recognition_scores(
-                self._under(name, method, CLEAN).matrix(),
+                self._under(name, method, luo2019.CLEAN).matrix(),
                 method=method,
                 split=name,
                 classes=self.plan.schemes[name].classes,
             )
             for name in self.sets
-            for method in METHODS
+            for method in luo2019.METHODS
         ]
         return pd.concat(tables, ignore_index=True)
 
     def table_two(self) -> pd.DataFrame:
         rows = []
         for name in self.sets:
-            for method in METHODS:
+            for method in luo2019.METHODS:
                 runs = self._of(name, method)
                 # The paper's values for Sydney are those of the last fold.
-                runs = [run for run in runs if name != SYDNEY or run.test == runs[-1].test]
-                clean = _Condition(runs, self.results, CLEAN, len(self.plan.schemes[name]))
+                runs = [run for run in runs if name != luo2019.SYDNEY or run.test == runs[-1].test]
+                clean = _Condition(runs, self.results, luo2019.CLEAN, len(self.plan.schemes[name]))
                 objects = len(clean.label) // len(self.plan.scale.seeds)
                 rows.append({"set": name, "method": method, "objects": objects, **mean_figures(clean.matrix())})
         return pd.DataFrame(rows).merge(paper_table("luo2019", "table_2"), on=["set", "method"], how="left")
@@ -161,21 +147,26 @@ class _Tables:
     def table_three(self) -> pd.DataFrame:
         """Return the weighted F1 of the folds: their mean, as in the paper, and that of all folds together."""
         columns, rows = ["method", "weighted_f1", "together"], []
-        if SYDNEY not in self.sets:
+        if luo2019.SYDNEY not in self.sets:
             return pd.DataFrame(columns=[*columns, "paper"])
-        n_classes = len(self.plan.schemes[SYDNEY])
-        for method in METHODS:
-            folds = [_Condition([run], self.results, CLEAN, n_classes).matrix() for run in self._of(SYDNEY, method)]
+        n_classes = len(self.plan.schemes[luo2019.SYDNEY])
+        for method in luo2019.METHODS:
+            folds = [
+                _Condition([run], self.results, luo2019.CLEAN, n_classes).matrix()
+                for run in self._of(luo2019.SYDNEY, method)
+            ]
             rows.append((method, np.mean([weighted_f1(fold) for fold in folds]), weighted_f1(np.sum(folds, axis=0))))
         return pd.DataFrame(rows, columns=columns).merge(paper_table("luo2019", "table_3"), on="method", how="outer")
 
     def efficiency(self) -> pd.DataFrame:
         rows = []
-        for method in (*METHODS, PUBLISHED):
+        for method in (*luo2019.METHODS, luo2019.PUBLISHED):
             network = self.networks.get(method)
             facts = [self.facts[run.key] for run in self.main if run.method == method]
             weights = None if network is None else float(network["weight_bytes"]) / 1e6
-            slots = 3 if method in (BASELINES[-1], PUBLISHED) else 2  # Adam has two slots for a weight, momentum one
+            slots = (
+                3 if method in (luo2019.BASELINES[-1], luo2019.PUBLISHED) else 2
+            )  # Adam has two slots for a weight, momentum one
             row: dict[str, Any] = {
                 "method": method,
                 "dimension": int(facts[0]["dimension"]) or None if facts else None,
@@ -187,7 +178,7 @@ class _Tables:
                 "forward_ms": None if network is None else float(network["forward_ms"]),
             }
             for name in self.plan.sets if facts else ():
-                clean = self._under(name, method, CLEAN)
+                clean = self._under(name, method, luo2019.CLEAN)
                 row[f"{name}_ms_per_object"] = 1000 * clean.seconds / max(len(clean.label), 1)
                 trained = [self.facts[run.key] for run in self._of(name, method)]
                 row[f"{name}_train_s"] = float(np.mean([f["train_seconds"] for f in trained]))
@@ -197,9 +188,9 @@ class _Tables:
     def sub_networks(self) -> tuple[pd.DataFrame, pd.DataFrame]:
         name, rows, counts = self.plan.sets[0], [], []
         classes = self.plan.schemes[name].classes
-        for level in (CLEAN, *LEVELS):
-            for method in (*SUB_NETWORKS, JOINTNET):
-                runs = [run for run in self.plan.of_group(ALONE) if run.method == method]
+        for level in (luo2019.CLEAN, *LEVELS):
+            for method in (*luo2019.SUB_NETWORKS, luo2019.JOINTNET):
+                runs = [run for run in self.plan.of_group(luo2019.ALONE) if run.method == method]
                 matrix = _Condition(runs, self.results, level, len(classes)).matrix()
                 table = recognition_scores(matrix, method=method, split=level, classes=classes)
                 mine = table[(table["metric"] == "f1") & (table["support"] > 0)]
@@ -213,7 +204,7 @@ class _Tables:
     def robustness(self) -> pd.DataFrame:
         rows = []
         for name in self.sets:
-            for method in METHODS:
+            for method in luo2019.METHODS:
                 for condition in self.plan.scale.conditions():
                     figures = mean_figures(self._under(name, method, condition).matrix())
                     rows.append({"set": name, "method": method, **_level(condition), **_chosen(figures)})
@@ -223,11 +214,11 @@ class _Tables:
         rows = []
         for name in self.sets:
             for condition in self.plan.scale.conditions():
-                streets = {m: self._under(name, m, condition).by_street() for m in METHODS}
-                order = sorted(streets[JOINTNET])
-                own = [streets[JOINTNET][s] for s in order]
-                for method in METHODS:
-                    if method == JOINTNET:
+                streets = {m: self._under(name, m, condition).by_street() for m in luo2019.METHODS}
+                order = sorted(streets[luo2019.JOINTNET])
+                own = [streets[luo2019.JOINTNET][s] for s in order]
+                for method in luo2019.METHODS:
+                    if method == luo2019.JOINTNET:
                         continue
                     other = [streets[method][s] for s in order]
                     apart = paired_interval(other, own, seed=self.plan.study.seed)
@@ -249,9 +240,9 @@ class _Tables:
 
     def curves(self) -> pd.DataFrame:
         curves = [
-            self._under(name, method, CLEAN).curve().assign(set=name, setting=method, tested_on=CLEAN)
+            self._under(name, method, luo2019.CLEAN).curve().assign(set=name, setting=method, tested_on=luo2019.CLEAN)
             for name in self.sets
-            for method in METHODS
+            for method in luo2019.METHODS
         ]
         return pd.concat(curves, ignore_index=True)
 

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.papers.luo2019.study.scores import NetworkCost
 from mlsroad_pipeline.papers.luo2019.study.sets import StreetObjects
 from mlsroad_pipeline.papers.shared.recognition.disturbances import Disturbance, disturb
 from mlsroad_pipeline.papers.shared.recognition.object_set import ObjectArrays, ObjectSet
@@ -35,13 +34,6 @@ class TrainingFacts(TypedDict):
     dimension: NDArray[np.integer]  # length of the descriptor; 0 for networks
     tried: NDArray[np.floating]  # (settings,): accuracy of each setting on validation objects; NaN without them
     chosen: NDArray[np.integer]  # index of the setting that is used
-
-
-class Recognition(TypedDict):
-    """Result of a run, in the parts of the store."""
-
-    results: Recognised
-    facts: TrainingFacts
 
 
 def disturb_objects(objects: ObjectSet, disturbance: Disturbance, seed: int) -> ObjectSet:
@@ -80,8 +72,8 @@ def train_and_recognise(
     wrong_labels: float,
     n_classes: int,
     seed: int,
-) -> Recognition:
-    """Train a recogniser and recognise test objects under every disturbance."""
+) -> dict[str, Any]:
+    """Train a recogniser and recognise test objects under every disturbance: `Recognised` and `TrainingFacts`."""
     learned = ObjectSet.join([ObjectSet.from_arrays(train[key]) for key in sorted(train)])
     learned = mislabel(disturb_objects(learned, disturbance, seed + 1), wrong_labels, seed + 2)
     fitted, tried, seconds = [], [], []
@@ -136,7 +128,7 @@ def _accuracy(recogniser: Any, objects: ObjectSet, n_classes: int) -> float:
     return float((probabilities(recogniser, objects, n_classes)["label"] == objects.label).mean())
 
 
-def measure_network(*, parameters: Any, n_classes: int) -> NetworkCost:
+def measure_network(*, parameters: Any, n_classes: int) -> dict[str, NDArray]:
     """Measure size, memory and time of one network."""
     from mlsroad_pipeline.papers.luo2019.study import efficiency  # noqa: PLC0415  # only the worker imports PyTorch
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,15 +14,6 @@ N_THRESHOLDS = 201
 
 N_DRAWS = 2000
 """Bootstrap samples of streets per interval."""
-
-
-class NetworkCost(TypedDict):
-    """Size of a network in bytes, memory of a training step in bytes, time per batch in milliseconds."""
-
-    weight_bytes: NDArray[np.integer]
-    memory_bytes: NDArray[np.integer]
-    forward_ms: NDArray[np.floating]
-    backward_ms: NDArray[np.floating]
 
 
 def precision_recall(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,46 +36,27 @@ class DetectionStages:
     segmentation: SegmentationParameters  # The segmentation into objects
 
 
-class TrainedDetector(Protocol):
-    """Detector that scores each object for each wanted class."""
+def trained_detector(parts: Description, bundle: ModelBundle) -> Any:
+    """Rebuild the variant of a model that fits a scene: a detector with the `score` of each object for each class.
 
-    @property
-    def thresholds(self) -> NDArray[np.float64]:
-        """Lowest score of each class at which an object is detected, (c,)."""
-        ...
-
-    def score(self, parts: Description) -> NDArray[np.float32]:
-        """Return the score of each object for each class, (n, c); 0 is no similarity at all."""
-        ...
-
-    def to_arrays(self) -> dict[str, NDArray]:
-        """Return the trained state as plain arrays."""
-        ...
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray], *, intensity: bool) -> Self:
-        """Rebuild a detector."""
-        ...
-
-
-def choose_variant(parts: Description, bundle: ModelBundle) -> str:
-    """Choose the variant of a model that fits a scene."""
+    Its `thresholds` are the lowest score of each class at which an object is detected; a score of 0 is no similarity.
+    """
     variants = bundle.metadata["variants"]
     variant = WITH_INTENSITY if bool(parts["intensity"]) and WITH_INTENSITY in variants else GEOMETRY
     if variant not in variants:
         raise DataError(
             f"model {bundle.slug!r} was trained with intensity alone (without_intensity: false), and the scene has none"
         )
-    return variant
+    kind = METHODS[bundle.slug].load("use")
+    return kind.from_arrays(arrays_under(bundle.arrays, f"{variant}."), intensity=variant == WITH_INTENSITY)
 
 
-def detect_by_description(parts: Description, bundle: ModelBundle, detector: type[TrainedDetector]) -> Detections:
-    """Detect the objects of a scene."""
-    variant = choose_variant(parts, bundle)
-    trained = detector.from_arrays(arrays_under(bundle.arrays, f"{variant}."), intensity=variant == WITH_INTENSITY)
+def detect_objects(parts: Description, bundle: ModelBundle) -> Detections:
+    """Detect the described objects of a scene by the method of the model."""
+    trained = trained_detector(parts, bundle)
     scores = trained.score(parts)
     label, score = detect_by_thresholds(scores, trained.thresholds)
-    return {"label": label, "score": score, "scores": scores}
+    return {"label": label, "score": score, "scores": scores.astype(np.float32)}
 
 
 def label_detected_objects(
@@ -106,19 +87,16 @@ def label_detected_objects(
     return labels, confidence
 
 
-def label_described_objects(
-    cloud: PointCloud,
-    bundle: ModelBundle,
-    *,
-    describe: Callable[[PointCloud, Segments, Mapping[str, Any]], Description],
-    detect: Callable[[Description, ModelBundle], ObjectLabels],
-) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Label points by a method that describes objects before it detects them; see `label_detected_objects`."""
-    stored = bundle.metadata["parameters"]
-    return label_detected_objects(cloud, bundle, lambda objects: detect(describe(cloud, objects, stored), bundle))
+def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+    """Segment a point cloud, describe its objects by the method of the model and label the points of detected ones.
 
+    Intensity is used where the cloud and the model have it.
+    """
+    method = METHODS[bundle.slug]
+    parameters = method.load("parameters")(**bundle.metadata["parameters"][bundle.slug])
 
-def detect_objects(parts: Description, bundle: ModelBundle) -> Detections:
-    """Detect the described objects of a scene by the method of the model."""
-    detected: Detections = METHODS[bundle.slug].load("use")(parts, bundle)
-    return detected
+    def detect(objects: Segments) -> ObjectLabels:
+        described = method.load("describe")(cloud, objects, parameters=getattr(parameters, method.description))
+        return detect_objects(described, bundle)
+
+    return label_detected_objects(cloud, bundle, detect)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 
@@ -177,58 +176,36 @@ def _histograms(
         voxels, normals, radius=parameters.fpfh_radius, n_bins=_BINS, use_distance=True, n_threads=n_threads
     )
     sums = np.zeros((len(supervoxels), fpfh.shape[1]))
-    _add_rows(fpfh, supervoxels.voxel_labels, sums)
+    np.add.at(sums, supervoxels.voxel_labels, fpfh)
     total = sums + reach @ sums
     mass = total.sum(axis=1, keepdims=True)
     return np.divide(total, mass, out=np.zeros_like(total), where=mass > 0).astype(np.float32)
 
 
-@njit(cache=True, nogil=True)
-def _add_rows(rows: NDArray[np.float32], owner: NDArray[np.int32], sums: NDArray[np.float64]) -> None:
-    for i in range(len(rows)):
-        for j in range(rows.shape[1]):
-            sums[owner[i], j] += rows[i, j]
-
-
-@njit(cache=True, nogil=True)
 def _intensity_sums(values: NDArray[np.float64], labels: NDArray[np.int32], n: int) -> NDArray[np.float64]:
     """Return number, sum, sum of squares, least and greatest intensity of each supervoxel."""
-    sums = np.zeros((n, 5))
-    sums[:, 3], sums[:, 4] = np.inf, -np.inf
-    for i in range(len(values)):
-        row = sums[labels[i]]
-        row[0] += 1.0
-        row[1] += values[i]
-        row[2] += values[i] * values[i]
-        row[3] = min(row[3], values[i])
-        row[4] = max(row[4], values[i])
-    return sums
+    low, high = np.full(n, np.inf), np.full(n, -np.inf)
+    np.minimum.at(low, labels, values)
+    np.maximum.at(high, labels, values)
+    sums = (np.bincount(labels, weights, n) for weights in (np.ones(len(values)), values, values * values))
+    return np.column_stack([*sums, low, high])
 
 
-@njit(cache=True, nogil=True)
 def _interpolated_intensity(sums: NDArray[np.float64], indptr: NDArray, indices: NDArray) -> NDArray[np.float64]:
     """Return the intensity of equation 8 with the weights of equation 9; the mean of equal intensities."""
-    out = np.empty(len(sums))
-    for s in range(len(sums)):
-        n, total, squares, low, high = sums[s, 0], sums[s, 1], sums[s, 2], sums[s, 3], sums[s, 4]
-        for j in range(indptr[s], indptr[s + 1]):
-            other = sums[indices[j]]
-            n, total, squares = n + other[0], total + other[1], squares + other[2]
-            low, high = min(low, other[3]), max(high, other[4])
-        weight = total - n * low
-        out[s] = (squares - low * total) / weight if weight > 1e-12 * max(n * high, 1.0) else total / n
-    return out
+    rows, whole = np.repeat(np.arange(len(sums)), np.diff(indptr)), sums.copy()
+    np.add.at(whole[:, :3], rows, sums[indices, :3])
+    np.minimum.at(whole[:, 3], rows, sums[indices, 3])
+    np.maximum.at(whole[:, 4], rows, sums[indices, 4])
+    n, total, squares, low, high = whole.T
+    weight = total - n * low
+    unequal = weight > 1e-12 * np.maximum(n * high, 1.0)
+    return np.divide(squares - low * total, weight, out=total / n, where=unequal)
 
 
-@njit(cache=True, nogil=True)
 def _longest_step(centres: NDArray[np.float64], indptr: NDArray, indices: NDArray) -> NDArray[np.float64]:
-    out = np.zeros(len(centres))
-    for s in range(len(centres)):
-        for j in range(indptr[s], indptr[s + 1]):
-            step = 0.0
-            for axis in range(3):
-                step += (centres[s, axis] - centres[indices[j], axis]) ** 2
-            out[s] = max(out[s], step)
+    rows, out = np.repeat(np.arange(len(centres)), np.diff(indptr)), np.zeros(len(centres))
+    np.maximum.at(out, rows, ((centres[rows] - centres[indices]) ** 2).sum(axis=1))
     return np.sqrt(out)
 
 

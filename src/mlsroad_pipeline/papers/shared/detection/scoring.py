@@ -15,13 +15,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.scene_key import group_by_split
 from mlsroad_pipeline.algorithms.core.validation import check_positive
-from mlsroad_pipeline.algorithms.metrics.detection import (
-    DetectionCounts,
-    count_detections,
-    detection_scores,
-    match_detections,
-    precision_recall_curve,
-)
+from mlsroad_pipeline.algorithms.metrics import detection
 from mlsroad_pipeline.algorithms.metrics.instances import find_overlaps
 from mlsroad_pipeline.algorithms.segmentation.stage import owned_by_core, reference_objects
 from mlsroad_pipeline.papers.shared.detection.types import Detections, Segments
@@ -86,7 +80,7 @@ def detection_outcomes(
     for k, label in enumerate(wanted_labels):
         of_class = kinds == label
         detected = np.where(detections["label"] == k, detections["score"], np.nan).astype(np.float64)
-        order, right = match_detections(
+        order, right = detection.match_detections(
             overlaps, detected[overlaps.segments], of_class, iou_threshold=parameters.iou_threshold
         )
         outcome[overlaps.segments[order]] = np.where(right, RIGHT, FALSE)
@@ -222,7 +216,9 @@ def count_detections_of_scene(
         scored = np.where(every[:, label] > 0, every[:, label], np.nan)
         for prefix, values in (("", detected), ("curve_", scored)):
             score = values[overlaps.segments].astype(np.float64)
-            order, right = match_detections(overlaps, score, kinds == wanted, iou_threshold=parameters.iou_threshold)
+            order, right = detection.match_detections(
+                overlaps, score, kinds == wanted, iou_threshold=parameters.iou_threshold
+            )
             mine = own_segment[overlaps.segments[order]]
             known[f"{prefix}label"].append(np.full(int(mine.sum()), label, dtype=np.int16))
             known[f"{prefix}score"].append(score[order][mine].astype(np.float32))
@@ -240,11 +236,11 @@ def detection_table(
     tables = []
     for split, scenes in group_by_split(counted).items():
         label, right, n_objects, _ = _joined(scenes)
-        counts: list[DetectionCounts] = []
+        counts: list[detection.DetectionCounts] = []
         for k in range(len(classes)):
             flags = right[label == k]
-            counts.append(count_detections(flags, max(int(n_objects[k]), int(flags.sum()))))
-        tables.append(detection_scores(counts, method=method, split=split, classes=classes))
+            counts.append(detection.count_detections(flags, max(int(n_objects[k]), int(flags.sum()))))
+        tables.append(detection.detection_scores(counts, method=method, split=split, classes=classes))
     return pd.concat(tables, ignore_index=True)
 
 
@@ -258,7 +254,7 @@ def detection_curves(
         flags = right[label == k]
         total = max(int(n_objects[k]), int(flags.sum()))
         if total:
-            curves[name] = precision_recall_curve(score[label == k], flags, total)
+            curves[name] = detection.precision_recall_curve(score[label == k], flags, total)
     return curves
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.papers.shared.detection.detector import GEOMETRY, WITH_INTENSITY, DetectionStages, TrainedDetector
+from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.papers.shared.detection.detector import GEOMETRY, WITH_INTENSITY, DetectionStages
 from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters, ObjectClasses
 from mlsroad_pipeline.papers.shared.detection.thresholds import object_weights
 from mlsroad_pipeline.papers.shared.detection.types import Description, object_bounds
@@ -99,11 +100,16 @@ def sample_objects(labels: NDArray[np.integer], *, max_per_class: int, max_other
 logger = logging.getLogger(__name__)
 
 
-class FittedVariant(NamedTuple):
-    """One variant of a trained detector."""
+class DetectorTraining(NamedTuple):
+    """Method to train, its parameters, and what its model stores."""
 
-    arrays: Mapping[str, NDArray]  # Its state
-    facts: Mapping[str, Any]  # Figures of its training; JSON values
+    slug: str
+    parameters: Any  # Parameters of the method
+    stages: DetectionStages  # Parameters of the stages before it
+    detection: DetectionParameters
+    scheme: ClassScheme
+    trained_on: Mapping[str, Any]  # Description of the training data for the model's metadata
+    n_threads: int = 1  # Threads; the model does not depend on it
 
 
 def training_weights(scenes: Sequence[ObjectClasses], prevalence: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -121,49 +127,34 @@ def training_keys(labels: Mapping[str, ObjectClasses]) -> list[str]:
 
 
 def bundle_variants(
-    variants: Mapping[str, FittedVariant],
-    *,
-    slug: str,
-    parameters: Mapping[str, Any],
-    stages: DetectionStages,
-    detection: DetectionParameters,
-    scheme: ClassScheme,
-    trained_on: Mapping[str, Any],
+    variants: Mapping[str, tuple[Mapping[str, NDArray], Mapping[str, Any]]],
+    training: DetectorTraining,
+    **parameters: Mapping[str, Any],
 ) -> ModelBundle:
-    """Return the model of a detector."""
+    """Return the model of a detector from the arrays and facts of its variants, and parameters of its description."""
+    stages, scheme = training.stages, training.scheme
     metadata = {
         "classes": list(scheme.classes),
-        "wanted": detection.labels_in(scheme).tolist(),
+        "wanted": training.detection.labels_in(scheme).tolist(),
         "scheme": asdict(scheme),
-        "parameters": {**asdict(stages), **parameters},
+        "parameters": {**asdict(stages), **parameters, training.slug: asdict(training.parameters)},
         "attributes": ["intensity"] if WITH_INTENSITY in variants else [],
         "variants": list(variants),
-        "learned": {name: dict(variant.facts) for name, variant in variants.items()},
-        "trained_on": dict(trained_on),
+        "learned": {name: dict(facts) for name, (_, facts) in variants.items()},
+        "trained_on": dict(training.trained_on),
     }
-    arrays = {f"{name}.{key}": part for name, variant in variants.items() for key, part in variant.arrays.items()}
-    return ModelBundle(slug, arrays, metadata)
+    arrays = {f"{name}.{key}": part for name, (own, _) in variants.items() for key, part in own.items()}
+    return ModelBundle(training.slug, arrays, metadata)
 
 
 def train_object_detector(
-    parts: Mapping[str, Description],
-    labels: Mapping[str, ObjectClasses],
-    *,
-    fit: Callable[[TrainingObjects, Any], tuple[TrainedDetector, dict[str, Any]]],
-    slug: str,
-    uses_intensity: bool,
-    parameters: Any,
-    stages: DetectionStages,
-    detection: DetectionParameters,
-    scheme: ClassScheme,
-    trained_on: Mapping[str, Any],
-    n_threads: int = 1,
+    parts: Mapping[str, Description], labels: Mapping[str, ObjectClasses], training: DetectorTraining
 ) -> ModelBundle:
-    """Train a detector on the objects that the training scenes own.
+    """Train a detector on the objects that the training scenes own, by `fit` of its class.
 
     The model never detects a class without training objects; a warning is logged.
     """
-    keys = training_keys(labels)
+    keys, detection = training_keys(labels), training.detection
     joined = join_descriptions([parts[key] for key in keys], [labels[key]["own"] for key in keys])
     truth = np.concatenate([labels[key]["label"][labels[key]["own"]] for key in keys])
     weights = training_weights([labels[key] for key in keys], detection.factors)
@@ -171,14 +162,13 @@ def train_object_detector(
     for number, name in enumerate(detection.classes):
         if not (described & (truth == number)).any():
             logger.warning("No training object is a %s: the model never detects one", name)
-    objects = TrainingObjects(joined, truth, len(detection.classes), weights=weights, n_threads=n_threads)
-    variants: dict[str, FittedVariant] = {}
-    for variant in [WITH_INTENSITY, GEOMETRY] if uses_intensity and bool(joined["intensity"]) else [GEOMETRY]:
-        detector, facts = fit(objects._replace(intensity=variant == WITH_INTENSITY), parameters)
+    objects = TrainingObjects(joined, truth, len(detection.classes), weights=weights, n_threads=training.n_threads)
+    variants: dict[str, tuple[dict[str, NDArray], dict[str, Any]]] = {}
+    method = METHODS[training.slug]
+    for variant in [WITH_INTENSITY, GEOMETRY] if method.uses_intensity and bool(joined["intensity"]) else [GEOMETRY]:
+        own = objects._replace(intensity=variant == WITH_INTENSITY)
+        detector, facts = method.load("use").fit(own, training.parameters)
         thresholds = zip(detection.classes, detector.thresholds.tolist(), strict=True)
         facts["thresholds"] = {name: value for name, value in thresholds if np.isfinite(value)}
-        variants[variant] = FittedVariant(detector.to_arrays(), facts)
-    return bundle_variants(
-        variants, slug=slug, parameters={slug: asdict(parameters)}, stages=stages,
-        detection=detection, scheme=scheme, trained_on=trained_on,
-    )  # fmt: skip
+        variants[variant] = detector.to_arrays(), facts
+    return bundle_variants(variants, training)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -40,16 +41,16 @@ def draw_training_patches(patches: Patches, max_per_class: int, *, seed: int) ->
     return patches.take(rows)
 
 
+@dataclass(eq=False)
 class PatchVariants:
     """Trained classifier of patches with one model per feature set."""
 
     kind: ClassVar[Any]
     slug: ClassVar[str]
 
-    def __init__(self, n_classes: int, trained_classes: NDArray[np.int64], models: Mapping[str, Any]) -> None:
-        self.n_classes = n_classes
-        self.trained_classes = trained_classes
-        self.models = models
+    n_classes: int
+    trained_classes: NDArray[np.int64]
+    models: Mapping[str, Any]  # feature set to model
 
     def predict_proba(self, patches: Patches, edges: NDArray[np.int32] | None = None) -> NDArray[np.float32]:
         """Return the class probabilities (n, n_classes) of patches, 0 for classes without training samples.

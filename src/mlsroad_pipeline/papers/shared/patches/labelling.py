@@ -1,12 +1,7 @@
 """Labelling of points by patch classifiers (Luo et al. 2016, section III).
 
-A method provides a class with `predict_proba`, `to_arrays` and `from_arrays` (see `types.PatchClassifier`), a function
-``train`` (see `training`) and the entry point ``label_cloud = partial(label_patch_cloud, classifier=...)``. This module
-provides the rest:
-
-- `build_patches` cuts a scene into patches and finds their neighbours;
-- `label_patches` assigns classes to the patches of a training scene;
-- `label_patch_scene` labels the points of a prepared scene, `label_patch_cloud` those of an unprepared cloud.
+A method provides a class with `fit`, `predict_proba`, `to_arrays` and `from_arrays` (see `types.PatchClassifier`). This
+module and `models` provide the rest.
 """
 
 from __future__ import annotations
@@ -87,17 +82,6 @@ def label_patch_scene(
         scene.xyz[keep], table.centroid, probabilities, radius=stored.area_radius
     )
     return {"label": label, "confidence": confidence}
-
-
-def label_patch_cloud(
-    cloud: PointCloud, bundle: ModelBundle, classifier: type[PatchClassifier]
-) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Label the points of a cloud: all stages and the classifier."""
-    if not inliers(cloud).any():
-        return unlabelled(len(cloud))
-    _, patches = prepare_cloud(cloud, bundle)
-    labels = label_patch_scene(cloud, patches, bundle, classifier)
-    return labels["label"], labels["confidence"]
 
 
 def prepare_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[Ground, ScenePatches]:

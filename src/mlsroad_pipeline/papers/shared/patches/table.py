@@ -98,3 +98,9 @@ def join_patches(parts: Sequence[Patches]) -> Patches:
         if any(values is None for values in columns[name]):
             del columns[name]
     return Patches.from_arrays({name: np.concatenate(values) for name, values in columns.items()})
+
+
+def edges_between(edges: NDArray[np.int32], rows: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """Return the edges between the given patches, as indices into these."""
+    place = np.where(rows, np.cumsum(rows) - 1, -1).astype(np.int32)[edges]
+    return place[(place >= 0).all(axis=1)]

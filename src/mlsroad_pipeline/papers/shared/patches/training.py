@@ -1,9 +1,9 @@
-"""Training of patch classifiers: labelled patches of the training scenes in, a model bundle out."""
+"""Labelled patches of the training scenes, and models of classifiers that were trained on them."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.core.validation import check_arrays
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.papers.shared.patches.table import Patches, join_patches
+from mlsroad_pipeline.papers.shared.patches.table import Patches, edges_between, join_patches
 from mlsroad_pipeline.papers.shared.patches.types import PatchClassifier, PatchLabels, PatchStages, ScenePatches
 
 logger = logging.getLogger(__name__)
@@ -50,10 +50,7 @@ def join_training_scenes(
         check_arrays(labels[key], ("label", "station"), f"the patch labels of scene {key} (label the patches again)")
         arrays, label = scenes[key], labels[key]["label"]
         rows = np.flatnonzero(label != IGNORE)
-        place = np.full(len(label), -1, np.int32)
-        place[rows] = np.arange(shift, shift + len(rows))
-        moved = place[arrays["edges"]]
-        edges.append(moved[(moved >= 0).all(axis=1)])
+        edges.append(edges_between(arrays["edges"], label != IGNORE) + np.int32(shift))
         own = {"label": label, "station": labels[key]["station"], "scene": np.full(len(label), number)}
         whole = Patches.from_arrays({**arrays, **own})
         parts.append(whole.take(rows))
@@ -93,20 +90,3 @@ def _json_values(values: Any) -> Any:
     if isinstance(values, Mapping):
         return {name: _json_values(value) for name, value in values.items()}
     return str(values) if isinstance(values, float) and not np.isfinite(values) else values
-
-
-def train_model(
-    training: PatchTraining,
-    *,
-    slug: str,
-    fit: Callable[..., Any],
-    parameters: Any,
-    describe: Callable[[Any], Mapping[str, Any]] | None = None,
-    n_threads: int = 1,
-) -> ModelBundle:
-    """Fit a classifier to the training scenes and pack it; ``train`` of a method binds `slug`, `fit` and `describe`."""
-    classifier = fit(
-        training.patches, training.edges, parameters=parameters, n_classes=len(training.scheme), n_threads=n_threads
-    )
-    facts = None if describe is None else describe(classifier)
-    return bundle_model(slug, classifier, training, parameters=parameters, facts=facts)

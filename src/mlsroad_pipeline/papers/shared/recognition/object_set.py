@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NotRequired, Protocol, Self, TypedDict
+from typing import NotRequired, Self, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,26 +16,6 @@ from mlsroad_pipeline.algorithms.features.accumulation_images import concatenate
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.formats.sydney import object_class
-
-
-class Recogniser(Protocol):
-    """Classifier of objects by their points."""
-
-    def fit(
-        self, objects: Sequence[ArrayLike], classes: ArrayLike, *, intensities: Sequence[ArrayLike] | None = None
-    ) -> Self:
-        """Train on objects and their classes."""
-        ...
-
-    def predict_proba(
-        self, objects: Sequence[ArrayLike], *, intensities: Sequence[ArrayLike] | None = None
-    ) -> NDArray[np.float64]:
-        """Return the class probabilities of objects, columns in the order of the sorted classes."""
-        ...
-
-    def to_arrays(self) -> dict[str, NDArray]:
-        """Return the fitted state as plain arrays."""
-        ...
 
 
 class ObjectArrays(TypedDict):

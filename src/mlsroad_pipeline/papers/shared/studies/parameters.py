@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, ClassVar, Generic, TypeVar
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.models.methods import METHODS
 
 Scale = TypeVar("Scale")
 
@@ -58,6 +59,17 @@ class ScaledStudy(Generic[Scale]):
         """Return the scale that is run."""
         scale: Scale = chosen_scale(self._kind, self._group, self.scale, self.scales)
         return scale
+
+
+def method_parameters(
+    given: Mapping[str, Any], changes: Mapping[str, Mapping[str, Any]] | None = None
+) -> dict[str, Any]:
+    """Return the parameters of methods, configured as mappings, with the changes of a scale."""
+    made = {
+        slug: METHODS[slug].load("parameters")(**values) if isinstance(values, Mapping) else values
+        for slug, values in given.items()
+    }
+    return {slug: changed(own, (changes or {}).get(slug, {})) for slug, own in made.items()}
 
 
 def changed(parameters: Any, changes: Mapping[str, Any]) -> Any:

@@ -1,13 +1,18 @@
-"""Contents of a study: plan, stages of scene tasks, tables, figures and a page."""
+"""Contents of a study: plan, stages of scene tasks, tables, figures and a page; and tables of several studies."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
+from io import StringIO
 from typing import Any, NamedTuple
 
+import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy import stats
 
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.reporting.html.report import FactsSection, FiguresSection, Section, TableSection, build_report
@@ -40,7 +45,7 @@ class Study:
     name: str  # parameters, pipeline and entries of the catalog begin with ``<name>_study``
     title: str  # title of the page
     parameters: Sequence[str]  # groups of parameters that the plan is made from, besides the study's own
-    plan: Callable[..., Any]  # takes the parameters of the study and these groups
+    plan: Callable[..., Any]  # takes the parameters of the study as `study`, and these groups by name
     stages: Sequence[Stage]
     results: Sequence[str]  # scene stores that the tables are made from
     tables: Sequence[str]  # names of the tables
@@ -57,3 +62,28 @@ class Study:
         tabled = [TableSection(*shown) for shown in self.page(plan, tables) if len(shown.table)]
         sections: list[Section] = [FactsSection("Runs", self.facts(plan)), pictures, *tabled]
         return build_report(sections, title=self.title)
+
+
+def paper_table(paper: str, name: str) -> pd.DataFrame:
+    """Return a table of values that a paper prints, from the files of its study."""
+    file = files("mlsroad_pipeline.papers").joinpath(paper, "study", "paper", f"{name}.csv")
+    return pd.read_csv(StringIO(file.read_text(encoding="utf-8")), comment="#")
+
+
+def paired_interval(differences: NDArray[np.floating], confidence: float = 0.95) -> tuple[float, float, float, int]:
+    """Return mean, lower and upper bound (Student's t) and number of finite paired differences."""
+    known = np.asarray(differences, dtype=np.float64)
+    known = known[np.isfinite(known)]
+    n = len(known)
+    mean = float(known.mean()) if n else np.nan
+    half = np.nan
+    if n > 1:
+        half = float(stats.t.ppf(0.5 + confidence / 2, n - 1) * known.std(ddof=1) / np.sqrt(n))
+    return mean, mean - half, mean + half, n
+
+
+def mean_and_spread(rows: pd.DataFrame, by: Sequence[str], columns: Sequence[str]) -> pd.DataFrame:
+    """Return mean and standard deviation of columns per group."""
+    groups = rows.groupby(list(by), sort=False)[list(columns)]
+    spread: Callable[[str], str] = "{}_spread".format
+    return groups.mean().join(groups.std().rename(columns=spread)).reset_index()

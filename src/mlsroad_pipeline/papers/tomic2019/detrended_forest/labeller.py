@@ -7,11 +7,13 @@ labelled by a forest trained without colour. Models are trained in `training`.
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.labels import PointLabels, unlabelled
@@ -20,10 +22,10 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import StageParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground, SupervoxelPartition, SupervoxelTable
 from mlsroad_pipeline.algorithms.core.validation import check_column, check_xyz
 from mlsroad_pipeline.algorithms.features.detrending import local_tendency
+from mlsroad_pipeline.algorithms.geometry.threads import check_threads
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under, missing_attributes
 from mlsroad_pipeline.algorithms.models.machines.flat_forest import FlatForest
 from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_supervoxels, ground_of, inliers
-from mlsroad_pipeline.papers.tomic2019.detrended_forest.nearest import nearest_supervoxels
 
 
 def smooth_probabilities(
@@ -43,6 +45,20 @@ def smooth_probabilities(
     mixed = (1 - share) * probabilities + share * local_tendency(probabilities, adjacency)
     alone = np.diff(adjacency.indptr) == 0
     return np.where(alone[:, None], probabilities, mixed)
+
+
+def nearest_supervoxels(xyz: ArrayLike, centroids: ArrayLike, *, n_threads: int = 1) -> NDArray[np.int32]:
+    """Return the supervoxel with the nearest centroid for each point, the first of equally near ones."""
+    check_threads(n_threads)
+    seeds = check_xyz(centroids, minimum=1, name="centroids").astype(np.float64)
+    points = check_xyz(xyz).astype(np.float64)
+    tree = cKDTree(seeds)
+    distance, nearest = tree.query(points, k=[1, 2], workers=n_threads)
+    out = nearest[:, 0].astype(np.int32)
+    for row in np.flatnonzero(distance[:, 0] == distance[:, 1]):  # the tree returns any of equally near centroids
+        near = np.sort(tree.query_ball_point(points[row], distance[row, 0] * (1 + 1e-12)))
+        out[row] = near[((seeds[near] - points[row]) ** 2).sum(axis=1).argmin()]
+    return out
 
 
 def label_points(
@@ -106,20 +122,23 @@ def supervoxel_probabilities(
     if missing:
         raise DataError(f"{scene.source}: the model needs the features {', '.join(missing)}")
     columns = [names.index(name) for name in bundle.metadata["feature_names"][variant]]
-    probabilities = _predict(bundle, variant, np.ascontiguousarray(features["values"][:, columns]))
+    arrays = arrays_under(bundle.arrays, f"{variant}.")
+    if variant not in bundle.prepared:
+        bundle.prepared[variant] = FlatForest.from_arrays(arrays)
+    values = np.ascontiguousarray(features["values"][:, columns])
+    probabilities = forest_probabilities(bundle.prepared[variant], arrays, values)
     forest = bundle.metadata["parameters"]["forest"]
     if forest["smoothing"] > 0:
         probabilities = smooth_probabilities(probabilities, supervoxels["adjacency"], weight=forest["smoothing"])
     return probabilities
 
 
-def _predict(bundle: ModelBundle, variant: str, values: NDArray[np.float32]) -> NDArray[np.float32]:
+def forest_probabilities(
+    forest: FlatForest, arrays: Mapping[str, NDArray], values: NDArray[np.float32]
+) -> NDArray[np.float32]:
     """Return the probabilities of all classes of the scheme, 0 for classes without training samples."""
-    arrays = arrays_under(bundle.arrays, f"{variant}.")
-    if variant not in bundle.prepared:
-        bundle.prepared[variant] = FlatForest.from_arrays(arrays)
     out = np.zeros((len(values), int(arrays["n_classes"])), dtype=np.float32)
-    out[:, arrays["trained_classes"]] = bundle.prepared[variant].predict_proba(values)
+    out[:, arrays["trained_classes"]] = forest.predict_proba(values)
     return out
 
 

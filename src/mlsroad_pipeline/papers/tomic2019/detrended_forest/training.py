@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import combinations
@@ -11,6 +10,8 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from sklearn.ensemble import RandomForestClassifier
+from sklearn.tree import DecisionTreeClassifier
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
@@ -21,9 +22,14 @@ from mlsroad_pipeline.algorithms.core.validation import check_at_least
 from mlsroad_pipeline.algorithms.features.supervoxel_features import SupervoxelFeatures
 from mlsroad_pipeline.algorithms.features.supervoxel_moments import COLOUR_FEATURES, INTENSITY_FEATURES
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.machines.class_balance import majority_labels
+from mlsroad_pipeline.algorithms.models.machines.class_balance import (
+    EXPONENTS,
+    class_weights,
+    draw_per_class,
+    majority_labels,
+)
+from mlsroad_pipeline.algorithms.models.machines.flat_forest import FlatForest
 from mlsroad_pipeline.algorithms.stages import inliers
-from mlsroad_pipeline.papers.tomic2019.detrended_forest.classifier import DetrendedForestClassifier
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.labeller import SLUG
 
 _ATTRIBUTES = {"rgb": COLOUR_FEATURES, "intensity": INTENSITY_FEATURES}
@@ -56,7 +62,7 @@ class ForestParameters:
             check_at_least(getattr(self, name), 1, f"detrended_forest.{name}")
         if not 0 < self.max_features <= 1:
             raise ParameterError(f"detrended_forest.max_features must be in (0, 1], got {self.max_features!r}")
-        if self.class_weight not in ("sqrt", "balanced", "none"):
+        if self.class_weight not in EXPONENTS:
             raise ParameterError(
                 f"detrended_forest.class_weight must be 'sqrt', 'balanced' or 'none', got {self.class_weight!r}"
             )
@@ -113,7 +119,7 @@ def fit(
     trained_on: Mapping[str, Any],
     n_jobs: int = 1,
     fallbacks: bool = True,
-) -> tuple[ModelBundle, DetrendedForestClassifier]:
+) -> tuple[ModelBundle, GrownForest]:
     """Train the forests."""
     if not rows:
         raise DataError("no training scenes: the split 'train' is empty")
@@ -121,16 +127,17 @@ def fit(
     table, labels = _join_rows(rows, attributes)
     arrays: dict[str, NDArray] = {}
     variants: dict[str, list[str]] = {}
-    classifier = None
+    forest: GrownForest | None = None
     for size in range(0 if fallbacks else len(attributes), len(attributes) + 1):
         for subset in combinations(attributes, size):
             chosen = _restrict(table, subset)
-            classifier = _train(chosen, labels, parameters, scheme, n_jobs, fallback=size < len(attributes))
+            fallback = size < len(attributes)
+            forest = grow_forest(chosen, labels, parameters, n_classes=len(scheme), n_jobs=n_jobs, fallback=fallback)
             variant = "+".join(("geometry", *subset))
             variants[variant] = list(chosen.names)
-            arrays |= {f"{variant}.{key}": array for key, array in classifier.to_arrays().items()}
-    assert classifier is not None  # the set of all attributes is always trained
-    missing = [scheme.classes[label] for label in classifier.missing_classes_]
+            arrays |= {f"{variant}.{key}": array for key, array in forest.arrays.items()}
+    assert forest is not None  # the set of all attributes is always trained
+    missing = [scheme.classes[label] for label in forest.missing]
     if missing:
         logger.warning("No training supervoxels of %s: they are never predicted", ", ".join(missing))
     metadata = {
@@ -140,9 +147,9 @@ def fit(
         "feature_names": variants,
         "attributes": attributes,
         "trained_on": {**trained_on, "supervoxels": len(labels)},
-        "out_of_bag_accuracy": float(classifier.oob_score_),
+        "out_of_bag_accuracy": float(1.0 - forest.oob_error[-1]),
     }
-    return ModelBundle(SLUG, arrays, metadata), classifier
+    return ModelBundle(SLUG, arrays, metadata), forest
 
 
 def _join_rows(rows: Sequence[TrainingRows], attributes: Sequence[str]) -> tuple[SupervoxelFeatures, NDArray[np.int16]]:
@@ -167,27 +174,70 @@ def _restrict(table: SupervoxelFeatures, attributes: Sequence[str]) -> Supervoxe
     return replace(table, values=values, names=tuple(table.names[i] for i in columns))
 
 
-def _train(
+@dataclass(frozen=True, eq=False)
+class GrownForest:
+    """Forest with the facts of its training."""
+
+    arrays: dict[str, NDArray]  # parameters for prediction, as a model stores them
+    missing: list[int]  # classes without training supervoxels
+    importances: dict[str, float]  # feature to importance
+    # Out-of-bag error of the first 1, 2, ... trees, see `out_of_bag_error`; empty for a fallback
+    oob_error: NDArray[np.float64]
+
+
+def grow_forest(
     table: SupervoxelFeatures,
-    labels: NDArray[np.int16],
+    labels: NDArray[np.integer],
     parameters: ForestParameters,
-    scheme: ClassScheme,
-    n_jobs: int,
     *,
-    fallback: bool,
-) -> DetrendedForestClassifier:
-    forest = DetrendedForestClassifier(
-        n_classes=len(scheme),
-        n_trees=parameters.fallback_trees if fallback else parameters.n_trees,
-        min_samples_leaf=parameters.min_samples_leaf,
-        max_features=parameters.max_features,
-        class_weight=None if parameters.class_weight == "none" else parameters.class_weight,
-        max_per_class=parameters.max_per_class,
-        out_of_bag=not fallback,
-        random_state=parameters.seed,
-        n_jobs=n_jobs,
-    )
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="no supervoxels of classes")
-        forest.fit(table, labels)
-    return forest
+    n_classes: int,
+    n_jobs: int = 1,
+    fallback: bool = False,
+) -> GrownForest:
+    """Grow a forest on labelled supervoxels; those with label -1 are left out."""
+    classes, sizes = np.unique_counts(labels[labels >= 0])
+    if len(classes) == 0:
+        raise DataError(f"none of {len(labels)} supervoxels is labelled: training needs labels")
+    if len(classes) == 1:
+        raise DataError(f"all {sizes[0]} labelled supervoxels have class {classes[0]}: a forest needs two classes")
+    used = draw_per_class(labels, parameters.max_per_class, seed=parameters.seed)
+    values, target = np.ascontiguousarray(table.values, dtype=np.float32)[used], labels[used]
+    balanced = parameters.class_weight == "balanced"
+    model = RandomForestClassifier(
+        parameters.fallback_trees if fallback else parameters.n_trees, min_samples_leaf=parameters.min_samples_leaf,
+        max_features=parameters.max_features, random_state=parameters.seed,
+        class_weight="balanced_subsample" if balanced else None, n_jobs=n_jobs,
+    )  # fmt: skip
+    if not balanced:
+        # Class weights of the trees, unlike those of the forest, do not affect the bootstrap.
+        weights = class_weights(sizes, np.unique_counts(target)[1], parameters.class_weight)
+        model.estimator = DecisionTreeClassifier(class_weight=weights)
+    model.fit(values, target)
+    importances = model.feature_importances_
+    arrays = {
+        **FlatForest.from_trees(model.estimators_).to_arrays(),
+        "n_classes": np.array(n_classes),
+        "trained_classes": classes.astype(np.int64),
+        "feature_names": np.array(table.names, dtype=np.str_),
+        "feature_importances": importances,
+    }
+    error = np.empty(0) if fallback else out_of_bag_error(model, values, np.searchsorted(classes, target))
+    missing = np.setdiff1d(np.arange(n_classes), classes).tolist()
+    return GrownForest(arrays, missing, dict(zip(table.names, importances.tolist(), strict=True)), error)
+
+
+def out_of_bag_error(
+    model: RandomForestClassifier, values: NDArray[np.float32], target: NDArray[np.integer]
+) -> NDArray[np.float64]:
+    """Return the out-of-bag error of the first 1, 2, ... trees."""
+    votes = np.zeros((len(values), len(model.classes_)))
+    curve = np.empty(len(model.estimators_))
+    for at, (tree, drawn) in enumerate(zip(model.estimators_, model.estimators_samples_, strict=True)):
+        left_out = np.ones(len(values), dtype=bool)
+        left_out[drawn] = False
+        leaves = tree.tree_.predict(np.ascontiguousarray(values[left_out]))
+        votes[left_out] += leaves / leaves.sum(axis=1, keepdims=True)
+        voted = votes.any(axis=1)
+        wrong = voted & (votes.argmax(axis=1) != target)
+        curve[at] = wrong.sum() / max(1, voted.sum())
+    return curve

@@ -6,9 +6,9 @@ Importing this module imports torch.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -132,25 +132,12 @@ SegmentedImage = tuple[str, Camera, Probabilities]
 that computes them; it is called only if the image shows a point."""
 
 
-@dataclass(frozen=True)
-class ImageLabels:
+class ImageLabels(NamedTuple):
     """Class probabilities of points from images, per camera of the survey."""
 
-    groups: tuple[str, ...]  # Names of the cameras
     # Mean class probabilities over the images of each camera; NaN where none of them shows the point
     probabilities: NDArray[np.float32]
     n_images: NDArray[np.int16]  # Number of images of each camera that show the point (redundancy)
-
-    @property
-    def labels(self) -> NDArray[np.int16]:
-        """Most probable class per camera, shape (groups, n); -1 where the camera does not see the point."""
-        best = np.nan_to_num(self.probabilities).argmax(axis=2)
-        return np.where(self.n_images > 0, best, IGNORE).astype(np.int16)
-
-    @property
-    def confidence(self) -> NDArray[np.float32]:
-        """Probability of that class, shape (groups, n); 0 where the camera does not see the point."""
-        return np.nan_to_num(self.probabilities).max(axis=2)
 
     def pooled(self) -> NDArray[np.float32]:
         """Return the mean over the images of all cameras."""
@@ -192,4 +179,4 @@ def label_through_images(
         count[k, rows[known]] += 1
     shown = count[:, :, None]
     mean = np.divide(total, shown, out=np.full_like(total, np.nan), where=shown > 0)
-    return ImageLabels(tuple(groups), mean, count)
+    return ImageLabels(mean, count)

@@ -12,14 +12,8 @@ from mlsroad_pipeline.algorithms.cameras.camera import Camera
 from mlsroad_pipeline.algorithms.cameras.projection import project_points
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_positive, check_xyz
+from mlsroad_pipeline.papers.tomic2019.image_labels import depth_buffer
 from mlsroad_pipeline.papers.tomic2019.image_labels.convex_hull import hull_vertices
-from mlsroad_pipeline.papers.tomic2019.image_labels.depth_buffer import (
-    behind_discs,
-    ground_relief,
-    hide_in_gaps,
-    nearest_discs,
-    typical_spacing,
-)
 
 SPACING_OF_FEW = 0.06
 """Point spacing assumed where there are too few points to estimate it, metres."""
@@ -285,17 +279,19 @@ def _by_buffer(
     width, height = (int(np.ceil(side * scale)) for side in (camera.width, camera.height))
     u, v = ((pixels.T + 0.5) * scale - 0.5).astype(np.float32)
     z = depth.astype(np.float32)
-    relief = ground_relief(
+    relief = depth_buffer.ground_relief(
         xyz, rows, camera.centre, parameters.ground_cell, parameters.ground_height, parameters.relief
     )
     spacing = parameters.spacing
     if spacing is None:
-        spacing = typical_spacing(u, v, z, focal=focal, width=width, height=height) or SPACING_OF_FEW
-    shown = nearest_discs(u, v, z, focal, parameters.disc * spacing, width, height)
-    hidden = behind_discs(u, v, z, relief, *shown, focal, parameters.slack, parameters.relative_slack, parameters.angle)
+        spacing = depth_buffer.typical_spacing(u, v, z, focal=focal, width=width, height=height) or SPACING_OF_FEW
+    shown = depth_buffer.nearest_discs(u, v, z, focal, parameters.disc * spacing, width, height)
+    hidden = depth_buffer.behind_discs(
+        u, v, z, relief, *shown, focal, parameters.slack, parameters.relative_slack, parameters.angle
+    )
     if parameters.gap > 0:
-        shown = nearest_discs(u, v, z, focal, parameters.gap_disc * spacing, width, height)
-        hide_in_gaps(
+        shown = depth_buffer.nearest_discs(u, v, z, focal, parameters.gap_disc * spacing, width, height)
+        depth_buffer.hide_in_gaps(
             u, v, z, relief, *shown, focal, parameters.gap * spacing, parameters.gap_slack, parameters.relative_slack,
             parameters.gap_angle, parameters.gap_directions, hidden,
         )  # fmt: skip

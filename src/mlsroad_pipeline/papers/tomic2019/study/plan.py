@@ -151,24 +151,24 @@ class StudyPlan:
 def plan_study(
     study: StudyParameters,
     classes: Mapping[str, Any],
-    ground: GroundParameters,
-    supervoxels: SupervoxelParameters,
+    ground_removal: GroundParameters,
+    supervoxelise: SupervoxelParameters,
     features: FeatureParameters,
-    forest: ForestParameters,
-    images: ImageLabelsParameters,
+    detrended_forest: ForestParameters,
+    image_labels: ImageLabelsParameters,
     fusion: FusionParameters,
 ) -> StudyPlan:
     """Return the plan with the changes of the scale."""
     scale = study.chosen_scale()
     scheme = find_scheme(classes["schemes"], "tomic2019")
     length = simulation_parameters(scale.survey).length
-    own = changed(forest, scale.methods.get("detrended_forest", {}))
-    stages = StageParameters(ground, supervoxels, features)
+    changes = scale.methods
+    own = changed(detrended_forest, changes.get("detrended_forest", {}))
+    stages = StageParameters(ground_removal, supervoxelise, features)
     forests = {**_printed_variants(study, own, stages), OWN: ForestVariant(own, stages, (*PAPER_COLUMNS, "rgb"))}
-    return StudyPlan(
-        study, scheme, ground, Division(length, scale.gap), forests,
-        changed(images, scale.methods.get("image_labels", {})), changed(fusion.pool, scale.methods.get("fusion", {})),
-    )  # fmt: skip
+    images = changed(image_labels, changes.get("image_labels", {}))
+    pool = changed(fusion.pool, changes.get("fusion", {}))
+    return StudyPlan(study, scheme, ground_removal, Division(length, scale.gap), forests, images, pool)
 
 
 def _printed_variants(

@@ -24,8 +24,11 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.pool.log_linear import PoolParameters
 from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_supervoxels, find_ground
 from mlsroad_pipeline.papers.shared.studies.streets import cut_street, survey_path, timed
-from mlsroad_pipeline.papers.tomic2019.detrended_forest.labeller import prepare, supervoxel_probabilities
-from mlsroad_pipeline.papers.tomic2019.detrended_forest.nearest import nearest_supervoxels
+from mlsroad_pipeline.papers.tomic2019.detrended_forest.labeller import (
+    nearest_supervoxels,
+    prepare,
+    supervoxel_probabilities,
+)
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import ForestParameters, training_rows
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import fit as fit_forest
 from mlsroad_pipeline.papers.tomic2019.image_labels import labeller as image_labeller
@@ -162,7 +165,11 @@ def _trained(cloud: PointCloud, variant: ForestVariant, scheme: ClassScheme) -> 
     bundle, forest = fit_forest(
         [rows], parameters=variant.forest, stages=stages, scheme=scheme, trained_on={}, fallbacks=False
     )
-    facts = {"supervoxels": len(rows["labels"]), "features": len(chosen), "out_of_bag": float(forest.oob_score_)}
+    facts = {
+        "supervoxels": len(rows["labels"]),
+        "features": len(chosen),
+        "out_of_bag": float(1.0 - forest.oob_error[-1]),
+    }
     return bundle, facts
 
 

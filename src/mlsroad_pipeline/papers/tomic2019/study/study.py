@@ -13,8 +13,7 @@ from mlsroad_pipeline.algorithms.cameras.cityscapes import CITYSCAPES, SKY, imag
 from mlsroad_pipeline.algorithms.metrics.confusion import scores as figures_of
 from mlsroad_pipeline.algorithms.metrics.scores import CLASS_METRICS, labelling_scores
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.papers.shared.studies.study import Shown, Stage, Study, Tables
-from mlsroad_pipeline.papers.shared.studies.tables import mean_and_spread, paper_table
+from mlsroad_pipeline.papers.shared.studies.study import Shown, Stage, Study, Tables, mean_and_spread, paper_table
 from mlsroad_pipeline.papers.tomic2019.study import plan as stages
 from mlsroad_pipeline.papers.tomic2019.study.figures import CAPTIONS, study_figures
 from mlsroad_pipeline.papers.tomic2019.study.plan import HIDDEN, MAIN, OWN, PRINTED, StudyPlan

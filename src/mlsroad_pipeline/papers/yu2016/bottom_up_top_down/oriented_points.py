@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numba import njit
@@ -18,26 +19,19 @@ from mlsroad_pipeline.papers.shared.detection.regions import stand_apart
 from mlsroad_pipeline.papers.shared.detection.types import Segments
 
 
-@njit(cache=True, nogil=True)
 def spread_evenly(points: NDArray[np.float64], bounds: NDArray[np.int64], most: int) -> NDArray[np.bool_]:
     """Return up to `most` points of each object by farthest-point sampling from the lowest point."""
     chosen = np.zeros(len(points), np.bool_)
-    for o in range(len(bounds) - 1):
-        first, last = bounds[o], bounds[o + 1]
-        if last - first <= most:
-            chosen[first:last] = True
+    for first, last in pairwise(bounds.tolist()):
+        own, mine = points[first:last], chosen[first:last]
+        if len(own) <= most:
+            mine[:] = True
             continue
-        away = np.full(last - first, np.inf)
-        at = int(np.argmin(points[first:last, 2]))
+        away, at = np.full(len(own), np.inf), own[:, 2].argmin()
         for _ in range(most):
-            chosen[first + at] = True
-            x, y, z = points[first + at, 0], points[first + at, 1], points[first + at, 2]
-            farthest = -1.0
-            for i in range(last - first):
-                dx, dy, dz = points[first + i, 0] - x, points[first + i, 1] - y, points[first + i, 2] - z
-                away[i] = min(away[i], dx * dx + dy * dy + dz * dz)
-                if away[i] > farthest:
-                    farthest, at = away[i], i
+            mine[at] = True
+            away = np.minimum(away, ((own - own[at]) ** 2).sum(axis=1))
+            at = away.argmax()
     return chosen
 
 
@@ -193,5 +187,5 @@ def describe_surfaces(
     images = compute_spin_images(
         places, normals, radius=p.image_radius, n_radial=p.n_radial, n_axial=p.n_axial, queries=places[chosen]
     )
-    described = {"centres": (places - back)[chosen], "normals": normals, "images": images}
+    described: dict[str, NDArray] = {"centres": (places - back)[chosen], "normals": normals, "images": images}
     return {**described, "objects": kinds[chosen], **facts}

@@ -7,8 +7,7 @@ After Wang et al. 2015 (JSTARS 8(4)) and Gall and Lempitsky 2009; assumptions:
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
@@ -16,19 +15,16 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
-from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least, check_positive, check_tested
 from mlsroad_pipeline.algorithms.geometry.threads import run_in_chunks
-from mlsroad_pipeline.papers.shared.detection.detector import detect_by_description, label_described_objects
 from mlsroad_pipeline.papers.shared.detection.regions import (
     RegionParameters,
-    describe_parts,
     descriptors_of,
     heights_of,
 )
 from mlsroad_pipeline.papers.shared.detection.thresholds import best_threshold
-from mlsroad_pipeline.papers.shared.detection.training import TrainingObjects, train_object_detector
-from mlsroad_pipeline.papers.shared.detection.types import Description, Segments, object_bounds
+from mlsroad_pipeline.papers.shared.detection.training import TrainingObjects
+from mlsroad_pipeline.papers.shared.detection.types import Description, object_bounds
 from mlsroad_pipeline.papers.yu2016.hough_forest._trees import grow_tree, vote
 
 SLUG = "hough_forest"
@@ -121,6 +117,50 @@ class HoughForest:
         own = {name: np.ascontiguousarray(arrays[name]) for name in (*_FOREST, "cells")}
         return cls(own, np.asarray(arrays["exponents"]), np.asarray(arrays["thresholds"]), intensity)
 
+    @classmethod
+    def fit(cls, objects: TrainingObjects, parameters: HoughForestParameters) -> tuple[Self, dict[str, Any]]:
+        """Grow a forest, and choose exponents and thresholds by out-of-bag votes."""
+        p = parameters
+        parts, labels, n_classes, intensity, weights, n_threads = objects
+        rng = np.random.default_rng(p.seed)
+        drawn, sample, truth = objects.sample(p)
+        kinds = np.where(truth < 0, n_classes, truth).astype(np.int16)
+        # Bootstrap samples contain whole objects: parts of one object are too similar to be independent.
+        seen = np.zeros((p.n_trees, len(drawn)), dtype=np.bool_)
+        columns = (part_features(sample, intensity=intensity), kinds[sample["objects"]], offsets_to_centre(sample))
+        place = rng.permutation(len(sample["objects"]))
+        trees = []
+        for t in range(p.n_trees):
+            for kind in np.unique(kinds):
+                mine = np.flatnonzero(kinds == kind)
+                seen[t, rng.choice(mine, len(mine))] = True
+            rows = _rows_of(sample, seen[t], place, MAX_PARTS)
+            trees.append(_tree(columns, rows, n_classes, p, rng))
+        forest = cls(_joined(trees, p), np.zeros(n_classes), np.zeros(n_classes), intensity)
+        # Thresholds are chosen on all objects, see `TrainingObjects.sample`.
+        unseen = np.ones((p.n_trees, len(labels)), dtype=np.bool_)
+        unseen[:, drawn] = ~seen
+        peaks = forest.peaks(parts, unseen, n_threads=n_threads)
+        n_parts = np.maximum(np.diff(object_bounds(parts)), 1)
+        return forest._with_thresholds(peaks, n_parts, labels, weights)
+
+    def _with_thresholds(
+        self, peaks: NDArray, n_parts: NDArray, labels: NDArray, weights: NDArray[np.float64] | None
+    ) -> tuple[Self, dict[str, Any]]:
+        """Choose exponent and threshold of each class by the F-score."""
+        exponents, thresholds, reached = [], [], []
+        for k in range(len(self.thresholds)):
+            trials = [
+                (*best_threshold((peaks[:, k] / n_parts**e).astype(np.float32), labels == k, weights), e)
+                for e in EXPONENTS
+            ]
+            f_score, threshold, exponent = trials[int(np.argmax([trial[0] for trial in trials]))]
+            reached.append(f_score)
+            thresholds.append(threshold)
+            exponents.append(exponent)
+        done = replace(self, exponents=np.array(exponents), thresholds=np.array(thresholds))
+        return done, {"leaves": len(self.arrays["shares"]), "f_scores": reached, "exponents": exponents}
+
 
 def part_features(parts: Description, *, intensity: bool) -> NDArray[np.float32]:
     """Return the features of parts: descriptors, height above the object's foot, and steepness of the first axis."""
@@ -138,44 +178,6 @@ def offsets_to_centre(parts: Description) -> NDArray[np.float64]:
     np.maximum.at(high, parts["objects"], parts["centres"])
     away = (0.5 * (low + high))[parts["objects"]] - parts["centres"]
     return np.column_stack([np.hypot(away[:, 0], away[:, 1]), away[:, 2]])
-
-
-def _describe(scene: PointCloud, objects: Segments, stored: Mapping[str, Any]) -> Description:
-    return describe_parts(scene, objects, parameters=RegionParameters(**stored[SLUG]["regions"]))
-
-
-detect_scene = partial(detect_by_description, detector=HoughForest)
-"""Detects the objects of a scene, described by `describe_parts`, with a model of this method."""
-
-label_cloud = partial(label_described_objects, describe=_describe, detect=detect_scene)
-"""Labels a cloud; intensity is used where the cloud and the model have it."""
-
-
-def fit_hough_forest(objects: TrainingObjects, parameters: HoughForestParameters) -> tuple[HoughForest, dict[str, Any]]:
-    """Grow a forest, and choose exponents and thresholds by out-of-bag votes."""
-    p = parameters
-    parts, labels, n_classes, intensity, weights, n_threads = objects
-    rng = np.random.default_rng(p.seed)
-    drawn, sample, truth = objects.sample(p)
-    kinds = np.where(truth < 0, n_classes, truth).astype(np.int16)
-    # Bootstrap samples contain whole objects: parts of one object are too similar to be independent.
-    seen = np.zeros((p.n_trees, len(drawn)), dtype=np.bool_)
-    columns = (part_features(sample, intensity=intensity), kinds[sample["objects"]], offsets_to_centre(sample))
-    place = rng.permutation(len(sample["objects"]))
-    trees = []
-    for t in range(p.n_trees):
-        for kind in np.unique(kinds):
-            mine = np.flatnonzero(kinds == kind)
-            seen[t, rng.choice(mine, len(mine))] = True
-        rows = _rows_of(sample, seen[t], place, MAX_PARTS)
-        trees.append(_tree(columns, rows, n_classes, p, rng))
-    forest = HoughForest(_joined(trees, p), np.zeros(n_classes), np.zeros(n_classes), intensity)
-    # Thresholds are chosen on all objects, see `TrainingObjects.sample`.
-    unseen = np.ones((p.n_trees, len(labels)), dtype=np.bool_)
-    unseen[:, drawn] = ~seen
-    peaks = forest.peaks(parts, unseen, n_threads=n_threads)
-    n_parts = np.maximum(np.diff(object_bounds(parts)), 1)
-    return _with_thresholds(forest, peaks, n_parts, labels, weights)
 
 
 def _rows_of(sample: Description, seen: NDArray[np.bool_], place: NDArray[np.int64], most: int) -> NDArray[np.int64]:
@@ -229,24 +231,3 @@ def _joined(trees: list[dict[str, NDArray]], p: HoughForestParameters) -> dict[s
     joined["vote_starts"] = np.concatenate([[0], np.cumsum(sizes)])
     joined["cells"] = np.array([p.cell, HEIGHT_CELL])
     return joined
-
-
-def _with_thresholds(
-    forest: HoughForest, peaks: NDArray, n_parts: NDArray, labels: NDArray, weights: NDArray[np.float64] | None
-) -> tuple[HoughForest, dict[str, Any]]:
-    """Choose exponent and threshold of each class by the F-score."""
-    exponents, thresholds, reached = [], [], []
-    for k in range(len(forest.thresholds)):
-        trials = [
-            (*best_threshold((peaks[:, k] / n_parts**e).astype(np.float32), labels == k, weights), e) for e in EXPONENTS
-        ]
-        f_score, threshold, exponent = trials[int(np.argmax([trial[0] for trial in trials]))]
-        reached.append(f_score)
-        thresholds.append(threshold)
-        exponents.append(exponent)
-    done = HoughForest(forest.arrays, np.array(exponents), np.array(thresholds), forest.intensity)
-    return done, {"leaves": len(forest.arrays["shares"]), "f_scores": reached, "exponents": exponents}
-
-
-train_hough_forest = partial(train_object_detector, fit=fit_hough_forest, slug=SLUG, uses_intensity=True)
-"""Trains a model of this method, see `train_object_detector`."""

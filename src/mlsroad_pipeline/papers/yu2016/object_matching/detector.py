@@ -7,30 +7,155 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import pairwise
 from typing import Any, Self
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
-from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least, check_positive
 from mlsroad_pipeline.algorithms.geometry.neighbors import nearest_neighbors
 from mlsroad_pipeline.algorithms.geometry.threads import run_in_chunks
-from mlsroad_pipeline.papers.shared.detection.detector import detect_by_description, label_described_objects
 from mlsroad_pipeline.papers.shared.detection.regions import (
     RegionParameters,
-    describe_parts,
     descriptors_of,
     relative_centres,
 )
 from mlsroad_pipeline.papers.shared.detection.thresholds import best_threshold, choose_queries
-from mlsroad_pipeline.papers.shared.detection.training import TrainingObjects, select_objects, train_object_detector
-from mlsroad_pipeline.papers.shared.detection.types import Description, Segments, object_bounds
-from mlsroad_pipeline.papers.yu2016.object_matching._correspondence import match_objects
+from mlsroad_pipeline.papers.shared.detection.training import TrainingObjects, select_objects
+from mlsroad_pipeline.papers.shared.detection.types import Description, object_bounds
+
+
+@njit(cache=True, nogil=True)
+def _unlike(one: NDArray[np.float32], other: NDArray[np.float32]) -> float:
+    """Return the mean of the differences in shape, histogram and intensity, each from 0 to 1."""
+    shape, histogram = 0.0, 0.0
+    for k in range(3):
+        shape += abs(one[k] - other[k])
+    for k in range(3, 19):
+        histogram += abs(one[k] - other[k])
+    return (0.5 * shape + 0.5 * histogram + abs(one[19] - other[19])) / 3.0
+
+
+@njit(cache=True, nogil=True)
+def _assign(
+    predicted: NDArray[np.float64],
+    centres: NDArray[np.float64],
+    unlike: NDArray[np.float64],
+    i: int,
+    taken: NDArray[np.bool_],
+    share: float,
+    reach: float,
+    limit: float,
+) -> tuple[int, float]:
+    """Return the free part of least cost for a part of the prototype, and the cost; -1 for none below `limit`."""
+    best, cost = -1, limit
+    inverse = (1.0 - share) / reach
+    for j in range(len(centres)):
+        if taken[j]:
+            continue
+        total = share * unlike[i, j]
+        if total >= cost:
+            continue
+        dx, dy, dz = predicted[0] - centres[j, 0], predicted[1] - centres[j, 1], predicted[2] - centres[j, 2]
+        total += inverse * min(np.sqrt(dx * dx + dy * dy + dz * dz), reach)
+        if total < cost:
+            best, cost = j, total
+    return best, cost
+
+
+@njit(cache=True, nogil=True)
+def _match(
+    prototype: NDArray[np.float64],
+    around: NDArray[np.int64],
+    weights: NDArray[np.float64],
+    centres: NDArray[np.float64],
+    unlike: NDArray[np.float64],
+    turns: NDArray[np.float64],
+    share: float,
+    reach: float,
+    limit: float,
+    n_sweeps: int,
+) -> float:
+    """Return the soft share of corresponding parts, the largest over all rotations about the vertical."""
+    n, m = len(prototype), len(centres)
+    place, x_hat = np.empty((n, 3)), np.empty(3)
+    match, taken = np.empty(n, np.int64), np.empty(m, np.bool_)
+    best = 0.0
+    for t in range(len(turns)):
+        cosine, sine = np.cos(turns[t]), np.sin(turns[t])
+        taken[:] = False
+        for i in range(n):
+            place[i, 0] = cosine * prototype[i, 0] - sine * prototype[i, 1]
+            place[i, 1] = sine * prototype[i, 0] + cosine * prototype[i, 1]
+            place[i, 2] = prototype[i, 2]
+            match[i] = -1
+        for sweep in range(n_sweeps + 1):
+            gain, pairs = 0.0, 0
+            for i in range(n):
+                if match[i] >= 0:
+                    taken[match[i]] = False
+                if sweep == 0:
+                    x_hat[:] = place[i]
+                else:
+                    x_hat[:] = 0.0
+                    for k in range(around.shape[1]):
+                        for axis in range(3):
+                            x_hat[axis] += weights[i, k] * place[around[i, k], axis]
+                j, cost = _assign(x_hat, centres, unlike, i, taken, share, reach, limit)
+                match[i] = j
+                if j >= 0:
+                    taken[j] = True
+                    gain += 1.0 - cost / limit
+                    pairs += 1
+                    place[i] = centres[j]
+                else:
+                    place[i] = x_hat
+            best = max(best, gain / (n + m - pairs))
+    return best
+
+
+@njit(cache=True, nogil=True)
+def match_objects(
+    prototypes: NDArray[np.float64],
+    prototype_descriptors: NDArray[np.float32],
+    prototype_bounds: NDArray[np.int64],
+    around: NDArray[np.int64],
+    weights: NDArray[np.float64],
+    centres: NDArray[np.float64],
+    descriptors: NDArray[np.float32],
+    bounds: NDArray[np.int64],
+    turns: NDArray[np.float64],
+    share: float,
+    reach: float,
+    limit: float,
+    n_sweeps: int,
+    least: float,
+    out: NDArray[np.float64],
+    start: int,
+    stop: int,
+) -> None:
+    """Write the similarity of objects `start` to `stop` to each prototype; 0 where their sizes differ too much."""
+    for o in range(start, stop):
+        mine = slice(bounds[o], bounds[o + 1])
+        m = bounds[o + 1] - bounds[o]
+        for p in range(out.shape[1]):
+            first, last = prototype_bounds[p], prototype_bounds[p + 1]
+            n = last - first
+            if min(n, m) < least * max(n, m) or m == 0:
+                continue
+            unlike = np.empty((n, m))
+            for i in range(n):
+                for j in range(m):
+                    unlike[i, j] = _unlike(prototype_descriptors[first + i], descriptors[bounds[o] + j])
+            out[o, p] = _match(
+                prototypes[first:last], around[first:last], weights[first:last], centres[mine], unlike, turns,
+                share, reach, limit, n_sweeps,
+            )  # fmt: skip
+
 
 SLUG = "object_matching"
 
@@ -105,6 +230,36 @@ class ObjectMatcher:
         own |= {"n_objects": np.array(len(arrays["kinds"])), "intensity": np.array(intensity)}
         return cls(own, arrays["kinds"], arrays["thresholds"], arrays["geometry"], intensity)
 
+    @classmethod
+    def fit(cls, objects: TrainingObjects, parameters: ObjectMatchingParameters) -> tuple[Self, dict[str, Any]]:
+        """Choose prototypes and thresholds; no training object is compared with itself."""
+        p = parameters
+        parts, labels, n_classes, intensity, weights, n_threads = objects
+        drawn, sample, truth = examples = objects.sample(p)
+        geometry = np.array([FEATURE_SHARE, p.reach, p.limit, N_NEIGHBORS, p.n_turns, N_SWEEPS, p.least])
+        rng = np.random.default_rng(p.seed)
+        chosen: list[NDArray[np.int64]] = []
+        thresholds, reached = [], []
+        for k in range(n_classes):
+            mine = examples.candidates(k, p.candidates, rng)
+            similarities = object_similarity(
+                sample, select_objects(sample, mine), geometry, intensity=intensity, n_threads=n_threads
+            )
+            queries = choose_queries(similarities.T, mine, truth == k, max_queries=p.max_prototypes)[0]
+            chosen.append(mine[queries])
+            # The threshold is chosen on all objects, see `TrainingObjects.sample`.
+            models = select_objects(sample, np.sort(chosen[k]))
+            similarities = object_similarity(parts, models, geometry, intensity=intensity, n_threads=n_threads)
+            similarities[drawn[np.sort(chosen[k])], np.arange(len(queries))] = 0.0
+            f_score, threshold = best_threshold(similarities.max(axis=1, initial=0.0), labels == k, weights)
+            thresholds.append(threshold)
+            reached.append(f_score)
+        every = np.concatenate(chosen)
+        order = np.argsort(every)
+        kinds = np.repeat(np.arange(n_classes), [len(c) for c in chosen])[order].astype(np.int16)
+        matcher = cls(select_objects(sample, every[order]), kinds, np.array(thresholds), geometry, intensity)
+        return matcher, {"prototypes": [len(c) for c in chosen], "f_scores": reached}
+
 
 def affine_combinations(
     centres: NDArray[np.float64], bounds: NDArray[np.int64], n_neighbors: int
@@ -151,50 +306,3 @@ def object_similarity(
 
     run_in_chunks(work, len(out), n_threads=n_threads)
     return out
-
-
-def _describe(scene: PointCloud, objects: Segments, stored: Mapping[str, Any]) -> Description:
-    return describe_parts(scene, objects, parameters=RegionParameters(**stored[SLUG]["regions"]))
-
-
-detect_scene = partial(detect_by_description, detector=ObjectMatcher)
-"""Detects the objects of a scene, described by `describe_parts`, with a model of this method."""
-
-label_cloud = partial(label_described_objects, describe=_describe, detect=detect_scene)
-"""Labels a cloud; intensity is used where the cloud and the model have it."""
-
-
-def fit_object_matching(
-    objects: TrainingObjects, parameters: ObjectMatchingParameters
-) -> tuple[ObjectMatcher, dict[str, Any]]:
-    """Choose prototypes and thresholds; no training object is compared with itself."""
-    p = parameters
-    parts, labels, n_classes, intensity, weights, n_threads = objects
-    drawn, sample, truth = examples = objects.sample(p)
-    geometry = np.array([FEATURE_SHARE, p.reach, p.limit, N_NEIGHBORS, p.n_turns, N_SWEEPS, p.least])
-    rng = np.random.default_rng(p.seed)
-    chosen: list[NDArray[np.int64]] = []
-    thresholds, reached = [], []
-    for k in range(n_classes):
-        mine = examples.candidates(k, p.candidates, rng)
-        similarities = object_similarity(
-            sample, select_objects(sample, mine), geometry, intensity=intensity, n_threads=n_threads
-        )
-        queries = choose_queries(similarities.T, mine, truth == k, max_queries=p.max_prototypes)[0]
-        chosen.append(mine[queries])
-        # The threshold is chosen on all objects, see `TrainingObjects.sample`.
-        models = select_objects(sample, np.sort(chosen[k]))
-        similarities = object_similarity(parts, models, geometry, intensity=intensity, n_threads=n_threads)
-        similarities[drawn[np.sort(chosen[k])], np.arange(len(queries))] = 0.0
-        f_score, threshold = best_threshold(similarities.max(axis=1, initial=0.0), labels == k, weights)
-        thresholds.append(threshold)
-        reached.append(f_score)
-    every = np.concatenate(chosen)
-    order = np.argsort(every)
-    kinds = np.repeat(np.arange(n_classes), [len(c) for c in chosen])[order].astype(np.int16)
-    matcher = ObjectMatcher(select_objects(sample, every[order]), kinds, np.array(thresholds), geometry, intensity)
-    return matcher, {"prototypes": [len(c) for c in chosen], "f_scores": reached}
-
-
-train_object_matching = partial(train_object_detector, fit=fit_object_matching, slug=SLUG, uses_intensity=True)
-"""Trains a model of this method, see `train_object_detector`."""

@@ -13,16 +13,12 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import Deferred, SceneTask
 from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages
 from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters
-from mlsroad_pipeline.papers.shared.studies.parameters import changed
-from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.detector import BottomUpTopDownParameters
-from mlsroad_pipeline.papers.yu2016.hough_forest.detector import HoughForestParameters
-from mlsroad_pipeline.papers.yu2016.object_matching.detector import ObjectMatchingParameters
-from mlsroad_pipeline.papers.yu2016.study.objects import DESCRIPTIONS, describe_street, segment_street
+from mlsroad_pipeline.papers.shared.studies.parameters import changed, method_parameters
 from mlsroad_pipeline.papers.yu2016.study.parameters import (
     FLOORED,
-    METHODS_OF_STUDY,
     PRINTED,
     SEGMENTATIONS,
+    WORDS,
     StudyParameters,
     StudyScale,
     cut_of,
@@ -32,8 +28,7 @@ from mlsroad_pipeline.papers.yu2016.study.parameters import (
     setting_key,
     street_key,
 )
-from mlsroad_pipeline.papers.yu2016.study.runs import train_and_detect
-from mlsroad_pipeline.papers.yu2016.visual_words.training import VisualWordsParameters
+from mlsroad_pipeline.papers.yu2016.study.runs import DESCRIPTIONS, describe_street, segment_street, train_and_detect
 
 
 class Setting(NamedTuple):
@@ -50,12 +45,6 @@ class Description(NamedTuple):
     detector: str
     parameters: Any
     surveys: Sequence[str]
-
-
-class _Stores(NamedTuple):
-    streets: SceneCollection
-    segmented: SceneCollection
-    described: SceneCollection
 
 
 @dataclass(frozen=True)
@@ -119,22 +108,16 @@ def described_by(detector: str) -> str:
 def plan_study(
     study: StudyParameters,
     classes: Mapping[str, Any],
-    ground: GroundParameters,
+    ground_removal: GroundParameters,
     segmentation: SegmentationParameters,
     detection: DetectionParameters,
-    forest: HoughForestParameters,
-    matching: ObjectMatchingParameters,
-    descriptors: BottomUpTopDownParameters,
-    words: VisualWordsParameters,
-    printed: VisualWordsParameters,
+    **methods: Any,
 ) -> StudyPlan:
     """Return the plan with the changes of the scale."""
-    changes = study.chosen_scale().methods
-    methods: dict[str, Any] = dict(zip(METHODS_OF_STUDY, (forest, matching, descriptors, words, printed), strict=True))
-    own = {slug: changed(parameters, changes.get(slug, {})) for slug, parameters in methods.items()}
-    own[FLOORED] = changed(own[PRINTED], {"vocabulary": {"floor": words.vocabulary.floor}})
+    own = method_parameters(methods, study.chosen_scale().methods)
+    own[FLOORED] = changed(own[PRINTED], {"vocabulary": {"floor": own[WORDS].vocabulary.floor}})
     scheme = find_scheme(classes["schemes"], detection.scheme)
-    return StudyPlan(study, detection, scheme, DetectionStages(ground, segmentation), own)
+    return StudyPlan(study, detection, scheme, DetectionStages(ground_removal, segmentation), own)
 
 
 def _segment(plan: StudyPlan, streets: SceneCollection, method: str, splits: Sequence[str]) -> dict[str, SceneTask]:
@@ -189,7 +172,7 @@ def describe_surveys(plan: StudyPlan, streets: SceneCollection, segmented: Scene
 def run_detectors(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneTask]:
     """Create one task per detector and model that trains it and detects in the test streets of its surveys."""
     return {
-        model_key(name, surveys): _run(plan, described_by(name), surveys, _Stores(*stores), name, plan.methods[name])
+        model_key(name, surveys): _run(plan, described_by(name), surveys, stores, name, plan.methods[name])
         for name in plan.scale.detectors
         for surveys in plan.scale.learned_together()
     }
@@ -199,21 +182,26 @@ def run_settings(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneTa
     """Create one task per setting of Figure 12 that trains the visual words on the first survey."""
     survey = next(iter(plan.scale.surveys))
     return {
-        setting_key(name): _run(
-            plan, setting.described, [survey], _Stores(*stores), plan.scale.varied, setting.parameters
-        )
+        setting_key(name): _run(plan, setting.described, [survey], stores, plan.scale.varied, setting.parameters)
         for name, setting in plan.settings().items()
         if setting.run == name
     }
 
 
 def _run(
-    plan: StudyPlan, described: str, surveys: Sequence[str], stores: _Stores, detector: str, parameters: Any
+    plan: StudyPlan,
+    described: str,
+    surveys: Sequence[str],
+    stores: Sequence[SceneCollection],
+    detector: str,
+    parameters: Any,
 ) -> SceneTask:
+    """Create the task of a detector; `stores` have the streets, their objects and the descriptions of these."""
     cut = cut_of(detector)
     stages = replace(plan.stages, segmentation=replace(plan.stages.segmentation, method=cut))
-    points, parts = stores.streets.part("points"), stores.described.part("parts")
-    objects, classes = (stores.segmented.part(part) for part in ("objects", "classes"))
+    simulated, segmented, descriptions = stores
+    points, parts = simulated.part("points"), descriptions.part("parts")
+    objects, classes = (segmented.part(part) for part in ("objects", "classes"))
     chosen = {name: plan.scale.surveys[name] for name in surveys}
 
     def inputs(split: str) -> dict[str, Any]:

@@ -1,38 +1,123 @@
-"""Worker functions of the study of Yu et al. 2016: train detectors and detect on described objects."""
+"""Worker functions of the study of Yu et al. 2016: segment streets, describe objects, train detectors and detect."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any, TypedDict
+from dataclasses import asdict, replace
+from typing import Any, TypedDict, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.metrics.instances import find_overlaps, score_segmentation
 from mlsroad_pipeline.algorithms.models.methods import METHODS
-from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages
+from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
+from mlsroad_pipeline.algorithms.segmentation.stage import (
+    SegmentationParameters,
+    Segments,
+    owned_by_core,
+    segment_scene,
+)
+from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages, detect_objects
+from mlsroad_pipeline.papers.shared.detection.regions import describe_parts
 from mlsroad_pipeline.papers.shared.detection.scoring import (
     DetectionParameters,
-    ObjectClasses,
     count_detections_of_scene,
+    object_classes,
+    wanted_objects,
 )
+from mlsroad_pipeline.papers.shared.detection.training import DetectorTraining
 from mlsroad_pipeline.papers.shared.studies.streets import timed
+from mlsroad_pipeline.papers.yu2016.bottom_up_top_down.oriented_points import describe_surfaces
 from mlsroad_pipeline.papers.yu2016.study.parameters import survey_of_run
+from mlsroad_pipeline.papers.yu2016.visual_words.groups import describe_objects
+
+TOUCHING = 0.15
+"""Largest distance of touching objects, metres: the clustering distance of the paper."""
+
+DESCRIPTIONS: Mapping[str, str] = {
+    "hough_forest": "regions",
+    "object_matching": "regions",
+    "bottom_up_top_down": "surfaces",
+    "visual_words": "groups",
+    "visual_words_printed": "groups",
+}
+"""Detector to the field of its parameters with the description of objects."""
+
+_DESCRIBE: Mapping[str, Any] = {"regions": describe_parts, "surfaces": describe_surfaces, "groups": describe_objects}
 
 
-class TrainingStreet(TypedDict):
-    """Descriptions and classes of the objects of a training street."""
+class SegmentationScores(TypedDict):
+    """Scores of the segmentation of a street, as arrays without dimension; NaN where there is nothing to score.
 
-    parts: Mapping[str, NDArray]
-    classes: ObjectClasses
+    The fields of `InstanceScores` are stored too; those that tables use are named here.
+    """
+
+    # coverage, weighted_coverage: mean best IoU of the instances, and the same weighted by their points
+    coverage: NDArray[np.floating]
+    weighted_coverage: NDArray[np.floating]
+    # touching, weighted_touching: the same over instances that share a Euclidean cluster with another one
+    touching: NDArray[np.floating]
+    weighted_touching: NDArray[np.floating]
+    # precision, recall: share of segments, and of instances, that match one to one
+    precision: NDArray[np.floating]
+    recall: NDArray[np.floating]
+    # share of instances of the classes to detect with an IoU of at least the threshold of detection
+    wanted: NDArray[np.floating]
+    seconds: NDArray[np.floating]  # CPU time
 
 
-class TestStreet(TypedDict):
-    """Descriptions of the objects of a test street, and handles of its points and objects."""
+def segment_street(
+    points: PointCloud, *, parameters: SegmentationParameters, scheme: ClassScheme, detection: DetectionParameters
+) -> dict[str, Any]:
+    """Segment a street: its objects, their classes, and the scores of the segmentation.
 
-    parts: Mapping[str, NDArray]
-    scene: tuple[Any, Any]
+    Objects are scored against the instances that the street owns.
+    """
+    objects, seconds = timed(segment_scene, points, {"ground": points["ground"]}, parameters)
+    segments, least = objects["objects"], detection.min_points
+    sought = detection.labels_in(scheme)
+    instances, kinds = wanted_objects(points, scheme, sought)
+    owned = owned_by_core(points, np.where(instances > 0, instances, -1), len(kinds))
+    mine = np.where(owned[instances], instances, 0)
+    figures = {name: np.array(value) for name, value in asdict(
+        score_segmentation(mine, segments, min_points=least)).items()}  # fmt: skip
+    pairs = find_overlaps(mine, segments)
+    best = np.zeros(len(pairs.instances))
+    np.maximum.at(best, pairs.instance, pairs.iou)
+    large = pairs.instance_sizes >= least
+    touching = touching_instances(points, instances, pairs.instances, least) & large
+    weights = pairs.instance_sizes[touching]
+    wanted = large & np.isin(kinds[pairs.instances], sought)
+    extra = {
+        "touching": best[touching].mean() if touching.any() else np.nan,
+        "weighted_touching": best[touching] @ weights / weights.sum() if touching.any() else np.nan,
+        "wanted": (best[wanted] >= detection.iou_threshold).mean() if wanted.any() else np.nan,
+        "seconds": seconds,
+    }
+    scores = cast(SegmentationScores, {**figures, **{name: np.array(value) for name, value in extra.items()}})
+    classes = object_classes(points, objects, scheme=scheme, parameters=detection)
+    return {"objects": objects, "classes": classes, "scores": scores}
+
+
+def touching_instances(
+    points: PointCloud, instances: NDArray[np.int32], names: NDArray[np.int64], min_points: int
+) -> NDArray[np.bool_]:
+    """Return which instances share a Euclidean cluster with another one."""
+    off = np.flatnonzero(~points["ground"])
+    together = cluster(np.ascontiguousarray(points.xyz[off], dtype=np.float64), tolerance=TOUCHING)
+    pairs = find_overlaps(instances[off], together)
+    there = pairs.shared >= min_points
+    crowded = np.bincount(pairs.segment[there], minlength=len(pairs.segments)) > 1
+    return np.isin(names, pairs.instances[pairs.instance[there & crowded[pairs.segment]]])
+
+
+def describe_street(points: PointCloud, objects: Segments, *, kind: str, parameters: Any) -> dict[str, Any]:
+    """Describe the objects of a street for a detector; the facts have the CPU time."""
+    parts, seconds = timed(_DESCRIBE[kind], points, objects, parameters=parameters)
+    return {"parts": parts, "facts": {"seconds": np.array(seconds)}}
 
 
 class StreetDetections(TypedDict):
@@ -51,8 +136,8 @@ class StreetDetections(TypedDict):
 
 
 def train_and_detect(
-    train: Mapping[str, TrainingStreet],
-    test: Mapping[str, TestStreet],
+    train: Mapping[str, Mapping[str, Any]],
+    test: Mapping[str, Mapping[str, Any]],
     *,
     method: str,
     parameters: Any,
@@ -64,7 +149,8 @@ def train_and_detect(
 ) -> dict[str, Any]:
     """Train a detector and compare its detections in test streets with the reference.
 
-    The result has the `StreetDetections` of each test street, and ``facts`` of the training.
+    A training street has the `parts` and `classes` of its objects, a test street their `parts` and, as `scene`, handles
+    of its points and objects. The result has the `StreetDetections` of each test street, and ``facts`` of the training.
     """
     weights = rare or {}
     labels: dict[str, dict[str, Any]] = {
@@ -74,8 +160,8 @@ def train_and_detect(
     known = replace(detection, prevalence=joint_prevalence(usual, prevalence, detection.classes))
     bundle, train_seconds = timed(
         METHODS[method].load("train"),
-        {key: street["parts"] for key, street in train.items()}, labels, parameters=parameters, stages=stages,
-        detection=known, scheme=scheme, trained_on={"streets": len(train)},
+        {key: street["parts"] for key, street in train.items()}, labels,
+        DetectorTraining(method, parameters, stages, known, scheme, {"streets": len(train)}),
     )  # fmt: skip
     own = np.concatenate([classes["label"][classes["own"]] for classes in labels.values()])
     variant = next(iter(bundle.metadata["learned"].values()))
@@ -87,9 +173,8 @@ def train_and_detect(
         "thresholds": np.array([learned.get(name, np.inf) for name in detection.classes]),
     }
     results: dict[str, Any] = {"facts": facts}
-    detect = METHODS[method].load("use")
     for key, street in test.items():
-        detections, seconds = timed(detect, street["parts"], bundle)
+        detections, seconds = timed(detect_objects, street["parts"], bundle)
         points, objects = (handle.load() for handle in street["scene"])
         counts = count_detections_of_scene(points, objects, detections, scheme=scheme, parameters=detection)
         results[key] = {**counts, "seconds": np.array(seconds)}

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TypedDict
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
-from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 from mlsroad_pipeline.algorithms.stages import find_ground
@@ -33,23 +32,8 @@ _MOVING = [
 ]
 
 
-class StreetFacts(TypedDict):
-    """Facts of a street, as arrays without dimension."""
-
-    seconds: NDArray[np.floating]  # CPU time of the ground filter
-    points: NDArray[np.integer]  # number of points
-    streaks: NDArray[np.integer]  # images of cars that `without_streaks` removed
-
-
-class SimulatedStreet(TypedDict):
-    """Points of a street and its facts."""
-
-    points: PointCloud
-    facts: StreetFacts
-
-
-def make_survey(*, simulation: SimulationParameters, ground: GroundParameters) -> SimulatedStreet:
-    """Simulate a street as one scene, and time the ground filter.
+def make_survey(*, simulation: SimulationParameters, ground: GroundParameters) -> dict[str, Any]:
+    """Simulate a street as one scene; the facts have the CPU time of the ground filter and the number of streaks.
 
     The van drives `RUN_IN` farther at both ends. The scan planes are oblique, so that objects near the ends of a drive
     are scanned only in part; the scene does not own them.
@@ -64,8 +48,8 @@ def make_survey(*, simulation: SimulationParameters, ground: GroundParameters) -
     cloud = replace(street, columns={**street.columns, "label": label, "instance": instance, "core": core})
     _, seconds = timed(find_ground, cloud, ground)
     streaks = len(np.unique(images[core & (images != instance)]))
-    facts: StreetFacts = {"seconds": np.array(seconds), "points": np.array(len(cloud)), "streaks": np.array(streaks)}
-    return {"points": cloud, "facts": facts}
+    facts = {"seconds": seconds, "points": len(cloud), "streaks": streaks}
+    return {"points": cloud, "facts": {name: np.array(value) for name, value in facts.items()}}
 
 
 def separate_images(

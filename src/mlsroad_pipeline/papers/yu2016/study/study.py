@@ -12,11 +12,9 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.papers.shared.detection.scoring import detection_table
 from mlsroad_pipeline.papers.shared.studies.streets import street_tasks
-from mlsroad_pipeline.papers.shared.studies.study import Shown, Stage, Study, Tables
-from mlsroad_pipeline.papers.shared.studies.tables import mean_and_spread, paper_table
+from mlsroad_pipeline.papers.shared.studies.study import Shown, Stage, Study, Tables, mean_and_spread, paper_table
+from mlsroad_pipeline.papers.yu2016.study import plan as stages
 from mlsroad_pipeline.papers.yu2016.study import scores as yu2016
-from mlsroad_pipeline.papers.yu2016.study.figures import CAPTIONS, study_figures
-from mlsroad_pipeline.papers.yu2016.study.objects import DescriptionFacts, SegmentationScores
 from mlsroad_pipeline.papers.yu2016.study.parameters import (
     CUT,
     METHODS_OF_STUDY,
@@ -27,26 +25,15 @@ from mlsroad_pipeline.papers.yu2016.study.parameters import (
     setting_key,
     street_key,
 )
-from mlsroad_pipeline.papers.yu2016.study.plan import (
-    StudyPlan,
-    compare_segmentations,
-    describe_surveys,
-    plan_study,
-    run_detectors,
-    run_settings,
-    segment_surveys,
-)
-from mlsroad_pipeline.papers.yu2016.study.runs import StreetDetections
-from mlsroad_pipeline.papers.yu2016.study.streets import StreetFacts, make_survey
+from mlsroad_pipeline.papers.yu2016.study.runs import SegmentationScores, StreetDetections
+from mlsroad_pipeline.papers.yu2016.study.scores import CAPTIONS, study_figures
+from mlsroad_pipeline.papers.yu2016.study.streets import make_survey
 
-Streets = Mapping[str, StreetFacts]
-"""Key of a street to its facts."""
+Facts = Mapping[str, Mapping[str, NDArray]]
+"""Key of a street, or ``<description>.<street>``, to the facts of `make_survey` or `describe_street`."""
 
 Segmentations = Mapping[str, SegmentationScores]
 """``<method>.<street>`` to the scores of a segmentation."""
-
-Descriptions = Mapping[str, DescriptionFacts]
-"""``<description>.<street>`` to facts of the description."""
 
 Detections = Mapping[str, Mapping[str, StreetDetections]]
 """Detector to test street to its detections."""
@@ -65,7 +52,7 @@ def found_by_detector(models: Mapping[str, Mapping[str, Any]]) -> dict[str, dict
     return joined
 
 
-def study_tables(plan: StudyPlan, *stores: SceneCollection) -> dict[str, pd.DataFrame]:
+def study_tables(plan: stages.StudyPlan, *stores: SceneCollection) -> dict[str, pd.DataFrame]:
     """Make the tables; splits of the scores are the surveys, and table 3 has all detectors."""
     simulated, objects, descriptions, trained, tried, compared = stores
     streets, described = simulated.load_all("facts"), descriptions.load_all("facts")
@@ -125,7 +112,7 @@ def _scores(counted: Mapping[str, Mapping[str, Mapping[str, Any]]], classes: Seq
     return pd.concat(tables, ignore_index=True)
 
 
-def _setup(plan: StudyPlan, streets: Streets) -> pd.DataFrame:
+def _setup(plan: stages.StudyPlan, streets: Facts) -> pd.DataFrame:
     """Return number of streets, points and cars left out of the reference, by survey and split."""
     rows = []
     for name, survey in plan.scale.surveys.items():
@@ -152,7 +139,7 @@ def _cars_of_paper(words: Sequence[str]) -> pd.DataFrame:
     return pd.concat([table[table["method"] != WORDS], *(own.assign(method=method) for method in words)])
 
 
-def _tests(plan: StudyPlan, run: Mapping[str, StreetDetections], survey: str) -> dict[str, StreetDetections]:
+def _tests(plan: stages.StudyPlan, run: Mapping[str, StreetDetections], survey: str) -> dict[str, StreetDetections]:
     """Return the detections of a run in the test streets of a survey."""
     return {key: run[key] for key in (run_key(survey, seed) for seed in plan.scale.surveys[survey].test)}
 
@@ -165,7 +152,7 @@ def _wide(figures: pd.DataFrame) -> pd.DataFrame:
     return counts.merge(values.reset_index(), on=["survey", "method"])
 
 
-def _segmentation(plan: StudyPlan, segmented: Segmentations) -> pd.DataFrame:
+def _segmentation(plan: stages.StudyPlan, segmented: Segmentations) -> pd.DataFrame:
     """Return the scores of the segmentations over test streets, in the order of the paper."""
     tests = sorted((street_key(name, seed), name) for name, each in plan.scale.surveys.items() for seed in each.test)
     rows = []
@@ -178,7 +165,7 @@ def _segmentation(plan: StudyPlan, segmented: Segmentations) -> pd.DataFrame:
 
 
 def _times(
-    plan: StudyPlan, streets: Streets, segmented: Segmentations, described: Descriptions, runs: Detections
+    plan: stages.StudyPlan, streets: Facts, segmented: Segmentations, described: Facts, runs: Detections
 ) -> pd.DataFrame:
     """Make Table IV: CPU seconds of each step over the test streets, and points per second and thread."""
     rows = []
@@ -197,7 +184,7 @@ def _times(
     return table.merge(yu2016.paper_speed(), on=["survey", "step"], how="left")
 
 
-def study_facts(plan: StudyPlan) -> dict[str, Any]:
+def study_facts(plan: stages.StudyPlan) -> dict[str, Any]:
     """Return the surveys of the runs."""
     return {
         name: f"{', '.join(f'{key} {value}' for key, value in survey.survey.items())}; "
@@ -206,7 +193,7 @@ def study_facts(plan: StudyPlan) -> dict[str, Any]:
     }
 
 
-def study_page(plan: StudyPlan, tables: Tables) -> list[Shown]:
+def study_page(plan: stages.StudyPlan, tables: Tables) -> list[Shown]:
     """Return the tables of the page."""
     spread = "Over the objects of all test streets; spread is the standard deviation between streets."
     tested = "Mean over test streets; touching: instances that touch another one."
@@ -224,7 +211,7 @@ def study_page(plan: StudyPlan, tables: Tables) -> list[Shown]:
     ]
 
 
-def make_surveys(plan: StudyPlan) -> dict[str, SceneTask]:
+def make_surveys(plan: stages.StudyPlan) -> dict[str, SceneTask]:
     """Create one task per street that simulates it."""
     return street_tasks(make_survey, plan.surveys(), ground=plan.stages.ground)
 
@@ -235,14 +222,14 @@ STUDY = Study(
     "yu2016",
     "Yu et al. 2016 on simulated streets",
     parameters=("classes", "ground_removal", "segmentation", "detection", *METHODS_OF_STUDY),
-    plan=plan_study,
+    plan=stages.plan_study,
     stages=[
         Stage("make_yu2016_streets", make_surveys, [], "streets"),
-        Stage("segment_yu2016_streets", segment_surveys, ["streets"], "objects"),
-        Stage("describe_yu2016_objects", describe_surveys, ["streets", "objects"], "described"),
-        Stage("run_yu2016_detectors", run_detectors, _STORES, "runs"),
-        Stage("run_yu2016_settings", run_settings, _STORES, "settings"),
-        Stage("compare_yu2016_segmentations", compare_segmentations, ["streets"], "compared"),
+        Stage("segment_yu2016_streets", stages.segment_surveys, ["streets"], "objects"),
+        Stage("describe_yu2016_objects", stages.describe_surveys, ["streets", "objects"], "described"),
+        Stage("run_yu2016_detectors", stages.run_detectors, _STORES, "runs"),
+        Stage("run_yu2016_settings", stages.run_settings, _STORES, "settings"),
+        Stage("compare_yu2016_segmentations", stages.compare_segmentations, ["streets"], "compared"),
     ],
     results=[*_STORES, "runs", "settings", "compared"],
     tables=(

@@ -17,8 +17,16 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least
-from mlsroad_pipeline.papers.yu2016.visual_words._cells import DIRECTIONS, Cells, build_cells, search
-from mlsroad_pipeline.papers.yu2016.visual_words._context import Context, orders, prepare, sorted_features
+from mlsroad_pipeline.papers.yu2016.visual_words._cells import (
+    DIRECTIONS,
+    Cells,
+    Context,
+    build_cells,
+    orders,
+    prepare,
+    search,
+    sorted_features,
+)
 from mlsroad_pipeline.papers.yu2016.visual_words.groups import ContextualGroups
 
 CONTEXT_FLOOR = 0.05

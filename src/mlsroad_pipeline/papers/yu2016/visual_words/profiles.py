@@ -123,9 +123,8 @@ def measure_profiles(
     n = int(objects.max(initial=-1)) + 1
     rows = np.flatnonzero(objects >= 0)
     values = None if intensity is None else check_column(intensity, len(xyz), "intensity")
-    shares = np.zeros((n, N_SHARES), dtype=np.float32)
     if len(rows) == 0:
-        return shares
+        return np.zeros((n, N_SHARES), dtype=np.float32)
     bright = np.zeros(len(rows)) if values is None else values[rows].astype(np.float64)
     places, means, owner, cells = _voxels(xyz[rows].astype(np.float64), objects[rows].astype(np.int64), bright)
     starts = np.searchsorted(owner, np.arange(n + 1))
@@ -133,7 +132,7 @@ def measure_profiles(
     axes = np.zeros((n, 2))
     for k in np.flatnonzero(np.diff(starts)).tolist():
         axes[k] = np.median(places[starts[k] : starts[k + 1], :2], axis=0)
-    _count(places, kinds, means, starts, axes, np.array(RINGS), shares)
+    shares = _shares(places, kinds, means, owner, axes)
     return shares if values is not None else without_intensities(shares)
 
 
@@ -157,36 +156,27 @@ def _voxels(
     return places, np.bincount(owner, intensity) / counts, voxels // (span[0] * span[1] * span[2]), cells
 
 
-@njit(cache=True, nogil=True)
-def _count(
+def _shares(
     places: NDArray[np.float64],
     kinds: NDArray[np.int64],
     intensity: NDArray[np.float64],
-    starts: NDArray[np.int64],
+    owner: NDArray[np.int64],
     axes: NDArray[np.float64],
-    rings: NDArray[np.float64],
-    shares: NDArray[np.float32],
-) -> None:
-    """Count the voxels of each object in the columns of its profile."""
-    width, first_kind = len(rings), BANDS * len(rings)
-    first_tone = first_kind + BANDS * KINDS
-    for k in range(len(axes)):
-        first, stop = starts[k], starts[k + 1]
-        if stop == first:
-            continue
-        low, high = places[first:stop, 2].min(), places[first:stop, 2].max()
-        step = max(high - low, _LEAST) / BANDS
-        for i in range(first, stop):
-            band = min(int((places[i, 2] - low) / step), BANDS - 1)
-            away = np.hypot(places[i, 0] - axes[k, 0], places[i, 1] - axes[k, 1])
-            ring = 0
-            while away >= rings[ring] and ring < width - 1:
-                ring += 1
-            tone = min(max(int(intensity[i] * TONES), 0), TONES - 1)
-            shares[k, band * width + ring] += 1.0
-            shares[k, first_kind + band * KINDS + kinds[i]] += 1.0
-            shares[k, first_tone + band * TONES + tone] += 1.0
-        shares[k] /= stop - first
+) -> NDArray[np.float32]:
+    """Return the shares of the voxels of each object in the columns of its profile."""
+    n = len(axes)
+    low, high = np.full(n, np.inf), np.full(n, -np.inf)
+    np.minimum.at(low, owner, places[:, 2])
+    np.maximum.at(high, owner, places[:, 2])
+    step = np.maximum(high - low, _LEAST) / BANDS
+    band = np.minimum(((places[:, 2] - low[owner]) / step[owner]).astype(np.int64), BANDS - 1)
+    away = np.hypot(*(places[:, :2] - axes[owner]).T)
+    ring = np.searchsorted(RINGS, away, side="right")
+    tone = np.clip((intensity * TONES).astype(np.int64), 0, TONES - 1)
+    columns = (band * len(RINGS) + ring, N_PLACES + band * KINDS + kinds, N_BLIND + band * TONES + tone)
+    counts = sum(np.bincount(owner * N_SHARES + column, minlength=n * N_SHARES) for column in columns)
+    sizes = np.maximum(np.bincount(owner, minlength=n), 1)
+    return (np.reshape(counts, (n, N_SHARES)) / sizes[:, None]).astype(np.float32)
 
 
 def profile_similarity(queries: NDArray[np.floating], objects: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -1,25 +1,24 @@
-"""Training of vocabulary, queries and thresholds (Yu et al. 2016, sections III and V)."""
+"""Vocabulary with a detector, and its training (Yu et al. 2016, sections III to V)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
-from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.core.classes import IGNORE
 from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.papers.shared.detection.detector import GEOMETRY, WITH_INTENSITY, DetectionStages
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
+from mlsroad_pipeline.papers.shared.detection.detector import GEOMETRY, WITH_INTENSITY
 from mlsroad_pipeline.papers.shared.detection.regions import RegionParameters
 from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters, ObjectClasses
 from mlsroad_pipeline.papers.shared.detection.training import (
-    FittedVariant,
+    DetectorTraining,
     bundle_variants,
     training_keys,
     training_weights,
@@ -27,10 +26,64 @@ from mlsroad_pipeline.papers.shared.detection.training import (
 from mlsroad_pipeline.papers.shared.detection.types import Description
 from mlsroad_pipeline.papers.yu2016.visual_words.appearance import count_words, within_any_sizes
 from mlsroad_pipeline.papers.yu2016.visual_words.detector import VisualWordsDetector
-from mlsroad_pipeline.papers.yu2016.visual_words.groups import GroupParameters, groups_of, join_groups, profiles_of
-from mlsroad_pipeline.papers.yu2016.visual_words.labeller import PRINTED_SLUG, SLUG
+from mlsroad_pipeline.papers.yu2016.visual_words.groups import (
+    ContextualGroups,
+    GroupParameters,
+    groups_of,
+    join_groups,
+    profiles_of,
+)
 from mlsroad_pipeline.papers.yu2016.visual_words.queries import DetectorParameters
 from mlsroad_pipeline.papers.yu2016.visual_words.vocabulary import Vocabulary, VocabularyParameters, build_vocabulary
+
+
+def bag_objects(
+    arrays: Description, vocabulary: Vocabulary, *, intensity: bool, wanted: NDArray[np.bool_] | None = None
+) -> csr_array:
+    """Count the words of the objects of a scene."""
+    owner, groups = arrays["objects"], groups_of(arrays, intensity=intensity)
+    if wanted is not None:
+        rows = np.flatnonzero(wanted[owner])
+        owner, groups = owner[rows], groups.select(rows)
+    words = vocabulary.quantise(groups)
+    return count_words(words, owner, n_objects=int(arrays["n_objects"]), stopped=vocabulary.stopped)
+
+
+@dataclass(frozen=True)
+class VisualWords:
+    """Trained vocabulary and detector; see `trained_detector`."""
+
+    vocabulary: Vocabulary
+    detector: VisualWordsDetector
+    intensity: bool  # Whether intensity is used
+
+    @property
+    def thresholds(self) -> NDArray[np.float64]:
+        """Lowest score of each class at which an object is detected."""
+        return self.detector.thresholds
+
+    def score(self, parts: Description) -> NDArray[np.float64]:
+        """Return the scores of objects described by `describe_objects`."""
+        possible = self.detector.possible(parts["sizes"])
+        counts = bag_objects(parts, self.vocabulary, intensity=self.intensity, wanted=possible)
+        return self.detector.score(counts, parts["sizes"], profiles_of(parts, intensity=self.intensity))
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """Return the trained state as plain arrays."""
+        words, own = self.vocabulary.words, self.vocabulary
+        learned: dict[str, NDArray] = {
+            "descriptors": words.descriptors, "orientations": words.orientations, "scales": words.scales,
+            "inverse": own.inverse, "stopped": own.stopped, "floor": np.array(own.floor),
+        }  # fmt: skip
+        return {**{f"words.{name}": values for name, values in learned.items()}, **self.detector.to_arrays()}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray], *, intensity: bool) -> Self:
+        """Rebuild a vocabulary and its detector."""
+        own = arrays_under(arrays, "words.")
+        words = ContextualGroups(own["descriptors"], own["orientations"], own["scales"])
+        vocabulary = Vocabulary(words, own["inverse"], own["stopped"], float(own["floor"]))
+        return cls(vocabulary, VisualWordsDetector.from_arrays(arrays), intensity)
 
 
 @dataclass(frozen=True)
@@ -56,39 +109,19 @@ class VisualWordsParameters:
 
 
 def train_detector(
-    groups: Mapping[str, Description],
-    labels: Mapping[str, ObjectClasses],
-    *,
-    parameters: VisualWordsParameters,
-    stages: DetectionStages,
-    detection: DetectionParameters,
-    scheme: ClassScheme,
-    trained_on: Mapping[str, Any],
-    slug: str = SLUG,
-    n_threads: int = 1,
+    groups: Mapping[str, Description], labels: Mapping[str, ObjectClasses], training: DetectorTraining
 ) -> ModelBundle:
     """Train vocabulary, queries and thresholds."""
-    keys = training_keys(labels)
+    keys, parameters = training_keys(labels), training.parameters
     intensity = all(bool(groups[key]["intensity"]) for key in keys)
     variants = [WITH_INTENSITY] if intensity else []
     if parameters.without_intensity or not intensity:
         variants.append(GEOMETRY)
-    with ThreadPoolExecutor(min(n_threads, len(variants))) as pool:
-        jobs = [
-            pool.submit(train_variant, [groups[key] for key in keys], [labels[key] for key in keys],
-                        intensity=variant == WITH_INTENSITY, parameters=parameters, detection=detection,
-                        n_threads=n_threads)
-            for variant in variants
-        ]  # fmt: skip
-    fitted = {variant: _fitted(*job.result()) for variant, job in zip(variants, jobs, strict=True)}
-    return bundle_variants(
-        fitted, slug=slug, stages=stages, detection=detection, scheme=scheme,
-        parameters={"groups": asdict(parameters.groups), slug: asdict(parameters)}, trained_on=trained_on,
-    )  # fmt: skip
-
-
-train_printed_detector = partial(train_detector, slug=PRINTED_SLUG)
-"""`train_detector` for the method with the parameters of the paper."""
+    scenes = [groups[key] for key in keys], [labels[key] for key in keys]
+    with ThreadPoolExecutor(min(training.n_threads, len(variants))) as pool:
+        jobs = [pool.submit(train_variant, *scenes, training, variant == WITH_INTENSITY) for variant in variants]
+    fitted = {variant: _fitted(job.result()) for variant, job in zip(variants, jobs, strict=True)}
+    return bundle_variants(fitted, training, groups=asdict(parameters.groups))
 
 
 class WordObjects(NamedTuple):
@@ -103,38 +136,23 @@ class WordObjects(NamedTuple):
 
 
 def train_variant(
-    groups: Sequence[Description],
-    labels: Sequence[ObjectClasses],
-    *,
-    intensity: bool,
-    parameters: VisualWordsParameters,
-    detection: DetectionParameters,
-    n_threads: int = 1,
-) -> tuple[Vocabulary, VisualWordsDetector]:
+    groups: Sequence[Description], labels: Sequence[ObjectClasses], training: DetectorTraining, intensity: bool
+) -> VisualWords:
     """Train one variant on the objects that the training scenes own."""
-    vocabulary, objects = make_words(
-        groups, labels, intensity=intensity, parameters=parameters, detection=detection, n_threads=n_threads
-    )
-    detector = VisualWordsDetector(detection.classes, parameters=parameters.detector)
-    return vocabulary, detector.fit(
-        objects.counts, objects.labels, sizes=objects.sizes, profiles=objects.profiles, scenes=objects.scenes,
-        weights=objects.weights,
-    )  # fmt: skip
+    vocabulary, objects = make_words(groups, labels, training, intensity)
+    parameters = training.parameters.detector
+    detector = VisualWordsDetector(training.detection.classes, parameters=parameters).fit(**objects._asdict())
+    return VisualWords(vocabulary, detector, intensity)
 
 
 def make_words(
-    groups: Sequence[Description],
-    labels: Sequence[ObjectClasses],
-    *,
-    intensity: bool,
-    parameters: VisualWordsParameters,
-    detection: DetectionParameters,
-    n_threads: int = 1,
+    groups: Sequence[Description], labels: Sequence[ObjectClasses], training: DetectorTraining, intensity: bool
 ) -> tuple[Vocabulary, WordObjects]:
     """Build the vocabulary of the training scenes, and count its words in the objects that they own.
 
     Objects whose size no wanted class has are left out.
     """
+    parameters, detection = training.parameters, training.detection
     own = np.concatenate([classes["own"] for classes in labels])
     label = np.concatenate([classes["label"] for classes in labels])
     sizes = np.concatenate([described["sizes"] for described in groups])
@@ -152,7 +170,7 @@ def make_words(
     objects = np.concatenate([part[part >= 0] for part in of_group])
     scenes = np.repeat(np.arange(len(groups)), [len(part) for part in parts])
     vocabulary, words = build_vocabulary(
-        join_groups(parts), scenes, parameters=parameters.vocabulary, n_threads=n_threads
+        join_groups(parts), scenes, parameters=parameters.vocabulary, n_threads=training.n_threads
     )
     counts = count_words(words, objects, n_objects=len(rows), stopped=vocabulary.stopped)
     profiles = np.concatenate([profiles_of(described, intensity=intensity) for described in groups])
@@ -172,24 +190,15 @@ def _of_possible_size(
     return possible if (possible & others).any() else np.ones(len(sizes), np.bool_)
 
 
-def _fitted(vocabulary: Vocabulary, detector: VisualWordsDetector) -> FittedVariant:
+def _fitted(trained: VisualWords) -> tuple[dict[str, NDArray], dict[str, Any]]:
     """Return arrays and figures of a trained variant."""
-    words, queries = vocabulary.words, detector.queries_
-    arrays: dict[str, NDArray] = {
-        "words.descriptors": words.descriptors,
-        "words.orientations": words.orientations,
-        "words.scales": words.scales,
-        "words.inverse": vocabulary.inverse,
-        "words.stopped": vocabulary.stopped,
-        "words.floor": np.array(vocabulary.floor),
-        **detector.to_arrays(),
-    }
+    queries = trained.detector.queries_
     facts = {
-        "words": len(vocabulary),
+        "words": len(trained.vocabulary),
         "queries": {name: len(of_class.appearance) for name, of_class in queries.items()},
-        "f_scores": detector.f_scores_,
+        "f_scores": trained.detector.f_scores_,
         "thresholds": {
             name: of_class.threshold for name, of_class in queries.items() if np.isfinite(of_class.threshold)
         },
     }
-    return FittedVariant(arrays, facts)
+    return trained.to_arrays(), facts

@@ -1,1 +1,0 @@
-"""Baseline of Luo et al. 2019: SHOT descriptors with an SVM."""
