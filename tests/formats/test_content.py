@@ -14,8 +14,8 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats import content
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
-from mlsroad_pipeline.formats.content import Content, first_bytes, open_content
 from mlsroad_pipeline.formats.crs import parse_crs
+from mlsroad_pipeline.formats.files import Content, first_bytes, open_content
 from mlsroad_pipeline.formats.las.header import read_header
 from mlsroad_pipeline.formats.ply.format import PlyFormat
 from mlsroad_pipeline.formats.registry import format_of_name, get_format

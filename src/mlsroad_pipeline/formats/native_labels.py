@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.formats.base import PointFormat, ReadOptions
-from mlsroad_pipeline.formats.content import BLOCK, open_content, output_file
+from mlsroad_pipeline.formats.files import BLOCK, open_content, output_file
 from mlsroad_pipeline.formats.kitti import label_path
 from mlsroad_pipeline.formats.labelled_names import CLASS, CONFIDENCE, OBJECT, RESULTS, PointLabels, kept_name
 from mlsroad_pipeline.formats.npz import archive_entry
@@ -27,8 +27,8 @@ from mlsroad_pipeline.formats.pcd.format import PcdFormat
 from mlsroad_pipeline.formats.pcd.header import PADDING, PcdHeader, read_pcd_header
 from mlsroad_pipeline.formats.ply.format import PlyFormat, vertex_rows
 from mlsroad_pipeline.formats.ply.header import PlyHeader, read_ply_header
-from mlsroad_pipeline.formats.text.format import TextFormat
-from mlsroad_pipeline.formats.text.layout import TextTable, decoded, open_table
+from mlsroad_pipeline.formats.text.format import TextFormat, TextTable, open_table
+from mlsroad_pipeline.formats.text.sniffing import decoded
 from mlsroad_pipeline.formats.text.values import WHITESPACE, TextRows, join_rows, number_text
 
 # Fields added to a PCD header; those of four bytes come first, where they are aligned.
@@ -106,10 +106,10 @@ class _TextSink(LabelSink):
     def __init__(self, source: Path, options: ReadOptions, out: BinaryIO) -> None:
         table = open_table(source, options)
         self._rows, self._out = table.rows, out
-        self._delimiter = " " if table.delimiter == WHITESPACE else table.delimiter
-        lines = list(table.head.lines)
-        if table.has_names:
-            lines[table.head.names_at] = self._with_results(lines[table.head.names_at], table)
+        self._delimiter = " " if table.form.delimiter == WHITESPACE else table.form.delimiter
+        lines = list(table.head)
+        if table.names_at >= 0:
+            lines[table.names_at] = self._with_results(lines[table.names_at], table)
         self._out.write(b"".join(lines))
 
     def _with_results(self, line: bytes, table: TextTable) -> bytes:

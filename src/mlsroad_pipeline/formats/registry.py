@@ -6,10 +6,9 @@ from pathlib import Path
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.base import PointFormat
-from mlsroad_pipeline.formats.content import GZIP, first_bytes, is_packed
-from mlsroad_pipeline.formats.content import SUFFIX as GZIP_SUFFIX
 from mlsroad_pipeline.formats.e57.format import E57Format
-from mlsroad_pipeline.formats.files import check_file
+from mlsroad_pipeline.formats.files import GZIP, check_file, first_bytes, is_packed
+from mlsroad_pipeline.formats.files import SUFFIX as GZIP_SUFFIX
 from mlsroad_pipeline.formats.kitti import KittiFormat
 from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.formats.npz import NpzFormat
@@ -18,7 +17,7 @@ from mlsroad_pipeline.formats.pcd.format import PcdFormat
 from mlsroad_pipeline.formats.ply.format import PlyFormat
 from mlsroad_pipeline.formats.sydney import SydneyFormat
 from mlsroad_pipeline.formats.text.format import TextFormat
-from mlsroad_pipeline.formats.text.layout import looks_like_table
+from mlsroad_pipeline.formats.text.sniffing import looks_like_table
 
 FORMATS: tuple[PointFormat, ...] = (
     *(LasFormat(), PlyFormat(), PcdFormat(), TextFormat()),

@@ -12,7 +12,7 @@ from pathlib import Path
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart, check_splits_along, check_splits_sectors
-from mlsroad_pipeline.formats.content import first_bytes
+from mlsroad_pipeline.formats.files import first_bytes
 from mlsroad_pipeline.formats.registry import format_of_name
 from mlsroad_pipeline.surveys.discovery import (
     broken_links,

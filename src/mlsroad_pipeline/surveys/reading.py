@@ -26,8 +26,7 @@ from mlsroad_pipeline.algorithms.scenes.corridor import (
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart
 from mlsroad_pipeline.algorithms.scenes.trajectory_estimation import SHARED, measured_times, trajectory_from_windows
 from mlsroad_pipeline.formats.base import PointFormat
-from mlsroad_pipeline.formats.crs import is_same_crs, parse_crs
-from mlsroad_pipeline.formats.crs_units import with_units
+from mlsroad_pipeline.formats.crs import is_same_crs, parse_crs, with_units
 from mlsroad_pipeline.formats.files import spread_starts
 from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions
 from mlsroad_pipeline.formats.registry import get_format

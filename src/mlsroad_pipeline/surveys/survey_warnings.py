@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.quality.density import count_places
 from mlsroad_pipeline.algorithms.quality.report import QualityReport
-from mlsroad_pipeline.formats.crs import is_geographic, place_outside
-from mlsroad_pipeline.formats.crs_units import SAME_UNIT, crs_units
+from mlsroad_pipeline.formats.crs import SAME_UNIT, crs_units, is_geographic, place_outside
 from mlsroad_pipeline.surveys.plan import SurveyPlan, trajectory_beside
 from mlsroad_pipeline.surveys.reading import FileFacts
 

@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.formats.content import open_content
+from mlsroad_pipeline.formats.files import open_content
 
 PAGE = 1024
 CONTENT = PAGE - 4

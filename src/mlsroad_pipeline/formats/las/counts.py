@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.formats.content import Content, open_content
-from mlsroad_pipeline.formats.files import ALLOWED, LARGEST_RATIO, FileKey
+from mlsroad_pipeline.formats.files import ALLOWED, LARGEST_RATIO, Content, FileKey, open_content
 
 POINTWISE = 1  # LASzip compressor without chunks (LASzip 1)
 LAYERED_FROM = 6  # first point format whose chunks state their number of points

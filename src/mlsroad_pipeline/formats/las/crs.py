@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.formats.crs import is_same_crs, sidecar_crs
-from mlsroad_pipeline.formats.crs_units import crs_units, in_metres
+from mlsroad_pipeline.formats.crs import crs_units, in_metres, is_same_crs, sidecar_crs
 from mlsroad_pipeline.formats.files import log_once
 from mlsroad_pipeline.formats.las.geotiff_keys import DIRECTORY, DOUBLES, TEXTS, GeotiffKeys, pack_directory
 from mlsroad_pipeline.formats.las.header import WKT_BIT, LasHeader, Vlr

@@ -14,13 +14,28 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import FileInfo, PointFormat, ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.column_names import resolve_columns
-from mlsroad_pipeline.formats.content import refuse_packed, with_packed
-from mlsroad_pipeline.formats.crs_units import auto_note, in_metres, with_units
-from mlsroad_pipeline.formats.files import FileKey, atomic_file, check_file, clip_range, file_key, log_once
+from mlsroad_pipeline.formats.crs import auto_note, in_metres, with_units
+from mlsroad_pipeline.formats.files import (
+    FileKey,
+    atomic_file,
+    check_file,
+    clip_range,
+    file_key,
+    log_once,
+    refuse_packed,
+    with_packed,
+)
 from mlsroad_pipeline.formats.las.copc import SUFFIX, is_copc, without_copc, write_copc
 from mlsroad_pipeline.formats.las.crs import read_crs, two_systems_note, with_crs_of
-from mlsroad_pipeline.formats.las.depths import Depths, colour_bits, sampled_maximum
-from mlsroad_pipeline.formats.las.dimensions import dimension, dimension_names, local_xyz, near_corner
+from mlsroad_pipeline.formats.las.dimensions import (
+    Depths,
+    colour_bits,
+    dimension,
+    dimension_names,
+    local_xyz,
+    near_corner,
+    sampled_maximum,
+)
 from mlsroad_pipeline.formats.las.header import LasHeader, read_header
 from mlsroad_pipeline.formats.las.layout import header_like, new_header, pack_records, with_room
 from mlsroad_pipeline.formats.las.records import RecordReader, layers_of

@@ -13,8 +13,7 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import WriteOptions
 from mlsroad_pipeline.formats.crs import is_geographic
 from mlsroad_pipeline.formats.las.crs import with_wkt
-from mlsroad_pipeline.formats.las.depths import Depths
-from mlsroad_pipeline.formats.las.dimensions import bit_field, dimension_names
+from mlsroad_pipeline.formats.las.dimensions import Depths, bit_field, dimension_names
 from mlsroad_pipeline.formats.las.extra import DESCRIPTOR, DESCRIPTOR_TYPES, ExtraDimension, pack_descriptors
 from mlsroad_pipeline.formats.las.header import (
     EXTRA_BYTES,

@@ -9,8 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.formats.las.crs import WKT, find_wkt, read_crs, with_wkt
-from mlsroad_pipeline.formats.las.header import EXTERNAL, HEADER_SIZES, INTERNAL, RECORD_SIZES, WKT_BIT, LasHeader, Vlr
-from mlsroad_pipeline.formats.las.lookup import LOOKUP
+from mlsroad_pipeline.formats.las.header import (
+    EXTERNAL,
+    HEADER_SIZES,
+    INTERNAL,
+    LOOKUP,
+    RECORD_SIZES,
+    WKT_BIT,
+    LasHeader,
+    Vlr,
+)
 from mlsroad_pipeline.formats.las.records import record_dtype
 
 SUCCESSORS = {0: 6, 1: 6, 2: 7, 3: 7, 4: 9, 5: 10}  # point format to the one of LAS 1.4 that holds all its fields

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
-from mlsroad_pipeline.formats.content import open_content, output_file, with_packed
-from mlsroad_pipeline.formats.files import FileKey, file_key
+from mlsroad_pipeline.formats.files import FileKey, file_key, open_content, output_file, with_packed
 from mlsroad_pipeline.formats.ply.header import TYPES, PlyHeader, read_ply_header
 from mlsroad_pipeline.formats.ply.vertices import scattered_vertices
 from mlsroad_pipeline.formats.tables import (

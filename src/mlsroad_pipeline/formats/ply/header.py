@@ -10,7 +10,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.formats.content import open_content
+from mlsroad_pipeline.formats.files import open_content
 
 TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},

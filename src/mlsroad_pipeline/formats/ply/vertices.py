@@ -11,8 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.formats.content import Content, open_content
-from mlsroad_pipeline.formats.files import FileKey
+from mlsroad_pipeline.formats.files import Content, FileKey, open_content
 from mlsroad_pipeline.formats.ply.header import PlyElement, PlyHeader, read_ply_header
 from mlsroad_pipeline.formats.text.values import index_rows, typed_column
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import WriteOptions
-from mlsroad_pipeline.formats.content import Content
+from mlsroad_pipeline.formats.files import Content
 from mlsroad_pipeline.formats.standard_columns import COORDINATES
 from mlsroad_pipeline.formats.tables import scalar_columns
 
