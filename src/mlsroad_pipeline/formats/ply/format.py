@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.files import FileKey, file_key, open_content, output_file, with_packed
-from mlsroad_pipeline.formats.ply.header import TYPES, PlyHeader, read_ply_header
+from mlsroad_pipeline.formats.ply.header import TYPES, PlyHeader, ply_head, read_ply_header
 from mlsroad_pipeline.formats.ply.vertices import scattered_vertices
 from mlsroad_pipeline.formats.tables import (
     PointTable,
@@ -29,10 +29,6 @@ from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, TextRows, 
 
 # Characters that a comment holds unchanged; the others are percent-encoded.
 PLAIN = "".join(sorted(set(string.printable) - set("%" + string.whitespace))) + " "
-PLY_NAMES = {
-    **{"i1": "char", "u1": "uchar", "i2": "short", "u2": "ushort", "i4": "int", "u4": "uint"},
-    **{"f4": "float", "f8": "double"},
-}
 
 
 class PlyFormat(TableFormat):
@@ -66,13 +62,10 @@ class PlyFormat(TableFormat):
         A CRS goes into a ``comment crs`` line. 64-bit integers are stored as doubles.
         """
         types = {name: _ply_type(values.dtype) for name, values in scalar_columns(cloud, options.metres).items()}
-        head = ["ply", "format binary_little_endian 1.0"]
-        if cloud.crs:
-            head.append("comment crs " + quote(cloud.crs, safe=PLAIN))
-        head.append(f"element vertex {len(cloud)}")
-        head += [f"property {PLY_NAMES[kind]} {name.replace(' ', '_')}" for name, kind in types.items()]
+        comments = ["crs " + quote(cloud.crs, safe=PLAIN)] if cloud.crs else []
+        properties = [(name.replace(" ", "_"), kind) for name, kind in types.items()]
         with output_file(Path(path)) as stream:
-            stream.write(("\n".join([*head, "end_header"]) + "\n").encode())
+            stream.write(ply_head(len(cloud), properties, comments))
             for part in parts_of(cloud):
                 records = np.empty(len(part), dtype=[(name, "<" + kind) for name, kind in types.items()])
                 for name, values in scalar_columns(part, options.metres).items():
