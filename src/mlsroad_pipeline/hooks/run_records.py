@@ -162,7 +162,11 @@ class RunRecords:
         self._sources.update(source_files(data))
         self._data_sets.add(data)
         dataset, (owner, _, rest) = self._catalog.get(dataset_name), dataset_name.partition(".")
-        run_id = self._methods.run_id(owner) if owner in METHODS and _is_record(dataset) else self._run_id
+        run_id = (
+            self._methods.run_id(owner)
+            if owner in METHODS and isinstance(dataset, FigureDataset | HtmlReportDataset)
+            else self._run_id
+        )
         if isinstance(dataset, RegisteredModelDataset):
             self._methods.close(dataset)
         elif isinstance(dataset, ScoresDataset):
@@ -185,11 +189,11 @@ class RunRecords:
         client = mlflow.MlflowClient()
         if status == "FINISHED":
             if found := self._data_sets.all():
-                client.log_inputs(self._run_id, datasets=[one.as_input() for one in found])
+                client.log_inputs(self._run_id, datasets=found)
             if self._sources:
                 fingerprint = fingerprint_files(sorted(self._sources))
-                client.set_tag(self._run_id, "data.fingerprint", fingerprint.digest)
-                client.log_dict(self._run_id, fingerprint.table(), "data_fingerprint.json")
+                client.set_tag(self._run_id, "data.fingerprint", fingerprint["digest"])
+                client.log_dict(self._run_id, fingerprint, "data_fingerprint.json")
         self._methods.finish(status)
 
     def _log_parameters(self) -> None:
@@ -243,7 +247,3 @@ class RunRecords:
         objects: pd.DataFrame = inventory.objects
         if path.suffix == ".parquet" and len(objects) <= MAX_TABLE_ROWS:
             client.log_table(self._run_id, data=objects, artifact_file="inventory/objects.json")
-
-
-def _is_record(dataset: Any) -> bool:
-    return isinstance(dataset, FigureDataset | HtmlReportDataset)
