@@ -35,14 +35,14 @@ class KittiFormat(TableFormat):
         del options
         scan = _scan(path)
         table = {name: scan[name] for name in RECORD.names or ()}
-        packed = _labels(path, len(scan))
-        if packed is not None:
-            table["label"] = table["instance"] = packed
+        labels = label_path(path)
+        if labels is not None:
+            table["label"] = table["instance"] = _packed(labels, len(scan), path)
 
         def rows(names: Sequence[str], start: int, stop: int) -> Mapping[str, NDArray]:
             return {name: _column(table, name, start, stop) for name in names}
 
-        return PointTable(tuple(table), len(scan), rows, None, {"labels": label_path(path)})
+        return PointTable(tuple(table), len(scan), rows, None, {"labels": labels})
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
         """Write a scan and, where the cloud has `label`, its ``.label`` beside it.
@@ -96,11 +96,6 @@ def label_path(path: Path) -> Path | None:
     """Return the ``.label`` file beside a scan or in ``../labels``; None where there is none."""
     candidates = (path.with_suffix(".label"), path.parent.parent / "labels" / f"{path.stem}.label")
     return next((candidate for candidate in candidates if candidate.is_file()), None)
-
-
-def _labels(path: Path, n_points: int) -> NDArray[np.uint32] | None:
-    labels = label_path(path)
-    return None if labels is None else _packed(labels, n_points, path)
 
 
 def _packed(labels: Path, n_points: int, path: Path) -> NDArray[np.uint32]:

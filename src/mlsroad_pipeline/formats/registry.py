@@ -61,21 +61,15 @@ def get_format(path: str | Path) -> PointFormat:
             return named
         if named is None and looks_like_table(path):
             return next(entry for entry in FORMATS if isinstance(entry, TextFormat))
-    elif held is not None and (_may_be_named(held, path) if named is not None else _unpacks(held) or not packed):
-        return held
+    elif held is not None:
+        may_be_packed = any(extension.endswith(GZIP_SUFFIX) for extension in held.extensions)
+        if path.name.lower().endswith(held.extensions) if named is not None else may_be_packed or not packed:
+            return held
     content = _content(head, held, packed=packed)
     if named is None:
         known = ", ".join(known_extensions())
         raise ReadError(f"{path} is of no known format: it holds {content} (known extensions: {known})")
     raise ReadError(f"{path} is named as {named.name}, but holds {content}")
-
-
-def _may_be_named(entry: PointFormat, path: Path) -> bool:
-    return path.name.lower().endswith(entry.extensions)
-
-
-def _unpacks(entry: PointFormat) -> bool:
-    return any(extension.endswith(GZIP_SUFFIX) for extension in entry.extensions)
 
 
 def _content(head: bytes, held: PointFormat | None, *, packed: bool) -> str:

@@ -56,18 +56,14 @@ def _are_points(file: Content, begin: int, size: int, stated: int, have: int) ->
     if not any(ends[1]):
         return False
     known = file.read(min(stated, COMPARED) * size, begin)
-    if not known:
-        return _are_records(file.read(min(have, COMPARED) * size, begin), size)
+    if not known:  # points that no header counts are near each other, and not all at one place
+        data = file.read(min(have, COMPARED) * size, begin)
+        extent = np.ptp(_coordinates(data[: len(data) // size * size], size), axis=0)
+        return bool(0 < extent.max() < NEAR_EXTENT)
     own, others = (_coordinates(data, size) for data in (known, b"".join(ends)))
     low, high = own.min(axis=0), own.max(axis=0)
     reach = REACH * (high - low).max() + NEAR_STEPS
     return bool(((others >= low - reach) & (others <= high + reach)).all())
-
-
-def _are_records(data: bytes, size: int) -> bool:
-    """Return whether bytes that no header counts are points: near each other, and not all at one place."""
-    extent = np.ptp(_coordinates(data[: len(data) // size * size], size), axis=0)
-    return bool(0 < extent.max() < NEAR_EXTENT)
 
 
 def _coordinates(data: bytes, size: int) -> NDArray[np.float64]:
@@ -95,7 +91,8 @@ def compressed_points(key: FileKey, begin: int, record: bytes, layout: tuple[int
                 stream.seek(begin + 8 + sum(n_bytes for _, n_bytes in chunks[:-1]))
                 data, full = stream.read(chunks[-1][1]), (len(chunks) - 1) * laz.chunk_size()
                 if layout[0] >= LAYERED_FROM:
-                    n_points, note = full + _of_layers(data, layout[1], laz.chunk_size()), ""
+                    last, note = int(struct.unpack_from("<I", data, layout[1])[0]), ""
+                    n_points = full + (last if last <= laz.chunk_size() else 0)
                 else:
                     last, note = stream_points(data, record, laz, stated - full)
                     n_points = full + last
@@ -130,11 +127,6 @@ def _has_table(stream: BinaryIO, begin: int, size: int) -> bool:
         return False
     stream.seek(table)
     return bool(struct.unpack("<II", stream.read(8))[1] <= (table - begin) // size)
-
-
-def _of_layers(data: bytes, size: int, largest: int) -> int:
-    last = int(struct.unpack_from("<I", data, size)[0])
-    return last if last <= largest else 0
 
 
 def stream_points(data: bytes, record: bytes, laz: lazrs.LazVlr, stated: int) -> tuple[int, str]:

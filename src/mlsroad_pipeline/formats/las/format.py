@@ -42,6 +42,7 @@ from mlsroad_pipeline.formats.las.records import RecordReader, layers_of
 from mlsroad_pipeline.formats.las.writer import RecordWriter
 from mlsroad_pipeline.formats.options import BY_CRS
 from mlsroad_pipeline.formats.standard_columns import COLOUR_DEPTH, COLOURS, COORDINATES, origin_near, standard_cloud
+from mlsroad_pipeline.formats.tables import parts_of
 
 CHUNK = 1_000_000
 
@@ -131,7 +132,8 @@ class LasFormat(PointFormat):
         path = Path(path)
         refuse_packed(path, self.name)
         if path.name.lower().endswith(SUFFIX):
-            with tempfile.TemporaryDirectory(dir=_folder(path)) as folder:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryDirectory(dir=path.parent) as folder:
                 plain = Path(folder) / "points.las"
                 self.write(plain, cloud, options)
                 write_copc(plain, path, n_threads=options.n_threads)
@@ -149,8 +151,7 @@ class LasFormat(PointFormat):
         with atomic_file(path) as stream:
             compress = path.suffix.lower() == ".laz"
             writer = RecordWriter(stream, header, compress=compress, n_threads=options.n_threads)
-            for begin in range(0, len(cloud), CHUNK):
-                part = cloud.select(np.arange(begin, min(begin + CHUNK, len(cloud))))
+            for part in parts_of(cloud):
                 writer.write(pack_records(part, header, metres=metres, depths=depths))
             writer.close()
 
@@ -158,11 +159,6 @@ class LasFormat(PointFormat):
 def _read_by_type(cloud: PointCloud) -> bool:
     """Return whether intensities of 8 bits were divided by the range of 16; divided by 255, 1 is 0.004."""
     return "intensity" in cloud and np.nanmax(cloud["intensity"], initial=0.0) * 65535 <= 255.5
-
-
-def _folder(path: Path) -> Path:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return path.parent
 
 
 def _template(cloud: PointCloud, options: WriteOptions) -> Path | None:

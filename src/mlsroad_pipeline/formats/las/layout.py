@@ -151,17 +151,15 @@ def pack_records(
 
 def _las_columns(cloud: PointCloud, depths: Depths) -> list[tuple[str, NDArray]]:
     columns = [(name, values) for name, values in cloud.columns.items() if name not in DERIVED]
-    columns = [(name, _whole_intensity(v, depths) if name == "intensity" else v) for name, v in columns]
+    if "intensity" in cloud:
+        whole = np.rint(np.nan_to_num(cloud["intensity"].astype(np.float64)) * depths.intensity)
+        columns = [(name, whole if name == "intensity" else values) for name, values in columns]
     colours = cloud.get("rgb16")
     if colours is None and "rgb" in cloud:
         colours = cloud["rgb"].astype(np.uint16) * (1 if depths.colours == 8 else 257)
     if colours is not None:
         columns += [(name, colours[:, axis]) for axis, name in enumerate(("red", "green", "blue"))]
     return columns
-
-
-def _whole_intensity(values: NDArray, depths: Depths) -> NDArray:
-    return np.rint(np.nan_to_num(values.astype(np.float64)) * depths.intensity)
 
 
 def _store(records: NDArray, header: LasHeader, name: str, values: NDArray, source: str) -> None:

@@ -214,15 +214,12 @@ def write_columns(cloud: PointCloud, options: WriteOptions) -> bytes:
     """Return points as rows of text."""
     columns = scalar_columns(cloud, options.metres)
     texts = [
-        fixed_text(values, options.decimals) if name in COORDINATES else number_text(values)
+        pa.array([f"{value:.{options.decimals}f}" for value in values.tolist()], pa.string())
+        if name in COORDINATES
+        else number_text(values)
         for name, values in columns.items()
     ]
     return join_rows(texts, options.delimiter)
-
-
-def fixed_text(values: NDArray[np.float64], decimals: int) -> pa.Array:
-    """Return numbers as text with a fixed number of digits after the point."""
-    return pa.array([f"{value:.{decimals}f}" for value in values.tolist()], pa.string())
 
 
 def number_text(values: NDArray) -> pa.Array:
