@@ -24,9 +24,9 @@ from mlsroad_pipeline.formats.las.layout import new_header, pack_records
 from mlsroad_pipeline.formats.las.writer import RecordWriter
 from mlsroad_pipeline.formats.options import WriteOptions
 from mlsroad_pipeline.simulation.cameras.cameras import Image
-from mlsroad_pipeline.simulation.parameters.presets import LAYOUT, PRESETS, SimulationParameters, simulation_parameters
+from mlsroad_pipeline.simulation.parameters.presets import LAYOUT, SimulationParameters, simulation_parameters
 from mlsroad_pipeline.simulation.parameters.variety import expanded_surveys
-from mlsroad_pipeline.simulation.runtime.survey import SurveyPieces
+from mlsroad_pipeline.simulation.runtime.survey import SurveyPieces, simulate_survey
 from mlsroad_pipeline.surveys.simulated_scans import FrameWriter, RangeImage, range_image
 
 SHARE_OF_ESTIMATE = 0.05
@@ -66,11 +66,6 @@ POINTS, TRAJECTORY = "survey.laz", "trajectory.csv"
 
 SCAN_ANGLE_STEP = 0.006
 """Degrees per unit of the scan angle in LAS 1.4."""
-
-
-def presets() -> tuple[str, ...]:
-    """Return the names of the presets."""
-    return tuple(PRESETS)
 
 
 def selected_surveys(simulation: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
@@ -279,3 +274,18 @@ def _write_calibration(views: list[dict[str, Any]], folder: Path, origin: NDArra
         "images": views,
     }
     (folder / "calibration.json").write_text(json.dumps(calibration, indent=1) + "\n", encoding="utf-8")
+
+
+MOST_POINTS = 2_500_000
+"""Points of a street to train on from which on it is left out."""
+
+
+def simulate_street(*, simulation: SimulationParameters) -> dict[str, Any]:
+    """Simulate a street; one of too many points is returned without points."""
+    survey = simulate_survey(simulation, n_threads=1)
+    cloud = survey.cloud.select(np.arange(len(survey.cloud) if len(survey.cloud) <= MOST_POINTS else 0))
+    points = {
+        "xyz": cloud.xyz.astype(np.float32), "origin": np.asarray(survey.origin), "intensity": cloud["intensity"],
+        "truth": cloud["label"].astype(np.uint8), "instance": cloud["instance"].astype(np.int32),
+    }  # fmt: skip
+    return {"points": points, "objects": survey.objects}
