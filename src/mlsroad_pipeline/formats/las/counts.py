@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from bisect import bisect_left
 from collections.abc import Callable, Iterator
 from functools import lru_cache
 from itertools import islice
@@ -162,15 +163,8 @@ def _same_bytes(fewest: int, most: int, tries: int, same: Callable[[int], bool])
     found = next((n for n in islice(_middles(fewest, most), tries) if same(n)), 0)
     if not found:
         return 0, 0
-    low, high = fewest - 1, found
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if same(middle) else (middle, high)
-    first, low, high = high, found, most + 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (middle, high) if same(middle) else (low, middle)
-    return first, low
+    first = fewest + bisect_left(range(fewest, found), True, key=same)
+    return first, found + bisect_left(range(found + 1, most + 1), True, key=lambda n: not same(n))
 
 
 def _middles(low: int, high: int) -> Iterator[int]:
@@ -190,10 +184,7 @@ def _most_points(data: bytes, record: bytes, laz: lazrs.LazVlr, stated: int) -> 
     low, high = max(stated, 0), min(max(2 * stated, FIRST_GUESS), limit + 1)
     while high <= limit and _unpacked(data, record, laz, high) is not None:
         low, high = high, min(2 * high, limit + 1)
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if _unpacked(data, record, laz, middle) is None else (middle, high)
-    return low
+    return low + bisect_left(range(low + 1, high), True, key=lambda n: _unpacked(data, record, laz, n) is None)
 
 
 def _unpacked(data: bytes, record: bytes, laz: lazrs.LazVlr, n_points: int) -> NDArray[np.uint8] | None:
