@@ -21,7 +21,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.metrics.scores import check_scores
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.store_files import sync_folder
-from mlsroad_pipeline.formats.files import atomic_file
+from mlsroad_pipeline.formats.files import write_atomic
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -61,8 +61,7 @@ class ReportFileDataset(AbstractDataset[Saved, Loaded], Generic[Saved, Loaded]):
             filesystem.pipe_file(path, content)
             return
         target = Path(path)
-        with atomic_file(target) as stream:
-            stream.write(content)
+        write_atomic(target, content)
         sync_folder(target.parent)
 
     @property
@@ -200,6 +199,5 @@ class HtmlReportDataset(ReportFileDataset[str, str]):
         if self._run is None:
             self.write_bytes(data.encode("utf-8"))
             return
-        with atomic_file(self._run.staged(self._filepath)) as stream:
-            stream.write(data.encode("utf-8"))
+        write_atomic(self._run.staged(self._filepath), data.encode("utf-8"))
         self._run.publish(self._run.staged(self._filepath))

@@ -13,7 +13,7 @@ import pyproj
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.formats.files import FileKey, atomic_file, file_key, log_once, unpacked_name
+from mlsroad_pipeline.formats.files import FileKey, file_key, log_once, unpacked_name, write_atomic
 from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions
 
 SIDECAR = ".prj"
@@ -75,8 +75,7 @@ def _sidecar(key: FileKey) -> str | None:
 def write_sidecar(path: Path, crs: str | None) -> None:
     """Write a CRS as WKT beside a file whose format holds none; None writes nothing."""
     if crs:
-        with atomic_file(path.with_name(_stem(path) + SIDECAR)) as stream:
-            stream.write(crs.encode() + b"\n")
+        write_atomic(path.with_name(_stem(path) + SIDECAR), crs.encode() + b"\n")
 
 
 @lru_cache(maxsize=64)

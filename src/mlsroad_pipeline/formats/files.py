@@ -113,6 +113,12 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
         temporary.unlink(missing_ok=True)
 
 
+def write_atomic(path: Path, content: bytes) -> None:
+    """Write a file; it appears whole or not at all."""
+    with atomic_file(path) as stream:
+        stream.write(content)
+
+
 def _open_part(path: Path) -> tuple[Path, BinaryIO]:
     """Create and lock an unfinished file of `path`; another process may remove one before it is locked."""
     while True:

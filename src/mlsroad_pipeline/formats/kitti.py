@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
-from mlsroad_pipeline.formats.files import atomic_file, check_file
+from mlsroad_pipeline.formats.files import check_file, write_atomic
 from mlsroad_pipeline.formats.tables import PointTable, TableFormat
 
 RECORD = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
@@ -61,8 +61,7 @@ class KittiFormat(TableFormat):
             records["intensity"] = cloud["intensity"]
         if "label" in cloud:
             write_labels(path.with_suffix(".label"), cloud["label"], cloud.get("instance"))
-        with atomic_file(path) as stream:
-            stream.write(records.tobytes())
+        write_atomic(path, records.tobytes())
 
 
 def _scan(path: Path) -> NDArray:
@@ -125,5 +124,4 @@ def write_labels(path: Path, labels: NDArray, instances: NDArray | None) -> None
         if len(values) and not 0 <= values.min() <= values.max() < 2**LABEL_BITS:
             raise DataError(f"{path}: {name} {values.min()} to {values.max()} does not fit into {LABEL_BITS} bits")
     packed = parts[0][1].astype("<u4") | parts[1][1].astype("<u4") << LABEL_BITS
-    with atomic_file(path) as stream:
-        stream.write(packed.astype("<u4").tobytes())
+    write_atomic(path, packed.astype("<u4").tobytes())

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from mlsroad_pipeline.formats.files import atomic_file
+from mlsroad_pipeline.formats.files import write_atomic
 from mlsroad_pipeline.inventory_files.geopackage import read_geopackage, write_geopackage
 from mlsroad_pipeline.inventory_files.geoparquet import read_geoparquet, write_geoparquet
 from mlsroad_pipeline.inventory_files.qgis_styles import qml
@@ -29,8 +29,7 @@ class InventoryFormat(NamedTuple):
 def _write_styled_geopackage(inventory: RoadInventory, path: Path) -> list[Path]:
     style = path.with_suffix(".qml")
     write_geopackage(inventory, path)
-    with atomic_file(style) as stream:
-        stream.write(qml("objects").encode())
+    write_atomic(style, qml("objects").encode())
     return [style, path]
 
 

@@ -188,20 +188,26 @@ def oob_figure(n_trees: ArrayLike, errors: ArrayLike, *, chosen: int | None = No
     trees, error = np.asarray(n_trees), np.asarray(errors, dtype=np.float64)
     if trees.ndim != 1 or trees.shape != error.shape or len(trees) == 0:
         raise DataError(f"errors of shape {error.shape} for numbers of trees of shape {trees.shape}")
-    figure = empty_figure(6.5, 3.6)
-    axes = figure.add_subplot()
+    figure, axes = _curve(title or "Out-of-bag error", "Number of trees", "Out-of-bag error, %")
     axes.plot(trees, 100 * error, color=SERIES[0], linewidth=1.6)
     if chosen is not None:
         axes.axvline(chosen, color=SERIES[5], linewidth=1, linestyle="--")
         axes.annotate(f"{chosen} trees", (chosen, 1), xycoords=("data", "axes fraction"), xytext=(-4, -4),
                       textcoords="offset points", ha="right", va="top", fontsize=8, color=SERIES[5])  # fmt: skip
-    axes.set_xlabel("Number of trees", fontsize=9, color=INK)
-    axes.set_ylabel("Out-of-bag error, %", fontsize=9, color=INK)
     axes.set_ylim(bottom=0)
     axes.grid(color=GRID, linewidth=0.7)
-    tidy_axes(axes)
-    axes.set_title(title or "Out-of-bag error", fontsize=10, color=INK, loc="left")
     return figure
+
+
+def _curve(title: str, along: str, up: str) -> tuple[Figure, Axes]:
+    """Return an empty figure for a curve, and its axes."""
+    figure = empty_figure(6.5, 3.6)
+    axes = figure.add_subplot()
+    axes.set_xlabel(along, fontsize=9, color=INK)
+    axes.set_ylabel(up, fontsize=9, color=INK)
+    tidy_axes(axes)
+    axes.set_title(title, fontsize=10, color=INK, loc="left")
+    return figure, axes
 
 
 def objective_figure(values: ArrayLike, *, title: str = "") -> Figure:
@@ -209,14 +215,9 @@ def objective_figure(values: ArrayLike, *, title: str = "") -> Figure:
     objective = np.asarray(values, dtype=np.float64)
     if objective.ndim != 1 or len(objective) == 0:
         raise DataError(f"an objective has one value per iteration, got shape {objective.shape}")
-    figure = empty_figure(6.5, 3.6)
-    axes = figure.add_subplot()
+    figure, axes = _curve(title or "Objective", "Iteration", "Objective")
     axes.plot(objective, color=SERIES[0], linewidth=1.6, marker="o", markersize=3)
     axes.set_yscale("log")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_xlabel("Iteration", fontsize=9, color=INK)
-    axes.set_ylabel("Objective", fontsize=9, color=INK)
     axes.grid(color=GRID, linewidth=0.7, which="both")
-    tidy_axes(axes)
-    axes.set_title(title or "Objective", fontsize=10, color=INK, loc="left")
     return figure
