@@ -75,8 +75,6 @@ def short_count(count: int) -> str:
 def confusion_figure(matrix: NDArray[np.integer], *, classes: Sequence[str], title: str = "") -> Figure:
     """Draw a confusion matrix with the shares of each true class and the counts."""
     support = scores(matrix).support
-    if len(classes) != len(support):
-        raise DataError(f"{len(classes)} class names for a confusion matrix of {len(support)} classes")
     counts = np.asarray(matrix)
     columns = shown_names(classes)
     if counts.shape[1] > len(support):
@@ -166,8 +164,6 @@ def importance_figure(
 ) -> Figure:
     """Draw the largest feature importances as horizontal bars."""
     values = np.asarray(importances, dtype=np.float64)
-    if values.ndim != 1 or len(values) != len(names) or len(values) == 0:
-        raise DataError(f"{len(names)} feature names for importances of shape {values.shape}")
     order = np.argsort(-values, kind="stable")[:largest]
     figure = empty_figure(6.5, 0.9 + 0.21 * len(order))
     axes = figure.add_subplot()
@@ -186,8 +182,6 @@ def importance_figure(
 def oob_figure(n_trees: ArrayLike, errors: ArrayLike, *, chosen: int | None = None, title: str = "") -> Figure:
     """Draw the out-of-bag error over the number of trees."""
     trees, error = np.asarray(n_trees), np.asarray(errors, dtype=np.float64)
-    if trees.ndim != 1 or trees.shape != error.shape or len(trees) == 0:
-        raise DataError(f"errors of shape {error.shape} for numbers of trees of shape {trees.shape}")
     figure, axes = _curve(title or "Out-of-bag error", "Number of trees", "Out-of-bag error, %")
     axes.plot(trees, 100 * error, color=SERIES[0], linewidth=1.6)
     if chosen is not None:
@@ -212,11 +206,8 @@ def _curve(title: str, along: str, up: str) -> tuple[Figure, Axes]:
 
 def objective_figure(values: ArrayLike, *, title: str = "") -> Figure:
     """Draw an objective over the iterations of its minimisation."""
-    objective = np.asarray(values, dtype=np.float64)
-    if objective.ndim != 1 or len(objective) == 0:
-        raise DataError(f"an objective has one value per iteration, got shape {objective.shape}")
     figure, axes = _curve(title or "Objective", "Iteration", "Objective")
-    axes.plot(objective, color=SERIES[0], linewidth=1.6, marker="o", markersize=3)
+    axes.plot(values, color=SERIES[0], linewidth=1.6, marker="o", markersize=3)
     axes.set_yscale("log")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.grid(color=GRID, linewidth=0.7, which="both")
