@@ -23,11 +23,11 @@ from mlsroad_pipeline.commands.options import (
     default_output,
     expanded,
     literal,
-    merged,
     nested,
     survey_of,
 )
 from mlsroad_pipeline.commands.session import configure, find_place, run_pipeline
+from mlsroad_pipeline.execution.path_parameters import merged
 
 
 def inspect(files: Surveys, output: Output = None, params: Params = None, verbose: Verbose = False) -> None:

@@ -32,11 +32,11 @@ from mlsroad_pipeline.commands.options import (
     default_output,
     expanded,
     literal,
-    merged,
     nested,
     survey_of,
 )
 from mlsroad_pipeline.commands.session import configure, find_place, kernels_compiled, run_pipeline
+from mlsroad_pipeline.execution.path_parameters import merged
 
 STAGES = {
     "files": ("Reading headers", 0.04),

@@ -22,11 +22,11 @@ from mlsroad_pipeline.commands.options import (
     check_exist,
     expanded,
     literal,
-    merged,
     nested,
     results_folder,
 )
 from mlsroad_pipeline.commands.session import configure, find_place, run_pipeline
+from mlsroad_pipeline.execution.path_parameters import merged
 
 SCORES = "object_scores.json"
 """File that marks a folder of scores."""

@@ -162,10 +162,8 @@ def write_part(kind: str, value: Any, stream: BinaryIO | RawIOBase) -> None:
     """Write a value to a stream; raise DataError for a dtype that cannot be stored without loss."""
     if kind == POINTS:
         _write_points(value, stream)
-    elif kind == ARRAYS:
-        _write_arrays(value, stream)
     else:
-        _write_table(value, stream)
+        (_write_arrays if kind == ARRAYS else _write_table)(value, stream)
 
 
 def read_part(kind: str, source: str | BinaryIO, *, mapped: bool = False) -> Any:

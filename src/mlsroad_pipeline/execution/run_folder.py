@@ -169,7 +169,8 @@ class RunFolder:
             return None
         for other in self.others():
             if now in other.versions().get(name, ()):
-                return f"{target} is a result of another run: {_difference(other, self)}"
+                what = first_difference(other.read().get("settings"), self.settings) or "its settings are the same"
+                return f"{target} is a result of another run: {what}"
         if own is not None or any(name in other.versions() for other in self.others()):
             return f"{target} has been edited since it was written"
         return f"{target} exists and was not written by label"
@@ -242,8 +243,3 @@ def check_closed(target: Path) -> None:
     beside = [target.name + ending for ending in _OPEN if os.path.lexists(f"{target}{ending}")]
     if beside:
         raise OutputExistsError(f"{target} is open in another program ({beside[0]} lies beside it): close it there")
-
-
-def _difference(other: RunFolder, run: RunFolder) -> str:
-    """Return what distinguishes another run from this one, in a clause."""
-    return first_difference(other.read().get("settings"), run.settings) or "its settings are the same"

@@ -166,6 +166,13 @@ class StoreFiles:
             filesystem.rm(f"{root}/{relative}", recursive=True)
             filesystem.invalidate_cache()
 
+    def names(self) -> list[str]:
+        """Return the sorted names of the files and folders, empty ones too, in the folder; none if it is missing."""
+        filesystem, root = self.opened()
+        filesystem.invalidate_cache()
+        found = filesystem.ls(root, detail=False) if filesystem.exists(root) else []
+        return sorted(PurePosixPath(path).name for path in found)
+
     def listing(self) -> dict[str, int]:
         """Return the sizes of all files below the folder by relative path, bytes."""
         filesystem, root = self.opened()
