@@ -113,7 +113,8 @@ class Survey:
             below = [path for path in below if path not in results]
             if Path(root).is_dir():
                 tables = _tables_beside(below)
-                reasons |= {path: TABLE for path in tables if path.name != trajectory and not _is_truth(path)}
+                truth = {p for p in tables if p.name == "objects.csv" and first_bytes(p, len(TRUTH)) == TRUTH}
+                reasons |= {path: TABLE for path in tables - truth if path.name != trajectory}
                 below = [path for path in below if path not in tables]
             copies = {path: f"{reason}: skipped" for path, reason in copies_beside(below).items()}
             reasons |= {path: reason for path, reason in copies.items() if path.absolute() not in named}
@@ -187,10 +188,6 @@ def _in_results(paths: Sequence[Path], root: Path) -> set[Path]:
         return known[folder]
 
     return {path for path in paths if holds(path.parent)}
-
-
-def _is_truth(path: Path) -> bool:
-    return path.name == "objects.csv" and first_bytes(path, len(TRUTH)) == TRUTH
 
 
 def _tables_beside(paths: Sequence[Path]) -> set[Path]:

@@ -112,6 +112,12 @@ def replaced_crs(form: PointFormat, path: str, options: ReadOptions) -> str | No
     return None if stated is None or is_same_crs(stated, parse_crs(options.crs)) else stated
 
 
+def sample_of(form: PointFormat, path: str, options: ReadOptions, n_points: int) -> PointCloud:
+    """Return evenly spaced runs of the points of a file."""
+    starts = spread_starts(n_points, SAMPLE_RUNS, SAMPLE_SIZE)
+    return concatenate([form.read(Path(path), options, start=start, stop=start + SAMPLE_SIZE) for start in starts])
+
+
 class FileFacts(TypedDict):
     """Facts of a file: numbers and flags of shape (1,), systems as WKT or empty."""
 
@@ -161,9 +167,7 @@ def describe_file(path: str, *, options: ReadOptions, labels: bool, windows: boo
     n_points = info.n_points
     if n_points == 0:
         raise ReadError(f"{path} is empty: it holds no points")
-    starts = spread_starts(n_points, SAMPLE_RUNS, SAMPLE_SIZE)
-    runs = [form.read(Path(path), chosen, start=start, stop=start + SAMPLE_SIZE) for start in starts]
-    sample = concatenate(runs)
+    sample = sample_of(form, path, chosen, n_points)
     time_windows = _time_windows(form, path, chosen, sample=sample, n_points=n_points) if windows else None
     return {
         "info": {
@@ -245,7 +249,9 @@ def find_corridor(
         path = read_trajectory(trajectory, crs=samples[0].crs if samples else None, factors=factors)
         times = _times_of(samples)
         path = in_weeks_of(path, *times)
-        notes = (path.note, coverage_note(path, *times), distance_note(path, *_extent_of(samples)))
+        xyz = np.concatenate([np.empty((0, 3)), *(sample.world_xyz() for sample in samples)])
+        extent = (xyz.min(axis=0), xyz.max(axis=0)) if len(xyz) else np.full((2, 3), np.nan)
+        notes = (path.note, coverage_note(path, *times), distance_note(path, *extent))
         return _with_note(path, "; ".join(filter(None, notes)))
     if not along:
         return _with_note(None)
@@ -264,13 +270,6 @@ def _with_note(corridor: Corridor, note: str = "") -> PassCorridor:
     if note:
         arrays["note"] = np.array(note)
     return arrays
-
-
-def _extent_of(samples: Sequence[PointCloud]) -> NDArray[np.float64]:
-    """Return the least and the largest coordinates of samples; NaN without points."""
-    filled = [sample.world_xyz() for sample in samples if len(sample)]
-    boxes = [np.array([xyz.min(axis=0), xyz.max(axis=0)]) for xyz in filled] or [np.full((2, 3), np.nan)]
-    return np.array([np.min([low for low, _ in boxes], axis=0), np.max([high for _, high in boxes], axis=0)])
 
 
 def _times_of(samples: Sequence[PointCloud]) -> tuple[float, float]:

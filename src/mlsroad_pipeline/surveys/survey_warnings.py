@@ -169,28 +169,19 @@ def survey_warnings(
     """Return the warnings on a survey, one per cause, as pairs of the files and a sentence."""
     more = more or {}
     rows = [(name, reason) for name, reason in skipped.items()]
-    rows += [(name, AS_POINTS) for name in _names_of_trajectories(files)]
+    named = [facts.name for facts in files if "trajectory" in PurePosixPath(facts.name).stem.lower()]
+    rows += [(name, AS_POINTS) for name in named if len(named) < len(files)]
     rows += [(facts.name, text) for facts in files for text in (*file_warnings(facts), *more.get(facts.name, ()))]
     gathered = gather(rows, len(files) + len(skipped))
     systems = {facts.crs: facts.name for facts in reversed(files)}
     if len(systems) > 1:
         examples = "; ".join(f"{name}: {crs_label(crs)}" for crs, name in systems.items())
         gathered.append((files[0].name, f"files have different coordinate reference systems ({examples})"))
-    partial = _partial_columns(files)
+    n_files = Counter(name for facts in files for name in facts.columns or facts.quality.present)
+    partial = sorted(name for name, count in n_files.items() if count < len(files))
     if partial:
         gathered.append((files[0].name, f"only some of the files have {', '.join(partial)}"))
     return gathered + _far_files(files)
-
-
-def _names_of_trajectories(files: Sequence[SurveyFacts]) -> list[str]:
-    """Return the files that are named as a trajectory, where others are not."""
-    named = [facts.name for facts in files if "trajectory" in PurePosixPath(facts.name).stem.lower()]
-    return named if len(named) < len(files) else []
-
-
-def _partial_columns(files: Sequence[SurveyFacts]) -> list[str]:
-    n_files = Counter(name for facts in files for name in facts.columns or facts.quality.present)
-    return sorted(name for name, count in n_files.items() if count < len(files))
 
 
 def _far_files(files: Sequence[SurveyFacts]) -> list[tuple[str, str]]:

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import shapely
 from numpy.typing import NDArray
+from pandas.api.types import is_string_dtype
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
@@ -68,7 +69,8 @@ def _read_truth(place: Path) -> Truth:
             header = stream.readline()
         spreadsheet = ";" in header and "," not in header
         table = pd.read_csv(place, sep=";" if spreadsheet else ",")
-        table = _without_decimal_commas(table) if spreadsheet else table
+        commas = [name for name in _NUMBERS if spreadsheet and name in table and is_string_dtype(table[name])]
+        table = table.assign(**{name: table[name].str.replace(",", ".", regex=False) for name in commas})
     except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
         raise ReadError(f"{place}: not a table of true objects: {' '.join(str(error).split())}") from error
     if {"instance", "label", "box_x", "moving"} <= set(table):
@@ -79,12 +81,6 @@ def _read_truth(place: Path) -> Truth:
     if typed.empty:
         raise DataError(f"{place}: the table has no true objects")
     return Truth(typed, None, "table")
-
-
-def _without_decimal_commas(table: pd.DataFrame) -> pd.DataFrame:
-    """Return a table with decimal points in the columns of numbers that were read as text."""
-    text = [name for name in _NUMBERS if name in table and pd.api.types.is_string_dtype(table[name])]
-    return table.assign(**{name: table[name].str.replace(",", ".", regex=False) for name in text})
 
 
 def _typed(table: pd.DataFrame, place: Path) -> pd.DataFrame:
@@ -274,19 +270,17 @@ def point_counts(truth: Truth, clouds: Sequence[Path]) -> pd.Series | None:
         for start in range(0, info.n_points, CHUNK):
             options = ReadOptions(only=("instance",) if by_number else ())
             cloud = form.read(path, options, start=start, stop=start + CHUNK)
-            total += _of_instances(objects, cloud["instance"]) if by_number else _in_boxes(objects, cloud.world_xyz())
+            total += (
+                objects["instance"].map(pd.Series(cloud["instance"]).value_counts()).fillna(0).to_numpy(np.int64)
+                if by_number
+                else _in_boxes(objects, cloud.world_xyz())
+            )
     return pd.Series(total, index=objects.index)
 
 
 CHUNK = 2_000_000
 """Points of a cloud that are read at once."""
 _BOX_MARGIN = 0.1  # metres
-
-
-def _of_instances(objects: pd.DataFrame, numbers: NDArray) -> NDArray[np.int64]:
-    found, counts = np.unique(numbers, return_counts=True)
-    at = np.searchsorted(found, objects["instance"]).clip(max=len(found) - 1)
-    return np.where(found[at] == objects["instance"], counts[at], 0)
 
 
 def _in_boxes(objects: pd.DataFrame, xyz: NDArray[np.float64]) -> NDArray[np.int64]:
