@@ -50,7 +50,6 @@ def map_arrays(path: str | Path) -> dict[str, NDArray]:
 
 @functools.lru_cache(maxsize=256)
 def _check_sums(path: str, size: int, modified: int) -> None:
-    del size, modified
     with (
         open(path, "rb") as stream,
         zipfile.ZipFile(stream) as archive,

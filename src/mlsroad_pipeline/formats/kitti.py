@@ -32,7 +32,6 @@ class KittiFormat(TableFormat):
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
         """Open a scan: x, y, z, `intensity` and, with labels, `label` uint16 and `instance` int32."""
-        del options
         scan = _scan(path)
         table = {name: scan[name] for name in RECORD.names or ()}
         labels = label_path(path)

@@ -145,7 +145,6 @@ class _PlySink(LabelSink):
     """Writer of PLY that adds three properties to the vertices; other header lines and elements are copied."""
 
     def __init__(self, source: Path, options: ReadOptions, out: BinaryIO) -> None:
-        del options
         self._file, self._header, self._out = open_content(source), read_ply_header(source), out
         self._rows = vertex_rows(source, self._header) if self._header.encoding == "ascii" else None
         self._size = self._header.vertex.dtype(self._header.order).itemsize
@@ -192,7 +191,6 @@ class _KittiSink(LabelSink):
     """Writer of KITTI labels: classes in the lower 16 bits; the instances of the survey are kept."""
 
     def __init__(self, source: Path, options: ReadOptions, out: BinaryIO) -> None:
-        del options
         labels, self._out = label_path(source), out
         self._old = np.fromfile(labels, dtype="<u4") if labels is not None else None
 
@@ -207,7 +205,6 @@ class _ParquetSink(LabelSink):
     """Writer of Parquet that adds three columns, a batch at a time; the schema's metadata are kept."""
 
     def __init__(self, source: Path, options: ReadOptions, out: BinaryIO) -> None:
-        del options
         file = pq.ParquetFile(source)
         old = file.schema_arrow
         fields = [f.with_name(kept_name(f.name, old.names)) if f.name in RESULTS else f for f in old]
@@ -235,7 +232,6 @@ class _NpzSink(LabelSink):
     """Writer of NPZ that adds three arrays; the others are copied."""
 
     def __init__(self, source: Path, options: ReadOptions, out: BinaryIO) -> None:
-        del options
         self._source, self._out = source, out
         self._parts: dict[str, list[NDArray]] = {name: [] for name in RESULTS}
 
@@ -259,7 +255,6 @@ class _PcdSink(LabelSink):
     """Writer of binary PCD that adds three fields to the records; other header lines are kept."""
 
     def __init__(self, source: Path, options: ReadOptions, out: BinaryIO) -> None:
-        del options
         self._file, self._header, self._out = open_content(source), read_pcd_header(source), out
         out.write(_labelled_pcd_head(self._file.read(self._header.begin), self._header))
 

@@ -75,7 +75,6 @@ class SydneyFormat(TableFormat):
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
         """Open a file of objects."""
-        del options
         if path.suffix.lower() == ".csv":
             table = _text_records(file_key(path))
             return PointTable(NAMES, len(table["x"]), lambda names, a, b: {n: table[n][a:b] for n in names})

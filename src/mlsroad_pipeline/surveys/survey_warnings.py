@@ -193,17 +193,15 @@ def _far_files(files: Sequence[SurveyFacts]) -> list[tuple[str, str]]:
     for folder, members in folders.items():
         boxes = np.array([[facts.quality.low[:2], facts.quality.high[:2]] for facts in members])
         boxes = boxes[np.isfinite(boxes).all(axis=(1, 2)) & ((boxes[:, 1] - boxes[:, 0]).max(axis=1) <= LONG)]
-        n_places = count_places(np.concatenate([_box(low, high) for low, high in boxes])) if len(boxes) > 1 else 1
+        filled = [
+            np.stack(np.meshgrid(*(np.append(np.arange(a, b, 250.0), b) for a, b in box.T)), axis=-1).reshape(-1, 2)
+            for box in boxes
+        ]
+        n_places = count_places(np.concatenate(filled)) if len(boxes) > 1 else 1
         if n_places > 1:
             name = members[0].name if folder == "." else f"{folder}/"
             found.append((name, f"{len(members)} files of the folder lie in {n_places} places more than 500 m apart"))
     return found
-
-
-def _box(low: np.ndarray, high: np.ndarray, step: float = 250.0) -> np.ndarray:
-    """Return positions that fill a rectangle."""
-    axes = [np.append(np.arange(a, b, step), b) for a, b in zip(low, high, strict=True)]
-    return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
 
 
 def gather(rows: Sequence[tuple[str, str]], n_files: int) -> list[tuple[str, str]]:

@@ -42,11 +42,9 @@ class BitField(NamedTuple):
 
 def bit_field(header: LasHeader, name: str) -> BitField | None:
     """Return the bits of a dimension; None where it has a field of its own."""
-    for field, parts in COMPOSED_FIELDS[header.point_format].items():
-        for part in parts:
-            if part.name == name:
-                return BitField(field, part.mask, (part.mask & -part.mask).bit_length() - 1)
-    return None
+    parts = ((field, part) for field, group in COMPOSED_FIELDS[header.point_format].items() for part in group)
+    found = ((field, part.mask) for field, part in parts if part.name == name)
+    return next((BitField(field, mask, (mask & -mask).bit_length() - 1) for field, mask in found), None)
 
 
 def extra_dimension(header: LasHeader, name: str) -> ExtraDimension | None:

@@ -146,7 +146,8 @@ class LasFormat(PointFormat):
             placed = with_crs_of(header, cloud, path, metres)
             header = without_copc(header if placed is header else with_room(placed, cloud, metres))
         depths = None if like is None else Depths.of_file(like)
-        if depths is not None and _read_by_type(cloud):
+        # intensities of 8 bits were divided by the range of 16; divided by 255, 1 is 0.004
+        if depths is not None and "intensity" in cloud and np.nanmax(cloud["intensity"], initial=0.0) * 65535 <= 255.5:
             depths = replace(depths, intensity=65535)
         with atomic_file(path) as stream:
             compress = path.suffix.lower() == ".laz"
@@ -154,11 +155,6 @@ class LasFormat(PointFormat):
             for part in parts_of(cloud):
                 writer.write(pack_records(part, header, metres=metres, depths=depths))
             writer.close()
-
-
-def _read_by_type(cloud: PointCloud) -> bool:
-    """Return whether intensities of 8 bits were divided by the range of 16; divided by 255, 1 is 0.004."""
-    return "intensity" in cloud and np.nanmax(cloud["intensity"], initial=0.0) * 65535 <= 255.5
 
 
 def _template(cloud: PointCloud, options: WriteOptions) -> Path | None:

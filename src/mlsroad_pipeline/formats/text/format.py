@@ -68,18 +68,14 @@ def interpret(rows: TextRows, form: RowForm) -> tuple[dict[str, Any], tuple[str,
     index, columns = _sampled(rows, form)
     if not columns:
         return {}, (), ""  # reading reports the row
-    if len(index) >= LEAST_ROWS and _counts_rows(columns, index):
+    # whole numbers before three columns that vary, x, y and z
+    whole = columns[0][0] == np.floor(columns[0][0]) and np.ptp(columns[0] - index) == 0
+    if len(index) >= LEAST_ROWS and whole and all(np.ptp(values) > 0 for values in columns[1:4]):
         return {}, (), COUNTS.format(rows.path, rows.first_line, columns[0][0])
     steps, apart = np.diff(columns[0]), np.diff(index)
     inside = steps[apart == 1]
     grows = len(inside) and (steps >= 0).all() and 2 * np.count_nonzero(inside > 0) > len(inside)
     return _colours(columns), (GROWS,) * bool(grows and _are_times(columns)), ""
-
-
-def _counts_rows(columns: list[NDArray[np.float64]], index: NDArray[np.int64]) -> bool:
-    """Return whether the first column numbers the rows: whole numbers before three columns that vary, x, y and z."""
-    whole = columns[0][0] == np.floor(columns[0][0])
-    return bool(whole and np.ptp(columns[0] - index) == 0 and all(np.ptp(values) > 0 for values in columns[1:4]))
 
 
 def _are_times(columns: list[NDArray[np.float64]]) -> bool:
