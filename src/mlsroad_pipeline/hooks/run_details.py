@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from enum import Enum
 from importlib.metadata import Distribution, distributions
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from kedro.io import CatalogProtocol
 from kedro.pipeline import Pipeline
@@ -190,15 +190,8 @@ def _name_and_version(distribution: Distribution) -> tuple[str, str]:
     return head.get("Name", ""), head.get("Version", "")
 
 
-class Environment(NamedTuple):
-    """Software environment: tags with the Python version and the platform, and all packages as ``name==version``."""
-
-    tags: dict[str, str]
-    packages: list[str]
-
-
-def environment() -> Environment:
-    """Return the environment of this process."""
+def environment() -> tuple[dict[str, str], list[str]]:
+    """Return tags with the Python version and the platform of this process, and all packages as ``name==version``."""
     names = dict(map(_name_and_version, distributions()))
     packages = sorted((f"{name}=={version}" for name, version in names.items() if name), key=str.lower)
-    return Environment({"python": platform.python_version(), "platform": platform.platform()}, packages)
+    return {"python": platform.python_version(), "platform": platform.platform()}, packages

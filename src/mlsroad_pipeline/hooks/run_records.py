@@ -205,8 +205,8 @@ class RunRecords:
 
     def _log_code_and_environment(self, project: Path) -> None:
         """Record the commit and whether files differ from it, the runner, Python, the platform and all packages."""
-        python = environment()
-        tags = python.tags | git_state(project)
+        versions, packages = environment()
+        tags = versions | git_state(project)
         if "git.commit" in tags:
             tags["mlflow.source.git.commit"] = tags["git.commit"]
         tags[PROCESS] = this_process()
@@ -215,7 +215,7 @@ class RunRecords:
         command = client.get_run(self._run_id).data.tags.get("kedro_command", "")
         tags["kedro_command"] = typed_command(command, self._run_params.get("env"))
         client.log_batch(self._run_id, tags=[RunTag(name, value) for name, value in tags.items()])
-        client.log_text(self._run_id, "\n".join(python.packages) + "\n", "environment/pip_freeze.txt")
+        client.log_text(self._run_id, "\n".join(packages) + "\n", "environment/pip_freeze.txt")
 
     def _log_label(self, summary: Mapping[str, Any]) -> None:
         """Record what `label` found, and name the run after the model."""

@@ -155,10 +155,13 @@ def write_flatgeobuf(inventory: RoadInventory, folder: Path) -> list[Path]:
     """Write the base points with all fields as ``inventory.fgb``."""
     target = folder / "inventory.fgb"
     table, crs = checked(inventory, target)
-    layers = [(target, attributes(table), base_points(table), "Point Z", "objects")]
+    written = _write(
+        target, attributes(table), base_points(table), "Point Z", crs, driver="FlatGeobuf", layer="objects"
+    )
     if (lines := inventory.lines) is not None:
-        layers.append((folder / "lines.fgb", line_attributes(lines), line_shapes(lines), "LineString Z", "lines"))
-    return [path for *layer, name in layers for path in _write(*layer, crs, driver="FlatGeobuf", layer=name)]
+        layer: tuple[Any, ...] = (folder / "lines.fgb", line_attributes(lines), line_shapes(lines), "LineString Z", crs)
+        written += _write(*layer, driver="FlatGeobuf", layer="lines")
+    return written
 
 
 def _write(
@@ -234,7 +237,7 @@ def write_shapefile(inventory: RoadInventory, folder: Path) -> list[Path]:
     if inventory.lines is not None:
         names += [name for name in LINE_FIELDS if name != "line" and name not in names]
     fields = {**LINE_FIELDS, **FIELDS}
-    rows = [(short_name(name), name, fields[name].alias, fields[name].description) for name in names]
-    table = pd.DataFrame(rows, columns=["shapefile_field", "field", "alias", "description"])
+    described = [(short_name(name), name, fields[name].alias, fields[name].description) for name in names]
+    table = pd.DataFrame(described, columns=["shapefile_field", "field", "alias", "description"])
     write_atomic(target / "fields.csv", table.to_csv(index=False, lineterminator="\n").encode())
     return [*written, target / "fields.csv"]
