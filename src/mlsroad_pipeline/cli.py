@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import copy
+import re
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,8 @@ from kedro.framework.cli.project import run as kedro_run
 from omegaconf import OmegaConf
 from yaml import YAMLError
 
-from mlsroad_pipeline.execution.path_parameters import with_text_of_paths
-
 _KEDRO_PARAMS: Any = next(parameter.callback for parameter in kedro_run.params if parameter.name == "params")
+_PATH = re.compile(r"(label|inspect|score|survey)\.(survey|output|trajectory|images|inventory|truth|root)")
 _OPTIONS = [parameter.name for parameter in kedro_run.params if parameter.name and parameter.name != "config"]
 
 
@@ -63,7 +63,12 @@ def _read_options(context: click.Context, parameter: click.Parameter, value: str
 def _read_parameters(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
     """Return the parameters as Kedro reads them, with paths as they were given."""
     read = _KEDRO_PARAMS(context, parameter, value)
-    return with_text_of_paths(read, value.split(",")) if isinstance(value, str) else read
+    for pair in value.split(",") if isinstance(value, str) else ():
+        name, _, text = pair.partition("=")
+        section, _, key = name.strip().partition(".")
+        if _PATH.fullmatch(name.strip()) and isinstance(read[section][key], int | float):
+            read[section][key] = text
+    return read
 
 
 def _with_checked_config(command: click.Command) -> click.Command:

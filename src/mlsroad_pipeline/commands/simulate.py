@@ -20,9 +20,9 @@ from mlsroad_pipeline.commands.options import Verbose, expanded, nested
 
 
 def _presets() -> list[str]:
-    from mlsroad_pipeline.simulation.parameters.presets import PRESETS
+    from mlsroad_pipeline.surveys.simulated import presets
 
-    return list(PRESETS)
+    return list(presets())
 
 
 def simulate(

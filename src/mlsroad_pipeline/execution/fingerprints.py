@@ -191,10 +191,7 @@ def installation() -> str:
 
 
 def qualified_name(function: Callable[..., Any]) -> str:
-    """Return `module:name` of a function that a worker can import.
-
-    Raises ParameterError for a lambda, a closure, a partial or a bound method, whose state the fingerprint would miss.
-    """
+    """Return `module:name` of a function that a worker can import."""
     module, name = getattr(function, "__module__", None), getattr(function, "__qualname__", None)
     if module and name and "<" not in name:
         try:
@@ -222,11 +219,7 @@ class Fingerprinter:
         *,
         validator: Callable[..., Any] | None = None,
     ) -> str:
-        """Return the fingerprint of a call.
-
-        Raises ParameterError if the function cannot be imported by name or a value cannot be described, and ReadError
-        if a source file cannot be read.
-        """
+        """Return the fingerprint of a call."""
         functions = [function] if validator is None else [function, validator]
         self._types = set()
         call = {

@@ -131,10 +131,7 @@ class ResultPart(NamedTuple):
 
 
 def split_parts(result: object) -> dict[str, ResultPart]:
-    """Divide a result into named parts, one file each.
-
-    Raises DataError if the result or a part is of another type, or if a part name cannot name a file.
-    """
+    """Divide a result into named parts, one file each."""
     kind = kind_of(result)
     if kind is not None:
         return {SINGLE: ResultPart(kind, result)}

@@ -135,10 +135,7 @@ class RunFolder:
         return self.output / Path(staged).relative_to(Path(self.path, STAGED))
 
     def publish(self, staged: str | Path) -> Path:
-        """Enter a written file in the journal, move it to its place and return that.
-
-        Raises OutputExistsError if another file has taken the place during the run.
-        """
+        """Enter a written file in the journal, move it to its place and return that."""
         target = self.target(staged)
         sync_file(staged)
         name, fresh, now = self._name(target), state_of(staged), state_of(target)

@@ -99,10 +99,7 @@ def _short(value: Any) -> str:
 
 
 def finished_record(output: Path) -> dict[str, Any] | None:
-    """Return the record of the last finished run into an output folder, None if there is none.
-
-    Raises ReadError if a record that is not older cannot be read or is damaged.
-    """
+    """Return the record of the last finished run into an output folder, None if there is none."""
     for path in sorted(output.glob(f"{STATE}/*/{RECORD}"), key=lambda path: path.stat().st_mtime_ns, reverse=True):
         try:
             record = json.loads(path.read_text(encoding="utf-8"))

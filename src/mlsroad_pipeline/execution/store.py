@@ -122,10 +122,7 @@ class SceneStore(StoreFiles):
         return True
 
     def commit(self, key: str, task: str, result: Any, *, token: str) -> Record:
-        """Store a result: remove the old record first, write the new one last.
-
-        Raises DataError for a result of a type that cannot be stored and SupersededError after a takeover.
-        """
+        """Store a result: remove the old record first, write the new one last."""
         parts = split_parts(result)
         self.check_held(token)
         self.remove(f"{key}/{RECORD}")

@@ -78,10 +78,7 @@ class StoreFiles:
 
     @classmethod
     def at(cls, url: str, options: Mapping[str, Any] | None = None) -> Self:
-        """Return the folder at a path or URL.
-
-        Raises ValueError for an unknown protocol and ImportError if the package of its file system is missing.
-        """
+        """Return the folder at a path or URL."""
         filesystem, root = fsspec.core.url_to_fs(url, **(options or {}))
         absolute = root if isinstance(filesystem, LocalFileSystem) else filesystem.unstrip_protocol(root)
         return cls(absolute.rstrip("/"), dict(options or {}))

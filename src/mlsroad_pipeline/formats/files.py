@@ -153,10 +153,7 @@ def _remove_parts_of_killed_runs(path: Path) -> None:
 
 
 def clip_range(start: int, stop: int | None, n_points: int) -> tuple[int, int]:
-    """Return ``start`` and ``stop`` (None: the end) clipped to ``n_points`` rows.
-
-    Raises `ValueError` if ``start`` is negative or ``stop`` is before it.
-    """
+    """Return ``start`` and ``stop`` (None: the end) clipped to ``n_points`` rows."""
     end = max(start, n_points) if stop is None else stop
     if start < 0 or end < start:
         raise ValueError(f"row range must satisfy 0 <= start <= stop, got {start}..{stop}")

@@ -107,10 +107,7 @@ def _write_table(table: pd.DataFrame | None, path: Path) -> list[Path]:
 
 
 def to_wgs84(crs: CRS | None, source: str) -> Transformer:
-    """Return the transformation to longitude and latitude.
-
-    Raises DataError, which names the source, if the system is unknown or has no place on the earth.
-    """
+    """Return the transformation to longitude and latitude."""
     if crs is None:
         raise DataError(
             f"{source}: GeoJSON needs longitudes and latitudes, and the survey has no coordinate reference system; "

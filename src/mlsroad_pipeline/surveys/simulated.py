@@ -24,7 +24,7 @@ from mlsroad_pipeline.formats.las.layout import new_header, pack_records
 from mlsroad_pipeline.formats.las.writer import RecordWriter
 from mlsroad_pipeline.formats.options import WriteOptions
 from mlsroad_pipeline.simulation.cameras.cameras import Image
-from mlsroad_pipeline.simulation.parameters.presets import LAYOUT, SimulationParameters, simulation_parameters
+from mlsroad_pipeline.simulation.parameters.presets import LAYOUT, PRESETS, SimulationParameters, simulation_parameters
 from mlsroad_pipeline.simulation.parameters.variety import expanded_surveys
 from mlsroad_pipeline.simulation.runtime.survey import SurveyPieces, simulate_survey
 from mlsroad_pipeline.surveys.simulated_scans import FrameWriter, RangeImage, range_image
@@ -66,6 +66,11 @@ POINTS, TRAJECTORY = "survey.laz", "trajectory.csv"
 
 SCAN_ANGLE_STEP = 0.006
 """Degrees per unit of the scan angle in LAS 1.4."""
+
+
+def presets() -> tuple[str, ...]:
+    """Return the names of the presets."""
+    return tuple(PRESETS)
 
 
 def selected_surveys(simulation: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:

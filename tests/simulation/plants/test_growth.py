@@ -5,11 +5,11 @@ import gzip
 import numpy as np
 import open3d as o3d
 import pytest
+from design_sheet import scan_mesh
 from references.simulator import enclosed_volume
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.features.eigen import compute_eigen_features
-from mlsroad_pipeline.reporting.clouds.design_sheet import scan_mesh
 from mlsroad_pipeline.simulation.bodies import bodies
 from mlsroad_pipeline.simulation.model import batches
 from mlsroad_pipeline.simulation.model.meshes import KIND, Surface

@@ -26,10 +26,7 @@ TYPES = ("u1", "i1", "u2", "i2", "u4", "i4", "i8", "f4", "f8")
 
 
 def write_e57(stream: BinaryIO, columns: Mapping[str, NDArray], *, crs: str | None, source: str) -> None:
-    """Write columns, ``cartesianX`` to ``cartesianZ`` among them, as the only scan of an E57 file.
-
-    `DataError` if a column has a name that XML does not allow or a type that E57 does not have.
-    """
+    """Write columns, ``cartesianX`` to ``cartesianZ`` among them, as the only scan of an E57 file."""
     fields = {name: _stored(name, values, source) for name, values in columns.items()}
     n_points = len(next(iter(fields.values())))
     section = _section(list(fields.values()), n_points)

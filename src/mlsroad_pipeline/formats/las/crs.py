@@ -69,10 +69,7 @@ def _geotiff_wkt(header: LasHeader, path: Path | None) -> str | None:
 def with_crs_of(
     header: LasHeader, cloud: PointCloud, path: Path, metres: NDArray[np.float64] | None = None
 ) -> LasHeader:
-    """Set the system of a cloud in another file's header, where the two differ; ``metres`` are the file's factors.
-
-    `DataError` if the header's version holds GeoTIFF keys, not WKT, and the system has no EPSG code.
-    """
+    """Set the system of a cloud in another file's header, where the two differ; ``metres`` are the file's factors."""
     stated = read_crs(header)
     factors = [1.0, 1.0] if metres is None else metres[1:].tolist()
     same = {stated, None if stated is None else in_metres(stated, *factors), sidecar_crs(Path(cloud.source))}

@@ -156,10 +156,7 @@ def _parse(data: bytes, form: RowForm, threads: bool) -> list[NDArray[np.float64
 
 
 def typed_column(values: NDArray[np.float64], dtype: np.dtype, what: str, path: Path) -> NDArray:
-    """Return a parsed column in the type that the file header states; floats too large for it become infinite.
-
-    `ReadError` if an integer lies outside the type or is missing.
-    """
+    """Return a parsed column in the type that the file header states; floats too large for it become infinite."""
     if dtype.kind == "f":
         with np.errstate(over="ignore"):
             return values.astype(dtype)

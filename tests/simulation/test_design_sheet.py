@@ -1,6 +1,6 @@
 import numpy as np
+from design_sheet import design_sheet, photograph, scan_mesh
 
-from mlsroad_pipeline.reporting.clouds.design_sheet import design_sheet, photograph, scan_mesh
 from mlsroad_pipeline.simulation.model.design import Design
 from mlsroad_pipeline.simulation.model.meshes import Surface
 from mlsroad_pipeline.simulation.model.solids import box
