@@ -92,10 +92,6 @@ class Survey:
         folders = [_folder_of(Path(root)) for root in self.roots]
         return folders[0] if len(folders) == 1 else Path(os.path.commonpath([folder.absolute() for folder in folders]))
 
-    def files(self, *, trajectory: str | None = None) -> list[SurveyFile]:
-        """Return all files of points."""
-        return self.listing(trajectory=trajectory).files
-
     def listing(self, *, trajectory: str | None = None, text: bool = True) -> SurveyListing:
         """Return all files of points, and those left out of folders and globs.
 

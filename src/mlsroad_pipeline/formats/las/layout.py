@@ -13,7 +13,7 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import WriteOptions
 from mlsroad_pipeline.formats.crs import is_geographic
 from mlsroad_pipeline.formats.las.crs import with_wkt
-from mlsroad_pipeline.formats.las.dimensions import Depths, bit_field, dimension_names
+from mlsroad_pipeline.formats.las.dimensions import Depths, bit_field, dimension_names, extra_dimension
 from mlsroad_pipeline.formats.las.extra import DESCRIPTOR, DESCRIPTOR_TYPES, ExtraDimension, pack_descriptors
 from mlsroad_pipeline.formats.las.header import (
     EXTRA_BYTES,
@@ -173,7 +173,7 @@ def _store(records: NDArray, header: LasHeader, name: str, values: NDArray, sour
             )
         records[bits.field] |= _fitting(values, np.dtype("u1"), name, source) << bits.shift
         return
-    extra = dict(zip(reversed(records.dtype.names or ()), reversed(header.extra_dimensions), strict=False)).get(name)
+    extra = extra_dimension(header, name)
     values = values if extra is None else extra.stored(values)
     dtype = records.dtype[name].base
     records[name] = values if values.dtype == dtype else _fitting(values, dtype, name, source)
