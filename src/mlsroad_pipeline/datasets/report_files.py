@@ -139,16 +139,8 @@ def _is_figure(data: object) -> bool:
 class FigureDataset(ReportFileDataset["Figure | NDArray[np.uint8]", NDArray[np.uint8]]):
     """Matplotlib figure or picture, written as PNG; loading returns the pixels."""
 
-    def __init__(
-        self,
-        *,
-        filepath: str,
-        dpi: float | None = None,
-        credentials: Mapping[str, Any] | None = None,
-        fs_args: Mapping[str, Any] | None = None,
-        metadata: Mapping[str, Any] | None = None,
-    ) -> None:
-        super().__init__(filepath=filepath, credentials=credentials, fs_args=fs_args, metadata=metadata)
+    def __init__(self, *, dpi: float | None = None, **options: Any) -> None:
+        super().__init__(**options)
         self._dpi = dpi
 
     def load(self) -> NDArray[np.uint8]:
@@ -176,16 +168,8 @@ class FigureDataset(ReportFileDataset["Figure | NDArray[np.uint8]", NDArray[np.u
 class HtmlReportDataset(ReportFileDataset[str, str]):
     """HTML page, such as that of `mlsroad_pipeline.reporting.html.report.build_report`."""
 
-    def __init__(
-        self,
-        *,
-        filepath: str,
-        run: str | None = None,
-        credentials: Mapping[str, Any] | None = None,
-        fs_args: Mapping[str, Any] | None = None,
-        metadata: Mapping[str, Any] | None = None,
-    ) -> None:
-        super().__init__(filepath=filepath, credentials=credentials, fs_args=fs_args, metadata=metadata)
+    def __init__(self, *, run: str | None = None, **options: Any) -> None:
+        super().__init__(**options)
         self._run = None if run is None else RunFolder(run)
 
     def load(self) -> str:

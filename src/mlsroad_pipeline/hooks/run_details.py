@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import os
 import platform
@@ -20,7 +19,7 @@ from kedro.pipeline import Pipeline
 from pydantic import BaseModel
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.execution.digests import DIGEST_BYTES, digest_file
+from mlsroad_pipeline.execution.digests import digest_file, new_digest
 
 DEFAULT_NAME = "compare"
 """Name of the default pipeline."""
@@ -91,9 +90,8 @@ def fingerprint_files(paths: Sequence[str | Path]) -> dict[str, Any]:
             files.append((Path(path).relative_to(root).as_posix(), os.stat(path).st_size, digest_file(path)))
         except OSError as error:
             raise ReadError(f"{path}: cannot be fingerprinted: {error}") from error
-    text = json.dumps(files, ensure_ascii=False).encode("utf-8")
     return {
-        "digest": hashlib.blake2b(text, digest_size=DIGEST_BYTES).hexdigest(),
+        "digest": new_digest(json.dumps(files, ensure_ascii=False).encode("utf-8")).hexdigest(),
         **{"n_files": len(files), "bytes": sum(size for _, size, _ in files)},
         "files": [{"path": path, "bytes": size, "blake2b": digest} for path, size, digest in files],
     }
