@@ -33,7 +33,7 @@ from mlsroad_pipeline.simulation import PRESETS, SurveyStream
 from mlsroad_pipeline.simulation.cameras.cameras import camera_pose
 from mlsroad_pipeline.simulation.parameters.street_parameters import street_parameters
 from mlsroad_pipeline.simulation.rays.scene import RayScene
-from mlsroad_pipeline.simulation.street.poses import pose_at
+from mlsroad_pipeline.simulation.street.drive import pose_at
 
 RUNS = 5
 """Runs of which the median time is printed."""
@@ -66,12 +66,14 @@ def views(kind: str, seed: int, every: int, rates: Rates) -> Iterator[View]:
     stream = SurveyStream(parameters)
     exact = SurveyStream(replace(parameters, trajectory_noise=0.0, boresight_error=0.0))  # the same pulses
     scenes = [stream.scene(number) for number in range(stream.block_count())]
-    clouds = [cloud for number, scene in enumerate(scenes) for cloud in stream.scan(number, scene)]
+    spans = [(scene, *span) for number, scene in enumerate(scenes) for span in stream.spans(number)]
+    clouds = [stream.scan_span(*span) for span in spans]
     xyz = np.concatenate([cloud.xyz for cloud in clouds])
     instance = np.concatenate([cloud["instance"] for cloud in clouds])
-    places = np.concatenate([cloud.xyz for number, scene in enumerate(scenes) for cloud in exact.scan(number, scene)])
+    places = np.concatenate([exact.scan_span(*span).xyz for span in spans])
     movers = [mover.instance for scene in scenes for mover in scene.movers]
-    shots = [(scene, image) for number, scene in enumerate(scenes) for image in stream.photograph(number, scene)[0]]
+    moments = [(scene, moment) for number, scene in enumerate(scenes) for moment in stream.moments(number)]
+    shots = [(scene, image) for scene, moment in moments for image in stream.shoot(scene, moment)[0]]
     for scene, image in shots[::every]:
         camera = Camera(image.K, image.distortion, image.R, image.t, image.width, image.height)
         rows = np.flatnonzero(project_points(xyz, camera)[2])

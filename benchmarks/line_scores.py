@@ -38,8 +38,7 @@ from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.inventory.scoring.line_scores import LineScores, places_along, score_lines
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 from mlsroad_pipeline.simulation.runtime.stream import SurveyStream
-from mlsroad_pipeline.simulation.street.kerb_truth import true_kerbs
-from mlsroad_pipeline.simulation.street.marking_truth import true_markings
+from mlsroad_pipeline.simulation.street.line_truth import true_kerbs, true_markings
 
 FIRST_SEED, LENGTH = 931, 100
 LEAST, NEAR, CELLS = 0.05, 0.35, 4  # metres, metres, cells on either side

@@ -14,8 +14,7 @@ from mlsroad_pipeline.algorithms.core.classes import TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.palette import class_palette
 from mlsroad_pipeline.reporting.clouds.splatting import render_points
 from mlsroad_pipeline.reporting.clouds.view import View
-from mlsroad_pipeline.simulation.model.design import Design
-from mlsroad_pipeline.simulation.model.meshes import BLUE, LABEL, RED, Mesh
+from mlsroad_pipeline.simulation.model.meshes import BLUE, LABEL, RED, Design, Mesh
 
 _SUN = np.array([0.35, -0.62, 0.70])
 _SKY = 0.45  # ambient light relative to that of the sun

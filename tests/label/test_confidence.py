@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 
+from mlsroad_pipeline.algorithms.models.pool.familiarity import KINDS
 from mlsroad_pipeline.label.confidence import (
     confidence_table,
     confidence_warnings,
     count_confidences,
     ground_warnings,
 )
+from mlsroad_pipeline.label.result_warnings import unfamiliar_warnings
 
 CLASSES = ["road", "tree", "sign", "wire"]
 
@@ -70,3 +72,21 @@ def test_few_points_and_schemes_without_ground_have_no_warning_of_ground():
     many = counts_of([1] * 5000, [0.9] * 5000)
     assert ground_warnings(few, np.array([True, False, False, False])) == []
     assert ground_warnings(many, np.zeros(4, bool)) == []
+
+
+def scene_of(points, **kinds):
+    """Return the counts of a scene, with the probabilities of some kinds of scenes."""
+    probabilities = np.array([kinds.get(name.replace(" ", "_"), 0.0) for name in KINDS])
+    return {"counts": np.array([points, 0, 0]), "confidences": counts_of([0], [0.9]), "kinds": probabilities}
+
+
+def test_scenes_unlike_the_training_data_are_warned_of_with_their_reasons():
+    usual = scene_of(7000, familiar=0.9, scale=0.1)
+    strange = scene_of(3000, familiar=0.1, turned=0.6, indoors=0.3)
+    (text,) = unfamiliar_warnings({"a": usual, "b": strange})
+    assert text.startswith("30% of the points") and KINDS["turned"] in text and KINDS["indoors"] in text
+    assert KINDS["scale"] not in text
+    (short,) = unfamiliar_warnings({"a": usual, "b": strange}, explained=True)
+    assert KINDS["turned"] not in short
+    assert unfamiliar_warnings({"a": usual, "b": scene_of(1000, familiar=0.1, turned=0.9)}) == []
+    assert unfamiliar_warnings({"a": {"counts": np.array([9]), "confidences": counts_of([0], [0.9])}}) == []

@@ -25,7 +25,7 @@ from mlsroad_pipeline.model_store.shipped_models import (
     save_shipped,
     shipped_models,
 )
-from mlsroad_pipeline.simulation.parameters.variety import expanded_surveys
+from mlsroad_pipeline.simulation.parameters.presets import expanded_surveys
 
 MODELS = shipped_models()
 STORED = Path(__file__).with_name("predictions")

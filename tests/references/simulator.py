@@ -1,7 +1,39 @@
 """Slow, obvious re-implementations for the simulator's tests."""
 
 import numpy as np
+from numba import njit
 from scipy.spatial import ConvexHull
+
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
+from mlsroad_pipeline.simulation.rays.scene import RayScene, build_static, triangle_soup
+from mlsroad_pipeline.simulation.street.cover import ground_cover
+from mlsroad_pipeline.simulation.street.ground import Nearby, nearby
+
+GROUND_LABELS = [
+    TAXONOMY[name]
+    for name in ("road", "lane_marking", "parking", "sidewalk", "curb", "manhole", "grass", "soil", "other_ground")
+]
+
+
+def scene_of(street, meshes, instances, movers, centre, *, wetness=0.0):
+    """Return a scene of meshes with their instance numbers and of moving objects."""
+    static = [build_static(triangle_soup(meshes, instances, centre, heading=0.0))]
+    return RayScene(street, static, movers, centre, wetness=wetness)
+
+
+def ground_labels(ground, station, offset):
+    """Return the taxonomy codes of the ground at stations and offsets, which broadcast."""
+    s, left = np.broadcast_arrays(np.asarray(station, dtype=np.float64), np.asarray(offset, dtype=np.float64))
+    return _labels(s.ravel(), left.ravel(), ground).reshape(s.shape)
+
+
+@njit(nogil=True, error_model="numpy")
+def _labels(s, left, g):
+    codes = np.empty(len(s), dtype=np.uint8)
+    for i in range(len(s)):
+        near = nearby(s[i], g, Nearby(0, 0, 0))
+        codes[i] = ground_cover(s[i], left[i], g, near)[0]
+    return codes
 
 
 def first_triangle(origin, direction, vertices, faces):

@@ -36,4 +36,5 @@ def scene(stream):
 @pytest.fixture(scope="session")
 def photographs(stream, scene):
     """Images of the first block with depths."""
-    return stream.photograph(0, scene)
+    taken = [stream.shoot(scene, moment) for moment in stream.moments(0)]
+    return [image for images, _ in taken for image in images], [depth for _, depths in taken for depth in depths]

@@ -1,8 +1,7 @@
 import numpy as np
 from design_sheet import design_sheet, photograph, scan_mesh
 
-from mlsroad_pipeline.simulation.model.design import Design
-from mlsroad_pipeline.simulation.model.meshes import Surface
+from mlsroad_pipeline.simulation.model.meshes import Design, Surface
 from mlsroad_pipeline.simulation.model.solids import box
 
 RED_BOX = box([1.0, 1.0, 2.0], [0, 0, 1.0], Surface(77, (0.6, 0.1, 0.1), 0.5))

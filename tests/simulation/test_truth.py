@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import open3d as o3d
 import pytest
+from references.simulator import GROUND_LABELS
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.simulation import PRESETS, SurveyStream
-from mlsroad_pipeline.simulation.furnishing.blocks import PASS_INSTANCES
-from mlsroad_pipeline.simulation.furnishing.layout import populate
+from mlsroad_pipeline.simulation.furnishing.blocks import PASS_INSTANCES, populate
 from mlsroad_pipeline.simulation.runtime.survey import SurveyPieces
-from mlsroad_pipeline.simulation.street.ground import GROUND_LABELS
 
 NUMBERLESS = {*GROUND_LABELS, *(TAXONOMY[k] for k in ("building", "wall", "fence", "hedge", "stairs", "outlier"))}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
@@ -11,6 +12,7 @@ from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import ground_classes
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.methods import needs_images
+from mlsroad_pipeline.algorithms.models.pool.familiarity import KINDS
 from mlsroad_pipeline.algorithms.quality.scene_facts import median_facts, scene_facts, unusual_facts
 from mlsroad_pipeline.algorithms.scenes.joining import join_pieces
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters, OutlierParameters
@@ -28,10 +30,29 @@ def label_warnings(
 ) -> list[str]:
     """Return the warnings about the labels and the images."""
     scheme, confidences = bundle_scheme(bundle), summed_counts(written)["confidences"]
+    no_ground = ground_warnings(confidences, ground_classes(scheme))
     return [
         *confidence_warnings(confidence_table(confidences, scheme.classes)),
-        *ground_warnings(confidences, ground_classes(scheme)),
+        *no_ground,
+        *unfamiliar_warnings(counts, explained=bool(no_ground)),
         *image_warnings(bundle, counts),
+    ]
+
+
+def unfamiliar_warnings(counts: Mapping[str, LabelCounts], *, explained: bool = False) -> list[str]:
+    """Return a warning for scenes unlike the training data, with likely reasons unless another warning has one."""
+    known = [scene for scene in counts.values() if "kinds" in scene]
+    points = np.array([scene["counts"].sum() for scene in known], np.float64)
+    strange = np.array([scene["kinds"][0] < _STRANGE for scene in known])
+    if not points.sum() or points[strange].sum() < _LEAST_STRANGE * points.sum():
+        return []
+    reasons = points[strange] @ np.array([scene["kinds"] for scene in known])[strange]
+    names = list(KINDS)
+    likely = [k for k in np.argsort(-reasons[1:])[:_REASONS] + 1 if reasons[k] > reasons[1:].sum() / 4]
+    return [
+        f"{points[strange].sum() / points.sum():.0%} of the points lie in scenes unlike the training data: "
+        "confidences are lowered there, and labels may be wrong."
+        + ("" if explained else f" Most probable: {'; or '.join(KINDS[names[k]] for k in likely)}.")
     ]
 
 
@@ -42,6 +63,10 @@ def image_warnings(bundle: ModelBundle, counts: Mapping[str, LabelCounts]) -> li
         return []
     return [f"There are no images for {', '.join(without)}: {effect_without_images(bundle)}."]
 
+
+_STRANGE, _LEAST_STRANGE, _REASONS = 0.3, 0.2, 2
+"""Probability of a familiar scene below which it is strange, share of points in such scenes at which a warning is
+given, and most reasons that it names."""
 
 N_SCENES = 3
 """Number of scenes of the sample."""

@@ -32,6 +32,7 @@ from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.objects.sightings import sightings_of_scene
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.labelling import Labeller, SoftLabels, label_softly
+from mlsroad_pipeline.algorithms.models.pool.familiarity import kind_probabilities, trust
 from mlsroad_pipeline.algorithms.scenes.joining import SceneSpan, join_pieces
 from mlsroad_pipeline.algorithms.scenes.parameters import OutlierParameters
 from mlsroad_pipeline.algorithms.stages import find_ground, inliers
@@ -106,10 +107,14 @@ class FileSpans(TypedDict):
 
 
 class LabelCounts(TypedDict):
-    """Point counts of a scene: per class and unlabelled, per class and confidence bin, in an image."""
+    """Point counts of a scene: per class and unlabelled, per class and confidence bin, in an image.
+
+    `kinds` are the probabilities of the kinds of scenes, for models that can tell.
+    """
 
     counts: NDArray[np.int64]
     confidences: NDArray[np.int64]
+    kinds: NotRequired[NDArray[np.float64]]
     seen: NotRequired[NDArray[np.int64]]
 
 
@@ -145,6 +150,8 @@ def label_new_scene(
     trained = bundle.metadata.get("parameters", {}).get("ground")
     ground = find_ground(scene, settings.ground if trained is None else GroundParameters(**trained))
     soft = label_softly(bundle, scene.with_columns(**ground), labeller=labeller)
+    kinds = kind_probabilities(bundle, scene)
+    soft = soft._replace(confidence=soft.confidence * np.float32(trust(kinds)))
     scene, ground, soft = _without_context(scene, ground, soft)
     label, height, core, scheme = soft.labels, ground["height"], scene["core"], bundle_scheme(bundle)
     evidence = evidence_of_soft_labels(*soft, scheme=scheme)
@@ -154,7 +161,7 @@ def label_new_scene(
     return {
         "labels": _core_labels(scene, soft, extracted.part, n_classes),
         "spans": _spans(scene["file"][core], scene["row"][core]),
-        "counts": _counts(label[core], soft.confidence[core], n_classes),
+        "counts": _counts(label[core], soft.confidence[core], n_classes, kinds),
         "objects": extracted.objects,
         "fragments": extracted.fragments,
         "evidence": extracted.evidence,
@@ -180,11 +187,14 @@ def _core_labels(scene: PointCloud, soft: SoftLabels, part: NDArray[np.int32], n
     }
 
 
-def _counts(label: NDArray[np.int16], confidence: NDArray[np.float32], n_classes: int) -> LabelCounts:
-    return {
+def _counts(
+    label: NDArray[np.int16], confidence: NDArray[np.float32], n_classes: int, kinds: NDArray[np.float64] | None
+) -> LabelCounts:
+    counts: LabelCounts = {
         "counts": np.bincount(np.where(label < 0, n_classes, label), minlength=n_classes + 1),
         "confidences": count_confidences(label, confidence, n_classes),
     }
+    return counts if kinds is None else {**counts, "kinds": kinds}
 
 
 def _without_context(scene: PointCloud, ground: Ground, soft: SoftLabels) -> tuple[PointCloud, Ground, SoftLabels]:

@@ -11,6 +11,7 @@ import pandas as pd
 from mlsroad_pipeline import __version__
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.pool.familiarity import familiarity_of
 from mlsroad_pipeline.algorithms.models.pool.labeller import NETWORK, TREES, pool_bundle
 from mlsroad_pipeline.algorithms.models.pool.labeller import SLUG as POOL
 from mlsroad_pipeline.model_store.shipped_models import ModelScores, ShippedModel
@@ -80,9 +81,9 @@ def shipped_pool(
 ) -> tuple[ModelBundle, ShippedModel]:
     """Return the pool of trees and network, and its registry entry."""
     share = parameters.network_weight
-    bundle = pool_bundle({TREES: trees, NETWORK: network}, {TREES: 1.0 - share, NETWORK: share})
+    pool = pool_bundle({TREES: trees, NETWORK: network}, {TREES: 1.0 - share, NETWORK: share})
     own = replace(entry, name=POOL, method=POOL, summary=f"{entry.summary}; slower and better", files={}, scores=())
-    return bundle, own
+    return familiarity_of(trees, pool), own
 
 
 def split_scores(table: pd.DataFrame, command: str) -> tuple[ModelScores, ...]:

@@ -13,12 +13,20 @@ from joblib import cpu_count
 from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme, find_scheme
-from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
+from mlsroad_pipeline.algorithms.core.stage_parameters import (
+    FeatureParameters,
+    GroundParameters,
+    StageParameters,
+    SupervoxelParameters,
+)
 from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG, BoostedTreesParameters
 from mlsroad_pipeline.algorithms.models.boosted_trees.sampling import coarse_training_voxels, join_voxels
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.algorithms.models.pool.familiarity import facts_of_changes, with_familiarity
+from mlsroad_pipeline.algorithms.models.pool.recorded_graphs import recorded_graphs
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import SLUG as NETWORK
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import SuperpointTransformerParameters
 from mlsroad_pipeline.algorithms.quality.scene_facts import stored_facts
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
@@ -30,8 +38,10 @@ from mlsroad_pipeline.pipelines import composition
 from mlsroad_pipeline.pipelines.boosted_trees import load_lightgbm
 from mlsroad_pipeline.pipelines.per_scene import PerScene
 from mlsroad_pipeline.pipelines.schemes import training_scheme
+from mlsroad_pipeline.pipelines.superpoint_transformer import parameters_of_graphs, stages_of
 from mlsroad_pipeline.pipelines.training_facts import FACTS, with_training_facts
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
+from mlsroad_pipeline.surveys.plan import training_keys
 from mlsroad_pipeline.surveys.recordings import TrainingRecording, described_recordings, read_training_scene
 from mlsroad_pipeline.surveys.simulated import selected_surveys
 
@@ -92,6 +102,32 @@ def train_general_model(
     return model, model
 
 
+def train_network(
+    simulated: SceneCollection,
+    recorded: SceneCollection,
+    parameters: SuperpointTransformerParameters,
+    ground: GroundParameters,
+    supervoxels: SupervoxelParameters,
+    features: FeatureParameters,
+    survey: SurveyParameters,
+    classes: Mapping[str, Any],
+    checkpoints: Any,
+    simulated_facts: SceneCollection,
+    recorded_facts: SceneCollection,
+) -> tuple[ModelBundle, ModelBundle, pd.DataFrame]:
+    """Train the network on the graphs of simulated streets and recordings."""
+    model, losses = METHODS[NETWORK].load("train")(
+        [graph for store in (simulated, recorded) for views in store.load_all().values() for graph in views.values()],
+        parameters=parameters,
+        stages=StageParameters(ground, supervoxels, features),
+        scheme=training_scheme(survey, classes),
+        trained_on={"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(simulated)},
+        checkpoints=checkpoints,
+    )
+    model = with_training_facts(model, simulated_facts, recorded_facts)
+    return model, model, pd.DataFrame({"step": range(len(losses)), "loss": losses})
+
+
 def draw_replay(
     simulated: SceneCollection, parameters: BoostedTreesParameters, survey: SurveyParameters, classes: Mapping[str, Any]
 ) -> dict[str, dict[str, Any]]:
@@ -111,9 +147,13 @@ def ship_general_model(
     shipped: ShippedParameters,
     simulation: Mapping[str, Any],
     recorded: SceneCollection,
+    simulated_changes: SceneCollection,
+    recorded_changes: SceneCollection,
 ) -> tuple[tuple[ModelBundle, ShippedModel], tuple[ModelBundle, ShippedModel]]:
     """Return the trees and the pool of trees and network, each with its registry entry."""
-    bundle = model.load()
+    tables = [*simulated_changes.load_all().values(), *recorded_changes.load_all().values()]
+    sources = ["simulated"] * len(simulated_changes) + [key.partition(".")[0] for key in recorded_changes]
+    bundle = with_familiarity(model.load(), tables, sources)
     training = {name: dict(street) for name, street in selected_surveys(simulation).items() if name.startswith("train")}
     entry = describe_model(
         bundle, shipped, training=training, scores=split_scores(scores, shipped.command()),
@@ -122,22 +162,22 @@ def ship_general_model(
     return (bundle, entry), shipped_pool(bundle, entry, network.load(), shipped)
 
 
+_SEED = 2026
 _BEFORE = ("simulate", "ingest", "ground_removal", "supervoxelise", "features")
 _GROUND, _TREES, _SHIPPED = "params:ground_removal", f"params:{SLUG}", "params:shipped"
 
 
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: boosted trees, also on recordings, scored; a network; then the files of both models."""
-    network = composition.create_pipeline(NETWORK).to_outputs(f"{NETWORK}.model")
     parts = composition.joined(
         {name: composition.create_pipeline(name) for name in _BEFORE}
-        | {SLUG: _trees(), NETWORK: network, "evaluation": composition.create_pipeline("evaluation")}
+        | {SLUG: _trees(), NETWORK: _network(), "evaluation": composition.create_pipeline("evaluation")}
     )
     ship = Node(
         ship_general_model,
         [
             f"{SLUG}.model", f"{NETWORK}.model", f"{SLUG}.scores", _SHIPPED, "params:simulation",
-            "general_model.scenes",
+            "general_model.scenes", "general_model.simulated_changes", "general_model.recorded_changes",
         ],
         ["shipped_model", "shipped_pool"],
         name="ship_general_model",
@@ -148,7 +188,19 @@ def create_pipeline(**_: object) -> Pipeline:
         "shipped_replay",
         name="draw_replay",
     )
-    return Pipeline([parts.to_outputs(f"{SLUG}.scores", f"{NETWORK}.model"), ship, replay])
+    changes = [
+        Node(
+            PerScene(facts_of_changes, keys=keys, fixed={"seed": _SEED}),
+            {"scene": scenes, "ground": _GROUND},
+            f"general_model.{name}_changes",
+            name=f"describe_{name}_changes",
+        )
+        for name, scenes, keys in (
+            ("simulated", "scenes", training_keys),
+            ("recorded", "general_model.scenes", list),
+        )
+    ]
+    return Pipeline([parts.to_outputs(f"{SLUG}.scores", f"{NETWORK}.model"), ship, replay, *changes])
 
 
 def _trees() -> Pipeline:
@@ -187,6 +239,36 @@ def _trees() -> Pipeline:
                 ],
                 [f"{SLUG}.model", f"{SLUG}.registered_model"],
                 name="train_general_model",
+            ),
+        ]
+    )  # fmt: skip
+
+
+def _network() -> Pipeline:
+    """Return the pipeline of the network with another training, which takes recordings too."""
+    own = composition.create_pipeline(NETWORK).to_outputs(f"{NETWORK}.training_set")
+    stages = ["params:ground_removal", "params:supervoxelise", "params:features"]
+    configured = {"survey": "params:survey", "classes": "params:classes"}
+    build = PerScene(
+        recorded_graphs, parameters=parameters_of_graphs, stages=stages_of, scheme=training_scheme,
+        coarse=recorded_scheme,
+    )  # fmt: skip
+    inputs = {
+        "scene": "general_model.scenes", "trees": f"{SLUG}.model", "own": f"params:{NETWORK}", "shipped": _SHIPPED,
+        **dict(zip(("ground_removal", "supervoxelise", "description"), stages, strict=True)), **configured,
+    }  # fmt: skip
+    return Pipeline(
+        [
+            *own.nodes,
+            Node(build, inputs, "general_model.graphs", name="build_recorded_graphs"),
+            Node(
+                train_network,
+                [
+                    f"{NETWORK}.training_set", "general_model.graphs", f"params:{NETWORK}", *stages,
+                    *configured.values(), f"{NETWORK}.checkpoints", FACTS, "general_model.training_facts",
+                ],
+                [f"{NETWORK}.model", f"{NETWORK}.registered_model", f"{NETWORK}.objective"],
+                name="train_general_network",
             ),
         ]
     )  # fmt: skip

@@ -34,8 +34,7 @@ from mlsroad_pipeline.model_store.object_classifiers import CARD, CLASSIFIER, RE
 from mlsroad_pipeline.model_store.shipped_entry import ShippedParameters
 from mlsroad_pipeline.model_store.shipped_models import FOLDER
 from mlsroad_pipeline.pipelines.boosted_trees import load_lightgbm
-from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
-from mlsroad_pipeline.simulation.parameters.variety import expanded_surveys
+from mlsroad_pipeline.simulation.parameters.presets import expanded_surveys, simulation_parameters
 from mlsroad_pipeline.surveys.simulated import MOST_POINTS, simulate_street
 
 POOL = FOLDER / SLUG

@@ -4,9 +4,14 @@ from mlsroad_pipeline.simulation.cameras.cameras import Image
 from mlsroad_pipeline.simulation.parameters.devices import Device, ScannerSystem
 from mlsroad_pipeline.simulation.parameters.known_scanners import SCANNERS
 from mlsroad_pipeline.simulation.parameters.presets import PRESETS, SimulationParameters
-from mlsroad_pipeline.simulation.runtime.long_surveys import long_survey, stream_points, survey_chunks
 from mlsroad_pipeline.simulation.runtime.stream import SurveyStream
-from mlsroad_pipeline.simulation.runtime.survey import Survey, SurveyPieces, simulate_survey
+from mlsroad_pipeline.simulation.runtime.survey import (
+    Survey,
+    SurveyPieces,
+    long_survey,
+    simulate_survey,
+    stream_points,
+)
 
 __all__ = [
     "PRESETS",
@@ -21,5 +26,4 @@ __all__ = [
     "long_survey",
     "simulate_survey",
     "stream_points",
-    "survey_chunks",
 ]

@@ -24,8 +24,13 @@ from mlsroad_pipeline.formats.las.layout import new_header, pack_records
 from mlsroad_pipeline.formats.las.writer import RecordWriter
 from mlsroad_pipeline.formats.options import WriteOptions
 from mlsroad_pipeline.simulation.cameras.cameras import Image
-from mlsroad_pipeline.simulation.parameters.presets import LAYOUT, PRESETS, SimulationParameters, simulation_parameters
-from mlsroad_pipeline.simulation.parameters.variety import expanded_surveys
+from mlsroad_pipeline.simulation.parameters.presets import (
+    LAYOUT,
+    PRESETS,
+    SimulationParameters,
+    expanded_surveys,
+    simulation_parameters,
+)
 from mlsroad_pipeline.simulation.runtime.survey import SurveyPieces, simulate_survey
 from mlsroad_pipeline.surveys.simulated_scans import FrameWriter, RangeImage, range_image
 

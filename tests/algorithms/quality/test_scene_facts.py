@@ -34,6 +34,18 @@ def test_plane_of_ground_and_a_wall_of_8_m():
     assert "intensities" not in facts
 
 
+def test_levels_walls_steps_and_floor_of_a_terrace():
+    lower, upper = grid(0.1, (0, 20), (0, 10)), grid(0.1, (0, 20), (10, 20)) + (0, 0, 1.5)
+    facts = scene_facts(PointCloud(np.concatenate([lower, upper])))
+    assert facts["level"] > 0.9 and facts["upright"] == 0 and facts["even"] == pytest.approx(1.0)
+    assert facts["step"] == 0 and facts["large_step"] == 0
+    # Five or six rows of cells of the upper half lie within five cells of the lower one.
+    assert 1 - 6 / 20 <= facts["low"] <= 1 - 5 / 20 and facts["floor"] == pytest.approx(facts["low"], abs=0.06)
+    assert facts["median_height"] == 0
+    wall = scene_facts(PointCloud(grid(0.1, (0, 20), (5, 5), (0, 8))))
+    assert wall["upright"] > 0.9 and wall["level"] == 0
+
+
 def test_shapes_of_wires_and_of_clouds_of_points(rng):
     wires = np.concatenate([grid(0.02, (0, 40), (y, y)) for y in range(0, 40, 3)])
     assert scene_facts(PointCloud(wires))["linear"] > 0.99

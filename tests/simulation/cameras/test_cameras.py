@@ -1,7 +1,7 @@
 from dataclasses import replace
 
 import numpy as np
-from references.simulator import brown_conrady, nearest_image_colour
+from references.simulator import brown_conrady, nearest_image_colour, scene_of
 
 from mlsroad_pipeline.algorithms.geometry.lenses import distort, undistort
 from mlsroad_pipeline.simulation.cameras.cameras import (
@@ -9,13 +9,13 @@ from mlsroad_pipeline.simulation.cameras.cameras import (
     DISTORTION,
     calibration,
     camera_pose,
+    colour_points,
+    spread_colours,
     take_image,
 )
-from mlsroad_pipeline.simulation.cameras.colouring import colour_points, spread_colours
 from mlsroad_pipeline.simulation.model.meshes import Surface
 from mlsroad_pipeline.simulation.model.solids import box
-from mlsroad_pipeline.simulation.rays.scene import RayScene
-from mlsroad_pipeline.simulation.street.poses import pose_at
+from mlsroad_pipeline.simulation.street.drive import pose_at
 
 
 def project(xyz, image):
@@ -143,7 +143,7 @@ def test_rows_are_exposed_one_after_the_other(stream, parameters):
     pose = pose_at(drive.true, time)
     forward, left = np.array([np.cos(pose[5]), np.sin(pose[5]), 0]), np.array([-np.sin(pose[5]), np.cos(pose[5]), 0])
     wall = box([0.5, 0.5, 60.0], pose[:3] + 6.0 * forward + 3.0 * left, Surface(77, (0.3, 0.3, 0.3), 0.3))
-    scene = RayScene(stream.street, [wall], [7], [], np.round(pose[:3]))
+    scene = scene_of(stream.street, [wall], [7], [], np.round(pose[:3]))
     rolling = replace(parameters, image_readout=readout)
     image, depth = take_image(scene, drive, stream.light, rolling, camera="front_left", time=time, name="x")
     (top, _), (bottom, _) = (np.argwhere(image.instance == 7)[k] for k in (0, -1))
@@ -168,9 +168,9 @@ def test_the_shadow_of_a_pole_falls_away_from_the_sun(stream, parameters):
     foot = floor + 9.0 * forward + 4.0 * left
     grey = Surface(77, (0.3, 0.3, 0.3), 0.3)
     meshes = [box([200, 200, 1.0], floor - [0, 0, 0.5], grey), box([0.4, 0.4, 3.0], foot + [0, 0, 1.5], grey)]
-    scene = RayScene(stream.street, meshes, [0, 1], [], np.round(floor))
+    scene = scene_of(stream.street, meshes, [0, 1], [], np.round(floor))
     towards_sun = (left + [0, 0, 1.0]) / np.sqrt(2)
-    light = replace(stream.light, sun=towards_sun, sun_rgb=np.full(3, 1.5), haze=1e-6)
+    light = stream.light._replace(sun=towards_sun, sun_rgb=np.full(3, 1.5), haze=1e-6)
     still = replace(parameters, image_readout=0.0, image_width=480, image_height=360)
     exact = replace(drive, reported=drive.true)
     image, _ = take_image(scene, exact, light, still, camera="front_left", time=time, name="x")

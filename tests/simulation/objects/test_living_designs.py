@@ -7,17 +7,14 @@ from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.simulation.model.meshes import BARK, FOLIAGE, KIND, LABEL, RED
 from mlsroad_pipeline.simulation.objects import (
     animals,
-    bicycles,
-    broadleaf,
-    conifers,
-    cycas,
-    motorcycles,
     palms,
     people,
     shrubs,
+    trees,
+    two_wheelers,
 )
 
-MODULES = (animals, bicycles, broadleaf, conifers, cycas, motorcycles, palms, people, shrubs)
+MODULES = (animals, palms, people, shrubs, trees, two_wheelers)
 DESIGNS = {design.name: design for module in MODULES for design in module.DESIGNS}
 SEEDS = range(8)
 LABELS = {
@@ -115,7 +112,7 @@ def test_trunks_end_where_crowns_begin(design, individuals):
         assert trunk[..., 2].min() < 0 <= crown[..., 2].min()
 
 
-@pytest.mark.parametrize("name", [d.name for d in broadleaf.DESIGNS if d.name != "multi_stem_tree"])
+@pytest.mark.parametrize("name", [d.name for d in trees.DESIGNS[:11] if d.name != "multi_stem_tree"])
 def test_stems_have_the_girth_of_street_trees(name, individuals):
     for mesh in individuals[name]:
         codes = mesh.attributes[:, LABEL] == TAXONOMY["trunk"]

@@ -3,9 +3,8 @@ import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.simulation import SCANNERS
-from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
-from mlsroad_pipeline.simulation.parameters.variations import Variation
-from mlsroad_pipeline.simulation.parameters.variety import expanded_surveys
+from mlsroad_pipeline.simulation.parameters.devices import Variation
+from mlsroad_pipeline.simulation.parameters.presets import expanded_surveys, simulation_parameters
 from mlsroad_pipeline.surveys.simulated import selected_surveys
 
 MANY = {
@@ -39,6 +38,16 @@ def test_without_variety_scanners_and_objects_are_those_of_preset_and_kind():
     assert simulation_parameters(one) == plain
 
 
+def test_factors_change_the_numbers_of_objects_alone():
+    plain = expanded_surveys({"x": MANY})
+    more = expanded_surveys({"x": {**MANY, "factors": {"people": 3.0, "signs": 0.5}}})
+    for one, other in zip(plain.values(), more.values(), strict=True):
+        assert other["street"]["people"] == pytest.approx(min(3.0 * one["street"]["people"], 5.0), abs=0.02)
+        assert other["street"]["signs"] == pytest.approx(0.5 * one["street"]["signs"], abs=0.02)
+        same = {key: value for key, value in one["street"].items() if key not in ("people", "signs")}
+        assert same.items() <= other["street"].items() and one["varied"] == other["varied"]
+
+
 def test_one_of_many_or_all_of_them_may_be_selected():
     simulation = {"enabled": True, "surveys": {"a": {"preset": "tiny"}, "b": MANY}}
     assert len(selected_surveys({**simulation, "only": None})) == 13
@@ -67,6 +76,7 @@ def test_a_variation_turns_raises_and_thins_a_scanner():
         ({"presets": []}, "b: presets must be some of tiny, .* got none"),
         ({"streets": ["alley"]}, "b: streets must be some of town, .* got alley"),
         ({"variety": 1.5}, "b: variety must be between 0 and 1, got 1.5"),
+        ({"factors": {"cars": 2}}, "b: factors .* got cars"),
     ],
 )
 def test_bad_descriptions_are_named(changes, message):

@@ -8,16 +8,15 @@ import pytest
 from design_sheet import scan_mesh
 from references.simulator import enclosed_volume
 
-from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.features.eigen import compute_eigen_features
-from mlsroad_pipeline.simulation.bodies import bodies
-from mlsroad_pipeline.simulation.model import batches
+from mlsroad_pipeline.simulation import bodies
+from mlsroad_pipeline.simulation.model import solids
+from mlsroad_pipeline.simulation.model.materials import foliage
 from mlsroad_pipeline.simulation.model.meshes import KIND, Surface
 from mlsroad_pipeline.simulation.model.solids import tube
-from mlsroad_pipeline.simulation.objects import broadleaf, people
+from mlsroad_pipeline.simulation.objects import people, trees
 from mlsroad_pipeline.simulation.plants import crowns, fronds
-from mlsroad_pipeline.simulation.plants.habits import Habit, Outline
-from mlsroad_pipeline.simulation.plants.plant_materials import foliage
+from mlsroad_pipeline.simulation.plants.crowns import Outline
 
 GREY = Surface(31, (0.5, 0.5, 0.5), 0.5)
 
@@ -25,7 +24,7 @@ GREY = Surface(31, (0.5, 0.5, 0.5), 0.5)
 def test_many_bars_are_the_single_bars(rng):
     paths = np.cumsum(rng.normal(0, 1, (5, 4, 3)) + [0, 0, 2], axis=1)
     radii = rng.uniform(0.1, 0.3, (5, 4))
-    many = batches.tubes(paths, radii, GREY, sides=6)
+    many = solids.tubes(paths, radii, GREY, sides=6)
     for k in range(5):
         single = tube(paths[k], radii[k], GREY, sides=6)
         np.testing.assert_allclose(many.vertices[24 * k : 24 * (k + 1)], single.vertices[:-2], atol=1e-12)
@@ -35,19 +34,19 @@ def test_many_bars_are_the_single_bars(rng):
 def test_closed_bars_enclose_prisms():
     # A 6-gon of circumradius r has the area 1.5 sqrt(3) r^2.
     paths = np.array([[[0, 0, 0], [0, 0, 1.0], [0, 0, 3.0]], [[5, 0, 0], [6.0, 0, 0], [8.0, 0, 0]]])
-    mesh = batches.tubes(paths, [[0.2], [0.4]], GREY, sides=6, closed=True)
+    mesh = solids.tubes(paths, [[0.2], [0.4]], GREY, sides=6, closed=True)
     expected = 1.5 * np.sqrt(3) * 3.0 * (0.2**2 + 0.4**2)
     assert abs(enclosed_volume(mesh.vertices, mesh.faces)) == pytest.approx(expected)
     assert len(mesh.faces) == 2 * (2 * 6 * 2 + 2 * 6 - 4)
 
 
 def test_no_bars_are_an_empty_mesh():
-    assert len(batches.tubes(np.zeros((0, 3, 3)), 0.1, GREY).faces) == 0
+    assert len(solids.tubes(np.zeros((0, 3, 3)), 0.1, GREY).faces) == 0
 
 
 def test_bars_have_their_own_surfaces_and_flatten_in_y():
     paths = np.array([[[0, 0, 0], [0, 0, 1.0]], [[5.0, 0, 0], [5, 0, 1]]])
-    mesh = batches.tubes(paths, 0.5, [GREY, Surface(32, (0.1, 0.1, 0.1), 0.2)], sides=4, flatten=0.5)
+    mesh = solids.tubes(paths, 0.5, [GREY, Surface(32, (0.1, 0.1, 0.1), 0.2)], sides=4, flatten=0.5)
     np.testing.assert_array_equal(mesh.attributes[:, 0], np.repeat([31, 32], 8))
     assert np.ptp(mesh.vertices[:8, 1]) == pytest.approx(0.5 * np.ptp(mesh.vertices[:8, 0]))
 
@@ -55,17 +54,17 @@ def test_bars_have_their_own_surfaces_and_flatten_in_y():
 def test_blades_have_the_area_of_their_triangles(rng):
     roots, directions = rng.normal(size=(50, 3)), rng.normal(size=(50, 3))
     length, width = rng.uniform(0.1, 0.3, 50), rng.uniform(0.02, 0.1, 50)
-    mesh = batches.blades(roots, directions, length, width, GREY, rng)
+    mesh = solids.blades(roots, directions, length, width, GREY, rng)
     a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
     np.testing.assert_allclose(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2, length * width / 2)
     np.testing.assert_allclose((a + b) / 2, roots, atol=1e-12)
-    np.testing.assert_allclose(batches.unit(c - roots), batches.unit(directions), atol=1e-9)
+    np.testing.assert_allclose(solids.unit(c - roots), solids.unit(directions), atol=1e-9)
 
 
 def test_bows_are_quadratic_bezier_curves(rng):
     start, end = rng.normal(size=(7, 3)), rng.normal(size=(7, 3)) + 4
-    heading = batches.unit(rng.normal(size=(7, 3)))
-    paths = batches.bows(start, heading, end, 5, ease=0.4)
+    heading = solids.unit(rng.normal(size=(7, 3)))
+    paths = solids.bows(start, heading, end, 5, ease=0.4)
     np.testing.assert_allclose(paths[:, 0], start)
     np.testing.assert_allclose(paths[:, -1], end)
     control = start + 0.4 * np.linalg.norm(end - start, axis=1)[:, None] * heading
@@ -73,8 +72,8 @@ def test_bows_are_quadratic_bezier_curves(rng):
 
 
 def test_lifting_keeps_the_order_of_heights_and_what_is_high(rng):
-    mesh = batches.blades(rng.normal(0, 0.3, (200, 3)), rng.normal(size=(200, 3)), 0.1, 0.05, GREY, rng)
-    lifted = batches.lift(mesh)
+    mesh = solids.blades(rng.normal(0, 0.3, (200, 3)), rng.normal(size=(200, 3)), 0.1, 0.05, GREY, rng)
+    lifted = solids.lift(mesh)
     assert lifted.vertices[:, 2].min() > 0
     high = mesh.vertices[:, 2] >= 0.1
     np.testing.assert_array_equal(lifted.vertices[high], mesh.vertices[high])
@@ -85,14 +84,14 @@ def test_lifting_keeps_the_order_of_heights_and_what_is_high(rng):
 @pytest.mark.parametrize("shell", [0.0, 4.0])
 def test_scattered_places_have_the_mean_radius_of_their_density(rng, shell):
     # The density of the radius r is proportional to r^(2 + shell), whose mean is (3 + shell) / (4 + shell).
-    radius = np.linalg.norm(batches.scatter(rng, 20_000, shell=shell), axis=1)
+    radius = np.linalg.norm(solids.scatter(rng, 20_000, shell=shell), axis=1)
     assert radius.max() <= 1
     assert radius.mean() == pytest.approx((3 + shell) / (4 + shell), abs=0.005)
 
 
 def test_joints_bend_at_the_lengths_of_their_parts(rng):
     start, end = rng.normal(size=(30, 3)), rng.normal(size=(30, 3))
-    end = start + 0.6 * batches.unit(end - start)
+    end = start + 0.6 * solids.unit(end - start)
     joint = bodies.bent_joint(start, end, 0.45, 0.4, [1.0, 0, 0])
     np.testing.assert_allclose(np.linalg.norm(joint - start, axis=1), 0.45)
     np.testing.assert_allclose(np.linalg.norm(joint - end, axis=1), 0.4)
@@ -138,14 +137,6 @@ def test_places_are_inside_their_outline(rng):
     assert outline.volume == pytest.approx(4 / 3 * np.pi * 2.5**2 * 3, rel=0.25)
 
 
-def test_a_reversed_range_is_an_error():
-    with pytest.raises(ParameterError, match="height runs from 9.0 down to 5.0"):
-        Habit(
-            height=(9.0, 5.0), width=(0.5, 0.6), clear=(0.2, 0.3), profile=(0.9, 0.3), leader=(0.4, 0.5),
-            rise=(0.3, 0.4), girth=(18, 20), limbs=(8, 9), droop=(0, 0.1), density=(0.5, 1), clump=(0.2, 0.3),
-        )  # fmt: skip
-
-
 def test_fronds_have_their_faces_and_hang_lower_the_more_they_bend(rng):
     leaf = foliage("green", "palm", rng)
     turn = np.linspace(0, 6, 9)
@@ -177,7 +168,7 @@ def _passing(mesh, height, radius):
 @pytest.mark.parametrize("name", ["round_tree", "pyramidal_tree", "multi_stem_tree"])
 def test_beams_enter_crowns_and_some_pass(name):
     # Gap fractions of leafy street trees in the literature run from some 5 to 40 per cent.
-    design = next(d for d in broadleaf.DESIGNS if d.name == name)
+    design = next(d for d in trees.DESIGNS if d.name == name)
     gaps, depths = [], []
     for seed in range(6):
         mesh = design.build(np.random.default_rng(seed))
@@ -210,7 +201,7 @@ def test_crowns_have_the_eigenvalue_features_of_recorded_ones(real_data, rng):
         recorded.append(_medians(_thinned(rows[rows[:, 3] == 1300, :3]), 0.3))
     simulated = []
     for seed in range(6):
-        mesh = broadleaf.DESIGNS[0].build(np.random.default_rng(seed))
+        mesh = trees.DESIGNS[0].build(np.random.default_rng(seed))
         xyz, _, face = scan_mesh(mesh, distance=8.0, spacing=0.12, slant=0.0)
         xyz = xyz[mesh.attributes[face, 0] == 31]
         simulated.append(_medians(_thinned(xyz + rng.normal(0, 0.02, xyz.shape)), 0.3))

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-from references.simulator import first_triangle
+from references.simulator import first_triangle, scene_of
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.simulation.model.meshes import GLASS, Surface, join
 from mlsroad_pipeline.simulation.model.solids import box, quads
-from mlsroad_pipeline.simulation.rays.scene import Motion, Mover, RayScene
+from mlsroad_pipeline.simulation.rays.moving import Motion, Mover
 from mlsroad_pipeline.simulation.street.street import draw_street
 
 WALL, CAR, PANE = (
@@ -27,7 +27,7 @@ def rays_of(origins, directions):
 
 def test_hits_equal_a_search_over_all_triangles(street, rng):
     meshes = [box(rng.uniform(0.2, 2, 3), rng.uniform(-5, 5, 3), WALL) for _ in range(12)]
-    scene = RayScene(street, meshes, range(1, 13), [], np.array([0.5, -0.25, 1.0]))
+    scene = scene_of(street, meshes, range(1, 13), [], np.array([0.5, -0.25, 1.0]))
     rays = rays_of(rng.uniform(-8, 8, (200, 3)), rng.normal(size=(200, 3)))
     hits = scene.cast(rays, np.zeros(200))
     whole = join(meshes)
@@ -43,7 +43,7 @@ def test_hits_equal_a_search_over_all_triangles(street, rng):
 
 def test_nothing_behind_a_wall_is_hit(street):
     wall, hidden = box([0.2, 20, 20], [5, 0, 0], WALL), box([2, 2, 2], [10, 0, 0], CAR)
-    scene = RayScene(street, [wall, hidden], [1, 2], [], np.zeros(3))
+    scene = scene_of(street, [wall, hidden], [1, 2], [], np.zeros(3))
     angles = np.linspace(-0.5, 0.5, 300)
     rays = rays_of(np.zeros((300, 3)), np.column_stack([np.cos(angles), np.sin(angles), 0.1 * angles]))
     surfaces = scene.resolve(scene.cast(rays, np.zeros(300)), rays)
@@ -52,7 +52,7 @@ def test_nothing_behind_a_wall_is_hit(street):
 
 def test_most_rays_pass_glass_and_none_without_passing(street, rng):
     pane = quads([[5, -20, -20], [5, 20, -20], [5, 20, 20], [5, -20, 20]], PANE)
-    scene = RayScene(street, [pane, box([1, 50, 50], [8, 0, 0], WALL)], [0, 0], [], np.zeros(3))
+    scene = scene_of(street, [pane, box([1, 50, 50], [8, 0, 0], WALL)], [0, 0], [], np.zeros(3))
     rays = rays_of(np.zeros((4000, 3)), np.tile([1.0, 0, 0], (4000, 1)))
     through = scene.cast(rays, np.zeros(4000), passing=rng.random(4000, dtype=np.float32))
     behind = through.distance > 6
@@ -70,7 +70,7 @@ def test_moving_objects_are_where_they_are_at_each_rays_time(street, speed):
     xy, heading = street.alignment.place(stations, -1.5)
     z = street.ground.height(stations, -1.5)
     above = np.column_stack([xy, z + 10.0])
-    scene = RayScene(street, [box([1, 1, 1], [500, 500, 0], WALL)], [0], [mover], np.zeros(3))
+    scene = scene_of(street, [box([1, 1, 1], [500, 500, 0], WALL)], [0], [mover], np.zeros(3))
     hits = scene.cast(rays_of(above, np.tile([0, 0, -1.0], (41, 1))), times)
     np.testing.assert_allclose(hits.distance, 10.0 - 1.6, atol=2e-3)
     assert (scene.instances[hits.face] == 9).all()
@@ -80,14 +80,3 @@ def test_moving_objects_are_where_they_are_at_each_rays_time(street, speed):
     assert not np.isfinite(scene.cast(rays_of(beside, np.tile([0, 0, -1.0], (41, 1))), times).distance).any()
     # Half a second later the object has left.
     assert not np.isfinite(scene.cast(rays_of(above, np.tile([0, 0, -1.0], (41, 1))), times + 0.5).distance).any()
-
-
-def test_hits_do_not_depend_on_threads(stream, scene, rng):
-    rays = rays_of(rng.uniform([-3, -3, 0], [3, 3, 6], (20000, 3)), rng.normal(size=(20000, 3)))
-    times = np.full(20000, 1.0)
-    one = scene.cast(rays, times)
-    scene.n_threads = 2
-    two = scene.cast(rays, times)
-    scene.n_threads = 1
-    for a, b in zip(one, two, strict=True):
-        np.testing.assert_array_equal(a, b)

@@ -13,8 +13,7 @@ def channel(monkeypatch):
     path = channels.create_shared_file()
     ends = Pipe()
     pair = channels.Channel(ends[0], path, 0), channels.Channel(ends[1], path, 1)
-    channels.unlink_shared_file(path)
-    assert not Path(path).exists()
+    Path(path).unlink()
     yield pair
     for end in pair:
         end.close()

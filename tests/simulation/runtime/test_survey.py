@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pyproj
 import pytest
+from references.simulator import GROUND_LABELS
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
@@ -14,10 +15,8 @@ from mlsroad_pipeline.simulation import (
     long_survey,
     simulate_survey,
     stream_points,
-    survey_chunks,
 )
 from mlsroad_pipeline.simulation.runtime import worker_pool
-from mlsroad_pipeline.simulation.street.ground import GROUND_LABELS
 
 COLUMNS = {
     "rgb": np.uint8, "intensity": np.float32, "gps_time": np.float64, "scanner": np.uint8, "label": np.uint8,
@@ -60,17 +59,17 @@ def test_the_same_bytes_from_any_number_of_processes(survey, parameters, monkeyp
     [process] = worker_pool._IDLE
     stream = SurveyStream(parameters)
     survey_id = ("other", (parameters, stream.length, 0, stream.drive.start), 0)
-    blocks = {k: process.run(*survey_id, "build", k, {}) for k in stream.near(0)}
+    blocks = {k: process.submit(*survey_id, "build", k, {}).result() for k in stream.near(0)}
     here = stream.build(0)
     for name in ("vertices", "faces", "attributes", "instances", "centre", "box"):
         np.testing.assert_array_equal(getattr(blocks[0].soup, name), getattr(here.soup, name))
-    part = process.run(*survey_id, "scan", stream.spans(0)[0], blocks)
+    part = process.submit(*survey_id, "scan", stream.spans(0)[0], blocks).result()
     np.testing.assert_array_equal(part.xyz.astype(np.float32), survey.cloud.xyz[: len(part)])
     with pytest.raises(TypeError):
-        process.run(*survey_id, "build", "x", {})
-    process._process.terminate()
+        process.submit(*survey_id, "build", "x", {}).result()
+    process.process.terminate()
     with pytest.raises(DataError, match="a process that simulated a part of the survey ended"):
-        process.run(*survey_id, "build", 0, {})
+        process.submit(*survey_id, "build", 0, {}).result()
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +79,7 @@ def elsewhere(parameters):
 
 
 def test_another_seed_is_another_survey(survey, parameters):
-    others = list(survey_chunks(replace(parameters, seed=6, with_images=False), n_points=1000))
+    others = list(stream_points(long_survey(replace(parameters, seed=6), n_points=1000), n_points=1000))
     assert not np.allclose(others[0].world_xyz(), survey.cloud.world_xyz()[:1000], atol=0.5)
 
 
@@ -150,7 +149,7 @@ def test_the_truth_table_agrees_with_the_points(survey):
     height = ground.height(*survey.street.alignment.locate(local[standing, :2]))
     np.testing.assert_allclose(local[standing, 2], height, atol=0.01)
     linear = [TAXONOMY[k] for k in ("building", "wall", "fence", "hedge")]
-    assert not cloud["instance"][np.isin(cloud["label"], linear + list(GROUND_LABELS))].any()
+    assert not cloud["instance"][np.isin(cloud["label"], linear + GROUND_LABELS)].any()
 
 
 def test_without_images_points_still_have_colour(elsewhere):
@@ -178,7 +177,7 @@ def test_chunks_follow_each_other_to_the_exact_count(parameters):
 
 
 def test_a_stream_yields_the_points_of_the_whole_survey(survey, stream, scene):
-    pieces = list(stream.scan(0, scene))
+    pieces = [stream.scan_span(scene, *span) for span in stream.spans(0)]
     np.testing.assert_array_equal(np.concatenate([p.xyz for p in pieces]).astype(np.float32), survey.cloud.xyz)
 
 
@@ -216,7 +215,7 @@ def test_bad_parameters_are_named(change, message):
 
 def test_bad_counts_are_named(parameters):
     with pytest.raises(ParameterError, match="n_points must be >= 1, got 0"):
-        next(survey_chunks(parameters, n_points=0))
+        next(stream_points(long_survey(parameters, n_points=1), n_points=0))
     with pytest.raises(ParameterError, match="n_threads must be >= 1, got 0"):
         simulate_survey(parameters, n_threads=0)
 

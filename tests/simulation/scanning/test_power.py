@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from references.simulator import scene_of
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.simulation import PRESETS
@@ -9,9 +10,8 @@ from mlsroad_pipeline.simulation.model.meshes import RETRO, Surface
 from mlsroad_pipeline.simulation.model.solids import box
 from mlsroad_pipeline.simulation.parameters.devices import Device, ScannerSystem
 from mlsroad_pipeline.simulation.parameters.known_scanners import SCANNERS, scanner_system
-from mlsroad_pipeline.simulation.rays.scene import RayScene
-from mlsroad_pipeline.simulation.scanning.power import lowered_power, power_of
-from mlsroad_pipeline.simulation.scanning.receiver import FULL_SCALE_DB, receive
+from mlsroad_pipeline.simulation.scanning.amplitudes import FULL_SCALE_DB, lowered_power, power_of
+from mlsroad_pipeline.simulation.scanning.receiver import receive
 from mlsroad_pipeline.simulation.scanning.scanner import Pulses
 from mlsroad_pipeline.simulation.street.ground import GRASS
 from mlsroad_pipeline.simulation.street.ground_mesh import ground_mesh
@@ -34,7 +34,7 @@ def swept(street, meshes, *, n=1500, half=0.2, seed=1, **fields):
     angle = np.linspace(-half, half, n)
     d = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]).astype(np.float32)
     pulses = Pulses(np.arange(n) / device.pulse_rate, angle, d, np.concatenate([0 * d, d], axis=1))
-    scene = RayScene(street, meshes, range(1, len(meshes) + 1), [], np.zeros(3))
+    scene = scene_of(street, meshes, range(1, len(meshes) + 1), [], np.zeros(3))
     return receive(scene, pulses, parameters, np.random.default_rng(seed))[0]
 
 
@@ -146,7 +146,7 @@ def test_grass_is_brighter_by_its_gain_and_nothing_else(street):
         system = ScannerSystem("one", (Device(1e5, 10.0, range_noise=0.0, turf_gain=gain),))
         none = dict.fromkeys(("profile_rate", "pulse_rate", "range_noise", "beam_divergence", "max_range"))
         parameters = replace(PRESETS["tiny"], scanner=system, beam_rays=1, **none)
-        scene = RayScene(street, meshes, [0] * 3, [], np.zeros(3))
+        scene = scene_of(street, meshes, [0] * 3, [], np.zeros(3))
         found.append(receive(scene, pulses, parameters, np.random.default_rng(5)))
     (plain, surfaces), (bright, _) = found
     np.testing.assert_array_equal(plain.distance, bright.distance)

@@ -1,11 +1,11 @@
 """True markings of streets: on paint, complete, and of the right kind."""
 
 import numpy as np
+from references.simulator import ground_labels
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
-from mlsroad_pipeline.simulation.street.cover import ground_labels
-from mlsroad_pipeline.simulation.street.marking_truth import CROSSING, LANE, STEP, STOP_LINE, true_markings
+from mlsroad_pipeline.simulation.street.line_truth import CROSSING, LANE, STEP, STOP_LINE, true_markings
 from mlsroad_pipeline.simulation.street.street import draw_street
 
 START, END = 2.0, 118.0

@@ -2,15 +2,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from references.simulator import curb_distance_by_sampling
+from references.simulator import GROUND_LABELS, curb_distance_by_sampling, ground_labels
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS, StreetParameters, street_parameters
-from mlsroad_pipeline.simulation.street.cover import ground_labels
-from mlsroad_pipeline.simulation.street.ground import GROUND_LABELS
-from mlsroad_pipeline.simulation.street.ground_mesh import ground_mesh
-from mlsroad_pipeline.simulation.street.junctions import (
+from mlsroad_pipeline.simulation.street.ground import (
     HALF_WIDTH,
     RADIUS,
     SIDE,
@@ -21,6 +18,7 @@ from mlsroad_pipeline.simulation.street.junctions import (
     arm_place,
     corner_curve,
 )
+from mlsroad_pipeline.simulation.street.ground_mesh import ground_mesh
 from mlsroad_pipeline.simulation.street.street import BLOCK, draw_street
 
 

@@ -21,6 +21,9 @@ _GROUND_STEP, _GROUND_HEIGHT = 0.3, 1.0
 _CELLS_AROUND = 11
 _SAMPLE, _HEIGHTS = 20_000, 200_000
 _PER_CELL, _CELLS, _QUERIES, _NEIGHBOURS = 30, 80, 1_000, 20
+_LEVEL, _UPRIGHT = 0.9, 0.2
+"""Vertical component of the normal above which a plane is level, and below which it is upright."""
+
 _FEWEST = 100
 """Fewest points of a scene with facts."""
 
@@ -91,6 +94,27 @@ def _height_facts(z: NDArray[np.floating], key: NDArray[np.integer], shape: tupl
         "above_2": float(np.mean(height > 2)),
         "above_5": float(np.mean(height > 5)),
         "ground": float(np.mean((step < _GROUND_STEP) & (height <= _GROUND_HEIGHT))),
+        "median_height": float(np.median(height)),
+        "low": float(np.mean(height < _GROUND_STEP)),
+        **_floor_facts(lowest.reshape(shape), around.reshape(shape)),
+    }
+
+
+def _floor_facts(lowest: NDArray[np.float64], around: NDArray[np.float64]) -> dict[str, float]:
+    """Return steps between the lowest points of neighbouring cells, and the share of cells that reach the floor."""
+    occupied = np.isfinite(lowest)
+    found = []
+    for grid, filled in ((lowest, occupied), (lowest.T, occupied.T)):
+        both = filled[1:] & filled[:-1]
+        found.append(np.abs(grid[1:][both] - grid[:-1][both]))
+    steps = np.concatenate(found)
+    if not len(steps):
+        return {}
+    middle, upper = np.quantile(steps, (0.5, 0.75)).tolist()
+    return {
+        "step": middle,
+        "large_step": upper,
+        "floor": float(np.mean(lowest[occupied] - around[occupied] < _GROUND_STEP)),
     }
 
 
@@ -114,12 +138,19 @@ def _shape_facts(
     distance, index = cKDTree(points, balanced_tree=False, compact_nodes=False).query(queries, k + 1)
     around = points[index]
     around -= around.mean(axis=1, keepdims=True)
-    spread = np.sqrt(np.maximum(np.linalg.eigvalsh(np.einsum("nki,nkj->nij", around, around)), 0))[:, ::-1]
+    variances, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", around, around))
+    spread = np.sqrt(np.maximum(variances, 0))[:, ::-1]
     kinds = np.column_stack([spread[:, 0] - spread[:, 1], spread[:, 1] - spread[:, 2], spread[:, 2]]).argmax(axis=1)
     shares = np.bincount(kinds, minlength=3) / len(kinds)
     linear, planar, scattered = shares.tolist()
-    spacing = float(np.median(distance[:, 1]))
-    return {"spacing": spacing, "linear": linear, "planar": planar, "scattered": scattered}
+    near, spacing, far = np.quantile(distance[:, 1], (0.25, 0.5, 0.75)).tolist()
+    slope, is_plane = np.abs(axes[:, 2, 0]), kinds == 1
+    return {
+        "spacing": spacing, "linear": linear, "planar": planar, "scattered": scattered,
+        "level": float(np.mean(is_plane & (slope > _LEVEL))),
+        "upright": float(np.mean(is_plane & (slope < _UPRIGHT))),
+        "even": near / far if far > 0 else 1.0,
+    }  # fmt: skip
 
 
 QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)

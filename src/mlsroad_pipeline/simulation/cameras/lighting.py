@@ -1,8 +1,6 @@
 """Sun and sky, and the light reflected by surfaces."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -14,8 +12,7 @@ from mlsroad_pipeline.simulation.rays.surfaces import WET, Surfaces
 from mlsroad_pipeline.simulation.street.street import generator
 
 
-@dataclass(frozen=True)
-class Light:
+class Light(NamedTuple):
     """Sun, sky and exposure of a survey."""
 
     sun: NDArray[np.float64]  # Unit vector towards the sun
@@ -36,58 +33,36 @@ def draw_light(seed: int) -> Light:
     )
 
 
-def _exposure_curve() -> NDArray[np.uint8]:
-    """Return sRGB values of radiances 0 to 4 in steps of 1/2048: a soft shoulder instead of clipping."""
-    exposed = 1.0 - np.exp(-1.25 * (np.arange(8192) + 0.5) / 2048.0)
-    curve = np.where(exposed < 0.0031308, 12.92 * exposed, 1.055 * exposed ** (1 / 2.4) - 0.055)
-    return (255.0 * curve + 0.5).astype(np.uint8)
+# sRGB values of radiances 0 to 4 in steps of 1/2048: a soft shoulder instead of clipping.
+_EXPOSED = 1.0 - np.exp(-1.25 * (np.arange(8192) + 0.5) / 2048.0)
+_SRGB = np.where(_EXPOSED < 0.0031308, 12.92 * _EXPOSED, 1.055 * _EXPOSED ** (1 / 2.4) - 0.055)
+_CURVE = (255.0 * _SRGB + 0.5).astype(np.uint8)
 
 
-_CURVE = _exposure_curve()
-
-
-def shade(
+def in_the_sun(
     surfaces: Surfaces, normal: NDArray[np.float32], rays: NDArray[np.float32], distance: NDArray[np.float32],
-    lit: NDArray[np.bool_], light: Light, grain: NDArray[np.float32],
+    light: Light,
 ) -> NDArray[np.uint8]:  # fmt: skip
-    """Return the colours along rays as sRGB values, shape (n, 3), uint8; rays of infinite distance show the sky.
-
-    `normal` and `rays` are those of the hits, `distance` metres along the rays (haze grows with it), `lit` whether the
-    sun reaches the place, `grain` standard normal numbers for the camera's noise (zeros for none).
-    """
+    """Return the colours of the hits of rays without cast shadows and noise: sRGB values, shape (n, 3)."""
+    lit = np.ones(len(distance), np.bool_)
     light_at = radiance(surfaces, normal, rays, distance, lit, light)
-    return expose(light_at, np.ones(len(lit), np.float32), grain)
-
-
-def radiance(
-    surfaces: Surfaces, normal: NDArray[np.float32], rays: NDArray[np.float32], distance: NDArray[np.float32],
-    lit: NDArray[np.bool_], light: Light,
-) -> NDArray[np.float32]:  # fmt: skip
-    """Return the linear radiance along rays, shape (n, 3); about 1 for a white wall in the sun. See `shade`."""
-    return _radiance(surfaces, normal, rays, distance, lit, light.sun, light.sun_rgb, light.sky_rgb, light.haze)
-
-
-def expose(
-    light_at: NDArray[np.float32], exposure: NDArray[np.float32], grain: NDArray[np.float32]
-) -> NDArray[np.uint8]:
-    """Return the sRGB values of a sensor: exposure, shot and read noise, a soft shoulder.
-
-    `light_at` is linear radiance, `exposure` a factor on it at each place (gain and vignetting), `grain` standard
-    normal numbers for the noise.
-    """
-    return _expose(light_at, exposure, grain, _CURVE)
+    return expose(light_at, np.ones(len(lit), np.float32), np.zeros_like(light_at))
 
 
 @njit(cache=True, nogil=True)
-def _expose(
-    light_at: NDArray[np.float32], exposure: NDArray[np.float32], grain: NDArray[np.float32], curve: NDArray[np.uint8]
+def expose(
+    light_at: NDArray[np.float32], exposure: NDArray[np.float32], grain: NDArray[np.float32]
 ) -> NDArray[np.uint8]:
+    """Return the sRGB values of a sensor for linear radiance: shot and read noise, a soft shoulder.
+
+    `exposure` is a factor (gain and vignetting), `grain` standard normal numbers for the noise.
+    """
     out = np.empty(light_at.shape, dtype=np.uint8)
     for i in range(len(light_at)):
         for c in range(3):
             value = light_at[i, c] * exposure[i]
             value = max(value + grain[i, c] * (0.003 + 0.012 * np.sqrt(value)), 0.0)
-            out[i, c] = curve[min(int(value * 2048.0), len(curve) - 1)]
+            out[i, c] = _CURVE[min(int(value * 2048.0), len(_CURVE) - 1)]
     return out
 
 
@@ -102,11 +77,15 @@ def _clouds(dx: float, dy: float, dz: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _radiance(
+def radiance(
     surfaces: Surfaces, normal: NDArray[np.float32], rays: NDArray[np.float32], distance: NDArray[np.float32],
-    lit: NDArray[np.bool_], sun: NDArray[np.float64], sun_rgb: NDArray[np.float64], sky_rgb: NDArray[np.float64],
-    haze: float,
+    lit: NDArray[np.bool_], light: Light,
 ) -> NDArray[np.float32]:  # fmt: skip
+    """Return the linear radiance along rays, shape (n, 3): about 1 for a white wall in the sun, else of the sky.
+
+    `distance` is infinite in the sky (haze grows with it), `lit` whether the sun reaches the place.
+    """
+    sun, sun_rgb, sky_rgb, haze = light
     out = np.empty((len(lit), 3), dtype=np.float32)
     for i in range(len(lit)):
         dx, dy, dz = rays[i, 3], rays[i, 4], rays[i, 5]

@@ -1,18 +1,15 @@
 """Objects between the curb and the property line: lamps, rows of trees, signs, bus stops, furniture, people."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
 from mlsroad_pipeline.simulation.furnishing import catalogue
 from mlsroad_pipeline.simulation.furnishing.overhead import dry_station
+from mlsroad_pipeline.simulation.furnishing.parking import is_left_out
 from mlsroad_pipeline.simulation.furnishing.placement import Placed, Site
-from mlsroad_pipeline.simulation.furnishing.two_wheelers import is_left_out
-from mlsroad_pipeline.simulation.model.design import Design
 from mlsroad_pipeline.simulation.objects.people import WALKERS, conversation
-from mlsroad_pipeline.simulation.objects.sign_plates import sign_plate
+from mlsroad_pipeline.simulation.objects.traffic_signs import sign_plate
 from mlsroad_pipeline.simulation.street.street import generator
 
 _FREE = ("palm", "tree", "cycas", "brushwood", "hydrant")  # of any heading
@@ -25,6 +22,7 @@ _EVERY_BLOCK = (
 _CLUTTER = ("bin", "hydrant", "mail_box", "bollard", "other_object", "bench", "parking_meter", "bicycle", "animal",
             "motorcycle")  # fmt: skip
 _GROUPS = 0.25  # share of groups among standing people
+_TRIES = 12  # places tried for each object along the curb
 
 
 def _factor(site: Site, label: str) -> float:
@@ -56,12 +54,12 @@ def _turned(site: Site, label: str, left: float) -> float:
     return site.toward_road(left) + float(site.rng.normal(0, 0.06))
 
 
-def somewhere(site: Site, label: str, side: int, *, tries: int = 12, design: Design | None = None) -> Placed | None:
+def somewhere(site: Site, label: str, side: int) -> Placed | None:
     """Place an object of a class at a free place along one curb (side 0 is left), or return None after all tries."""
-    chosen = design or catalogue.choose(label, site.rng)
+    chosen = catalogue.choose(label, site.rng)
     mesh = chosen.build(site.rng)
     width = float(site.street.ground.section[side, 2:].sum())
-    for _ in range(tries):
+    for _ in range(_TRIES):
         s, left = float(site.rng.uniform(site.start + 0.5, site.end - 0.5)), _strip(site, side, label)
         yaw = _turned(site, label, left)
         if site.street.ground.edge([s], [left])[0][0] < 0.05:
@@ -79,16 +77,13 @@ def lamps(site: Site) -> None:
     street = site.street
     rng = generator(street.seed, 11)
     spacing = street.parameters.lamp_spacing or float(rng.uniform(25, 40))
-    both, known = rng.random() < 0.4, catalogue.designs()["light_pole"]
+    both, on_median = rng.random() < 0.4, street.ground.shape[5] > 0
     names = [catalogue.choose("light_pole", rng).name for _ in range(2)]
-    double = [design.name for design in known if "double" in design.name]
-    if street.ground.shape[5] > 0 and double:
-        names = [double[0], double[0]]
+    if on_median:
+        names = 2 * ["double_arm_lamp"]
     for k in range(int(np.ceil(site.start / spacing)), int(np.ceil(site.end / spacing))):
-        offsets = [street.kerb_zone(side) for side in ((0, 1) if both else (k % 2,))]
-        if street.ground.shape[5] > 0 and double:
-            offsets = [0.0]
-        for left in offsets:
+        sides = (0, 1) if both else (k % 2,)
+        for left in [0.0] if on_median else [street.kerb_zone(side) for side in sides]:
             name = names[0] if site.rng.random() < 0.8 else names[1]
             design = catalogue.choose("light_pole", site.rng, name)
             mesh = design.build(site.rng)
@@ -162,16 +157,13 @@ def tree_rows(site: Site) -> None:
 def furnish(site: Site) -> None:
     """Place the objects of every street, then plants and furniture by the parameters, then people."""
     rng, parameters = site.rng, site.parameters
-    known = catalogue.designs()
     for side in range(2):
         labels = [label for label in _EVERY_BLOCK[(side + site.block) % 2] if _factor(site, label) > 0]
         for label, mean in (("brushwood", 2.0), ("cycas", 1.0), ("palm", 1.0), ("tree", 0.8), ("traffic_sign", 1.2)):
             labels += [label] * int(rng.poisson(mean * _factor(site, label)))
-        clutter = [label for label in _CLUTTER if label in known]
-        labels += [str(label) for label in rng.choice(clutter, int(rng.poisson(3.0 * parameters.clutter)))]
+        labels += [str(label) for label in rng.choice(_CLUTTER, int(rng.poisson(3.0 * parameters.clutter)))]
         for label in labels:
-            rare = label in ("bicycle", "motorcycle") and is_left_out(rng, parameters.two_wheelers)
-            if label in known and not rare:
+            if not (label in ("bicycle", "motorcycle") and is_left_out(rng, parameters.two_wheelers)):
                 placed = somewhere(site, label, side)
                 if label == "bollard" and placed is not None:
                     _row_of(site, placed)

@@ -1,7 +1,5 @@
 """Hard cases: objects that touch, contain or occlude each other."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
@@ -29,7 +27,8 @@ def add(site: Site) -> None:
     for number in range(len(site.placed)):
         placed, (s, left) = site.placed[number], site.where[number]
         cases = _PARTNERS.get(TAXONOMY_NAMES[placed.label], ())
-        if not cases or placed.instance == 0 or site.rows[number] < 0 or abs(left) > _outer(site, left):
+        outer = site.street.ground.property_line(0 if left >= 0 else 1) + 0.3
+        if not cases or placed.instance == 0 or site.rows[number] < 0 or abs(left) > outer:
             continue
         if site.rng.random() < site.parameters.hard_cases:
             before = len(site.placed)
@@ -37,10 +36,6 @@ def add(site: Site) -> None:
                 _partner(site, number, s, left, str(case))
                 if len(site.placed) > before:
                     break
-
-
-def _outer(site: Site, left: float) -> float:
-    return site.street.ground.property_line(0 if left >= 0 else 1) + 0.3
 
 
 def _partner(site: Site, number: int, s: float, left: float, case: str) -> None:

@@ -1,15 +1,12 @@
 """Overhead lines: poles along one property line, sagging wires, lines to the houses; gantries over the road."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.simulation.furnishing import catalogue
 from mlsroad_pipeline.simulation.furnishing.placement import Placed, Site
-from mlsroad_pipeline.simulation.model.design import Design
 from mlsroad_pipeline.simulation.model.materials import material
-from mlsroad_pipeline.simulation.model.meshes import Mesh, rotation_matrix
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, rotation_matrix
 from mlsroad_pipeline.simulation.model.solids import tube
 from mlsroad_pipeline.simulation.objects import utility_poles
 from mlsroad_pipeline.simulation.objects.gantries import gantry
@@ -22,10 +19,7 @@ _GANTRIES = 0.2  # per block of a road of several lanes with a median
 
 
 def dry_station(street: Street, s: float, left: float, *, least: float = 0.15) -> float:
-    """Return the nearest station at which a line along the street is off the carriageway, driveways and crossings.
-
-    It keeps `least` metres from the curb line; without such a station within 20 m, `s` itself is returned.
-    """
+    """Return the nearest station within 20 m that is `least` metres off curbs, driveways and crossings, or `s`."""
     side = 0 if left >= 0 else 1
     gates = np.array([lot.driveway for lot in street.lots if lot.side == side and lot.arm < 0])
     tried = s + np.array([0.0, *(k * d for d in np.arange(0.75, 20.0, 0.75) for k in (1, -1))])
@@ -72,10 +66,8 @@ class _Line:
 
     def hang(self, k: int, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the attachment points of a pole, street-local coordinates."""
-        s = self.station(k)
-        xy, heading = self.street.alignment.place([s], [self.left])
-        base = np.array([*xy[0], float(self.street.ground.height([s], [self.left])[0])])
-        yaw = float(heading[0]) + (-np.pi / 2 if self.left >= 0 else np.pi / 2)
+        base, heading = self.street.on_ground(self.station(k), self.left)
+        yaw = heading + (-np.pi / 2 if self.left >= 0 else np.pi / 2)
         return points @ rotation_matrix(yaw, 0.0, 0.0).T + base
 
 
@@ -106,9 +98,8 @@ def _to_houses(site: Site, line: _Line, pole: Placed, k: int, start: NDArray[np.
             continue
         left = (ground.property_line(lot.side) + lot.setback) * (1 if lot.side == 0 else -1)
         s = middle + float(site.rng.uniform(-0.3, 0.3)) * (lot.end - lot.start)
-        xy, _ = site.street.alignment.place([s], [left])
-        z = float(ground.height([s], [left])[0]) + float(site.rng.uniform(2.5, 2.8))
-        _wire(site, pole, start, np.array([*xy[0], z]), float(site.rng.uniform(0.2, 0.6)), 0.7 * line.radius)
+        end = site.street.on_ground(s, left)[0] + [0.0, 0.0, site.rng.uniform(2.5, 2.8)]
+        _wire(site, pole, start, end, float(site.rng.uniform(0.2, 0.6)), 0.7 * line.radius)
 
 
 def _wire(

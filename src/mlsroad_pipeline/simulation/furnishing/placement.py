@@ -1,8 +1,6 @@
 """Placement of objects in a block of street: on the ground, oriented to the street, without overlaps."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,13 +8,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
-from mlsroad_pipeline.simulation.model.design import Design
-from mlsroad_pipeline.simulation.model.meshes import Mesh
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh
 from mlsroad_pipeline.simulation.street.street import BLOCK, MARGIN, Street, generator
 
-INSTANCES_PER_BLOCK = 2048
-"""Instance numbers reserved for each block, so that they are unique along the street."""
-
+INSTANCES_PER_BLOCK = 2048  # Instance numbers reserved for each block, so that they are unique along the street
 FOOTPRINT_HEIGHT = 1.7
 """Height below which parts belong to an object's footprint, metres: trunks and cars, not crowns and arms."""
 
@@ -49,23 +44,13 @@ class Placed:
     hard_case: str = ""  # Kind of confusable neighbour, if it was placed as such
 
 
-@njit(cache=True, nogil=True)
-def _extent(vertices: NDArray[np.float64], below: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the bounds of the vertices below a height, or of all if none is."""
-    least, most = np.full(3, np.inf), np.full(3, -np.inf)
-    for i in range(len(vertices)):
-        if vertices[i, 2] < below:
-            for c in range(3):
-                least[c] = min(least[c], vertices[i, c])
-                most[c] = max(most[c], vertices[i, c])
-    if least[0] > most[0] and below < np.inf:
-        return _extent(vertices, np.inf)
-    return least, most
+def _extent(vertices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    return vertices.min(axis=0), vertices.max(axis=0)
 
 
 def box_around(mesh: Mesh, base: NDArray[np.float64], heading: float) -> Box:
     """Return the box of a mesh (foot at the origin, front along +x) that is placed at a base and a heading."""
-    low, high = _extent(mesh.vertices, np.inf)
+    low, high = _extent(mesh.vertices)
     middle = (low + high) / 2
     c, s = np.cos(heading), np.sin(heading)
     x, y = base[0] + c * middle[0] - s * middle[1], base[1] + s * middle[0] + c * middle[1]
@@ -139,15 +124,16 @@ class Site:
 
     def footprint(self, mesh: Mesh, s: float, left: float, yaw: float) -> NDArray[np.float64]:
         """Return the rectangle of a mesh near the ground, in station and offset."""
-        least, most = _extent(mesh.vertices, FOOTPRINT_HEIGHT)
+        low = mesh.vertices[mesh.vertices[:, 2] < FOOTPRINT_HEIGHT]
+        least, most = _extent(low if len(low) else mesh.vertices)
         middle, half = (least[:2] + most[:2]) / 2, (most[:2] - least[:2]) / 2
         c, n = np.cos(yaw), np.sin(yaw)
         return np.array([s + c * middle[0] - n * middle[1], left + n * middle[0] + c * middle[1], *half, yaw])
 
-    def fits(self, box: NDArray[np.float64], *, edge: tuple[float, float] | None = None, gap: float = _GAP) -> bool:
+    def fits(self, box: NDArray[np.float64], *, edge: tuple[float, float] | None = None) -> bool:
         """Return whether a footprint is free and, with `edge`, within these distances from the curb."""
         corners = _corners(box)
-        if corners[0].min() < self.start or corners[0].max() > self.end or overlaps(self.boxes, box, gap) >= 0:
+        if corners[0].min() < self.start or corners[0].max() > self.end or overlaps(self.boxes, box, _GAP) >= 0:
             return False
         if edge is None:
             return True
@@ -161,9 +147,8 @@ class Site:
         """Place a mesh without a check for overlaps."""
         name, label = (design.name, design.label) if isinstance(design, Design) else design
         ground = self.street.ground
-        xy, heading = self.street.alignment.place([s], [left])
-        base = np.array([xy[0, 0], xy[0, 1], float(ground.height([s], [left])[0])])
-        turn = float(heading[0]) + yaw
+        base, heading = self.street.on_ground(s, left)
+        turn = heading + yaw
         pitch = roll = 0.0
         if tilt:
             c, n = np.cos(yaw), np.sin(yaw)
@@ -172,18 +157,21 @@ class Site:
             )
             pitch, roll = -float(np.arctan((ahead - behind) / 2.0)), float(np.arctan((port - starboard) / 1.4))
         body = mesh.moved([0.0, 0.0, 0.0], pitch=pitch, roll=roll) if tilt else mesh
-        self._numbered += numbered
-        instance = (self.block + MARGIN) * INSTANCES_PER_BLOCK + self._numbered if numbered else 0
-        placed = Placed(
-            TAXONOMY[label], instance, body.moved(base, yaw=turn), base, name,
-            box_around(body, base, turn), hard_case,
-        )  # fmt: skip
-        self.placed.append(placed)
         self.where.append((s, left))
         self.rows.append(self._count if solid else -1)
         if solid:
             self.block_out(*self.footprint(mesh, s, left, yaw))
-        return placed
+        return self._numbered_as(
+            Placed(TAXONOMY[label], 0, body.moved(base, yaw=turn), base, name, box_around(body, base, turn), hard_case),
+            numbered,
+        )
+
+    def _numbered_as(self, placed: Placed, numbered: bool) -> Placed:
+        """Append an object, if `numbered` with the next instance number."""
+        self._numbered += numbered
+        first = (self.block + MARGIN) * INSTANCES_PER_BLOCK
+        self.placed.append(replace(placed, instance=first + self._numbered) if numbered else placed)
+        return self.placed[-1]
 
     def add_at(
         self, design: tuple[str, str], mesh: Mesh, start: NDArray[np.float64], end: NDArray[np.float64]
@@ -194,21 +182,17 @@ class Site:
         base = np.array([*((start + end) / 2)[:2], mesh.vertices[:, 2].min()])
         local = mesh.vertices - base
         turned = np.column_stack([c * local[:, 0] - s * local[:, 1], s * local[:, 0] + c * local[:, 1], local[:, 2]])
-        self._numbered += 1
-        instance = (self.block + MARGIN) * INSTANCES_PER_BLOCK + self._numbered
         around = box_around(Mesh(turned, mesh.faces, mesh.attributes), base, heading)
-        placed = Placed(TAXONOMY[design[1]], instance, mesh, base, design[0], around)
-        self.placed.append(placed)
         self.where.append((np.nan, np.nan))
         self.rows.append(-1)
-        return placed
+        return self._numbered_as(Placed(TAXONOMY[design[1]], 0, mesh, base, design[0], around), True)
 
     def try_add(
         self, design: Design, s: float, left: float, yaw: float, *, edge: tuple[float, float] | None = None,
-        tilt: bool = False, hard_case: str = "", mesh: Mesh | None = None,
+        tilt: bool = False, mesh: Mesh | None = None,
     ) -> Placed | None:  # fmt: skip
         """Build an object and place it if it fits; see `add` and `fits`."""
         built = design.build(self.rng) if mesh is None else mesh
         if not self.fits(self.footprint(built, s, left, yaw), edge=edge):
             return None
-        return self.add(design, built, s, left, yaw, tilt=tilt, hard_case=hard_case)
+        return self.add(design, built, s, left, yaw, tilt=tilt)

@@ -1,16 +1,14 @@
 """Moving objects: vehicles and cyclists in the lanes, people on the pavements, each timed to meet the van."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.simulation.furnishing import catalogue
+from mlsroad_pipeline.simulation.furnishing.parking import cyclists, is_left_out
 from mlsroad_pipeline.simulation.furnishing.placement import INSTANCES_PER_BLOCK
-from mlsroad_pipeline.simulation.furnishing.two_wheelers import cyclists, is_left_out
-from mlsroad_pipeline.simulation.model.design import Design
+from mlsroad_pipeline.simulation.model.meshes import Design
 from mlsroad_pipeline.simulation.objects.people import WALKERS
-from mlsroad_pipeline.simulation.rays.scene import Motion, Mover
+from mlsroad_pipeline.simulation.rays.moving import Motion, Mover
 from mlsroad_pipeline.simulation.street.drive import Drive
 from mlsroad_pipeline.simulation.street.street import BLOCK, MARGIN, Street, generator
 
@@ -56,10 +54,9 @@ class _Meetings:
 
 
 def draw_traffic(street: Street, drive: Drive, block: int) -> list[Mover]:
-    """Return the moving objects that the van meets in a block.
+    """Return oncoming vehicles, cyclists, vehicles in the other lanes, and pedestrians that the van meets in a block.
 
-    They are oncoming vehicles, cyclists, vehicles in the other lanes, and pedestrians. Vehicles of one lane have one
-    speed, so that none collides with another.
+    Vehicles of one lane have one speed, so that none collides with another.
     """
     meet = _Meetings(street, drive, block)
     rng, parameters, ground = meet.rng, street.parameters, street.ground

@@ -1,7 +1,5 @@
 """Compilation of leaf functions: small functions that read arrays and create none."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import ParamSpec, TypeVar, cast
 

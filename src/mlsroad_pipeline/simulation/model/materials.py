@@ -1,6 +1,6 @@
-"""Materials: albedo in the visible and at the scanner's wavelength, drawn for each object."""
+"""Materials, leaves and barks: albedo in the visible and at the scanner's wavelength, drawn for each object."""
 
-from __future__ import annotations
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -9,8 +9,10 @@ from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.simulation.model.compiled import leaf
 from mlsroad_pipeline.simulation.model.meshes import BARK, BRICK, DIFFUSE, FOLIAGE, GLASS, PAINT, RETRO, Surface
 
+Colour = tuple[float, float, float]
+
 # name: (linear rgb, reflectivity near 1550 nm, spread of tone, kind); reflectivities after common tables of targets.
-_MATERIALS: dict[str, tuple[tuple[float, float, float], float, float, int]] = {
+_MATERIALS: dict[str, tuple[Colour, float, float, int]] = {
     "concrete": ((0.42, 0.40, 0.37), 0.38, 0.15, DIFFUSE),
     "plaster": ((0.62, 0.55, 0.44), 0.45, 0.25, DIFFUSE),
     "brick": ((0.36, 0.15, 0.10), 0.32, 0.25, BRICK),
@@ -36,30 +38,68 @@ _MATERIALS: dict[str, tuple[tuple[float, float, float], float, float, int]] = {
 }
 
 # Colours of cars and their shares: three quarters are white, grey, silver or black.
-_PAINTS: tuple[tuple[float, float, float], ...] = (
+_PAINTS: tuple[Colour, ...] = (
     (0.75, 0.75, 0.74), (0.18, 0.19, 0.2), (0.45, 0.46, 0.47), (0.03, 0.03, 0.035),
     (0.42, 0.03, 0.03), (0.04, 0.08, 0.28), (0.05, 0.16, 0.08), (0.5, 0.45, 0.33), (0.6, 0.33, 0.03), (0.2, 0.32, 0.42),
 )  # fmt: skip
 _PAINT_SHARES = np.cumsum([0.26, 0.19, 0.12, 0.19, 0.06, 0.08, 0.025, 0.025, 0.015, 0.035])
 
-SIGN_RED, SIGN_WHITE, SIGN_BLUE, SIGN_YELLOW, SIGN_GREEN = (
-    (0.55, 0.03, 0.04),
-    (0.8, 0.8, 0.8),
-    (0.03, 0.12, 0.5),
-    (0.75, 0.5, 0.03),
-    (0.02, 0.28, 0.13),
-)
+# name: (linear rgb, near-infrared reflectivity). Needles hold more water and shade themselves: they reflect less.
+_LEAVES: dict[str, tuple[Colour, float]] = {
+    "green": ((0.085, 0.19, 0.04), 0.44),
+    "dark": ((0.045, 0.115, 0.03), 0.40),
+    "light": ((0.15, 0.27, 0.055), 0.48),
+    "olive": ((0.13, 0.17, 0.085), 0.42),
+    "blue": ((0.10, 0.16, 0.12), 0.36),
+    "needle": ((0.045, 0.105, 0.045), 0.32),
+    "copper": ((0.13, 0.05, 0.045), 0.42),
+    "yellow": ((0.40, 0.27, 0.04), 0.46),
+    "dry": ((0.33, 0.24, 0.125), 0.46),
+    "straw": ((0.36, 0.31, 0.17), 0.46),
+    "pink": ((0.62, 0.22, 0.33), 0.5),
+    "white": ((0.70, 0.68, 0.62), 0.52),
+    "purple": ((0.30, 0.14, 0.45), 0.48),
+    "red": ((0.50, 0.05, 0.05), 0.46),
+}
+_BARKS: dict[str, tuple[Colour, float]] = {
+    "brown": ((0.16, 0.12, 0.085), 0.34),
+    "grey": ((0.24, 0.22, 0.19), 0.38),
+    "pale": ((0.52, 0.50, 0.45), 0.48),
+    "dark": ((0.085, 0.07, 0.06), 0.28),
+    "reddish": ((0.25, 0.13, 0.08), 0.36),
+    "palm": ((0.25, 0.20, 0.15), 0.38),
+    "smooth_palm": ((0.36, 0.34, 0.30), 0.42),
+    "stake": ((0.36, 0.26, 0.15), 0.46),
+}
+
+
+class _Sheeting(NamedTuple):
+    red: Colour = (0.55, 0.03, 0.04)
+    white: Colour = (0.8, 0.8, 0.8)
+    blue: Colour = (0.03, 0.12, 0.5)
+    yellow: Colour = (0.75, 0.5, 0.03)
+    green: Colour = (0.02, 0.28, 0.13)
+
+
+SIGN = _Sheeting()  # Linear albedo of new sign sheeting
 
 
 def material(name: str, label: str, rng: np.random.Generator) -> Surface:
     """Return a surface of a named material of the table; its tone, hue and reflectivity are drawn."""
     rgb, reflectivity, spread, kind = _MATERIALS[name]
-    tone = float(np.exp(rng.normal(0.0, spread)))
-    drawn = np.clip(np.array(rgb) * tone * np.exp(rng.normal(0.0, 0.35 * spread, 3)), 0.01, 0.92)
+    return _drawn(rgb, reflectivity, TAXONOMY[label], kind, rng, (spread, 0.35 * spread, 0.6 * spread), (0.02, 0.95))
+
+
+def _drawn(
+    rgb: Colour, reflectivity: float, label: int, kind: int, rng: np.random.Generator,
+    spreads: tuple[float, float, float], bounds: tuple[float, float],
+) -> Surface:  # fmt: skip
+    """Return a surface; `spreads` are those of tone, hue and reflectivity, `bounds` of the latter."""
+    tone = float(np.exp(rng.normal(0.0, spreads[0])))
+    r, g, b = (float(c) for c in np.clip(np.array(rgb) * tone * np.exp(rng.normal(0.0, spreads[1], 3)), 0.01, 0.92))
     # Tones in the near infrared and in the visible are loosely correlated.
-    near_infrared = reflectivity * tone**0.4 * np.exp(rng.normal(0.0, 0.6 * spread))
-    r, g, b = (float(c) for c in drawn)
-    return Surface(TAXONOMY[label], (r, g, b), float(np.clip(near_infrared, 0.02, 0.95)), kind)
+    near_infrared = reflectivity * tone**0.4 * np.exp(rng.normal(0.0, spreads[2]))
+    return Surface(label, (r, g, b), float(np.clip(near_infrared, *bounds)), kind)
 
 
 def car_paint(label: str, rng: np.random.Generator) -> Surface:
@@ -77,8 +117,8 @@ def cloth(label: str, rng: np.random.Generator) -> Surface:
     return Surface(TAXONOMY[label], (r, g, b), float(rng.uniform(0.2, 0.7)))
 
 
-def retroreflective(rgb: tuple[float, float, float], label: str, rng: np.random.Generator) -> Surface:
-    """Return sign sheeting, faded with age; `rgb` is the linear albedo of new sheeting, such as `SIGN_RED`."""
+def retroreflective(rgb: Colour, label: str, rng: np.random.Generator) -> Surface:
+    """Return sign sheeting, faded with age; `rgb` is the linear albedo of new sheeting, such as `SIGN.red`."""
     fade = float(rng.uniform(0.55, 1.0))
     r, g, b = (float(c * fade + 0.12 * (1 - fade)) for c in rgb)
     return Surface(TAXONOMY[label], (r, g, b), float(rng.uniform(0.3, 0.8)) * fade, RETRO)
@@ -141,3 +181,18 @@ def texture_tone(kind: int, x: float, y: float, z: float) -> float:
             return tone * 1.35
         return tone * (0.8 + 0.4 * lattice_value(int(np.floor((x + y) * 4.4)), 7, int(np.floor(course))))
     return tone
+
+
+def foliage(name: str, label: str, rng: np.random.Generator) -> Surface:
+    """Return the average leaf or petal of one plant, in a named colour such as ``"green"`` or ``"needle"``."""
+    return _drawn(*_LEAVES[name], TAXONOMY[label], FOLIAGE, rng, (0.2, 0.08, 0.1), (0.05, 0.9))
+
+
+def bark(name: str, label: str, rng: np.random.Generator) -> Surface:
+    """Return the bark of one plant, in a named colour such as ``"brown"`` or ``"palm"``."""
+    return _drawn(*_BARKS[name], TAXONOMY[label], BARK, rng, (0.22, 0.035, 0.11), (0.05, 0.9))
+
+
+def same_as(surface: Surface, label: str) -> Surface:
+    """Return the same material under another class."""
+    return Surface(TAXONOMY[label], surface.rgb, surface.reflectivity, surface.kind)

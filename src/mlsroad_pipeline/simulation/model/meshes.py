@@ -1,8 +1,8 @@
-"""Triangle meshes with a surface per face."""
+"""Triangle meshes with a surface per face, and designs: recipes that build another mesh for every random stream."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,13 +47,11 @@ class Mesh:
 def rotation_matrix(yaw: float, pitch: float, roll: float) -> NDArray[np.float64]:
     """Return the rotation Rz(yaw) Ry(pitch) Rx(roll) of column vectors; angles are right-handed, radians."""
     (cy, cp, cr), (sy, sp, sr) = np.cos([yaw, pitch, roll]), np.sin([yaw, pitch, roll])
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    return np.array([
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ])  # fmt: skip
 
 
 def join(meshes: Sequence[Mesh]) -> Mesh:
@@ -66,3 +64,16 @@ def join(meshes: Sequence[Mesh]) -> Mesh:
         np.concatenate([m.faces + offset for m, offset in zip(meshes, offsets, strict=True)]),
         np.concatenate([m.attributes for m in meshes]),
     )
+
+
+@dataclass(frozen=True)
+class Design:
+    """One way to build an object of a class."""
+
+    name: str  # Name, unique among all designs, such as ``"double_arm_lamp"``
+    label: str  # Taxonomy class of the whole; faces may have finer ones
+    # From a random generator to a mesh in metres that stands on z = 0 with its foot at the origin, front or arm along
+    # +x. Equal streams give equal meshes; no two streams give the same.
+    build: Callable[[np.random.Generator], Mesh]
+    clearance: float  # Half of the length along the street that it keeps free, metres
+    weight: float = 1.0  # Relative frequency among the designs of its class

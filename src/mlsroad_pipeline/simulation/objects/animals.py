@@ -4,18 +4,15 @@ Measures follow breed standards: dogs of 0.2 to 0.75 m at the withers and 1.0 to
 0.28 m.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
-from mlsroad_pipeline.simulation.bodies.bodies import bent_joint, capsules
-from mlsroad_pipeline.simulation.model.batches import Floats, blades, unit
-from mlsroad_pipeline.simulation.model.design import Design
-from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
+from mlsroad_pipeline.simulation.bodies import bent_joint, capsules
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, Surface, join
+from mlsroad_pipeline.simulation.model.solids import Floats, blades, unit
 
 _FURS = ((0.03, 0.027, 0.025), (0.16, 0.095, 0.05), (0.36, 0.25, 0.14), (0.62, 0.58, 0.52), (0.2, 0.19, 0.18),
          (0.30, 0.13, 0.05))  # fmt: skip
@@ -120,4 +117,3 @@ DESIGNS: tuple[Design, ...] = (
     Design("standing_cat", "animal", partial(_animal, shape=_CAT, pose="stand"), 0.6, 0.4),
     Design("sitting_cat", "animal", partial(_animal, shape=_CAT, pose="sit"), 0.5, 0.4),
 )
-"""Every design of an animal."""

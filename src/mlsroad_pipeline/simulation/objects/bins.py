@@ -1,10 +1,8 @@
 """Builders of bins, mail boxes and cabinets for `street_furniture`; fronts along +x."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from mlsroad_pipeline.simulation.model.materials import SIGN_RED, SIGN_WHITE, SIGN_YELLOW, material
+from mlsroad_pipeline.simulation.model.materials import SIGN, material
 from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
 from mlsroad_pipeline.simulation.model.solids import box, ellipsoid, tube
 from mlsroad_pipeline.simulation.objects.parts import (
@@ -39,8 +37,7 @@ def wheelie_bin(rng: np.random.Generator) -> Mesh:
     for y in (-0.42 * width, 0.42 * width):
         parts.append(tube([[axle[0], y - 0.03, axle[1]], [axle[0], y + 0.03, axle[1]]], 0.1, dark, sides=10))
     grip = [[-0.6 * depth, y, 0.92 * height] for y in (-0.4 * width, 0.4 * width)]
-    parts.append(tube(grip, 0.018, body, sides=5))
-    parts.append(box([0.1, 0.7 * width, 0.06], [0.3 * depth, 0, 0.03], body))
+    parts += [tube(grip, 0.018, body, sides=5), box([0.1, 0.7 * width, 0.06], [0.3 * depth, 0, 0.03], body)]
     return join(parts)
 
 
@@ -111,13 +108,12 @@ def bottle_bank(rng: np.random.Generator) -> Mesh:
     for side in (-1, 1):
         at = [side * 0.86 * radius, 0, 0.74 * height]
         parts.append(ellipsoid(at, [0.1, 0.14, 0.12], dark, rings=3, sides=8))
-    parts.append(tube([[0, 0, height - 0.02], [0, 0, height + 0.1]], 0.04, dark, sides=5))
-    return join(parts)
+    return join([*parts, tube([[0, 0, height - 0.02], [0, 0, height + 0.1]], 0.04, dark, sides=5)])
 
 
 def pillar_box(rng: np.random.Generator) -> Mesh:
     """Return a round mail box that stands on the ground."""
-    skin = tinted(SIGN_RED if rng.random() < 0.6 else SIGN_YELLOW, "mail_box", 0.4, rng)
+    skin = tinted(SIGN.red if rng.random() < 0.6 else SIGN.yellow, "mail_box", 0.4, rng)
     dark = material("rubber", "mail_box", rng)
     radius, height = rng.uniform(0.2, 0.3), rng.uniform(1.2, 1.65)
     profile = [[1.1, -0.1], [1.1, 0.06], [1.0, 0.08], [1.0, 0.86], [1.12, 0.88], [1.08, 0.93], [0, 1.0]]
@@ -128,8 +124,8 @@ def pillar_box(rng: np.random.Generator) -> Mesh:
 
 def mail_box(rng: np.random.Generator) -> Mesh:
     """Return a mail box on a foot or on legs, its top flat, sloping or rounded."""
-    red, blue = SIGN_RED, (0.03, 0.1, 0.4)
-    colour = [SIGN_YELLOW, red, blue][int(rng.integers(3))]
+    red, blue = SIGN.red, (0.03, 0.1, 0.4)
+    colour = [SIGN.yellow, red, blue][int(rng.integers(3))]
     skin = tinted(colour, "mail_box", 0.4, rng, spread=0.25)
     metal, dark = material("galvanised", "mail_box", rng), material("rubber", "mail_box", rng)
     width, depth, tall = rng.uniform([0.32, 0.26, 0.45], [0.6, 0.55, 0.85])
@@ -210,7 +206,7 @@ def pay_station(rng: np.random.Generator) -> Mesh:
     if rng.random() < 0.5:
         post = tube([[0, 0, tall], [0, 0, tall + 0.5]], 0.025, skin, sides=6)
         sheet = tinted((0.03, 0.1, 0.45), "parking_meter", 0.4, rng)
-        letter = tinted(SIGN_WHITE, "parking_meter", 0.6, rng)
+        letter = tinted(SIGN.white, "parking_meter", 0.6, rng)
         parts += [post, panel(rectangle(0.34, 0.34), sheet, sheet, [0.03, 0, tall + 0.5]),
                   panel(rectangle(0.12, 0.22), letter, letter, [0.035, 0, tall + 0.5])]  # fmt: skip
     return join(parts)

@@ -1,23 +1,9 @@
 """Bus stops: station signs face +x; shelters open along +x, their length along y."""
 
-from __future__ import annotations
-
-from functools import partial
-
 import numpy as np
 
-from mlsroad_pipeline.simulation.model.design import Design
-from mlsroad_pipeline.simulation.model.materials import (
-    SIGN_BLUE,
-    SIGN_GREEN,
-    SIGN_RED,
-    SIGN_WHITE,
-    SIGN_YELLOW,
-    cloth,
-    material,
-    retroreflective,
-)  # fmt: skip
-from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
+from mlsroad_pipeline.simulation.model.materials import SIGN, cloth, material, retroreflective
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, Surface, join
 from mlsroad_pipeline.simulation.model.solids import box, polygon, quads, tube
 from mlsroad_pipeline.simulation.objects.parts import (
     UNDERGROUND,
@@ -32,7 +18,7 @@ from mlsroad_pipeline.simulation.objects.parts import (
     tinted,
 )
 
-_COLOURS = (SIGN_BLUE, SIGN_GREEN, SIGN_RED, SIGN_WHITE, SIGN_YELLOW)
+_COLOURS = (SIGN.blue, SIGN.green, SIGN.red, SIGN.white, SIGN.yellow)
 
 
 def _card(rng: np.random.Generator, metal: Surface) -> Mesh:
@@ -48,16 +34,14 @@ def _flag(rng: np.random.Generator) -> Mesh:
     metal = material("galvanised", "station_sign", rng)
     height, radius = rng.uniform(2.5, 3.2), rng.uniform(0.026, 0.04)
     sheet = retroreflective(_COLOURS[int(rng.integers(5))], "station_sign", rng)
-    mark = retroreflective(SIGN_WHITE, "station_sign", rng)
+    mark = retroreflective(SIGN.white, "station_sign", rng)
     size, side = rng.uniform(0.36, 0.6), float(rng.choice([-1, 1]))
     outline = rounded(size, size * rng.uniform(0.9, 1.5), 0.05) if rng.random() < 0.6 else polygon(16, size / 2)
     half = float(outline[:, 1].max())
     y, z = side * (radius + size / 2), height - half - 0.03
     parts = [tube([[0, 0, -UNDERGROUND], [0, 0, height]], radius, metal), panel(outline, sheet, sheet, [0, y, z])]
-    for x in (-0.008, 0.008):
-        parts.append(panel(outline * 0.45, mark, mark, [x, y, z]))
-    for dz in (-0.6 * half, 0.6 * half):
-        parts.append(tube([[0, 0, z + dz], [0, y, z + dz]], 0.012, metal, sides=4))
+    parts += [panel(outline * 0.45, mark, mark, [x, y, z]) for x in (-0.008, 0.008)]
+    parts += [tube([[0, 0, z + dz], [0, y, z + dz]], 0.012, metal, sides=4) for dz in (-0.6 * half, 0.6 * half)]
     if rng.random() < 0.75:
         parts.append(_card(rng, metal))
     return leaned(join(parts), rng)
@@ -141,18 +125,12 @@ def _solid_shelter(rng: np.random.Generator) -> Mesh:
     thick, tall = rng.uniform(0.08, 0.22), height + UNDERGROUND
     z = (height - UNDERGROUND) / 2
     parts = [box([thick, length, tall], [-depth / 2 + thick / 2, 0, z], skin)]
-    for side in (-1, 1):
-        parts.append(box([depth, thick, tall], [0, side * (length - thick) / 2, z], skin))
+    parts += [box([depth, thick, tall], [0, side * (length - thick) / 2, z], skin) for side in (-1, 1)]
     rise = rng.uniform(0.0, 0.6)
     eave, ends = depth / 2 + rng.uniform(0.1, 0.35), length / 2 + rng.uniform(0.1, 0.3)
     shoulder = height + rise * (1 - depth / 2 / eave)
-    gable = [
-        [-depth / 2, height],
-        [depth / 2, height],
-        [depth / 2, shoulder],
-        [0, height + rise],
-        [-depth / 2, shoulder],
-    ]
+    gable = [[-depth / 2, height], [depth / 2, height], [depth / 2, shoulder], [0, height + rise],
+             [-depth / 2, shoulder]]  # fmt: skip
     for side in (-1, 1):
         parts.append(prism(gable, thick, skin, at=side * (length - thick) / 2))
         slope = np.array([[0, -ends, height + rise], [0, ends, height + rise], [side * eave, ends, height],
@@ -180,13 +158,10 @@ def _canopy(rng: np.random.Generator) -> Mesh:
     return join(parts)
 
 
-_shelter = partial(Design, label="bus_shelter")
-
 DESIGNS: tuple[Design, ...] = (
-    Design("station_flag", "station_sign", _flag, clearance=0.8, weight=2.0),
-    Design("station_totem", "station_sign", _totem, clearance=0.5),
-    _shelter("glass_shelter", build=_glass_shelter, clearance=3.0, weight=3.0),
-    _shelter("solid_shelter", build=_solid_shelter, clearance=2.7, weight=0.6),
-    _shelter("canopy_shelter", build=_canopy, clearance=2.8, weight=0.8),
+    Design("station_flag", "station_sign", _flag, 0.8, 2.0),
+    Design("station_totem", "station_sign", _totem, 0.5),
+    Design("glass_shelter", "bus_shelter", _glass_shelter, 3.0, 3.0),
+    Design("solid_shelter", "bus_shelter", _solid_shelter, 2.7, 0.6),
+    Design("canopy_shelter", "bus_shelter", _canopy, 2.8, 0.8),
 )
-"""Station signs and shelters."""

@@ -4,27 +4,27 @@ Every line of a body is drawn from a range of its kind: cars of one kind differ 
 and rear, belt line and wheels; none is a scaled copy of another.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
-from mlsroad_pipeline.simulation.model.design import Design
 from mlsroad_pipeline.simulation.model.materials import car_paint, cloth, material
-from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, Surface, join
 from mlsroad_pipeline.simulation.model.solids import box, tube
-from mlsroad_pipeline.simulation.objects.bodywork import Body, pillars, rails, skin
-from mlsroad_pipeline.simulation.objects.parts import loft, rounded, tinted
-from mlsroad_pipeline.simulation.objects.vehicle_parts import (
+from mlsroad_pipeline.simulation.objects.bodywork import (
+    Body,
     lamps,
     mirrors,
+    pillars,
+    rails,
     seats,
+    skin,
     steering_wheel,
     wheels,
 )
+from mlsroad_pipeline.simulation.objects.parts import loft, rounded, tinted
 
 Range = tuple[float, float]
 
@@ -244,10 +244,6 @@ def _convertible(rng: np.random.Generator) -> Mesh:
 _WEIGHTS = {"sedan": 2.0, "hatchback": 3.0, "estate": 1.5, "suv": 2.5, "minivan": 0.8}
 
 DESIGNS: tuple[Design, ...] = (
-    *(
-        Design(kind, "car", partial(_closed, kind=kind), clearance=2.6, weight=weight)
-        for kind, weight in _WEIGHTS.items()
-    ),
+    *(Design(kind, "car", partial(_closed, kind=kind), 2.6, weight) for kind, weight in _WEIGHTS.items()),
     Design("convertible", "car", _convertible, clearance=2.4, weight=0.3),
 )
-"""Cars."""

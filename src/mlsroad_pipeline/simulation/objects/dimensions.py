@@ -1,7 +1,5 @@
 """Measures of built meshes as truth: lean of masts, plates of signs."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -10,18 +8,23 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
-from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.simulation.model.meshes import KIND, LABEL, RETRO, Mesh
 from mlsroad_pipeline.simulation.objects.parts import UNDERGROUND
 
 
-class Plates(NamedTuple):
-    """Plates of traffic signs on a mesh, the largest first."""
+class Plate(NamedTuple):
+    """Plate of a traffic sign on a mesh."""
 
-    centre: NDArray[np.float64]  # Their middles, metres
-    yaw: NDArray[np.float64]  # Directions that they face, radians counter-clockwise from +x
-    width: NDArray[np.float64]  # Metres
-    height: NDArray[np.float64]  # Metres
+    area: float  # Square metres
+    centre: NDArray[np.float64]  # Its middle, metres
+    normal: NDArray[np.float64]  # Unit vector that its front faces
+    width: float  # Metres
+    height: float  # Metres
+
+    @property
+    def yaw(self) -> float:
+        """Direction that it faces, radians counter-clockwise from +x."""
+        return float(np.arctan2(self.normal[1], self.normal[0]))
 
 
 class Measures(NamedTuple):
@@ -46,25 +49,27 @@ _MASTS = tuple(TAXONOMY[name] for name in ("light_pole", "utility_pole", "traffi
 
 
 def measure(mesh: Mesh, label: int, base: NDArray[np.float64]) -> Measures:
-    """Measure a placed pole or sign (x east, y north, metres) with a base point.
-
-    Other objects have NaN and no panels. Plates on other objects have no tilt.
-    """
+    """Measure a placed pole or sign; other objects have NaN and no panels, and plates on other objects have no tilt."""
     if label not in _MASTS:
         return Measures()
     found = Measures()
-    if mesh.vertices[:, 2].min() - base[2] < -0.5 * UNDERGROUND:
-        axis = _axis(mesh)
-        found = found._replace(tilt=_off_vertical(axis), lean_azimuth=_azimuth(axis[0], axis[1]))
+    z = mesh.vertices[:, 2]
+    if z.min() - base[2] < -0.5 * UNDERGROUND:
+        # The foot was level before the mast was leaned.
+        foot = mesh.vertices[z < z.min() + 0.1]
+        axis = np.linalg.svd(foot - foot.mean(axis=0), full_matrices=False)[2][2]
+        axis = axis if axis[2] >= 0 else -axis
+        lean = float(np.degrees(np.arctan2(np.hypot(axis[0], axis[1]), axis[2])))
+        found = found._replace(tilt=lean, lean_azimuth=_azimuth(axis[0], axis[1]))
     plates = sign_plates(mesh)
-    if len(plates.yaw) == 0:
+    if not plates:
         return found
-    (x, y, z), yaw = plates.centre[0], plates.yaw[0]
-    width, height = float(plates.width[0]), float(plates.height[0])
+    largest = plates[0]
+    x, y, above = (float(c) for c in largest.centre - [0.0, 0.0, base[2]])
     return found._replace(
-        panels=len(plates.yaw), panel_bottom=float(z - base[2] - height / 2), panel_centre=float(z - base[2]),
-        panel_width=width, panel_height=height, panel_azimuth=_azimuth(np.cos(yaw), np.sin(yaw)),
-        panel_x=float(x), panel_y=float(y),
+        panels=len(plates), panel_bottom=above - largest.height / 2, panel_centre=above, panel_width=largest.width,
+        panel_height=largest.height, panel_azimuth=_azimuth(np.cos(largest.yaw), np.sin(largest.yaw)),
+        panel_x=x, panel_y=y,
     )  # fmt: skip
 
 
@@ -72,28 +77,8 @@ def _azimuth(east: float, north: float) -> float:
     return float(np.degrees(np.arctan2(east, north)) % 360.0)
 
 
-def _off_vertical(axis: NDArray[np.float64]) -> float:
-    return float(np.degrees(np.arctan2(np.hypot(axis[0], axis[1]), axis[2])))
-
-
-def _axis(mesh: Mesh) -> NDArray[np.float64]:
-    """Return the upward unit axis of a mast, from its foot, which was level before the mast was leaned."""
-    z = mesh.vertices[:, 2]
-    foot = mesh.vertices[z < z.min() + 0.1]
-    axis = np.linalg.svd(foot - foot.mean(axis=0), full_matrices=False)[2][2]
-    return np.asarray(axis if axis[2] >= 0 else -axis)
-
-
-def tilt(mesh: Mesh) -> float:
-    """Return the angle in degrees between a mast's axis and the vertical; the mesh must reach below the ground."""
-    z = mesh.vertices[:, 2]
-    if z.min() > -0.5 * UNDERGROUND:
-        raise ParameterError(f"the mesh ends at a height of {z.min():.2f} m: extend the foot below the ground")
-    return _off_vertical(_axis(mesh))
-
-
-def sign_plates(mesh: Mesh) -> Plates:
-    """Return the plates of traffic signs on a mesh; border, field and marks count as one plate."""
+def sign_plates(mesh: Mesh) -> list[Plate]:
+    """Return the plates of traffic signs on a mesh, the largest first; border, field and marks count as one plate."""
     chosen = (mesh.attributes[:, LABEL] == TAXONOMY["traffic_sign"]) & (mesh.attributes[:, KIND] == RETRO)
     faces = mesh.faces[chosen]
     used, corners = np.unique(faces, return_inverse=True)
@@ -104,30 +89,26 @@ def sign_plates(mesh: Mesh) -> Plates:
     triangles = mesh.vertices[faces]
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
     sheets = [_sheet(triangles[part == k].reshape(-1, 3), normals[part == k].sum(axis=0)) for k in np.unique(part)]
-    kept: list[tuple[float, NDArray[np.float64], NDArray[np.float64], float, float]] = []
-    for sheet in sorted(sheets, key=lambda s: -s[0]):
-        _, middle, normal, _, _ = sheet
+    kept: list[Plate] = []
+    for sheet in sorted(sheets, key=lambda s: -s.area):
+        apart = [(sheet.centre - other.centre, other) for other in kept]
         inside = (
-            abs((middle - m) @ n) < 0.03 and abs(normal @ n) > 0.98 and np.linalg.norm(middle - m) < max(w, h) / 2
-            for _, m, n, w, h in kept
+            abs(shift @ other.normal) < 0.03
+            and abs(sheet.normal @ other.normal) > 0.98
+            and np.linalg.norm(shift) < max(other.width, other.height) / 2
+            for shift, other in apart
         )
         if not any(inside):
             kept.append(sheet)
-    yaw = [float(np.arctan2(n[1], n[0])) for _, _, n, _, _ in kept]
-    return Plates(
-        np.array([m for _, m, _, _, _ in kept]).reshape(-1, 3), np.array(yaw), np.array([s[3] for s in kept]),
-        np.array([s[4] for s in kept]),
-    )  # fmt: skip
+    return kept
 
 
-def _sheet(
-    points: NDArray[np.float64], area: NDArray[np.float64]
-) -> tuple[float, NDArray[np.float64], NDArray[np.float64], float, float]:
-    """Return area, middle, unit normal, width and height of one flat sheet."""
+def _sheet(points: NDArray[np.float64], area: NDArray[np.float64]) -> Plate:
+    """Return one flat sheet, given its corners and the sum of its faces' area vectors."""
     size = float(np.linalg.norm(area))
     normal = area / size
     right = np.array([-normal[1], normal[0], 0.0]) / np.hypot(normal[0], normal[1])
     up = np.cross(normal, right)
     u, v = points @ right, points @ up
     middle = (u.max() + u.min()) / 2 * right + (v.max() + v.min()) / 2 * up + (points[0] @ normal) * normal
-    return size, middle, normal, float(np.ptp(u)), float(np.ptp(v))
+    return Plate(size, middle, normal, float(np.ptp(u)), float(np.ptp(v)))

@@ -1,18 +1,14 @@
 """Gantries for direction boards: beams along +x over the road, boards facing +y, at least 5 m above the ground."""
 
-from __future__ import annotations
-
-from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
-from mlsroad_pipeline.simulation.model.design import Design
-from mlsroad_pipeline.simulation.model.materials import SIGN_BLUE, SIGN_GREEN, material
-from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
+from mlsroad_pipeline.simulation.model.materials import SIGN, material
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, Surface, join
 from mlsroad_pipeline.simulation.model.solids import box, tube
 from mlsroad_pipeline.simulation.objects.parts import UNDERGROUND, lathe
-from mlsroad_pipeline.simulation.objects.sign_plates import board
+from mlsroad_pipeline.simulation.objects.traffic_signs import board
 
 
 def _beam(rng: np.random.Generator, x: tuple[float, float], level: float, metal: Surface) -> list[Mesh]:
@@ -28,8 +24,7 @@ def _beam(rng: np.random.Generator, x: tuple[float, float], level: float, metal:
     deep, tall, panels = rng.uniform(0.4, 0.7), rng.uniform(0.5, 0.9), max(int((end - start) / 1.6), 2)
     parts = []
     for y in (-deep / 2, deep / 2):
-        for z in (level, level + tall):
-            parts.append(tube([[start, y, z], [end, y, z]], 0.05, metal, sides=4))
+        parts += [tube([[start, y, z], [end, y, z]], 0.05, metal, sides=4) for z in (level, level + tall)]
         nodes = np.linspace(start, end, panels + 1)
         zigzag = np.column_stack([nodes, np.full(panels + 1, y), level + tall * (np.arange(panels + 1) % 2)])
         parts.append(tube(zigzag, 0.03, metal, sides=3))
@@ -50,7 +45,7 @@ def _leg(rng: np.random.Generator, x: float, height: float, metal: Surface, radi
 
 def _boards(rng: np.random.Generator, x: tuple[float, float], level: float, count: int) -> list[Mesh]:
     """Return boards side by side along the beam, held by brackets."""
-    colour = SIGN_BLUE if rng.random() < 0.5 else SIGN_GREEN
+    colour = SIGN.blue if rng.random() < 0.5 else SIGN.green
     slots = np.linspace(x[0], x[1], count + 1)
     parts = []
     for a, b in pairwise(slots):
@@ -85,10 +80,7 @@ def _cantilever(rng: np.random.Generator) -> Mesh:
     return join([*parts, *_boards(rng, (reach * rng.uniform(0.15, 0.35), reach), level, int(rng.integers(1, 3)))])
 
 
-_gantry = partial(Design, label="gantry")
-
 DESIGNS: tuple[Design, ...] = (
-    _gantry("sign_gantry", build=_over_the_road, clearance=0.8),
-    _gantry("cantilever_gantry", build=_cantilever, clearance=0.8, weight=1.5),
+    Design("sign_gantry", "gantry", _over_the_road, 0.8),
+    Design("cantilever_gantry", "gantry", _cantilever, 0.8, 1.5),
 )
-"""Gantries."""

@@ -3,20 +3,25 @@
 Heights are those of lighting practice: 3 to 5 m for post tops, 5 to 12 m beside roads, 14 to 24 m for high masts.
 """
 
-from __future__ import annotations
-
-from functools import partial
-
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.simulation.model.design import Design
 from mlsroad_pipeline.simulation.model.materials import cloth, material
-from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, Surface, join
 from mlsroad_pipeline.simulation.model.solids import box, ellipsoid, tube
-from mlsroad_pipeline.simulation.objects.masts import arm, ballast, banner, luminaire, mast, metal
-from mlsroad_pipeline.simulation.objects.parts import UNDERGROUND, lathe, leaned, tinted
-from mlsroad_pipeline.simulation.objects.sign_plates import sign_plate
+from mlsroad_pipeline.simulation.objects.parts import (
+    UNDERGROUND,
+    arm,
+    ballast,
+    banner,
+    lathe,
+    leaned,
+    luminaire,
+    mast,
+    metal,
+    tinted,
+)
+from mlsroad_pipeline.simulation.objects.traffic_signs import sign_plate
 
 
 def _shaft(rng: np.random.Generator, low: float, high: float) -> tuple[list[Mesh], float, float, Surface]:
@@ -38,14 +43,8 @@ def _armed(rng: np.random.Generator, top: float, surface: Surface, reach: float,
     head = luminaire(rng, end, surface, pitch=rng.uniform(0, 0.2))
     parts = [arm(start, reach, rise, bend, surface, thick), head]
     if rng.random() < 0.25 and reach > 1.2:
-        parts.append(
-            tube(
-                [start + np.array([0, 0, -0.5]), start + np.array([0.6 * reach, 0, 0.55 * rise])],
-                0.012,
-                surface,
-                sides=4,
-            )
-        )
+        stay = [start + np.array([0, 0, -0.5]), start + np.array([0.6 * reach, 0, 0.55 * rise])]
+        parts.append(tube(stay, 0.012, surface, sides=4))
     return parts
 
 
@@ -86,13 +85,8 @@ def _lantern(
 ) -> list[Mesh]:
     size, tall = rng.uniform(0.13, 0.2), rng.uniform(0.35, 0.55)
     panes = [[0.6 * size, 0.06], [size, tall]]
-    roof = [
-        [1.15 * size, tall],
-        [0.9 * size, tall + 0.08],
-        [0.3 * size, tall + 0.2],
-        [0.05, tall + 0.32],
-        [0, tall + 0.4],
-    ]
+    roof = [[1.15 * size, tall], [0.9 * size, tall + 0.08], [0.3 * size, tall + 0.2], [0.05, tall + 0.32],
+            [0, tall + 0.4]]  # fmt: skip
     parts = [lathe(panes, glass, at=at, sides=sides), lathe(roof, iron, at=at, sides=sides)]
     parts.append(lathe([[0.0, 0.0], [0.6 * size, 0.02], [0.65 * size, 0.06]], iron, at=at, sides=sides))
     for k in range(sides):
@@ -204,16 +198,13 @@ def _high_mast(rng: np.random.Generator) -> Mesh:
     return leaned(join(parts), rng, share=0.05, limit=1.0)
 
 
-_lamp = partial(Design, label="light_pole")
-
 DESIGNS: tuple[Design, ...] = (
-    _lamp("single_arm_lamp", build=_single_arm, clearance=0.5, weight=4.0),
-    _lamp("double_arm_lamp", build=_double_arm, clearance=0.5, weight=1.5),
-    _lamp("curved_arm_lamp", build=_curved_arm, clearance=0.5, weight=2.0),
-    _lamp("heritage_lantern", build=_heritage_lantern, clearance=0.5, weight=1.0),
-    _lamp("banner_lamp", build=_banner_lamp, clearance=1.0, weight=1.2),
-    _lamp("lamp_with_sign", build=_lamp_with_sign, clearance=0.7, weight=1.5),
-    _lamp("post_top_lamp", build=_post_top, clearance=0.5, weight=1.5),
-    _lamp("high_mast", build=_high_mast, clearance=0.7, weight=0.1),
+    Design("single_arm_lamp", "light_pole", _single_arm, 0.5, 4.0),
+    Design("double_arm_lamp", "light_pole", _double_arm, 0.5, 1.5),
+    Design("curved_arm_lamp", "light_pole", _curved_arm, 0.5, 2.0),
+    Design("heritage_lantern", "light_pole", _heritage_lantern, 0.5, 1.0),
+    Design("banner_lamp", "light_pole", _banner_lamp, 1.0, 1.2),
+    Design("lamp_with_sign", "light_pole", _lamp_with_sign, 0.7, 1.5),
+    Design("post_top_lamp", "light_pole", _post_top, 0.5, 1.5),
+    Design("high_mast", "light_pole", _high_mast, 0.7, 0.1),
 )
-"""Street lamps."""

@@ -1,25 +1,20 @@
-"""Palms: royal, date, pygmy date, fan, coconut, in clumps, and young ones whose fronds start at the ground.
+"""Palms: royal, date, pygmy date, fan, coconut, in clumps, young ones without a trunk; cycads: a rosette on a stem.
 
 Measures follow horticultural handbooks: royal palms 6 to 16 m with trunks of 0.35 to 0.6 m, Canary date palms 3 to 10 m
 on 0.5 to 0.9 m, Washingtonias 5 to 16 m on 0.3 to 0.6 m, coconuts 5 to 12 m on 0.2 to 0.32 m; fronds of 2 to 4.5 m.
+Cycas revoluta has fronds of 0.5 to 1.5 m on stems of 0.15 to 0.35 m across, rarely above 2 m high.
 """
-
-from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from mlsroad_pipeline.simulation.model.batches import Floats, scatter, tubes
-from mlsroad_pipeline.simulation.model.design import Design
-from mlsroad_pipeline.simulation.model.meshes import DIFFUSE, Mesh, Surface, join
-from mlsroad_pipeline.simulation.model.solids import ellipsoid
+from mlsroad_pipeline.simulation.model.materials import bark, foliage
+from mlsroad_pipeline.simulation.model.meshes import DIFFUSE, Design, Mesh, Surface, join
+from mlsroad_pipeline.simulation.model.solids import GOLDEN, Floats, ellipsoid, scatter, tubes
 from mlsroad_pipeline.simulation.plants.crowns import UNDERGROUND
 from mlsroad_pipeline.simulation.plants.fronds import Feather, boots, fans, feathers
-from mlsroad_pipeline.simulation.plants.plant_materials import bark, foliage
-
-_GOLDEN = 2.39996
 
 
 def _trunk(
@@ -42,7 +37,7 @@ def _trunk(
 def _crown(rng: np.random.Generator, n: int, low: float, high: float) -> tuple[Floats, Floats]:
     """Return azimuths and elevations of fronds, the youngest ones upright."""
     age = (np.arange(n) + rng.uniform(0, 1, n)) / n
-    azimuth = _GOLDEN * np.arange(n) + rng.normal(0, 0.2, n)
+    azimuth = GOLDEN * np.arange(n) + rng.normal(0, 0.2, n)
     return azimuth, high - (high - low) * age**0.8 + rng.normal(0, 0.06, n)
 
 
@@ -152,7 +147,7 @@ def _clump(rng: np.random.Generator) -> Mesh:
     n = int(rng.integers(4, 9))
     leaf, wood = foliage("light", "palm", rng), bark("smooth_palm", "palm", rng)
     heights = rng.uniform(0.8, 3.2, n)
-    azimuth = _GOLDEN * np.arange(n) + rng.normal(0, 0.3, n)
+    azimuth = GOLDEN * np.arange(n) + rng.normal(0, 0.3, n)
     out = rng.uniform(0.08, 0.4, n)
     s = np.linspace(0, 1, 8)[None, :, None]
     aside = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(n)])
@@ -163,11 +158,10 @@ def _clump(rng: np.random.Generator) -> Mesh:
     meshes = [tubes(paths, ringed, wood, sides=6)]
     per = 6
     elevation = np.tile(np.linspace(0.25, 1.35, per), n) + rng.normal(0, 0.1, n * per)
-    turn = np.repeat(azimuth, per) + np.tile(_GOLDEN * np.arange(per), n) + rng.normal(0, 0.3, n * per)
+    turn = np.repeat(azimuth, per) + np.tile(GOLDEN * np.arange(per), n) + rng.normal(0, 0.3, n * per)
     shape = Feather(rng.uniform(0.9, 1.5), 18, 0.24, 0.045, lift=0.4, plumes=0.12)
     length = rng.uniform(1.3, 2.1) * rng.uniform(0.8, 1.15, n * per)
-    meshes.append(feathers(rng, np.repeat(top, per, axis=0), turn, elevation, length, shape, leaf))
-    return join(meshes)
+    return join([*meshes, feathers(rng, np.repeat(top, per, axis=0), turn, elevation, length, shape, leaf)])
 
 
 def _young(rng: np.random.Generator) -> Mesh:
@@ -179,12 +173,64 @@ def _young(rng: np.random.Generator) -> Mesh:
     azimuth, elevation = _crown(rng, n, 0.35, 1.4)
     shape = Feather(rng.uniform(0.8, 1.5), 30, 0.2, 0.045, lift=0.3, plumes=0.15)
     length = rng.uniform(1.1, 2.3) * rng.uniform(0.8, 1.1, n)
-    meshes.append(feathers(rng, path[-1], azimuth, elevation, length, shape, foliage("green", "palm", rng)))
-    return join(meshes)
+    return join([*meshes, feathers(rng, path[-1], azimuth, elevation, length, shape, foliage("green", "palm", rng))])
 
 
 _CANARY = _Date((3.0, 8.5), (0.24, 0.42), (2.6, 4.0), (52, 72), 22, 0.07)
 _PYGMY = _Date((1.2, 2.6), (0.07, 0.12), (0.9, 1.5), (32, 50), 18, 0.035)
+
+
+def _head(
+    rng: np.random.Generator, foot: Floats, top: Floats, radius: float, n: int, reach: float, leaflets: int,
+    colours: tuple[Surface, Surface],
+) -> list[Mesh]:  # fmt: skip
+    """Return one stem with its rosette."""
+    wood, leaf = colours
+    s = np.linspace(0, 1, 5)[:, None]
+    path = (1 - s) * foot + s * top
+    radii = radius * np.array([1.1, 1.15, 1.05, 1.0, 0.6])
+    size = float(np.linalg.norm(top - foot))
+    meshes = [tubes(path[None], radii[None], wood, sides=8), boots(rng, path, radii, int(30 + 60 * size), 0.07, wood)]
+    azimuth = GOLDEN * np.arange(n) + rng.normal(0, 0.15, n)
+    low = rng.uniform(-0.15, 0.25)
+    elevation = low + (1.35 - low) * (np.arange(n) / n) ** 1.2 + rng.normal(0, 0.07, n)
+    shape = Feather(rng.uniform(0.5, 1.1), leaflets, 0.15, 0.022, lift=0.5, plumes=0.06, forward=0.5, bare=0.16)
+    length = reach * rng.uniform(0.85, 1.1, n)
+    meshes.append(feathers(rng, top, azimuth, elevation, length, shape, leaf))
+    return meshes
+
+
+def _colours(rng: np.random.Generator) -> tuple[Surface, Surface]:
+    return bark("palm", "cycas", rng), foliage(("dark", "green", "olive")[int(rng.integers(3))], "cycas", rng)
+
+
+def _single(rng: np.random.Generator, *, stem: tuple[float, float], reach: tuple[float, float]) -> Mesh:
+    """Return one rosette on a stem; some have a seed cone in the middle."""
+    height, colours = rng.uniform(*stem), _colours(rng)
+    top = np.array([*rng.normal(0, 0.06 * height, 2), height])
+    foot = np.array([0.0, 0.0, -UNDERGROUND])
+    n = int(rng.integers(22, 38))
+    meshes = _head(rng, foot, top, rng.uniform(0.09, 0.18), n, rng.uniform(*reach), 17, colours)
+    if rng.random() < 0.25:
+        dry = foliage("yellow", "cycas", rng)
+        meshes.append(ellipsoid(top + np.array([0, 0, 0.12]), [0.11, 0.11, 0.15], dry, rings=4, sides=7))
+    return join(meshes)
+
+
+def _family(rng: np.random.Generator) -> Mesh:
+    """Return an old plant with side shoots, each with its own rosette."""
+    colours, reach = _colours(rng), rng.uniform(0.55, 0.95)
+    n = int(rng.integers(2, 5))
+    azimuth = rng.uniform(0, 6.28) + np.arange(n) * 2 * np.pi / n
+    meshes = []
+    for k in range(n):
+        out = rng.uniform(0.15, 0.4) * (k > 0)
+        foot = np.array([out * np.cos(azimuth[k]), out * np.sin(azimuth[k]), -UNDERGROUND])
+        top = foot * [1.5, 1.5, 0] + [0, 0, rng.uniform(0.25, 0.7) if k == 0 else rng.uniform(0.08, 0.4)]
+        size = reach * (1.0 if k == 0 else rng.uniform(0.5, 0.85))
+        meshes += _head(rng, foot, top, rng.uniform(0.06, 0.11), 14 if n < 4 else 11, size, 11, colours)
+    return join(meshes)
+
 
 DESIGNS: tuple[Design, ...] = (
     Design("royal_palm", "palm", _royal, 0.7, 2.0),
@@ -194,5 +240,7 @@ DESIGNS: tuple[Design, ...] = (
     Design("coconut_palm", "palm", _coconut, 1.2, 1.2),
     Design("clump_palm", "palm", _clump, 2.4, 0.8),
     Design("young_palm", "palm", _young, 2.4, 0.6),
+    Design("sago_cycas", "cycas", partial(_single, stem=(0.1, 0.55), reach=(0.55, 1.2)), 1.4, 3.0),
+    Design("tall_cycas", "cycas", partial(_single, stem=(0.6, 1.7), reach=(0.8, 1.35)), 1.5, 1.0),
+    Design("cycas_family", "cycas", _family, 1.6, 1.0),
 )
-"""Every design of a palm."""

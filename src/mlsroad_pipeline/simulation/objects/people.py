@@ -4,14 +4,12 @@ Segment lengths follow Drillis and Contini 1966; hip and knee angles of walking 
 degrees either way, knee up to 60 degrees in swing).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 
-from mlsroad_pipeline.simulation.bodies.bodies import (
+from mlsroad_pipeline.simulation.bodies import (
     ANKLE,
     FOREARM,
     HIP,
@@ -26,19 +24,15 @@ from mlsroad_pipeline.simulation.bodies.bodies import (
     clothe,
     draw_build,
 )
-from mlsroad_pipeline.simulation.model.batches import Floats, tubes, unit
-from mlsroad_pipeline.simulation.model.design import Design
 from mlsroad_pipeline.simulation.model.materials import cloth, material
-from mlsroad_pipeline.simulation.model.meshes import Mesh, join
-from mlsroad_pipeline.simulation.model.solids import box
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, join
+from mlsroad_pipeline.simulation.model.solids import Floats, box, tubes, unit
 
 _SIDES = np.array([-1.0, 1.0])  # right, left
 Angles = tuple[Floats, Floats, Floats, Floats]
 
 
-def _pose(
-    rng: np.random.Generator, build: Build, angles: Angles, *, lean: float = 0.0, spread: float = 0.02
-) -> Skeleton:
+def _pose(rng: np.random.Generator, build: Build, angles: Angles, *, lean: float) -> Skeleton:
     """Return the joints of a body from its hip, knee, shoulder and elbow angles, its lower foot on the ground."""
     thigh, knee, arm, elbow = angles
     h = build.height
@@ -48,8 +42,8 @@ def _pose(
     def down(angle: Floats, outwards: float) -> Floats:
         return unit(np.stack([np.sin(angle), outwards * _SIDES, -np.cos(angle)], 1))
 
-    knees = hips + THIGH * h * down(thigh, spread)
-    ankles = knees + SHANK * h * down(thigh - knee, spread)
+    knees = hips + THIGH * h * down(thigh, 0.02)
+    ankles = knees + SHANK * h * down(thigh - knee, 0.02)
     up = np.array([np.sin(lean), 0.0, np.cos(lean)])
     chest = SPINE * h * up
     shoulders = chest + SHOULDER * h * build.girth**0.3 * y
@@ -100,13 +94,9 @@ def _talking(rng: np.random.Generator) -> tuple[Angles, float]:
 
 
 def _person(
-    rng: np.random.Generator,
-    *,
-    pose: Callable[..., tuple[Angles, float]],
-    child: bool = False,
-    bag: str = "any",
+    rng: np.random.Generator, *, pose: Callable[..., tuple[Angles, float]], child: bool = False, bag: str = "any",
     sport: bool = False,
-) -> Mesh:
+) -> Mesh:  # fmt: skip
     """Return a person in a pose with a `bag`, or any or none."""
     build = draw_build(rng, child=child)
     if sport:
@@ -220,4 +210,3 @@ DESIGNS: tuple[Design, ...] = (
     Design("standing_child", "person", partial(_person, pose=_standing, child=True), 0.5, 0.5),
     Design("walking_child", "person", partial(_person, pose=_walking, child=True), 0.8, 0.6),
 )
-"""Every design of a person."""

@@ -3,18 +3,14 @@
 Measures follow planting lists: bushes of 0.6 to 2.2 m, clipped ones of 0.5 to 1.5 m, ground cover below 0.5 m.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np
 
-from mlsroad_pipeline.simulation.model.batches import Floats, bearing, blades, bows, lift, tubes, unit
-from mlsroad_pipeline.simulation.model.design import Design
-from mlsroad_pipeline.simulation.model.meshes import Mesh, join
-from mlsroad_pipeline.simulation.plants.crowns import UNDERGROUND
-from mlsroad_pipeline.simulation.plants.habits import Outline
-from mlsroad_pipeline.simulation.plants.plant_materials import bark, foliage
+from mlsroad_pipeline.simulation.model.materials import bark, foliage
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, join
+from mlsroad_pipeline.simulation.model.solids import GOLDEN, Floats, bearing, blades, bows, lift, tubes, unit
+from mlsroad_pipeline.simulation.plants.crowns import UNDERGROUND, Outline
 
 _LEAVES = ("green", "dark", "light", "olive", "copper", "yellow")
 _WEIGHTS = (0.45, 0.2, 0.15, 0.1, 0.05, 0.05)
@@ -163,7 +159,7 @@ def _rosette(rng: np.random.Generator) -> Mesh:
     """Return a rosette of thick, pointed leaves, like those of agaves and yuccas."""
     n, reach = int(rng.integers(28, 60)), rng.uniform(0.4, 1.1)
     stem = rng.uniform(0.03, 0.5) if rng.random() < 0.4 else 0.03
-    azimuth = 2.39996 * np.arange(n)
+    azimuth = GOLDEN * np.arange(n)
     elevation = 0.1 + 1.3 * (np.arange(n) / n) ** 0.9 + rng.normal(0, 0.06, n)
     root = np.array([0.0, 0.0, stem + 0.04])
     across = bearing(azimuth + np.pi / 2, np.zeros(n))
@@ -189,4 +185,3 @@ DESIGNS: tuple[Design, ...] = (
     Design("grass_tuft", "brushwood", _tuft, 1.4, 0.8),
     Design("leaf_rosette", "brushwood", _rosette, 1.2, 0.6),
 )
-"""Every design of brushwood."""

@@ -3,22 +3,12 @@
 Fronts face +x; long sides are along y, the street.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
 
-from mlsroad_pipeline.simulation.model.design import Design
-from mlsroad_pipeline.simulation.model.materials import (
-    SIGN_RED,
-    SIGN_WHITE,
-    SIGN_YELLOW,
-    cloth,
-    material,
-    retroreflective,
-)
-from mlsroad_pipeline.simulation.model.meshes import Mesh, join
+from mlsroad_pipeline.simulation.model.materials import SIGN, cloth, material, retroreflective
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, join
 from mlsroad_pipeline.simulation.model.solids import box, leaves, tube
 from mlsroad_pipeline.simulation.objects import bins
 from mlsroad_pipeline.simulation.objects.parts import (
@@ -105,16 +95,12 @@ def _bollard(rng: np.random.Generator) -> Mesh:
         profile = [[1.5 * radius, -UNDERGROUND], [1.5 * radius, 0.12], [radius, 0.16], *profile[2:],
                    [1.2 * taper * radius, height + 0.03], [0, height + 0.08]]  # fmt: skip
     parts = [lathe(profile, skin, sides=sides)]
-    for z in _bands(rng):
-        shade = SIGN_WHITE if rng.random() < 0.7 else SIGN_RED
+    bands = ((), (0.8,), (0.68, 0.86))[int(rng.choice(3, p=[0.4, 0.35, 0.25]))]
+    for z in bands:  # shares of the height
+        shade = SIGN.white if rng.random() < 0.7 else SIGN.red
         band, wide = retroreflective(shade, "bollard", rng), radius * (1 + (taper - 1) * z) * 1.05
         parts.append(lathe([[wide, z * height - 0.03], [wide, z * height + 0.03]], band, sides=sides))
     return leaned(join(parts), rng, share=0.3)
-
-
-def _bands(rng: np.random.Generator) -> tuple[float, ...]:
-    """Return the shares of the height of a bollard's reflecting bands."""
-    return ((), (0.8,), (0.68, 0.86))[int(rng.choice(3, p=[0.4, 0.35, 0.25]))]
 
 
 def _flexible_post(rng: np.random.Generator) -> Mesh:
@@ -122,20 +108,17 @@ def _flexible_post(rng: np.random.Generator) -> Mesh:
     skin = tinted((0.55, 0.12, 0.03) if rng.random() < 0.6 else (0.05, 0.2, 0.08), "bollard", 0.35, rng)
     radius, height = rng.uniform(0.03, 0.05), rng.uniform(0.7, 1.1)
     foot = rng.uniform(0.09, 0.13)
-    parts = [
-        lathe(
-            [[foot, -0.05], [foot, 0.02], [radius, 0.05], [0.9 * radius, height], [0, height + radius]], skin, sides=8
-        )
-    ]
+    profile = [[foot, -0.05], [foot, 0.02], [radius, 0.05], [0.9 * radius, height], [0, height + radius]]
+    parts = [lathe(profile, skin, sides=8)]
     for z in np.linspace(0.6, 0.85, int(rng.integers(1, 4))):
-        band = retroreflective(SIGN_WHITE, "bollard", rng)
+        band = retroreflective(SIGN.white, "bollard", rng)
         parts.append(lathe([[1.05 * radius, z * height - 0.04], [1.05 * radius, z * height + 0.04]], band, sides=8))
     return leaned(join(parts), rng, share=0.4)
 
 
 def _hydrant(rng: np.random.Generator) -> Mesh:
     """Return a hydrant with bonnet, flanges, two hose outlets and one for the pump."""
-    colour = [SIGN_RED, SIGN_YELLOW, (0.05, 0.15, 0.45), (0.5, 0.5, 0.5)][int(rng.choice(4, p=[0.5, 0.3, 0.1, 0.1]))]
+    colour = [SIGN.red, SIGN.yellow, (0.05, 0.15, 0.45), (0.5, 0.5, 0.5)][int(rng.choice(4, p=[0.5, 0.3, 0.1, 0.1]))]
     skin, cap = tinted(colour, "hydrant", 0.35, rng), tinted((0.45, 0.46, 0.47), "hydrant", 0.4, rng, spread=0.4)
     height, radius = rng.uniform(0.58, 0.88), rng.uniform(0.085, 0.115)
     h, r = height, radius
@@ -153,7 +136,7 @@ def _hydrant(rng: np.random.Generator) -> Mesh:
 
 def _pillar_hydrant(rng: np.random.Generator) -> Mesh:
     """Return a slim tall hydrant with two outlets below its head."""
-    skin = tinted(SIGN_RED if rng.random() < 0.7 else (0.03, 0.1, 0.35), "hydrant", 0.35, rng)
+    skin = tinted(SIGN.red if rng.random() < 0.7 else (0.03, 0.1, 0.35), "hydrant", 0.35, rng)
     metal = tinted((0.5, 0.5, 0.5), "hydrant", 0.4, rng)
     height, r = rng.uniform(0.85, 1.2), rng.uniform(0.07, 0.1)
     profile = [[1.4 * r, -0.1], [1.4 * r, 0.06], [r, 0.1], [r, 0.85 * height], [1.2 * r, 0.87 * height],
@@ -214,13 +197,8 @@ def _advertising_column(rng: np.random.Generator) -> Mesh:
     parts = [lathe([[1.06, -0.1], [1.06, foot], [1.0, foot + 0.03]] * np.array([radius, 1.0]), base, sides=18)]
     for low, high in pairwise(np.linspace(foot + 0.03, height, int(rng.integers(2, 4)))):
         parts.append(lathe([[radius, low], [radius, high]], cloth("other_object", rng), sides=18))
-    roof = [
-        [1.15, height],
-        [1.12, height + 0.1],
-        [0.7, height + 0.6 * cap],
-        [0.2, height + cap],
-        [0, height + cap + 0.1],
-    ]
+    roof = [[1.15, height], [1.12, height + 0.1], [0.7, height + 0.6 * cap], [0.2, height + cap],
+            [0, height + cap + 0.1]]  # fmt: skip
     return join([*parts, lathe(np.array(roof) * [radius, 1.0], metal, sides=18)])
 
 
@@ -243,7 +221,7 @@ def _poster_case(rng: np.random.Generator) -> Mesh:
 
 def _cone(rng: np.random.Generator) -> Mesh:
     """Return a traffic cone."""
-    skin, band = tinted((0.6, 0.13, 0.02), "other_object", 0.4, rng), retroreflective(SIGN_WHITE, "other_object", rng)
+    skin, band = tinted((0.6, 0.13, 0.02), "other_object", 0.4, rng), retroreflective(SIGN.white, "other_object", rng)
     height, r = rng.uniform(0.45, 0.95), rng.uniform(0.12, 0.17)
     parts = [box([2.5 * r, 2.5 * r, 0.04], [0, 0, 0.02], skin), lathe([[r, 0.04], [0.02, height], [0, height]], skin)]
     for f in (0.35, 0.65)[: int(rng.integers(1, 3))]:
@@ -277,4 +255,3 @@ DESIGNS: tuple[Design, ...] = (
     Design("poster_case", "other_object", _poster_case, clearance=0.9, weight=0.5),
     Design("traffic_cone", "other_object", _cone, clearance=0.4, weight=0.3),
 )
-"""Street furniture."""

@@ -3,20 +3,24 @@
 Signals for vehicles face +y, towards the traffic on that side of the road in right-hand traffic.
 """
 
-from __future__ import annotations
-
-from functools import partial
-
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
-from mlsroad_pipeline.simulation.model.design import Design
-from mlsroad_pipeline.simulation.model.materials import SIGN_WHITE, SIGN_YELLOW, retroreflective
-from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
+from mlsroad_pipeline.simulation.model.materials import SIGN, retroreflective
+from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, Surface, join
 from mlsroad_pipeline.simulation.model.solids import box, polygon, tube
-from mlsroad_pipeline.simulation.objects.masts import arm, luminaire, mast, metal
-from mlsroad_pipeline.simulation.objects.parts import grid_skin, leaned, panel, rectangle, tinted
-from mlsroad_pipeline.simulation.objects.sign_plates import sign_plate
+from mlsroad_pipeline.simulation.objects.parts import (
+    arm,
+    grid_skin,
+    leaned,
+    luminaire,
+    mast,
+    metal,
+    panel,
+    rectangle,
+    tinted,
+)
+from mlsroad_pipeline.simulation.objects.traffic_signs import sign_plate
 
 _COLOURS = ((0.4, 0.04, 0.03), (0.45, 0.3, 0.03), (0.04, 0.35, 0.12))
 
@@ -48,7 +52,7 @@ def _framed(rng: np.random.Generator, housing: Surface, *, lying: bool = False) 
     head = _head(rng, housing, lenses=3, size=float(rng.choice([0.21, 0.3])) * rng.uniform(0.95, 1.05))
     if rng.random() < 0.35:
         low, high = head.vertices.min(axis=0), head.vertices.max(axis=0)
-        white = retroreflective(SIGN_WHITE, "traffic_light", rng)
+        white = retroreflective(SIGN.white, "traffic_light", rng)
         edge = panel(rectangle(high[1] - low[1] + 0.3, high[2] - low[2] + 0.3), white, housing, [-0.02, 0, 0])
         inner = panel(rectangle(high[1] - low[1] + 0.2, high[2] - low[2] + 0.2), housing, housing, [-0.013, 0, 0])
         head = join([edge, inner, head])
@@ -56,7 +60,7 @@ def _framed(rng: np.random.Generator, housing: Surface, *, lying: bool = False) 
 
 
 def _button(rng: np.random.Generator, radius: float) -> Mesh:
-    skin = tinted(SIGN_YELLOW, "traffic_light", 0.35, rng)
+    skin = tinted(SIGN.yellow, "traffic_light", 0.35, rng)
     return box([0.1, 0.1, rng.uniform(0.15, 0.24)], [0, radius + 0.04, rng.uniform(0.95, 1.1)], skin)
 
 
@@ -132,8 +136,7 @@ def _mast_arm(rng: np.random.Generator) -> Mesh:
         parts.append(_side_head(rng, radius, rng.uniform(2.6, 3.3), np.pi / 2, housing, head))
     if rng.random() < 0.4:
         walk = _pedestrian_head(rng, housing)
-        parts.append(_side_head(rng, radius, rng.uniform(2.2, 2.5), 0.0, housing, walk))
-        parts.append(_button(rng, radius))
+        parts += [_side_head(rng, radius, rng.uniform(2.2, 2.5), 0.0, housing, walk), _button(rng, radius)]
     return leaned(join(parts), rng, share=0.1, limit=1.5)
 
 
@@ -149,11 +152,8 @@ def _pedestrian_signal(rng: np.random.Generator) -> Mesh:
     return leaned(join(parts), rng, share=0.15)
 
 
-_light = partial(Design, label="traffic_light")
-
 DESIGNS: tuple[Design, ...] = (
-    _light("post_signal", build=_post_signal, clearance=0.6, weight=1.5),
-    _light("mast_arm_signal", build=_mast_arm, clearance=0.6, weight=1.0),
-    _light("pedestrian_signal", build=_pedestrian_signal, clearance=0.6, weight=1.0),
+    Design("post_signal", "traffic_light", _post_signal, 0.6, 1.5),
+    Design("mast_arm_signal", "traffic_light", _mast_arm, 0.6, 1.0),
+    Design("pedestrian_signal", "traffic_light", _pedestrian_signal, 0.6, 1.0),
 )
-"""Traffic lights."""

@@ -1,31 +1,23 @@
 """Builders of lorries for `vans_trucks`: front along +x, wheels on z = 0; every face is `truck`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
 
-from mlsroad_pipeline.simulation.model.materials import (
-    SIGN_RED,
-    SIGN_WHITE,
-    SIGN_YELLOW,
-    car_paint,
-    cloth,
-    material,
-    retroreflective,
-)  # fmt: skip
+from mlsroad_pipeline.simulation.model.materials import SIGN, car_paint, cloth, material, retroreflective
 from mlsroad_pipeline.simulation.model.meshes import Mesh, join
 from mlsroad_pipeline.simulation.model.solids import box, tube
-from mlsroad_pipeline.simulation.objects.bodywork import Body, rails, skin
-from mlsroad_pipeline.simulation.objects.parts import loft, rounded, tinted
-from mlsroad_pipeline.simulation.objects.vehicle_parts import (
+from mlsroad_pipeline.simulation.objects.bodywork import (
+    Body,
     lamps,
     mirrors,
+    rails,
     seats,
+    skin,
     steering_wheel,
     wheel,
 )
+from mlsroad_pipeline.simulation.objects.parts import loft, rounded, tinted
 
 _LABEL = "truck"
 
@@ -83,7 +75,7 @@ def _frame(rng: np.random.Generator, span: tuple[float, float], z: float, half: 
     at = span[1] - rng.uniform(0.9, 1.3)
     side = float(rng.choice([-1, 1])) * (half - 0.35)
     parts.append(tube([[at - 0.45, side, z - 0.45], [at + 0.45, side, z - 0.45]], 0.28, tank, sides=10))
-    red, white = retroreflective(SIGN_RED, _LABEL, rng), retroreflective(SIGN_WHITE, _LABEL, rng)
+    red, white = retroreflective(SIGN.red, _LABEL, rng), retroreflective(SIGN.white, _LABEL, rng)
     parts.append(box([0.08, 1.9 * half, 0.12], [span[0] + 0.05, 0, 0.55], dark))
     for y in (-0.8 * half, 0.8 * half):
         parts.append(box([0.05, 0.35, 0.14], [span[0] - 0.01, y, 0.75 if z > 0.9 else 0.62], red))
@@ -94,7 +86,7 @@ def _frame(rng: np.random.Generator, span: tuple[float, float], z: float, half: 
 
 def _contour(rng: np.random.Generator, span: tuple[float, float], half: float, z: float) -> list[Mesh]:
     """Return the prescribed reflecting tape along the lower edges of a lorry's sides."""
-    tape = retroreflective(SIGN_WHITE if rng.random() < 0.5 else SIGN_YELLOW, _LABEL, rng)
+    tape = retroreflective(SIGN.white if rng.random() < 0.5 else SIGN.yellow, _LABEL, rng)
     length, middle = span[1] - span[0], (span[0] + span[1]) / 2
     return [box([0.96 * length, 0.006, 0.06], [middle, y, z], tape) for y in (-half - 0.003, half + 0.003)]
 
@@ -127,11 +119,8 @@ def box_truck(rng: np.random.Generator) -> Mesh:
     metal = material("aluminium", _LABEL, rng)
     edge = 0.05
     for y in (-half, half):
-        for z in (floor, floor + tall):
-            parts.append(box([length + edge, edge, 2 * edge], [middle, y, z], metal))
-    for x in span:
-        for y in (-half, half):
-            parts.append(box([edge, edge, tall], [x, y, floor + tall / 2], metal))
+        parts += [box([length + edge, edge, 2 * edge], [middle, y, z], metal) for z in (floor, floor + tall)]
+    parts += [box([edge, edge, tall], [x, y, floor + tall / 2], metal) for x in span for y in (-half, half)]
     return join([*parts, *_contour(rng, span, half + 0.025, floor + 0.02)])
 
 
@@ -142,8 +131,7 @@ def flatbed_truck(rng: np.random.Generator) -> Mesh:
     wood, metal = material("wood", _LABEL, rng), material("aluminium", _LABEL, rng)
     tall = rng.uniform(0.3, 0.65)
     parts.append(box([length, 2 * half, 0.1], [middle, 0, floor + 0.05], wood))
-    for y in (-half, half):
-        parts.append(box([length, 0.03, tall], [middle, y, floor + 0.1 + tall / 2], metal))
+    parts += [box([length, 0.03, tall], [middle, y, floor + 0.1 + tall / 2], metal) for y in (-half, half)]
     parts.append(box([0.03, 2 * half, tall], [span[0], 0, floor + 0.1 + tall / 2], metal))
     parts.append(box([0.05, 2 * half, rng.uniform(0.8, 1.4)], [span[1], 0, floor + 0.6], metal))
     for _ in range(int(rng.integers(0, 7))):
@@ -167,8 +155,7 @@ def tipper_truck(rng: np.random.Generator) -> Mesh:
         return np.column_stack([outline + np.array([middle, 0]), np.full(12, z)])
 
     levels = [ring(floor, 0.86), ring(floor + tall, 1.0), ring(floor + tall, 0.96), ring(floor + 0.08, 0.82)]
-    parts.append(loft(levels, steel, closed=False))
-    parts.append(loft([ring(floor, 0.84), ring(floor + 0.08, 0.84)], steel))
+    parts += [loft(levels, steel, closed=False), loft([ring(floor, 0.84), ring(floor + 0.08, 0.84)], steel)]
     for x in np.linspace(span[0] + 0.3, span[1] - 0.3, 6):
         for side in (-1, 1):
             rib = [[x, side * 0.88 * half, floor], [x, side * 1.01 * half, floor + tall]]

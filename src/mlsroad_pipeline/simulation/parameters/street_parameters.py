@@ -1,12 +1,20 @@
 """Parameters of a street, and named kinds of streets."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+
+_DOMAINS = {
+    (0.0, 1.0): "crossroads signals verges parking slanted_parking parked overhead_wires bare_soil boundaries greenery "
+                "forest drive_cars hard_cases facades hedges",
+    (0.0, 5.0): "buildings trees palms cycas shrubs clutter signs people traffic stations two_wheelers",
+    (0.0, 20.0): "gantries lorries", (0.8, 8.0): "verge_width", (0.0, 0.2): "grass_height", (0.0, 1.5): "bends",
+    (0.0, 2.0): "slopes", (60.0, 5000.0): "junction_spacing", (2.5, 4.0): "lane_width", (0.5, 8.0): "pavement",
+    (1.5, 20.0): "front_yard", (1.5, 12.0): "median", (10.0, 100.0): "lamp_spacing",
+}  # fmt: skip
+_ZERO = ("junction_spacing", "lane_width", "pavement", "front_yard", "median", "lamp_spacing")  # 0 is allowed too
 
 
 @dataclass(frozen=True)
@@ -68,49 +76,20 @@ class StreetParameters:
     hard_cases: float = 0.3
 
     def __post_init__(self) -> None:
-        shares = ("crossroads", "signals", "verges", "parking", "slanted_parking", "parked", "overhead_wires",
-                  "bare_soil", "boundaries", "greenery", "forest", "drive_cars")  # fmt: skip
-        for name in (*shares, "hard_cases"):
-            self._check(name, 0.0, 1.0)
-        for name in ("buildings", "trees", "palms", "cycas", "shrubs", "clutter", "signs", "people", "traffic",
-                     "stations", "two_wheelers"):  # fmt: skip
-            self._check(name, 0.0, 5.0)
-        self._check("gantries", 0.0, 20.0)
-        self._check("lorries", 0.0, 20.0)
-        self._check("verge_width", 0.8, 8.0)
-        self._check("grass_height", 0.0, 0.2)
-        self._check("junction_spacing", 60.0, 5000.0, zero=True)
-        for name in ("facades", "hedges"):
-            if getattr(self, name) != -1:
-                self._check(name, 0.0, 1.0)
-        self._check("bends", 0.0, 1.5)
-        self._check("slopes", 0.0, 2.0)
-        self._check("lane_width", 2.5, 4.0, zero=True)
-        self._check("pavement", 0.5, 8.0, zero=True)
-        self._check("front_yard", 1.5, 20.0, zero=True)
-        self._check_storeys()
-        self._check("median", 1.5, 12.0, zero=True)
-        self._check("lamp_spacing", 10.0, 100.0, zero=True)
+        for (low, high), names in _DOMAINS.items():
+            for name in names.split():
+                value, zero = getattr(self, name), name in _ZERO
+                drawn = (zero and value == 0) or (name in ("facades", "hedges") and value == -1)
+                if not (isinstance(value, int | float) and (low <= value <= high or drawn)):
+                    either = "0 or " if zero else ""
+                    raise ParameterError(f"{name} must be {either}between {low:g} and {high:g}, got {value!r}")
+        storeys = tuple(self.storeys) if isinstance(self.storeys, list) else self.storeys
+        object.__setattr__(self, "storeys", storeys)
+        whole = isinstance(storeys, tuple) and len(storeys) == 2 and all(isinstance(n, int) for n in storeys)
+        if not whole or not (storeys == (0, 0) or 1 <= storeys[0] <= storeys[1] <= 20):
+            raise ParameterError(f"storeys must be two rising integers from 1 to 20, got {storeys!r}")
         if self.lanes not in (0, 1, 2, 3):
             raise ParameterError(f"lanes must be 0, 1, 2 or 3, got {self.lanes!r}")
-
-    def _check_storeys(self) -> None:
-        object.__setattr__(self, "storeys", tuple(self.storeys) if isinstance(self.storeys, list) else self.storeys)
-        if self.storeys == (0, 0):
-            return
-        whole = isinstance(self.storeys, tuple) and len(self.storeys) == 2
-        if (
-            not whole
-            or not all(isinstance(n, int) for n in self.storeys)
-            or not 1 <= self.storeys[0] <= self.storeys[1] <= 20
-        ):
-            raise ParameterError(f"storeys must be two rising integers from 1 to 20, got {self.storeys!r}")
-
-    def _check(self, name: str, low: float, high: float, *, zero: bool = False) -> None:
-        value = getattr(self, name)
-        if not (isinstance(value, int | float) and (low <= value <= high or (zero and value == 0))):
-            either = "0 or " if zero else ""
-            raise ParameterError(f"{name} must be {either}between {low:g} and {high:g}, got {value!r}")
 
 
 STREETS: dict[str, StreetParameters] = {

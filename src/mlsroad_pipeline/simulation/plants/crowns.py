@@ -1,25 +1,71 @@
-"""Branching crowns: each order of branches grows towards places inside the crown's outline.
+"""Growth habits of trees, the outline of one crown, and branching crowns.
 
-A greedy form of space colonisation (Runions et al. 2007): places are drawn inside the outline, and each is joined to
-the nearest node of older branches, where a long way along the branches counts as distance (Cuntz et al. 2010). Three
-orders suffice at the resolution of a street survey; leaves follow.
+Each order of branches grows towards places inside the outline, a greedy form of space colonisation (Runions et al.
+2007): places are drawn inside the outline, and each is joined to the nearest node of older branches, where a long way
+along the branches counts as distance (Cuntz et al. 2010). Three orders suffice at the resolution of a street survey.
 """
 
-from __future__ import annotations
-
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from mlsroad_pipeline.simulation.model.batches import Floats, bearing, blades, bows, tubes, unit
 from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
-from mlsroad_pipeline.simulation.plants.habits import Habit, Outline
+from mlsroad_pipeline.simulation.model.solids import GOLDEN, Floats, bearing, blades, bows, tubes, unit
 
-UNDERGROUND = 0.25
-"""Depth of stems below ground, so that none floats on a slope, metres."""
+Range = tuple[float, float]
 
-_GOLDEN = 2.39996
+UNDERGROUND = 0.25  # Depth of stems below ground, so that none floats on a slope, metres
 _DETOUR = 0.35  # distance per metre of way along the branches
+
+
+@dataclass(frozen=True)
+class Habit:
+    """Growth habit of a kind of tree; individuals are drawn from the range of each pair."""
+
+    height: Range  # Height of the tree, metres
+    width: Range  # Diameter of the crown over the height
+    clear: Range  # Height below which no limb starts, over the height
+    # Exponents a and b of the outline t**a * (1 - t)**b, where t runs from the crown's foot to its top: equal ones give
+    # an egg, a larger a puts the widest place higher
+    profile: Range
+    leader: Range  # Height of the stem's top within the crown, 0 to 1
+    rise: Range  # Elevation of limbs at the stem, radians
+    # Diameter of the crown over that of the stem at breast height; some 18 to 26 in open-grown street trees
+    girth: Range
+    limbs: tuple[int, int]  # Number of limbs
+    droop: Range  # Drop of the last twigs, metres
+    density: Range  # Leaf area per volume of the crown, 1/m; 0.5 to 1.2 in street trees. 0 is a bare tree.
+    clump: Range  # Radius of the leaves about the twigs, metres
+    stems: tuple[int, int] = (1, 1)  # Number of stems
+    shell: float = 2.0  # 0 fills the crown evenly with twigs; larger values crowd them to its outside
+    slenderness: float = 0.75  # Width of a leaf over its length
+
+
+class Outline:
+    """Irregular outline of one crown."""
+
+    def __init__(self, rng: np.random.Generator, foot: float, top: float, radius: float, profile: Range) -> None:
+        self.foot, self.top = foot, top
+        a, b = np.array(profile) * np.exp(rng.normal(0, 0.12, 2))
+        t = np.linspace(0.0, 1.0, 41)
+        shape = t**a * (1 - t) ** b
+        self._t, self._radius = t, radius * shape / shape.max()
+        share = np.cumsum(shape**1.5 + 5e-3)
+        self._share = (share - share[0]) / (share[-1] - share[0])
+        self._lobes = rng.normal(0, [0.10, 0.08, 0.07])
+        self._phase, self._twist = rng.uniform(0, 2 * np.pi, 3), rng.normal(0, 3.0, 3)
+        self.volume = float(np.pi * (self._radius**2).mean() * (top - foot))
+
+    def place(self, share: Floats, azimuth: Floats, depth: Floats) -> Floats:
+        """Return places in the crown, (n, 3) metres about its axis, a little denser where it is narrow.
+
+        `share` is that of the crown below a place; `azimuth` is in radians; `depth` is 0 on the axis, 1 on the outline.
+        """
+        t = np.interp(share, self._share, self._t)
+        wave = np.cos(np.arange(1, 4) * azimuth[:, None] + self._twist * t[:, None] + self._phase) @ self._lobes
+        r = np.interp(t, self._t, self._radius) * (1 + wave) * depth
+        return np.column_stack([r * np.cos(azimuth), r * np.sin(azimuth), self.foot + t * (self.top - self.foot)])
 
 
 class Colours(NamedTuple):
@@ -96,7 +142,7 @@ def _split(stems: Wood, clear: float) -> tuple[Wood, Wood]:
 def _limbs(rng: np.random.Generator, habit: Habit, outline: Outline, stems: Wood, clear: float) -> Wood:
     """Return the limbs that leave the stems and carry the crown, including the leaders' tips."""
     n = int(rng.integers(habit.limbs[0], habit.limbs[1] + 1))
-    azimuth = rng.uniform(0, 6.28) + _GOLDEN * np.arange(n) + rng.normal(0, 0.25, n)
+    azimuth = rng.uniform(0, 6.28) + GOLDEN * np.arange(n) + rng.normal(0, 0.25, n)
     share = (np.arange(n) + rng.uniform(0.1, 0.9, n)) / n * 0.93 + 0.05
     ends = outline.place(share, azimuth, rng.uniform(0.55, 0.85, n))
     ends[-1] = outline.place(np.array([0.985]), azimuth[-1:], np.array([0.3]))[0]

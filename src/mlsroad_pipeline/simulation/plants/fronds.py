@@ -1,14 +1,12 @@
 """Fronds of palms and cycads, and the trunks under them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mlsroad_pipeline.simulation.model.batches import Floats, bearing, blades, lift, tubes, unit
 from mlsroad_pipeline.simulation.model.meshes import RED, Mesh, Surface, join
+from mlsroad_pipeline.simulation.model.solids import GOLDEN, Floats, bearing, blades, lift, tubes, unit
 
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -117,7 +115,7 @@ def boots(rng: np.random.Generator, path: Floats, radii: Floats, count: int, siz
     t = np.linspace(0.0, 1.0, count) * (len(path) - 1)
     place = np.column_stack([np.interp(t, np.arange(len(path)), path[:, k]) for k in range(3)])
     radius = np.interp(t, np.arange(len(path)), radii)
-    azimuth = 2.39996 * np.arange(count) + rng.normal(0, 0.1, count)
+    azimuth = GOLDEN * np.arange(count) + rng.normal(0, 0.1, count)
     out = bearing(azimuth, np.zeros(count))
     tangential = bearing(azimuth + np.pi / 2, np.zeros(count))
     towards = out * rng.uniform(0.35, 0.9, (count, 1)) + _UP

@@ -1,13 +1,11 @@
 """Hedges."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from mlsroad_pipeline.simulation.model.batches import blades, lift, tubes
+from mlsroad_pipeline.simulation.model.materials import bark, foliage
 from mlsroad_pipeline.simulation.model.meshes import Mesh, join
+from mlsroad_pipeline.simulation.model.solids import blades, lift, tubes
 from mlsroad_pipeline.simulation.plants.crowns import UNDERGROUND
-from mlsroad_pipeline.simulation.plants.plant_materials import bark, foliage
 
 
 def hedge(rng: np.random.Generator, length: float) -> Mesh:
@@ -37,10 +35,8 @@ def thicket(rng: np.random.Generator, length: float, *, height: float, depth: fl
 
     `height` and `depth` are those of its average, metres; runs of one height join. Every face is `hedge`.
     """
-    leaf, wood = (
-        foliage(("green", "dark", "light", "olive")[int(rng.integers(4))], "hedge", rng),
-        bark("brown", "hedge", rng),
-    )
+    leaf = foliage(("green", "dark", "light", "olive")[int(rng.integers(4))], "hedge", rng)
+    wood = bark("brown", "hedge", rng)
     n = int(min(260 * (2 * length * height + length * depth), 9000))
     x = rng.uniform(-length / 2, length / 2, n)
     waves = rng.uniform(0.8, 3.5, (2, 4)) * rng.choice([-1, 1], (2, 4))

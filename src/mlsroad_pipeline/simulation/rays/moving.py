@@ -1,7 +1,5 @@
 """Moving objects, and the rays near them at each ray's own time."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,12 +12,8 @@ from mlsroad_pipeline.simulation.model.meshes import Mesh
 from mlsroad_pipeline.simulation.street.alignment import interpolate
 from mlsroad_pipeline.simulation.street.ground import Ground, ground_height
 
-KNOT = 0.01
-"""Time step of straight motion of moving objects, seconds."""
-
-FAR = 100.0
-"""Range beyond which moving objects are ignored, metres."""
-
+KNOT = 0.01  # Time step of straight motion of moving objects, seconds
+FAR = 100.0  # Range beyond which moving objects are ignored, metres
 _BUNDLE = 16  # rays that are tested together
 _LAG = 1.0  # bound on an object's way during a bundle and between two knots, metres
 

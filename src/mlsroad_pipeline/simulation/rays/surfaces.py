@@ -1,7 +1,5 @@
 """Hits of rays, and the surfaces there: label, albedo and relief, with textures and ground covers."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -13,12 +11,9 @@ from mlsroad_pipeline.simulation.model.materials import plane_noise, texture_ton
 from mlsroad_pipeline.simulation.model.meshes import GROUND, KIND, LABEL, RED
 from mlsroad_pipeline.simulation.street.alignment import locate_one
 from mlsroad_pipeline.simulation.street.cover import ground_cover
-from mlsroad_pipeline.simulation.street.ground import GRASS, SOIL, Ground
-from mlsroad_pipeline.simulation.street.junctions import Nearby, nearby
+from mlsroad_pipeline.simulation.street.ground import GRASS, SOIL, Ground, Nearby, nearby
 
-WET = 8
-"""Kind of ground under a film of water, assigned to places, not to faces; see `meshes` for the other kinds."""
-
+WET = 8  # Kind of ground under a film of water, assigned to places, not to faces; see `meshes` for the other kinds
 _CLOSE = 0.15  # last step of the search along the street, metres; the error is then tenths of a millimetre
 
 _SHARES = np.array([0.0, 0.01, 0.03, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97, 0.99, 1.0])
@@ -69,8 +64,6 @@ def resolve_hits(
     label, kind = np.zeros(n, dtype=np.uint8), np.zeros(n, dtype=np.uint8)
     rgb, reflectivity = np.zeros((n, 3), dtype=np.float32), np.zeros(n, dtype=np.float32)
     relief = np.zeros(n, dtype=np.float32)
-    start, section, shape, arms, crossings = ground.start, ground.section, ground.shape, ground.arms, ground.crossings
-    holes, verge, lot = ground.manholes, ground.verge, ground.lot
     guess, rows = near, Nearby(0, 0, 0)
     for i in range(n):
         if face[i] < 0:
@@ -80,11 +73,9 @@ def resolve_hits(
         x = centre[0] + rays[i, 0] + distance[i] * rays[i, 3]
         y = centre[1] + rays[i, 1] + distance[i] * rays[i, 4]
         if kind[i] == GROUND:
-            s, left = locate_one(x, y, table, start, guess, _CLOSE)
-            guess, rows = s, nearby(s, arms, crossings, holes, rows)
-            code, tone, relief[i] = ground_cover(
-                s, left, start, section, shape, arms, crossings, holes, verge, lot, rows
-            )  # fmt: skip
+            s, left = locate_one(x, y, table, ground.start, guess, _CLOSE)
+            guess, rows = s, nearby(s, ground, rows)
+            code, tone, relief[i] = ground_cover(s, left, ground, rows)
             label[i] = code
             for c in range(3):
                 rgb[i, c] = min(ground_rgb[code, c] * tone, 1.0)

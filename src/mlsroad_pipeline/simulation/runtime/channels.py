@@ -1,12 +1,9 @@
 """Channels between two processes: a pipe for small objects, shared memory for arrays."""
 
-from __future__ import annotations
-
 import mmap
 import os
 import pickle
 import tempfile
-from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -15,9 +12,7 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 
-SLOTS = 2
-"""Messages that may be in transit in one direction."""
-
+SLOTS = 2  # Messages that may be in transit in one direction
 _SLOT = 24 * 2**20  # bytes; larger messages go over the pipe
 _ALIGN = 64  # bytes
 
@@ -72,10 +67,7 @@ class Channel:
 
 
 def create_shared_file() -> str:
-    """Create the file of a channel, in memory where the system has room there, and return its path.
-
-    Call `unlink_shared_file` when both ends have mapped it. Raises DataError if the disk has no room either.
-    """
+    """Create the file of a channel, in memory where there is room; it may be unlinked when both ends have mapped it."""
     size = 2 * SLOTS * _SLOT
     for folder in ("/dev/shm", None):
         if folder and not os.access(folder, os.W_OK):
@@ -85,7 +77,7 @@ def create_shared_file() -> str:
             # Writing into a mapped file without room for the page would end the process.
             os.posix_fallocate(number, 0, size)
         except OSError as error:
-            unlink_shared_file(path)
+            Path(path).unlink()
             if folder is None:
                 raise DataError(f"{path}: no room for {size} bytes of memory shared between processes") from error
             continue
@@ -93,9 +85,3 @@ def create_shared_file() -> str:
             os.close(number)
         return path
     raise AssertionError("the last folder returns or raises")
-
-
-def unlink_shared_file(path: str) -> None:
-    """Remove a shared file; processes that have mapped it keep its memory."""
-    with suppress(OSError):
-        Path(path).unlink()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.simulation.cameras.cameras import CAMERAS, Image, take_image
-from mlsroad_pipeline.simulation.cameras.lighting import draw_light, shade
+from mlsroad_pipeline.simulation.cameras.lighting import draw_light, in_the_sun
 from mlsroad_pipeline.simulation.furnishing.blocks import Block, block_centre, build_block
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
-from mlsroad_pipeline.simulation.rays.scene import Mover, RayScene
-from mlsroad_pipeline.simulation.rays.static import StaticGeometry, build_static
-from mlsroad_pipeline.simulation.runtime.time_merge import merge_by_time
+from mlsroad_pipeline.simulation.rays.moving import Mover
+from mlsroad_pipeline.simulation.rays.scene import RayScene, StaticGeometry, build_static
 from mlsroad_pipeline.simulation.scanning.receiver import GHOST, receive
 from mlsroad_pipeline.simulation.scanning.scanner import draw_calibration, georeference, send_pulses
 from mlsroad_pipeline.simulation.street.drive import PAUSE, drive_along
@@ -89,19 +88,9 @@ class SurveyStream:
         return build_block(self.street, self.drive, number, pass_number=self.number)
 
     def scene(self, number: int, blocks: Mapping[int, Block] | None = None) -> RayScene:
-        """Return the geometry within range of rays while the vehicle is in a block.
+        """Return the geometry within range of rays while the vehicle is in a block, from the blocks of `near`.
 
-        Parameters
-        ----------
-        number : int
-            The block.
-        blocks : mapping of int to Block, optional
-            The blocks of `near`; built here by default. Blocks farther behind are dropped.
-
-        Returns
-        -------
-        RayScene
-            The scene.
+        They are built here by default. Blocks farther behind are dropped.
         """
         if self._scene is not None and self._scene[0] == number:
             return self._scene[1]
@@ -114,8 +103,8 @@ class SurveyStream:
             movers += self._static[k][1]
         order = [number, *(number + k for k in range(1, _AHEAD + 1)), *(number - k for k in range(1, _BEHIND + 1))]
         scene = RayScene(
-            self.street, [], [], movers, block_centre(self.street, number)[0], wetness=self.parameters.wetness,
-            static=[self._static[k][0] for k in order],
+            self.street, [self._static[k][0] for k in order], movers, block_centre(self.street, number)[0],
+            wetness=self.parameters.wetness,
         )  # fmt: skip
         self._scene = number, scene
         return scene
@@ -151,41 +140,17 @@ class SurveyStream:
         low, high = number * BLOCK, min((number + 1) * BLOCK, self.length)
         return list(range(int(np.ceil(low / interval)), int(np.ceil(high / interval))))
 
-    def scan(self, number: int, scene: RayScene) -> Iterator[PointCloud]:
-        """Yield the points measured while the vehicle is in a block.
-
-        Parameters
-        ----------
-        number : int
-            The block, from 0 to `block_count` - 1.
-        scene : RayScene
-            Its `scene`.
-
-        Yields
-        ------
-        PointCloud
-            Points of all scanners in the order of gps_time; street-local float64 coordinates. Columns as in `Survey`;
-            rgb only without images, which colour the points otherwise.
-        """
-        for span in self.spans(number):
-            yield self.scan_span(scene, *span)
-
     def scan_span(self, scene: RayScene, start: float, end: float) -> PointCloud:
-        """Return the points of all scanners between two times.
+        """Return the points of all scanners during one of the `spans` of a block, in its `scene`.
 
-        Parameters
-        ----------
-        scene : RayScene
-            The `scene` of the block.
-        start, end : float
-            One of its `spans`, seconds.
-
-        Returns
-        -------
-        PointCloud
-            Points as from `scan`.
+        Points are in the order of gps_time, street-local and float64. Columns are those of `Survey`, rgb only without
+        images, which colour the points otherwise.
         """
-        columns = merge_by_time([self._measure(scene, k, start, end) for k in range(len(self._devices))])
+        parts = [self._measure(scene, k, start, end) for k in range(len(self._devices))]
+        columns = parts[0]
+        if len(parts) > 1:
+            order = np.argsort(np.concatenate([part["gps_time"] for part in parts]), kind="stable")
+            columns = {name: np.concatenate([part[name] for part in parts])[order] for name in columns}
         xyz = columns.pop("xyz")
         return PointCloud(xyz, columns, self.origin, self.crs, "simulated survey")
 
@@ -211,50 +176,15 @@ class SurveyStream:
             "scan_angle": np.degrees(pulses.angle[rows]).astype(np.float32),
         }
         if not self.parameters.with_images:
-            columns["rgb"] = shade(
-                surfaces, returns.normal, pulses.rays[rows], returns.distance.astype(np.float32),
-                np.ones(len(rows), dtype=np.bool_), self.light, np.zeros((len(rows), 3), dtype=np.float32),
-            )  # fmt: skip
+            columns["rgb"] = in_the_sun(
+                surfaces, returns.normal, pulses.rays[rows], returns.distance.astype(np.float32), self.light
+            )
         return columns
 
-    def photograph(self, number: int, scene: RayScene) -> tuple[list[Image], list[NDArray[np.float32]]]:
-        """Take the images of a block.
-
-        Parameters
-        ----------
-        number : int
-            The block, from 0 to `block_count` - 1.
-        scene : RayScene
-            Its `scene`.
-
-        Returns
-        -------
-        images : list of Image
-            Images by time, of all cameras at each moment.
-        depths : list of ndarray of shape (height, width), float32
-            Depth of each image along the optical axis, metres; infinite in the sky.
-        """
-        images, depths = [], []
-        for moment in self.moments(number):
-            taken = self.shoot(scene, moment)
-            images += taken[0]
-            depths += taken[1]
-        return images, depths
-
     def shoot(self, scene: RayScene, moment: int) -> tuple[list[Image], list[NDArray[np.float32]]]:
-        """Take the images of all cameras at one moment.
+        """Return the images of all cameras at one of the `moments` of a block, in its `scene`, and their depths.
 
-        Parameters
-        ----------
-        scene : RayScene
-            The `scene` of the block.
-        moment : int
-            One of its `moments`.
-
-        Returns
-        -------
-        images, depths : list
-            As from `photograph`.
+        Depths are along the optical axis, metres, float32; infinite in the sky.
         """
         prefix = f"{self.number}_" if self.number else ""
         time = self.drive.time_at(moment * self.parameters.image_interval)

@@ -1,7 +1,5 @@
 """Simulated surveys: points, trajectory, images and truth, as a mapping company would deliver them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -10,18 +8,17 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud, concatenate
-from mlsroad_pipeline.simulation.cameras.cameras import Image
-from mlsroad_pipeline.simulation.cameras.colouring import colour_points, spread_colours
-from mlsroad_pipeline.simulation.furnishing.blocks import ObjectRecord
+from mlsroad_pipeline.simulation.cameras.cameras import Image, colour_points, spread_colours
+from mlsroad_pipeline.simulation.furnishing.blocks import ObjectRecord, block_centre
 from mlsroad_pipeline.simulation.model.meshes import rotation_matrix
 from mlsroad_pipeline.simulation.objects.dimensions import Measures
 from mlsroad_pipeline.simulation.parameters.devices import Device
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
 from mlsroad_pipeline.simulation.runtime.stream import SurveyStream
 from mlsroad_pipeline.simulation.runtime.worker_pool import run_survey
-from mlsroad_pipeline.simulation.street.drive import Drive
-from mlsroad_pipeline.simulation.street.poses import pose_at
+from mlsroad_pipeline.simulation.street.drive import Drive, pose_at
 from mlsroad_pipeline.simulation.street.street import Street
 
 _COLOUR_REACH = 0.5  # metres
@@ -91,7 +88,7 @@ def simulate_survey(parameters: SimulationParameters, *, n_threads: int = 1) -> 
     survey, images = SurveyPieces(parameters, n_threads=n_threads), []
     clouds = []
     for cloud, taken in survey:
-        clouds.append(as_float32(cloud))
+        clouds.append(_as_float32(cloud))
         images += taken
     return Survey(
         concatenate(clouds), survey.trajectory, images, survey.objects, survey.origin, survey.crs, survey.street
@@ -143,38 +140,15 @@ class SurveyPieces:
                 yield cloud, images
 
     def pass_of(self, gps_time: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return the pass of each time, and the seconds since its start.
-
-        Parameters
-        ----------
-        gps_time : ndarray of shape (n,), float64
-            GPS seconds within the passes read so far.
-
-        Returns
-        -------
-        number : ndarray of shape (n,), int64
-            Number of the pass.
-        time : ndarray of shape (n,), float64
-            Seconds since its start.
-        """
+        """Return the pass of each time, GPS seconds within the passes read so far, and the seconds since its start."""
         starts = np.array([drive.start for drive in self._drives])
         number = np.searchsorted(starts, gps_time, side="right") - 1
         return number, gps_time - starts[number]
 
     def piece_of(self, gps_time: NDArray[np.float64], piece_length: float) -> NDArray[np.int64]:
-        """Return the piece of street, counted through all passes, that the vehicle was on at each time.
+        """Return the piece of street, counted through all passes, that the vehicle was on at each time, in GPS seconds.
 
-        Parameters
-        ----------
-        gps_time : ndarray of shape (n,), float64
-            GPS seconds within the passes read so far.
-        piece_length : float
-            Length of a piece, metres.
-
-        Returns
-        -------
-        ndarray of shape (n,), int64
-            Numbers of pieces.
+        Pieces are `piece_length` metres long.
         """
         per_pass = int(np.ceil(self._parameters.length / piece_length))
         number, time = self.pass_of(gps_time)
@@ -187,21 +161,9 @@ class SurveyPieces:
         return number * per_pass + within
 
     def sensor_pose(self, number: int, time: float, device: Device) -> NDArray[np.float64]:
-        """Return the pose of a device by the reported trajectory, with the axes of the vehicle.
+        """Return the pose of a device, seconds after the start of a pass, as reported, with the axes of the vehicle.
 
-        Parameters
-        ----------
-        number : int
-            The pass.
-        time : float
-            Seconds since its start.
-        device : Device
-            The scanner.
-
-        Returns
-        -------
-        ndarray of shape (4, 4), float64
-            Transformation from the device to the world minus the survey's origin.
+        It is the (4, 4) transformation from the device to the world minus the survey's origin.
         """
         pose = pose_at(self._drives[number].reported, time)
         out = np.eye(4)
@@ -215,25 +177,29 @@ class SurveyPieces:
 
 
 def _plain_chunks(stream: SurveyStream, truth: dict[int, ObjectRecord]) -> Iterator[tuple[PointCloud, list[Image]]]:
-    for chunk in run_survey(stream):
-        truth.update({record.instance: record for record in chunk.records})
-        if chunk.cloud is not None:
-            yield chunk.cloud, []
+    for _, kind, value in run_survey(stream):
+        if kind == "build":
+            truth.update({record.instance: record for record in value.records})
+        else:
+            yield value, []
 
 
 def _coloured_chunks(stream: SurveyStream, truth: dict[int, ObjectRecord]) -> Iterator[tuple[PointCloud, list[Image]]]:
     """Yield points as soon as the images of the next block are taken."""
     waiting: list[PointCloud] = []
     taken: list[tuple[list[Image], list[NDArray[np.float32]]]] = []
-    for _, chunks in groupby(run_survey(stream), key=lambda chunk: chunk.number):
+    for _, results in groupby(run_survey(stream), key=lambda result: result.number):
         scanned: list[PointCloud] = []
-        taken = [*taken[-2:], ([], [])]
-        for chunk in chunks:
-            truth.update({record.instance: record for record in chunk.records})
-            scanned += [] if chunk.cloud is None else [chunk.cloud]
-            taken[-1][0].extend(chunk.images)
-            taken[-1][1].extend(chunk.depths)
-        images = taken[-1][0]
+        images, depths = list[Image](), list[NDArray[np.float32]]()
+        taken = [*taken[-2:], (images, depths)]
+        for _, kind, value in results:
+            if kind == "build":
+                truth.update({record.instance: record for record in value.records})
+            elif kind == "scan":
+                scanned.append(value)
+            else:
+                images += value[0]
+                depths += value[1]
         for cloud in waiting:
             yield _coloured(cloud, taken), images
             images = []
@@ -247,14 +213,12 @@ def _coloured_chunks(stream: SurveyStream, truth: dict[int, ObjectRecord]) -> It
 def _object_table(records: Iterable[ObjectRecord], origin: NDArray[np.float64]) -> pd.DataFrame:
     shift = {"x": origin[0], "y": origin[1], "z": origin[2], "box_x": origin[0], "box_y": origin[1],
              "panel_x": origin[0], "panel_y": origin[1]}  # fmt: skip
-    rows = [
-        (r.instance, r.label, *r.base, r.moving, r.design, *r.box, r.hard_case, *r.measures) for r in records
-    ]  # fmt: skip
+    rows = [(r.instance, r.label, *r.base, r.moving, r.design, *r.box, r.hard_case, *r.measures) for r in records]
     table = pd.DataFrame(rows, columns=_OBJECT_COLUMNS)
     return table.assign(**{name: table[name] + value for name, value in shift.items()})
 
 
-def as_float32(cloud: PointCloud) -> PointCloud:
+def _as_float32(cloud: PointCloud) -> PointCloud:
     """Return points with float32 coordinates."""
     return replace(cloud, xyz=cloud.xyz.astype(np.float32))
 
@@ -266,3 +230,71 @@ def _coloured(cloud: PointCloud, taken: list[tuple[list[Image], list[NDArray[np.
     rgb, seen = colour_points(xyz, cloud["gps_time"], images, depths)
     rgb = spread_colours(xyz, cloud["scanner"], rgb, seen, _COLOUR_REACH)
     return cloud.with_columns(rgb=rgb)
+
+
+def long_survey(parameters: SimulationParameters, *, n_points: int, n_threads: int = 1) -> SurveyStream:
+    """Return a survey without images of a street long enough for a number of points; points are computed on demand.
+
+    Parameters
+    ----------
+    parameters : SimulationParameters
+        Survey parameters; their length and images are not used.
+    n_points : int
+        Number of points that the street must yield.
+    n_threads : int, default 1
+        Number of workers. The points do not depend on it.
+
+    Returns
+    -------
+    SurveyStream
+        The survey.
+
+    Raises
+    ------
+    ParameterError
+        If `n_threads` is below 1.
+    """
+    # About 60 % of the pulses return; a street longer than needed costs nothing.
+    pulses = sum(device.pulse_rate for device in parameters.devices)
+    length = 60.0 + n_points / (pulses * 0.3) * parameters.speed
+    return SurveyStream(replace(parameters, with_images=False), length=length, n_threads=n_threads)
+
+
+def stream_points(stream: SurveyStream, *, n_points: int) -> Iterator[PointCloud]:
+    """Yield the first points of a survey without images in chunks.
+
+    Only a few blocks of street are in memory at a time.
+
+    Parameters
+    ----------
+    stream : SurveyStream
+        The survey.
+    n_points : int
+        Total number of points, at least 1.
+
+    Yields
+    ------
+    PointCloud
+        Some 100,000s of points each, in the order of gps_time, float32 relative to an origin of each chunk, so that
+        streets of any length keep their precision.
+
+    Raises
+    ------
+    ParameterError
+        If `n_points` is below 1.
+    DataError
+        If the street ends first, because hardly any pulse returned.
+    """
+    if n_points < 1:
+        raise ParameterError(f"n_points must be >= 1, got {n_points!r}")
+    left = n_points
+    for number, kind, value in run_survey(stream):
+        if kind != "scan":
+            continue
+        shifted = value.moved_to(value.origin + block_centre(stream.street, number)[0])
+        part = _as_float32(shifted if len(shifted) <= left else shifted.select(np.arange(left)))
+        left -= len(part)
+        yield part
+        if left == 0:
+            return
+    raise DataError(f"the street ended {left} points short of {n_points}")

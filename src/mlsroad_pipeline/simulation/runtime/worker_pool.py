@@ -1,45 +1,40 @@
 """Worker pool of a survey: this process and, for long surveys, others; points do not depend on their number."""
 
-from __future__ import annotations
-
+import sys
 from collections import deque
 from collections.abc import Iterator, Mapping
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
+from pathlib import Path
 from queue import SimpleQueue
 from threading import RLock, Thread
-from typing import Any
+from typing import Any, NamedTuple
 from uuid import uuid4
 
 from joblib.externals.loky.backend import get_context
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.simulation.cameras.cameras import Image
-from mlsroad_pipeline.simulation.furnishing.blocks import Block, ObjectRecord
-from mlsroad_pipeline.simulation.runtime.channels import SLOTS, Channel, create_shared_file, unlink_shared_file
+from mlsroad_pipeline.simulation.furnishing.blocks import Block
+from mlsroad_pipeline.simulation.runtime.channels import SLOTS, Channel, create_shared_file
 from mlsroad_pipeline.simulation.runtime.stream import SurveyStream
-from mlsroad_pipeline.simulation.runtime.threads import map_ahead, thread_pool
 
 _MIN_WORK = 1_500_000  # pulses and pixels from which on a further process pays for its start
-_AHEAD = 4  # results per worker that are computed ahead
+_AHEAD = 4  # results per worker that are computed ahead, which bounds the memory
+_SWITCH = 0.0002  # seconds a thread may hold the interpreter lock while others wait
 _ENDED = "a process that simulated a part of the survey ended; check whether there was enough memory"
 _MAX_IDLE = 1  # idle processes that are kept for the next survey
 
 
-@dataclass(frozen=True)
-class Chunk:
-    """Result of one task of a survey; fields of other kinds of tasks are empty."""
+class Result(NamedTuple):
+    """Result of one task of a survey."""
 
     number: int  # The vehicle's block
-    records: list[ObjectRecord] = field(default_factory=list)  # Truth about the objects of a new block within range
-    cloud: PointCloud | None = None  # Points, see `SurveyStream.scan`
-    # images, depths: images, see `SurveyStream.photograph`
-    images: list[Image] = field(default_factory=list)
-    depths: list[Any] = field(default_factory=list)
+    kind: str  # ``"build"``, ``"scan"`` or ``"shoot"``
+    # A new block within range, points as from `SurveyStream.scan_span`, or images as from `SurveyStream.shoot`
+    value: Any
 
 
 @dataclass(frozen=True)
@@ -105,11 +100,11 @@ class _Process:
 
     def __init__(self) -> None:
         ours, theirs = Pipe()
-        self._path = create_shared_file()
-        self._channel = Channel(ours, self._path, 0)
+        self._path = Path(create_shared_file())
+        self._channel = Channel(ours, str(self._path), 0)
         # Processes of this context do not run the main module again.
-        self._process = get_context("loky").Process(target=_serve, args=(theirs, self._path), daemon=True)
-        self._process.start()
+        self.process = get_context("loky").Process(target=_serve, args=(theirs, str(self._path)), daemon=True)
+        self.process.start()
         theirs.close()
         self.lock, self._ended = RLock(), False
         self._ready: Future[Any] = Future()
@@ -120,11 +115,7 @@ class _Process:
     def wait_until_ready(self) -> None:
         """Return when the process accepts tasks."""
         self._ready.result()
-        unlink_shared_file(self._path)
-
-    def run(self, *task: Any) -> Any:
-        """Run a task and return its result."""
-        return self.submit(*task).result()
+        self._path.unlink(missing_ok=True)
 
     def submit(self, *task: Any) -> Future[Any]:
         """Queue a task; tasks run in the order submitted."""
@@ -154,16 +145,12 @@ class _Process:
                 for future in self._pending:
                     future.set_exception(DataError(_ENDED))
 
-    def is_alive(self) -> bool:
-        """Return whether the process runs."""
-        return bool(self._process.is_alive())
-
     def end(self) -> None:
         """Terminate the process and close the channel."""
-        self._process.terminate()
+        self.process.terminate()
         self._reader.join(timeout=5.0)
         self._channel.close()
-        unlink_shared_file(self._path)
+        self._path.unlink(missing_ok=True)
 
 
 class _RemoteWorker:
@@ -191,19 +178,18 @@ _IDLE: list[_Process] = []
 @contextmanager
 def _processes(count: int) -> Iterator[list[_Process]]:
     """Yield processes; `_MAX_IDLE` of them are kept for the next survey unless an error occurred."""
-    while _IDLE and not _IDLE[-1].is_alive():
+    while _IDLE and not _IDLE[-1].process.is_alive():
         _IDLE.pop().end()
     processes = [_IDLE.pop() if _IDLE else _Process() for _ in range(count)]
-    succeeded = False
+    kept = _MAX_IDLE
     try:
         yield processes
-        succeeded = True
-    except GeneratorExit:
-        succeeded = True
+    except (Exception, KeyboardInterrupt):
+        kept = 0
         raise
     finally:
         for process in processes:
-            if succeeded and len(_IDLE) < _MAX_IDLE:
+            if len(_IDLE) < kept:
                 _IDLE.append(process)
             else:
                 process.end()
@@ -217,21 +203,43 @@ def _needs_processes(stream: SurveyStream) -> bool:
     return work > _MIN_WORK
 
 
-def run_survey(stream: SurveyStream) -> Iterator[Chunk]:
+def run_survey(stream: SurveyStream) -> Iterator[Result]:
     """Yield all measurements of a stream, computed by as many workers as it has threads.
 
-    The order is block by block: records of new blocks within range, points in the order of time, images. Each block of
+    The order is block by block: new blocks within range, points in the order of time, images. Each block of
     street is built once. Each further worker is a process of its own if the survey is long enough.
     """
+    workers: SimpleQueue[_LocalWorker | _RemoteWorker] = SimpleQueue()
+    workers.put(_LocalWorker(stream))
     n = stream.n_threads if _needs_processes(stream) else 1
-    with _processes(n - 1) as processes, thread_pool(1 + (1 + SLOTS) * (n - 1) if n > 1 else 0) as threads:
-        workers: SimpleQueue[_LocalWorker | _RemoteWorker] = SimpleQueue()
-        workers.put(_LocalWorker(stream))
+    if n == 1:
+        yield from (_run(task, workers) for task in _tasks(stream))
+        return
+    with _processes(n - 1) as processes, _threads(1 + (1 + SLOTS) * (n - 1)) as threads:
         for process in processes:
-            assert threads is not None
             # The other workers run its tasks until it has started.
             threads.submit(_join, workers, stream, process)
-        yield from map_ahead(threads, lambda task: _run(task, workers), _tasks(stream), _AHEAD * n)
+        waiting: deque[Future[Result]] = deque()
+        for task in _tasks(stream):
+            waiting.append(threads.submit(_run, task, workers))
+            if len(waiting) > _AHEAD * n:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+
+
+@contextmanager
+def _threads(count: int) -> Iterator[ThreadPoolExecutor]:
+    """Yield a pool of threads; pending tasks are cancelled on exit."""
+    pool = ThreadPoolExecutor(count)
+    # Compiled code releases the interpreter lock and takes it back often: waits of 5 ms would add up.
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(min(interval, _SWITCH))
+    try:
+        yield pool
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+        sys.setswitchinterval(interval)
 
 
 def _join(workers: SimpleQueue[_LocalWorker | _RemoteWorker], stream: SurveyStream, process: _Process) -> None:
@@ -257,7 +265,7 @@ def _tasks(stream: SurveyStream) -> Iterator[_Task]:
             yield _Task(number, "shoot", moment, near, unused)
 
 
-def _run(task: _Task, workers: SimpleQueue[_LocalWorker | _RemoteWorker]) -> Chunk:
+def _run(task: _Task, workers: SimpleQueue[_LocalWorker | _RemoteWorker]) -> Result:
     # Blocks are awaited before a worker is taken: the tasks that build them need one.
     blocks = {k: block.result() for k, block in task.needs.items()}
     worker = workers.get()
@@ -271,7 +279,4 @@ def _run(task: _Task, workers: SimpleQueue[_LocalWorker | _RemoteWorker]) -> Chu
         workers.put(worker)
     if task.kind == "build":
         task.built.set_result(result)
-        return Chunk(task.number, records=result.records)
-    if task.kind == "scan":
-        return Chunk(task.number, cloud=result)
-    return Chunk(task.number, images=result[0], depths=result[1])
+    return Result(task.number, task.kind, result)

@@ -1,7 +1,5 @@
 """Echoes of one pulse: mixed ranges, detection, blooming."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -11,16 +9,17 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.simulation.model.compiled import leaf
 from mlsroad_pipeline.simulation.model.meshes import GROUND, RETRO
 from mlsroad_pipeline.simulation.rays.surfaces import Hits, Surfaces
-from mlsroad_pipeline.simulation.scanning.amplitudes import SATURATION_DB, amplitude_of, deviation, intensity_of
-from mlsroad_pipeline.simulation.scanning.power import Power
+from mlsroad_pipeline.simulation.scanning.amplitudes import (
+    SATURATION_DB,
+    Power,
+    amplitude_of,
+    intensity_of,
+    range_deviation,
+)
 from mlsroad_pipeline.simulation.street.ground import GRASS
 
-THRESHOLD_DB = 4.0
-"""Amplitude at which half of the returns are detected, decibels."""
-
-GLARE_LOSS_DB = 20.0
-"""Loss from a saturated return to its blooming on the adjacent pulse, decibels."""
-
+THRESHOLD_DB = 4.0  # Amplitude at which half of the returns are detected, decibels
+GLARE_LOSS_DB = 20.0  # Loss from a saturated return to its blooming on the adjacent pulse, decibels
 _MOST = 20  # echoes of one pulse before they mix
 
 
@@ -210,7 +209,7 @@ def _detect(
         if lot - np.floor(lot) < receiver.dropout:
             continue
         stretch = 0.25 * receiver.divergence * r[k] * slant[k] if receiver.range_noise > 0 else 0.0
-        distance = r[k] + deviation(receiver.range_noise, a[k], stretch) * noise[row, 0]
+        distance = r[k] + range_deviation(receiver.range_noise, a[k], stretch) * noise[row, 0]
         if receiver.range_step > 0:
             distance = np.round(distance / receiver.range_step) * receiver.range_step
         r[kept], a[kept], source[kept] = distance, a[k] + 0.4 * noise[row, 2], source[k]

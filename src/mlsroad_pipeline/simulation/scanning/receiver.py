@@ -1,8 +1,6 @@
 """Reception of pulses: extra rays at edges and mirrors, and the measured returns."""
 
-from __future__ import annotations
-
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -14,19 +12,11 @@ from mlsroad_pipeline.simulation.parameters.devices import Device
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
 from mlsroad_pipeline.simulation.rays.scene import RayScene
 from mlsroad_pipeline.simulation.rays.surfaces import WET, Hits, Surfaces
-from mlsroad_pipeline.simulation.scanning.amplitudes import FULL_SCALE_DB, deviation, mirrored_share
-from mlsroad_pipeline.simulation.scanning.echoes import THRESHOLD_DB, Echoes, Receiver, Slots, measure, ray_echoes
-from mlsroad_pipeline.simulation.scanning.power import power_of
+from mlsroad_pipeline.simulation.scanning.amplitudes import mirrored_share, power_of
+from mlsroad_pipeline.simulation.scanning.echoes import Echoes, Receiver, Slots, measure, ray_echoes
 from mlsroad_pipeline.simulation.scanning.scanner import Pulses
 
-__all__ = ["FULL_SCALE_DB", "RESOLUTION", "THRESHOLD_DB", "Returns", "range_deviation", "receive"]
-
-RESOLUTION = Device.pulse_length
-"""Default pulse length of a device, metres (4 ns)."""
-
-GHOST = TAXONOMY["outlier"]
-"""Label of returns by way of a mirror, whose measured places are empty."""
-
+GHOST = TAXONOMY["outlier"]  # Label of returns by way of a mirror, whose measured places are empty
 _OFF_MIRROR = 0.003  # offset of a reflected ray's origin from the mirror, metres
 _APART = 0.12  # rays of one beam with ranges farther apart hit different surfaces, metres
 
@@ -49,10 +39,7 @@ class Returns(NamedTuple):
 def receive(
     scene: RayScene, pulses: Pulses, parameters: SimulationParameters, rng: np.random.Generator, *, scanner: int = 0
 ) -> tuple[Returns, Surfaces]:
-    """Cast the pulses of a scanner into a scene and return the measured returns with their surfaces.
-
-    All noise is drawn from `rng`. The label of a ghost is `GHOST`.
-    """
+    """Cast the pulses of a scanner into a scene; return the noisy returns and their surfaces."""
     device = parameters.devices[scanner]
     n = len(pulses.time)
     chance = rng.random((n, 2), dtype=np.float32)
@@ -69,17 +56,17 @@ def receive(
     pulse, distance, intensity, source, number, total = measure(
         of_centre, central.kind, of_extra, slots, power, chance[:, 1], noise, receiver
     )
-    face, normal, surfaces = _chosen(source, hits, central, extra, around)
+    # Face and surface are those of the ray that contributed most to each return.
+    inner, aside = np.minimum(source, n - 1), np.flatnonzero(source >= n)
+
+    def chosen(first: Any, second: Any) -> NDArray:
+        column: NDArray = first[inner]
+        column[aside] = second[source[aside] - n]
+        return column
+
+    face, normal = chosen(hits.face, extra.face), chosen(hits.normal, extra.normal)
+    surfaces = Surfaces(*(chosen(*columns) for columns in zip(central, around, strict=True)))
     return Returns(pulse, distance, intensity, face, normal, number, total), surfaces
-
-
-def range_deviation(range_noise: float, amplitude: float, *, stretch: float = 0.0) -> float:
-    """Return the standard deviation of a measured range, metres.
-
-    It is ``sqrt(range_noise ** 2 * (1 + 10 ** ((14 - amplitude) / 10)) + stretch ** 2)`` with `range_noise` in metres
-    and `amplitude` in decibels.
-    """
-    return float(deviation(range_noise, amplitude, stretch))
 
 
 def _receiver(device: Device) -> Receiver:
@@ -122,10 +109,7 @@ _NONE = np.zeros(0, np.int64)
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _may_mix(distance: NDArray[np.float32], max_range: float, beams: int, reach: int) -> NDArray[np.int64]:
-    """Return the pulses near an edge: on a plane the inverse range is a sinusoid of the angle.
-
-    `reach` is how many pulses beyond the next one a beam is wide to either side.
-    """
+    """Return the pulses within `reach` of an edge: on a plane the inverse range is a sinusoid of the angle."""
     n = len(distance)
     marked = np.zeros(n, np.bool_)
     for i in range(beams, n - beams):
@@ -137,20 +121,13 @@ def _may_mix(distance: NDArray[np.float32], max_range: float, beams: int, reach:
     return np.flatnonzero(marked)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def _differ(edge: NDArray[np.int64], hits: Hits, aside: Hits, attributes: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Return where the second ray shows that the beam hits more than one surface, or partly none."""
-    out = np.zeros(len(edge), np.bool_)
-    for k in range(len(edge)):
-        i = edge[k]
-        a, b = hits.face[i], aside.face[k]
-        if a >= 0 and b >= 0:
-            out[k] = abs(hits.distance[i] - aside.distance[k]) > _APART
-        elif a >= 0 or b >= 0:
-            out[k] = True
-        if a >= 0 and a != b and attributes[a, KIND] == FOLIAGE:
-            out[k] = True
-    return out
+    a, b = hits.face[edge], aside.face
+    with np.errstate(invalid="ignore"):  # both rays may miss
+        apart = np.abs(hits.distance[edge] - aside.distance).astype(np.float64) > _APART
+    leaves = (a >= 0) & (a != b) & (attributes[a, KIND] == FOLIAGE)
+    return np.where((a >= 0) & (b >= 0), apart, (a >= 0) | (b >= 0)) | leaves
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -177,26 +154,24 @@ def _tilted(
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def _mirrored(
     rays: NDArray[np.float32], hits: Hits, kind: NDArray[np.uint8]
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """Return the rays reflected by panes or water, and the rows of their pulses."""
-    rows, out, m = np.empty(len(rays), np.int64), np.empty((len(rays), 6), np.float32), 0
-    for i in range(len(rays)):
-        if hits.face[i] < 0 or (kind[i] != GLASS and kind[i] != WET):
-            continue
-        along = 0.0
-        for r in range(3):
-            along += rays[i, 3 + r] * hits.normal[i, r]
-        if kind[i] == WET and abs(along) > 0.35:
-            continue
-        rows[m] = i
-        for r in range(3):
-            out[m, 3 + r] = rays[i, 3 + r] - 2 * along * hits.normal[i, r]
-            out[m, r] = rays[i, r] + hits.distance[i] * rays[i, 3 + r] + _OFF_MIRROR * out[m, 3 + r]
-        m += 1
-    return rows[:m], out[:m].copy()
+    rows = np.flatnonzero((hits.face >= 0) & ((kind == GLASS) | (kind == WET)))
+    along = _along(rays[rows], hits.normal[rows])
+    seen = (kind[rows] == GLASS) | (np.abs(along) <= 0.35)
+    rows, along = rows[seen], along[seen]
+    at, way = np.split(rays[rows], 2, axis=1)
+    out = np.empty((len(rows), 6), np.float32)
+    out[:, 3:] = way - (2 * along)[:, None] * hits.normal[rows]
+    out[:, :3] = (at + hits.distance[rows, None] * way) + _OFF_MIRROR * out[:, 3:].astype(np.float64)
+    return rows, out
+
+
+def _along(rays: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return the cosines between rays and unit normals."""
+    return np.asarray((rays[:, 3:] * normals).sum(axis=1, dtype=np.float64))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -218,24 +193,3 @@ def _by_mirror(
         extra.amplitude[e] += loss + 20 * np.log10(near / far)
         extra.distance[e] = there + beyond
         surfaces.label[e] = GHOST
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _chosen(
-    source: NDArray[np.int64], hits: Hits, central: Surfaces, extra: Hits, around: Surfaces
-) -> tuple[NDArray[np.int32], NDArray[np.float32], Surfaces]:
-    """Return face, normal and surface of the ray that contributed most to each return."""
-    m, n = len(source), len(hits.face)
-    face, normal = np.empty(m, np.int32), np.empty((m, 3), np.float32)
-    label, kind = np.empty(m, np.uint8), np.empty(m, np.uint8)
-    rgb, reflectivity, relief = np.empty((m, 3), np.float32), np.empty(m, np.float32), np.empty(m, np.float32)
-    for k in range(m):
-        i = source[k]
-        inner = i < n
-        h, s = (hits, central) if inner else (extra, around)
-        j = i if inner else i - n
-        face[k], label[k], kind[k] = h.face[j], s.label[j], s.kind[j]
-        reflectivity[k], relief[k] = s.reflectivity[j], s.relief[j]
-        for r in range(3):
-            normal[k, r], rgb[k, r] = h.normal[j, r], s.rgb[j, r]
-    return face, normal, Surfaces(label, kind, rgb, reflectivity, relief)

@@ -1,7 +1,5 @@
 """Pulses of a scanner, and georeferencing of returns by the reported trajectory."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +10,7 @@ from mlsroad_pipeline.simulation.model.compiled import leaf
 from mlsroad_pipeline.simulation.model.meshes import rotation_matrix
 from mlsroad_pipeline.simulation.parameters.devices import Device
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
-from mlsroad_pipeline.simulation.street.drive import Drive
-from mlsroad_pipeline.simulation.street.poses import pose_between
+from mlsroad_pipeline.simulation.street.drive import Drive, pose_between
 from mlsroad_pipeline.simulation.street.street import generator
 
 _ANEW = 64  # pulses after which sine and cosine of the angle are recomputed
@@ -36,15 +33,11 @@ class Calibration(NamedTuple):
     bias: float  # Measured minus true range, metres
 
 
-EXACT = Calibration(np.eye(3), np.zeros(3), 0.0)
-"""A calibration without error."""
+EXACT = Calibration(np.eye(3), np.zeros(3), 0.0)  # A calibration without error
 
 
 def draw_calibration(parameters: SimulationParameters, *, scanner: int) -> Calibration:
-    """Draw the calibration errors of a scanner; they are constant throughout a survey.
-
-    With a `boresight_error` of 0 only the bias of the range remains.
-    """
+    """Draw the calibration errors of a scanner, constant throughout a survey; the bias of ranges has its own size."""
     rng = generator(parameters.seed, 22, scanner)
     turn = rotation_matrix(*(np.radians(parameters.boresight_error) * rng.standard_normal(3)))
     shift = parameters.boresight_error * rng.standard_normal(3)
@@ -54,10 +47,7 @@ def draw_calibration(parameters: SimulationParameters, *, scanner: int) -> Calib
 def send_pulses(
     drive: Drive, device: Device, *, scanner: int = 0, first: int, last: int, centre: NDArray[np.float64]
 ) -> Pulses:
-    """Return the pulses first to last (exclusive) of a scanner within its field of view that miss the vehicle itself.
-
-    Origins of rays are relative to `centre`, metres.
-    """
+    """Return the pulses first to last (exclusive) in view that miss the vehicle, with origins from `centre`."""
     # Scanners are out of phase, each by half a pulse and a third of a revolution.
     phase = (0.5 * scanner, scanner / 3.0)
     elevations = np.radians(np.asarray(device.elevations))
@@ -70,22 +60,15 @@ def send_pulses(
 
 
 def georeference(
-    pulses: Pulses,
-    rows: NDArray[np.int64],
-    distance: NDArray[np.float64],
-    drive: Drive,
-    device: Device,
-    *,
+    pulses: Pulses, rows: NDArray[np.int64], distance: NDArray[np.float64], drive: Drive, device: Device, *,
     calibration: Calibration = EXACT,
-) -> NDArray[np.float64]:
+) -> NDArray[np.float64]:  # fmt: skip
     """Return the coordinates of returns by the reported trajectory, street-local metres, shape (m, 3).
 
     `rows` are the pulses of the returns, `distance` their measured ranges in metres.
     """
     lever = np.asarray(device.lever) + calibration.shift
-    return _georeference(
-        pulses.time, pulses.beam, rows, distance, lever, calibration.turn, calibration.bias, drive.reported
-    )
+    return _georeference(pulses.time, pulses.beam, rows, distance, lever, calibration, drive.reported)
 
 
 @leaf
@@ -145,8 +128,9 @@ def _rays(
 @njit(cache=True, nogil=True, error_model="numpy")
 def _georeference(
     time: NDArray[np.float64], beam: NDArray[np.float32], rows: NDArray[np.int64], distance: NDArray[np.float64],
-    lever: NDArray[np.float64], boresight: NDArray[np.float64], bias: float, poses: NDArray[np.float64],
+    lever: NDArray[np.float64], calibration: Calibration, poses: NDArray[np.float64],
 ) -> NDArray[np.float64]:  # fmt: skip
+    boresight, _, bias = calibration
     xyz = np.empty((len(rows), 3))
     position, turn, ends, local = np.empty(3), np.empty((3, 3)), np.empty((2, 3, 3)), np.empty(3)
     knot = -1

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.simulation.model.compiled import leaf
 
-STEP = 0.5
-"""Spacing of the tabulated centre line, metres."""
+STEP = 0.5  # Spacing of the tabulated centre line, metres
 
 
 @dataclass(frozen=True)
@@ -24,10 +23,7 @@ class Alignment:
 
     @classmethod
     def drawn(cls, rng: np.random.Generator, *, start: float, end: float, bends: float = 1.0) -> Alignment:
-        """Draw a curve between two stations (start at most 0) with radii above about 120 m over `bends`.
-
-        The same random stream gives the same curve for another range of stations.
-        """
+        """Draw a curve with radii above some 120 m over `bends`; a stream gives the same for any range of stations."""
         first = rng.uniform(0, 2 * np.pi)
         wavelength = rng.uniform([180.0, 350.0], [350.0, 900.0])
         amplitude = bends * rng.uniform(0.3, 1.0, 2) * wavelength * 0.5 / (2 * np.pi * 120.0)
@@ -51,10 +47,7 @@ class Alignment:
         return np.stack([x - left * np.sin(heading), y + left * np.cos(heading)], axis=-1), heading
 
     def locate(self, xy: ArrayLike, *, near: float = 0.0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return stations and offsets of plane coordinates within 100 m of the centre line; the inverse of `place`.
-
-        The search begins at the station `near`.
-        """
+        """Return stations and offsets of places within 100 m of the axis, searched from the station `near` on."""
         points = np.ascontiguousarray(xy, dtype=np.float64)
         return _locate(points, self.table, self.start, near)
 

@@ -1,6 +1,4 @@
-"""Drive of the van: true poses, and those that its positioning system reports."""
-
-from __future__ import annotations
+"""Drive of the van: true poses, those that its positioning system reports, and poses between them."""
 
 from dataclasses import dataclass
 
@@ -8,14 +6,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.simulation.model.compiled import leaf
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
 from mlsroad_pipeline.simulation.street.street import Street, generator
 
-RATE = 200.0
-"""Poses per second."""
-
-PAUSE = 120.0
-"""Seconds between two passes."""
+RATE = 200.0  # Poses per second
+PAUSE = 120.0  # Seconds between two passes
 
 
 @dataclass(frozen=True)
@@ -101,15 +97,54 @@ def drive_along(
     yaw = heading + np.gradient(left, station)
     bounce = drifting(rng, time, deviation=0.006, slow=2.0, fast=0.5)
     true = np.column_stack([xy, z + parameters.scanner.platform + bounce, roll, pitch, yaw])
-    deviations = (0.008, 0.008, 0.012, 6e-5, 6e-5, 1.2e-4)
-    errors = [
-        drifting(rng, time, deviation=d * parameters.trajectory_noise, slow=60, fast=4)
-        + drifting(rng, time, deviation=0.1 * d * parameters.trajectory_noise, slow=1.0, fast=0.2)
-        for d in deviations
-    ]
+    errors = []
+    for deviation in (0.008, 0.008, 0.012, 6e-5, 6e-5, 1.2e-4):
+        drift = drifting(rng, time, deviation=deviation * parameters.trajectory_noise, slow=60, fast=4)
+        jitter = drifting(rng, time, deviation=0.1 * deviation * parameters.trajectory_noise, slow=1.0, fast=0.2)
+        errors.append(drift + jitter)
     reported = true + np.stack(errors, axis=1)
     if number > 0:
         towards = rng.standard_normal(3)
         reported[:, :3] += parameters.pass_offset * towards / np.linalg.norm(towards)
     begin = parameters.start_time if start is None else start
     return Drive(time, station, true, reported, begin, parameters.scanner.box)
+
+
+def pose_at(poses: NDArray[np.float64], time: float) -> NDArray[np.float64]:
+    """Interpolate poses, (m, 6), `RATE` per second, at a time in seconds; beyond both ends the last one holds."""
+    u = min(max(time * RATE, 0.0), len(poses) - 1.000001)
+    k = int(u)
+    row: NDArray[np.float64] = poses[k] + (u - k) * (poses[k + 1] - poses[k])
+    return row
+
+
+@leaf
+def pose_matrix(roll: float, pitch: float, yaw: float, turn: NDArray[np.float64]) -> None:
+    """Write the rotation Rz(yaw) Ry(pitch) Rx(roll) into a buffer."""
+    cr, sr, cp, sp, cy, sy = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw)
+    turn[0, 0], turn[0, 1], turn[0, 2] = cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr
+    turn[1, 0], turn[1, 1], turn[1, 2] = sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr
+    turn[2, 0], turn[2, 1], turn[2, 2] = -sp, cp * sr, cp * cr
+
+
+@leaf
+def pose_between(
+    time: float, poses: NDArray[np.float64], knot: int, ends: NDArray[np.float64],
+    position: NDArray[np.float64], turn: NDArray[np.float64],
+) -> int:  # fmt: skip
+    """Write position and rotation at a time into two buffers and return the knot whose rotations `ends` holds.
+
+    Rotations are interpolated element by element: a vehicle turns so little within 5 ms that no length changes by more
+    than 1e-6.
+    """
+    u = min(max(time * RATE, 0.0), len(poses) - 1.000001)
+    k = int(u)
+    f = u - k
+    if k != knot:
+        pose_matrix(poses[k, 3], poses[k, 4], poses[k, 5], ends[0])
+        pose_matrix(poses[k + 1, 3], poses[k + 1, 4], poses[k + 1, 5], ends[1])
+    for r in range(3):
+        position[r] = poses[k, r] + f * (poses[k + 1, r] - poses[k, r])
+        for c in range(3):
+            turn[r, c] = ends[0, r, c] + f * (ends[1, r, c] - ends[0, r, c])
+    return k

@@ -1,20 +1,19 @@
 """Mesh of a street's ground: a grid along the street, refitted to the curbs at side streets."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from mlsroad_pipeline.simulation.model.meshes import GROUND, Mesh, Surface
 from mlsroad_pipeline.simulation.street.alignment import STEP
-from mlsroad_pipeline.simulation.street.ground import CURB_FACE, GUTTER
-from mlsroad_pipeline.simulation.street.junctions import (
+from mlsroad_pipeline.simulation.street.ground import (
+    CURB_FACE,
+    GUTTER,
     HALF_WIDTH,
     RADIUS,
     SIDE,
     STATION,
-    arm_place,
+    arm_places,
     corner_curve,
 )
 from mlsroad_pipeline.simulation.street.street import BLOCK, HALF_DEPTH, Street
@@ -51,7 +50,7 @@ def _curves(street: Street, arms: NDArray[np.float64], stations: NDArray[np.floa
         # The side street's crown and gutters.
         reach = np.arange(arm[RADIUS] + 1.0, HALF_DEPTH - half, 1.0)
         lines = (0.0, arm[HALF_WIDTH] - GUTTER, GUTTER - arm[HALF_WIDTH])
-        places.append(np.array([arm_place(arm, half, float(t), float(q)) for q in lines for t in reach]))
+        places += [arm_places(arm, half, reach, q) for q in lines]
         if median > 0:
             radius, opening = 0.95 * median, arm[HALF_WIDTH] + 0.6 * arm[RADIUS]
             angle = np.linspace(0, np.pi / 2, max(int(radius * 6.5), 10))
@@ -99,10 +98,9 @@ def _lattice(
 
 
 def ground_mesh(street: Street, block: int) -> Mesh:
-    """Return the ground of one block; its covers are looked up at the hits of rays.
+    """Return the ground of one block: a grid, finer across than along, that follows curbs.
 
-    The mesh is a grid, finer across than along, that follows curbs. At side streets it is a Delaunay triangulation of
-    grid points and points along their curbs.
+    At side streets it is a Delaunay triangulation of grid points and points along their curbs.
     """
     ground = street.ground
     across = _across(street)

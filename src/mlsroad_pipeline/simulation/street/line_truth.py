@@ -1,39 +1,65 @@
-"""True road markings of a simulated street."""
-
-from __future__ import annotations
+"""True kerbs and road markings of a simulated street."""
 
 from typing import NamedTuple
 
+import contourpy
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.simulation.street.ground import Ground
-from mlsroad_pipeline.simulation.street.junctions import (
-    CURVATURE,
+from mlsroad_pipeline.simulation.street.cover import BAY, SLANTED_BAY, marked
+from mlsroad_pipeline.simulation.street.ground import (
     HALF_WIDTH,
-    RADIUS,
     REACH,
     SIDE,
-    SKEW,
-    STATION,
     ZEBRA,
-    ZEBRA_HALF,
+    Ground,
     Nearby,
+    arm_places,
     edge_distance,
+    hold_line,
     nearby,
 )
-from mlsroad_pipeline.simulation.street.markings import BAY, SLANTED_BAY, marked
 from mlsroad_pipeline.simulation.street.street import Street
 
-STEP = 0.1
-"""Spacing of the places, metres."""
+STEP = 0.1  # Spacing of the places, metres
+_ALONG, _ACROSS = 0.2, 0.1  # grid of the distance to the curb line, metres
+_FOOT, _TOP = -0.02, 0.06  # places on both sides of the face, metres from the curb line
+_TINY = 0.01  # metres, for directions
 
 LANE, STOP_LINE, CROSSING, OTHER = range(4)
 """Lines along lanes and edges; stop lines; middles of zebra crossings; lines between parking bays."""
 
 _BESIDE, _APART = 0.16, 0.4  # metres from a line to its sides, and to other paint
+
+
+def true_kerbs(street: Street, *, start: float, end: float, reach: float = 45.0) -> NDArray[np.float64]:
+    """Return places along the foot of all kerbs between two stations, also where they are dropped to road height."""
+    along, across = np.arange(start, end, _ALONG), np.arange(-reach, reach, _ACROSS)
+    distance, _ = street.ground.edge(along[None, :], across[:, None])
+    lines = contourpy.contour_generator(along, across, distance).lines(0.0)
+    places = [_resampled(np.asarray(line, dtype=np.float64)) for line in lines]
+    parts = [_described(street, line) for line in places if len(line)]
+    return np.concatenate(parts) if parts else np.zeros((0, 4))
+
+
+def _resampled(line: NDArray[np.float64]) -> NDArray[np.float64]:
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    at = np.arange(STEP / 2, way[-1], STEP)
+    return np.column_stack([np.interp(at, way, line[:, k]) for k in range(2)])
+
+
+def _described(street: Street, line: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return places and heights; the kerb rises in the direction in which the distance to its line grows."""
+    ground, (s, left) = street.ground, line.T
+    along, across = ((ground.edge(s + a, left + b)[0] - ground.edge(s - a, left - b)[0])
+                     for a, b in ((_TINY, 0.0), (0.0, _TINY)))  # fmt: skip
+    rise = np.column_stack([along, across])
+    rise /= np.maximum(np.hypot(*rise.T), 1e-9)[:, None]
+    foot = ground.height(*(line + _FOOT * rise).T)
+    height = ground.height(*(line + _TOP * rise).T) - foot
+    return np.column_stack([street.alignment.place(s, left)[0], foot, height])
 
 
 class TrueMarkings(NamedTuple):
@@ -120,28 +146,18 @@ def _crossings(ground: Ground, start: float, end: float) -> list[tuple[int, NDAr
 def _side_streets(ground: Ground) -> list[tuple[int, NDArray[np.float64]]]:
     lines = []
     for arm in ground.arms:
-        half, zebra = arm[HALF_WIDTH], arm[ZEBRA]
-        hold = zebra + ZEBRA_HALF + 1.0 if zebra > 0 else 0.75 * arm[RADIUS]
+        half, zebra, main = arm[HALF_WIDTH], arm[ZEBRA], ground.section[int(arm[SIDE]), 0]
+        hold = hold_line(arm)
         t = np.arange(hold, REACH - ground.section.max(), STEP)
-        middle = _of_arm(ground, arm, t, np.zeros(len(t)))
+        middle = arm_places(arm, main, t, 0.0)
         lines.append((LANE, middle[_painted(middle, ground)]))
         q = np.arange(-half + STEP / 2, half, STEP)
-        stop = _of_arm(ground, arm, np.full(len(q), hold + 0.2), q)
+        stop = arm_places(arm, main, hold + 0.2, q)
         lines.append((STOP_LINE, stop[_painted(stop, ground) & (np.abs(q) > 0.2)]))
         if zebra > 0:
             inside = q[np.abs(q) < half - 0.25]
-            lines.append((CROSSING, _of_arm(ground, arm, np.full(len(inside), zebra), inside)))
+            lines.append((CROSSING, arm_places(arm, main, zebra, inside)))
     return lines
-
-
-def _of_arm(
-    ground: Ground, arm: NDArray[np.float64], t: NDArray[np.float64], q: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return station and offset of places of a side street; the inverse of `arm_coordinates`."""
-    side = int(arm[SIDE])
-    left = (1 - 2 * side) * (t + ground.section[side, 0])
-    way = q * np.sqrt(1.0 + arm[SKEW] ** 2) + arm[SKEW] * t
-    return np.column_stack([arm[STATION] + way / (1.0 - arm[CURVATURE] * left), left])
 
 
 def _painted(places: NDArray[np.float64], ground: Ground) -> NDArray[np.bool_]:
@@ -151,10 +167,9 @@ def _painted(places: NDArray[np.float64], ground: Ground) -> NDArray[np.bool_]:
 @njit(cache=True, nogil=True)
 def _marked(s: NDArray[np.float64], left: NDArray[np.float64], ground: Ground) -> NDArray[np.bool_]:
     found, rows = np.zeros(len(s), dtype=np.bool_), Nearby(0, 0, 0)
-    section, shape, arms, crossings = ground.section, ground.shape, ground.arms, ground.crossings
     for i in range(len(s)):
-        rows = nearby(s[i], arms, crossings, ground.manholes, rows)
-        d, arm, t, q = edge_distance(s[i], left[i], section, shape[5], arms, rows.arm)
+        rows = nearby(s[i], ground, rows)
+        d, arm, t, q = edge_distance(s[i], left[i], ground, rows.arm)
         if d <= 0:
-            found[i] = marked(s[i], left[i], arm, t, q, section, shape, arms, crossings, rows)
+            found[i] = marked(s[i], left[i], arm, t, q, ground, rows)
     return found

@@ -1,1 +1,0 @@
-"""Articulated bodies of people and animals."""
