@@ -56,7 +56,7 @@ from mlsroad_pipeline.algorithms.stages import ground_of, inliers
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.store import SceneStore
 from mlsroad_pipeline.model_store.bundle_files import load_bundle, save_bundle
-from mlsroad_pipeline.model_store.replay import read_replay
+from mlsroad_pipeline.model_store.object_classifiers import read_replay
 from mlsroad_pipeline.model_store.shipped_models import load_shipped
 from mlsroad_pipeline.papers.comparison.recordings.parameters import Source, sources_of
 from mlsroad_pipeline.papers.comparison.recordings.scoring import unmixed

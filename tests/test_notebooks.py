@@ -49,7 +49,9 @@ def test_notebook_is_stored_without_outputs(path):
 def kernel():
     """One process for all notebooks: they import the same libraries, which takes as long as most of their cells."""
     manager = KernelManager(kernel_name="python3")
-    manager.start_kernel(env={**os.environ, "PYTHONPATH": str(REPOSITORY / "src"), "PYTHONWARNINGS": "ignore"})
+    manager.start_kernel(
+        env={**os.environ, "PYTHONPATH": f"{REPOSITORY / 'src'}:{REPOSITORY / 'notebooks'}", "PYTHONWARNINGS": "ignore"}
+    )
     yield manager
     manager.shutdown_kernel(now=True)
 

@@ -190,7 +190,7 @@ def test_the_tracked_run_holds_parameters_data_and_figures_of_stages(project, cl
     assert len(whole.data.tags["data.fingerprint"]) >= 32 and whole.data.tags["runner"] == "SequentialRunner"
     data = {found.dataset.name: found.dataset.digest for found in whole.inputs.dataset_inputs}
     survey = [project / "data/01_raw/simulated/test/survey.laz"]
-    assert data["simulated test"] == fingerprint_files(survey).digest and "simulated train" in data
+    assert data["simulated test"] == fingerprint_files(survey)["digest"] and "simulated train" in data
     for name, stage in (("ground_scores", "ground"), ("segmentation_scores", "segmentation")):
         table = pd.read_csv(reporting(project, f"{name}.csv")).set_index("split")
         logged = {key: value for key, value in whole.data.metrics.items() if key.startswith(f"test/{stage}/")}

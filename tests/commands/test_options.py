@@ -7,7 +7,8 @@ import typer
 from omegaconf import OmegaConf
 
 from mlsroad_pipeline.commands import session
-from mlsroad_pipeline.commands.options import default_output, expanded, merged, nested, results_folder, survey_of
+from mlsroad_pipeline.commands.options import default_output, expanded, nested, results_folder, survey_of
+from mlsroad_pipeline.execution.path_parameters import merged
 
 
 @pytest.fixture

@@ -9,8 +9,7 @@ from helpers.formats import make_las
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
-from mlsroad_pipeline.formats.crs import parse_crs
-from mlsroad_pipeline.formats.crs_units import with_units
+from mlsroad_pipeline.formats.crs import parse_crs, with_units
 from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.formats.pcd.format import PcdFormat
 from mlsroad_pipeline.formats.text.format import TextFormat

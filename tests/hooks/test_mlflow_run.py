@@ -87,7 +87,7 @@ def test_scores_become_metrics_of_the_method_and_undefined_ones_are_left_out(run
 
 def test_the_data_set_of_the_scores_is_an_input_with_its_digest(run, child, project):
     (found,) = child.inputs.dataset_inputs
-    digest = fingerprint_files([project / "raw" / name for name in ("a.laz", "b.laz")]).digest
+    digest = fingerprint_files([project / "raw" / name for name in ("a.laz", "b.laz")])["digest"]
     assert (found.dataset.name, found.dataset.digest) == ("test", digest)
     assert [(tag.key, tag.value) for tag in found.tags] == [("mlflow.data.context", "testing")]
     assert [found.dataset.digest for found in run.inputs.dataset_inputs] == [digest]

@@ -36,7 +36,7 @@ def las(path, point_format=6, n=5):
 
 
 def plan_of(root):
-    files = Survey.at(root).files()
+    files = Survey.at(root).listing().files
     return plan_survey({"survey": files}, {}, options=ReadOptions(), labels=False, ingest=IngestParameters())
 
 

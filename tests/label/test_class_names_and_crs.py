@@ -12,8 +12,7 @@ from helpers.wiring import REPOSITORY
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.las_codes import CODE_NAMES
 from mlsroad_pipeline.formats.las.copc import write_copc
-from mlsroad_pipeline.formats.las.header import read_header
-from mlsroad_pipeline.formats.las.lookup import LOOKUP, class_names
+from mlsroad_pipeline.formats.las.header import LOOKUP, class_names, read_header
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.label.writer import write_labelled
 from mlsroad_pipeline.surveys.parameters import LabelParameters

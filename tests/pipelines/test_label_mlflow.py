@@ -39,7 +39,7 @@ def test_name_tags_and_inputs_say_what_was_labelled_with_which_model(tracked, su
     assert tracked.data.tags["mlsroad.method"] == "detrended_forest"
     assert tracked.data.tags["runner"] == "SequentialRunner"
     (data,) = tracked.inputs.dataset_inputs
-    assert (data.dataset.name, data.dataset.digest) == ("street.laz", fingerprint_files([survey]).digest)
+    assert (data.dataset.name, data.dataset.digest) == ("street.laz", fingerprint_files([survey])["digest"])
     (model,) = client.get_run(tracked.info.run_id).inputs.model_inputs  # a search leaves them out
     version = client.get_model_version("mlsroad-detrended_forest", "1")
     assert version.source == f"models:/{model.model_id}"

@@ -47,4 +47,4 @@ def test_page_has_the_tables_of_the_tasks_then_the_methods_then_the_stages():
     titles = [section.title for section in sections]
     assert titles[:3] == ["Run", "Labelling methods", "Image-based labelling and fusion"]
     assert titles[3:5] == ["one", "one: scores per class"] and set(titles[5:]) == set(STAGE_TITLES.values())
-    assert "Confusion matrix" in sections[3].body()
+    assert "Confusion matrix" in sections[3].body

@@ -145,14 +145,10 @@ def test_real_street_fills_its_picture(real_data):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: confusion_figure(MATRIX, classes=("a",)), "1 class names for a confusion matrix of 3"),
         (
             lambda: class_bars_figure(labelling_scores(MATRIX, method="m", split="s", classes=CLASSES), split="t"),
             r"no scores per class of split 't' \(splits: \['s'\]\)",
         ),
-        (lambda: importance_figure([0.1], names=[]), "0 feature names"),
-        (lambda: oob_figure([], []), "numbers of trees of shape"),
-        (lambda: cloud_figure({}, birds_eye_view(np.zeros((1, 3))), classes=CLASSES), "pictures of one size"),
         (
             lambda: labelling_pictures(np.zeros((1, 3)), birds_eye_view(np.zeros((1, 3))), classes=CLASSES, truth=[3]),
             r"truth labels must be in -1..2, got 3..3",

@@ -104,9 +104,9 @@ def test_a_survey_of_several_places_is_named_below_their_common_folder(tmp_path,
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(b"LASF")
     survey = Survey.at([tmp_path / "a" / "one,two.las", tmp_path / "c"])
-    assert [(file.name, file.folder) for file in survey.files()] == [("a/one,two.las", "a"), ("c/d.laz", "c")]
+    assert [(file.name, file.folder) for file in survey.listing().files] == [("a/one,two.las", "a"), ("c/d.laz", "c")]
     monkeypatch.setenv("HOME", str(tmp_path))
-    assert [file.name for file in Survey.at(["~/a/b.las", "~/a/*.las"]).files()] == ["b.las", "one,two.las"]
+    assert [file.name for file in Survey.at(["~/a/b.las", "~/a/*.las"]).listing().files] == ["b.las", "one,two.las"]
     with pytest.raises(ParameterError, match="at least one file, folder or glob, got none"):
         Survey.at([])
 

@@ -184,7 +184,7 @@ def test_a_glob_that_leaves_its_folder_is_an_error(tmp_path):
     (tmp_path / "other" / "s.txt").write_text("0 0 0\n1 1 1\n")
     pattern = str(tmp_path / "a" / "*" / ".." / ".." / "other" / "*.txt")
     with pytest.raises(ParameterError, match=r"leaves its folder by '\.\.' after a wildcard: .*s\.txt"):
-        Survey.at(pattern).files()
+        Survey.at(pattern).listing()
 
 
 def test_only_the_table_of_a_simulated_street_is_left_out_without_a_word(tmp_path, rng):

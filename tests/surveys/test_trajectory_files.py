@@ -41,10 +41,10 @@ def test_separators_names_and_order(tmp_path, text):
     assert trajectory.source == str(path)
 
 
-def test_named_columns_replace_what_the_file_says(tmp_path):
+def test_a_trajectory_may_have_no_times(tmp_path):
     path = tmp_path / "run.txt"
-    path.write_text("a b c d\n583000.5 4477000.25 7 120\n583010.5 4477000.25 7 121\n583010.5 4477020.25 7 122\n")
-    trajectory = read_trajectory(path, columns=["x", "y", "roll", "z"])
+    path.write_text("x y roll z\n583000.5 4477000.25 7 120\n583010.5 4477000.25 7 121\n583010.5 4477020.25 7 122\n")
+    trajectory = read_trajectory(path)
     np.testing.assert_array_equal(trajectory.xyz, XYZ)
     assert trajectory.time is None
 

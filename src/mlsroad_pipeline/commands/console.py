@@ -11,7 +11,7 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.console import Console
@@ -22,7 +22,9 @@ from mlsroad_pipeline.algorithms.core import exceptions
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
 from mlsroad_pipeline.algorithms.core.plain_text import printable, without_password
 from mlsroad_pipeline.execution.progress import reporting_to
-from mlsroad_pipeline.execution.task import SceneError, SceneFailure
+
+if TYPE_CHECKING:
+    from mlsroad_pipeline.execution.task import SceneFailure
 
 PACKAGE_LOGGER = "mlsroad_pipeline"
 
@@ -213,6 +215,8 @@ def describe(error: BaseException) -> str:
 def _described(error: BaseException) -> str:
     chain = list(_chain(error))
     own = next((cause for cause in chain if isinstance(cause, MlsRoadError)), None)
+    from mlsroad_pipeline.execution.task import SceneError  # 0.4 s, which only an error takes
+
     if isinstance(own, SceneError):
         failures = [printable(_failure(failure)) for failure in own.failures[:MAX_FAILURES]]
         more = len(own.failures) - len(failures)

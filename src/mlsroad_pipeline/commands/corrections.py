@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
+from mlsroad_pipeline.commands.console import count_table, one_line_errors, output_console
 from mlsroad_pipeline.commands.options import Verbose, check_exist, expanded, results_folder
 
 if TYPE_CHECKING:
@@ -28,8 +30,6 @@ def _user() -> str:
 @corrections.command("list")
 def list_corrections(out: Out, verbose: Verbose = False) -> None:
     """List the decisions about a labelled survey, and those that match no object any more."""
-    from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-    from mlsroad_pipeline.commands.console import count_table, one_line_errors, output_console
     from mlsroad_pipeline.review.corrections import has_corrections, open_corrections
     from mlsroad_pipeline.review.corrections.answers import files_of, unmatched_strokes
 
@@ -61,15 +61,8 @@ def _row(decision: Decision, lost: bool) -> tuple[str, ...]:
     painted = f"{len(given.payload['points'])} points of {given.payload['file']}: " if given.action == "paint" else ""
     number = "" if given.object_id is None else str(given.object_id)
     what = f"{painted}{given.checked_class}"
-    return (
-        str(decision.identifier),
-        decision.made[:19],
-        decision.who,
-        given.action,
-        number,
-        what,
-        "no" if lost else "yes",
-    )
+    row = (decision.made[:19], decision.who, given.action, number, what)
+    return (str(decision.identifier), *row, "no" if lost else "yes")
 
 
 @corrections.command("import")
@@ -86,8 +79,6 @@ def import_corrections(
     verbose: Verbose = False,
 ) -> None:
     """Import corrections from an inventory or a labelled file that was edited in another program."""
-    from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-    from mlsroad_pipeline.commands.console import one_line_errors, output_console
     from mlsroad_pipeline.review.corrections import open_corrections
     from mlsroad_pipeline.review.corrections.edited_inventory import corrections_of_inventory, known_names, system_of
 
@@ -127,7 +118,6 @@ def _place_of(added: Correction) -> tuple[str, str | None, float, float]:
 
 
 def _edited_points(path: Path, folder: Path, file: str | None, store: CorrectionStore) -> tuple[list[Correction], str]:
-    from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
     from mlsroad_pipeline.review.corrections.edited_points import corrections_of_points, names_of_codes, painted_before
     from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 
@@ -162,8 +152,6 @@ def export_corrections(
     verbose: Verbose = False,
 ) -> None:
     """Write the inventory with all corrections: moved bases, checked classes, without rejected objects."""
-    from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
-    from mlsroad_pipeline.commands.console import one_line_errors, output_console
     from mlsroad_pipeline.review.corrections import open_corrections
     from mlsroad_pipeline.review.corrections.inventory_columns import write_corrected
 

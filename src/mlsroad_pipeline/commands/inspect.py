@@ -5,6 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.commands.console import (
+    collected_warnings,
+    count_table,
+    one_line_errors,
+    output_console,
+    print_warnings,
+    shown_path,
+)
 from mlsroad_pipeline.commands.options import (
     Output,
     Params,
@@ -14,18 +23,15 @@ from mlsroad_pipeline.commands.options import (
     default_output,
     expanded,
     literal,
-    merged,
     nested,
     survey_of,
 )
+from mlsroad_pipeline.commands.session import configure, find_place, run_pipeline
+from mlsroad_pipeline.execution.path_parameters import merged
 
 
 def inspect(files: Surveys, output: Output = None, params: Params = None, verbose: Verbose = False) -> None:
     """Report the quality of point clouds: extent, density, attributes, coordinate system, gaps, warnings."""
-    from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-    from mlsroad_pipeline.commands.console import collected_warnings, one_line_errors, output_console
-    from mlsroad_pipeline.commands.session import configure, find_place, run_pipeline
-
     changed = nested(params or [], given={"inspect.survey": "FILE", "inspect.output": "--output"})
     with one_line_errors(verbose=verbose):
         places = expanded(files)
@@ -45,18 +51,12 @@ def inspect(files: Surveys, output: Output = None, params: Params = None, verbos
 
 def print_facts(console: Any, facts: dict[str, Any], report: Path) -> None:
     """Print the number of points, one line per file, warnings and the path of the report."""
-    from mlsroad_pipeline.commands.console import count_table, print_warnings, shown_path
-
     files = facts["files"]
     console.print(f"{facts['n_points']:,} points in {len(files)} file{'s' * (len(files) != 1)}.\n")
+    density = [f"{file['density']:.0f}" if file["density"] else "" for file in files]
     rows = [
-        (
-            file["file"],
-            f"{file['n_points']:,}",
-            f"{file['density']:.0f}" if file["density"] else "",
-            file["crs_name"] or "none",
-        )
-        for file in files
+        (file["file"], f"{file['n_points']:,}", per_area, file["crs_name"] or "none")
+        for file, per_area in zip(files, density, strict=True)
     ]
     console.print(count_table(rows, ("file", "points", "points per m²", "coordinate system")))
     print_warnings(console, [f"{row['file']}: {row['warning']}" for row in facts["warnings"]])

@@ -12,6 +12,16 @@ import typer
 from rich.console import Console
 
 from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.commands.console import (
+    Stages,
+    collected_warnings,
+    count_table,
+    error_console,
+    one_line_errors,
+    output_console,
+    print_warnings,
+    shown_path,
+)
 from mlsroad_pipeline.commands.options import (
     Output,
     Params,
@@ -22,10 +32,11 @@ from mlsroad_pipeline.commands.options import (
     default_output,
     expanded,
     literal,
-    merged,
     nested,
     survey_of,
 )
+from mlsroad_pipeline.commands.session import configure, find_place, kernels_compiled, run_pipeline
+from mlsroad_pipeline.execution.path_parameters import merged
 
 STAGES = {
     "files": ("Reading headers", 0.04),
@@ -79,15 +90,6 @@ def label(  # typer reads the options from the signature
     Writes every point with a classification and a confidence as LAZ, the objects as GeoPackage and GeoParquet, and a
     report. A killed run continues with the same command.
     """
-    from mlsroad_pipeline.commands.console import (
-        Stages,
-        collected_warnings,
-        error_console,
-        one_line_errors,
-        output_console,
-    )
-    from mlsroad_pipeline.commands.session import configure, find_place, kernels_compiled, run_pipeline
-
     begin = time.perf_counter()
     options: dict[str, Any] = {"method": method, "model": model, "crs": crs, "copc": copc or None}
     options |= {"export": export or None, "photos": photos or None, "overwrite": overwrite or None}
@@ -114,8 +116,6 @@ def label(  # typer reads the options from the signature
 
 def print_summary(console: Console, summary: Mapping[str, Any], logged: list[str], *, seconds: float | None) -> None:
     """Print counts per class and kind of object, warnings and paths; without seconds, the run was finished before."""
-    from mlsroad_pipeline.commands.console import count_table, print_warnings
-
     confidence, n_points = summary["confidence"], summary["n_points"]
     files = "1 file" if summary["n_files"] == 1 else f"{summary['n_files']} files"
     median = "" if confidence["median"] is None else f", median confidence {confidence['median']:.2f}"
@@ -140,8 +140,6 @@ def print_summary(console: Console, summary: Mapping[str, Any], logged: list[str
 
 def _print_results(console: Console, summary: Mapping[str, Any]) -> None:
     """Print the paths of the results, and the command that opens them."""
-    from mlsroad_pipeline.commands.console import shown_path
-
     outputs = summary["outputs"]
     clouds = [shown_path(path) for path in outputs["clouds"]]
     console.print("\nResults")

@@ -10,11 +10,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.commands.console import (
+    Stages,
+    collected_warnings,
+    error_console,
+    one_line_errors,
+    output_console,
+)
+from mlsroad_pipeline.commands.label import STAGES, print_summary
 from mlsroad_pipeline.commands.options import Verbose, Workers, check_exist, expanded, literal, results_folder
+from mlsroad_pipeline.commands.session import STORE, Place, configure, find_place, model_store, run_pipeline
+from mlsroad_pipeline.execution.output_lock import lock_output, release_output
 
 if TYPE_CHECKING:
     from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-    from mlsroad_pipeline.commands.session import Place
     from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 
 
@@ -33,9 +43,6 @@ def learn(
     The model that labelled the surveys continues its training. The new model is registered in MLflow,
     or written into the first folder where no store is configured.
     """
-    from mlsroad_pipeline.commands.console import error_console, one_line_errors, output_console
-    from mlsroad_pipeline.commands.session import configure, find_place
-    from mlsroad_pipeline.execution.output_lock import lock_output, release_output
     from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 
     with one_line_errors(verbose=verbose):
@@ -63,8 +70,6 @@ def learn(
 
 def _learn_and_store(outputs: list[LabelledOutput], place: Place, *, verbose: bool) -> dict[str, Any]:
     """Learn from outputs, store the new model, print its name and the warnings; return the options that use it."""
-    from mlsroad_pipeline.commands.console import collected_warnings, error_console, output_console
-    from mlsroad_pipeline.commands.session import STORE
     from mlsroad_pipeline.review.corrections.learners import register_learned, write_learned
     from mlsroad_pipeline.review.corrections.learning import learn_from
 
@@ -87,8 +92,6 @@ def _learn_and_store(outputs: list[LabelledOutput], place: Place, *, verbose: bo
 
 def _one_model(outputs: list[LabelledOutput], place: Place) -> tuple[ModelBundle, dict[str, Any]]:
     """Return the model that labelled all outputs, and its name and version."""
-    from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-    from mlsroad_pipeline.commands.session import model_store
     from mlsroad_pipeline.label.model_choice import choose_model, load_choice
     from mlsroad_pipeline.review.corrections.learning import check_learnable
 
@@ -114,9 +117,6 @@ def _label_again(
     output: LabelledOutput, chosen: dict[str, Any], workers: int | None, place: Place, *, verbose: bool
 ) -> None:
     """Label a survey again with the same settings and another model."""
-    from mlsroad_pipeline.commands.console import Stages, collected_warnings, error_console, output_console
-    from mlsroad_pipeline.commands.label import STAGES, print_summary
-    from mlsroad_pipeline.commands.session import run_pipeline
 
     settings = {name: _literal(value) for name, value in output.parameters().items()}
     parameters: dict[str, Any] = {"label": {**settings, **{key: literal(str(v)) for key, v in chosen.items()}}}

@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mlsroad_pipeline.commands.console import collected_warnings, one_line_errors, output_console, print_warnings
 from mlsroad_pipeline.commands.options import Verbose
+from mlsroad_pipeline.commands.session import find_place, model_store
 
 if TYPE_CHECKING:
     from mlsroad_pipeline.label.model_choice import AvailableModel
@@ -18,8 +20,6 @@ def models(
     verbose: Verbose = False,
 ) -> None:
     """List the models: trained on what, scores, licence; then the one that label takes, and why."""
-    from mlsroad_pipeline.commands.console import collected_warnings, one_line_errors, output_console, print_warnings
-    from mlsroad_pipeline.commands.session import find_place, model_store
     from mlsroad_pipeline.label.model_choice import available_models, choose_model
 
     console = output_console()

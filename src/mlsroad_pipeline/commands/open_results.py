@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import getpass
 import webbrowser
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.commands.console import one_line_errors
 from mlsroad_pipeline.commands.options import default_output, expanded
 
 REPORTS = ("report.html", "inspection.html")
@@ -38,8 +41,6 @@ def open_results(
     Starts a server that only this computer reaches, and the browser. Decisions are kept in corrections.sqlite in the
     folder. A folder without labelled points has a report alone, which is opened.
     """
-    from mlsroad_pipeline.commands.console import one_line_errors
-
     with one_line_errors(verbose=False):
         place = Path(expanded([results])[0])
         folders = (place, default_output([str(place)]))
@@ -49,8 +50,6 @@ def open_results(
 
 def _show_page(folders: tuple[Path, Path], *, port: int, browser: bool, export: str | None, user: str | None) -> bool:
     """Serve or export the page of the first folder with labelled points; return whether there is one."""
-    import getpass
-
     from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
 
     found = (OutputFolder.find(folder) for folder in folders)
@@ -71,8 +70,6 @@ def _show_page(folders: tuple[Path, Path], *, port: int, browser: bool, export: 
 
 
 def _show_report(place: Path, folders: tuple[Path, Path], *, browser: bool) -> None:
-    from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-
     found = next((folder / name for folder in folders for name in REPORTS if (folder / name).is_file()), None)
     if found is None:
         raise ReadError(f"{place} holds no {' or '.join(REPORTS)}: label the survey first (mlsroad label FILE)")

@@ -138,12 +138,3 @@ def nested(pairs: Sequence[str], *, given: Mapping[str, str] | None = None) -> d
         message = f"{joined!r} needs a blank after its colon, or quotes if it is text"
         raise typer.BadParameter(message, param_hint="--params")
     return with_text_of_paths({str(key): value for key, value in values.items()}, pairs)
-
-
-def merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """Return nested parameters with changes, which take precedence."""
-    result = dict(base)
-    for key, value in changes.items():
-        old = result.get(key)
-        result[key] = merged(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
-    return result

@@ -7,16 +7,26 @@ from typing import Annotated, Any
 
 import typer
 
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.commands.console import (
+    collected_warnings,
+    count_table,
+    one_line_errors,
+    output_console,
+    print_warnings,
+    shown_path,
+)
 from mlsroad_pipeline.commands.options import (
     Params,
     Verbose,
     check_exist,
     expanded,
     literal,
-    merged,
     nested,
     results_folder,
 )
+from mlsroad_pipeline.commands.session import configure, find_place, run_pipeline
+from mlsroad_pipeline.execution.path_parameters import merged
 
 SCORES = "object_scores.json"
 """File that marks a folder of scores."""
@@ -52,8 +62,6 @@ def score(  # typer reads the options from the signature
 
     Writes tables, a JSON file and a page with pictures of the worst objects.
     """
-    from mlsroad_pipeline.commands.console import collected_warnings, one_line_errors, output_console, print_warnings
-    from mlsroad_pipeline.commands.session import configure, find_place, run_pipeline
 
     given = {"score.inventory": "INVENTORY", "score.truth": "--truth", "score.output": "--output"}
     changed = nested(params or [], given=given)
@@ -62,11 +70,8 @@ def score(  # typer reads the options from the signature
         places[0] = results_folder(places[0])
         check_exist(places)
         folder = _folder_of_scores(Path(places[0]), output, overwrite=overwrite)
-        values: dict[str, Any] = {
-            "inventory": literal(places[0]),
-            "truth": literal(places[1]),
-            "output": literal(str(folder)),
-        }
+        named = {"inventory": places[0], "truth": places[1], "output": str(folder)}
+        values: dict[str, Any] = {name: literal(place) for name, place in named.items()}
         options = {"clouds": places[2:] or None, "recall_only": recall_only or None, "least_score": least_score}
         values |= {name: value for name, value in options.items() if value is not None}
         place = find_place()
@@ -79,7 +84,6 @@ def score(  # typer reads the options from the signature
 
 def _folder_of_scores(inventory: Path, output: str | None, *, overwrite: bool) -> Path:
     """Return the folder to write scores to; an error if it holds scores that may not be replaced."""
-    from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 
     beside = inventory if inventory.is_dir() else inventory.parent
     folder = beside / "scores" if output is None else Path(expanded([output])[0])
@@ -92,7 +96,6 @@ def _folder_of_scores(inventory: Path, output: str | None, *, overwrite: bool) -
 
 def print_scores(console: Any, record: dict[str, Any], folder: Path) -> None:
     """Print the scores by kind, the errors of position, and the path of the page."""
-    from mlsroad_pipeline.commands.console import count_table, shown_path
 
     columns = ("kind", "true", "found", "listed", "right", "false", "precision", "recall", "F", "calibration error")
     names = ("precision", "recall", "f_score", "calibration_error")
@@ -109,8 +112,7 @@ def print_scores(console: Any, record: dict[str, Any], folder: Path) -> None:
             row["kind"],
             row["measure"],
             f"{row['n']}",
-            f"{row['median']:.2f} {row['unit']}",
-            f"{row['quantile_90']:.2f} {row['unit']}",
+            *(f"{row[x]:.2f} {row['unit']}" for x in ("median", "quantile_90")),
         )
         for row in record["measures"]
     ]

@@ -8,6 +8,14 @@ from typing import Annotated, Any
 
 import typer
 
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.commands.console import (
+    error_console,
+    one_line_errors,
+    output_console,
+    shown_path,
+    survey_progress,
+)
 from mlsroad_pipeline.commands.options import Verbose, expanded, nested
 
 
@@ -31,8 +39,6 @@ def simulate(
     verbose: Verbose = False,
 ) -> None:
     """Simulate the survey of a street: points with labels, trajectory, images and a list of objects."""
-    from mlsroad_pipeline.commands.console import one_line_errors
-
     config: dict[str, Any] = {"preset": preset, "seed": seed, **({} if length is None else {"length": length})}
     with one_line_errors(verbose=verbose):
         folder = Path(expanded([output])[0])
@@ -41,8 +47,6 @@ def simulate(
 
 def write_street(config: dict[str, Any], folder: Path, *, overwrite: bool) -> None:
     """Simulate a survey into a folder, with a progress bar, and print what is there."""
-    from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-    from mlsroad_pipeline.commands.console import error_console, output_console, shown_path, survey_progress
     from mlsroad_pipeline.surveys.simulated import configured_survey, write_simulated_survey
 
     parameters, layout = configured_survey(config)

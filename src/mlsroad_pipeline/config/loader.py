@@ -13,8 +13,8 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.config.plain_files import PlainFilesLoader, merged
-from mlsroad_pipeline.execution.path_parameters import check_paths
+from mlsroad_pipeline.config.plain_files import PlainFilesLoader
+from mlsroad_pipeline.execution.path_parameters import check_paths, merged
 from mlsroad_pipeline.execution.run_identity import absolute, run_folder, run_settings
 
 SETTINGS = ("default_pipeline", "execution", "stage_costs")

@@ -17,29 +17,13 @@ from kedro.config import OmegaConfigLoader
 from omegaconf import OmegaConf
 from omegaconf._utils import get_yaml_loader
 
+from mlsroad_pipeline.execution.path_parameters import merged
+
 _PLAIN_KINDS = ("parameters", "catalog", "globals", "mlflow")
 _GLOBAL = re.compile(r"(?<!\\)\$\{globals:(\w+)\}")
 _RUNTIME_OR_GLOBAL = re.compile(r"\$\{runtime_params:([\w.]+), *\$\{globals:([\w.]+)\}\}")
 _TARGET = re.compile(r"\$\{[^:}]*\}")  # without a resolver
 _SUFFIXES = (".yml", ".yaml", ".json")
-
-
-def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a nested mapping with changes at any depth; lists are replaced as a whole.
-
-    Examples
-    --------
-    >>> merged({"label": {"scheme": "asprs", "files": [1, 2]}}, {"label": {"files": [3]}})
-    {'label': {'scheme': 'asprs', 'files': [3]}}
-    """
-    result = dict(base)
-    for name, value in changes.items():
-        old = result.get(name)
-        if isinstance(old, Mapping) and isinstance(value, Mapping):
-            result[name] = merged(old, value)
-        else:
-            result[name] = value
-    return result
 
 
 def _yaml_loader() -> Any:

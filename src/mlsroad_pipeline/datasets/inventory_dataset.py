@@ -1,16 +1,18 @@
-"""Kedro dataset of the road inventory: GeoPackage or GeoParquet."""
+"""Kedro datasets of the road inventory (GeoPackage or GeoParquet), and of the folder of a run of `label`."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from kedro.io import AbstractDataset, DatasetError
 
 from mlsroad_pipeline.execution.path_parameters import local_path
 from mlsroad_pipeline.execution.run_folder import RunFolder
-from mlsroad_pipeline.inventory_files.inventory_file import INVENTORY_FORMATS
+from mlsroad_pipeline.inventory_files.exports import INVENTORY_FORMATS
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
 
 
@@ -88,3 +90,25 @@ class RoadInventoryDataset(AbstractDataset[RoadInventory, RoadInventory]):
 
     def _describe(self) -> dict[str, Any]:
         return {"filepath": str(self._filepath)}
+
+
+class LabelRunDataset(AbstractDataset[NoReturn, RunFolder]):
+    """Handle of the folder of the configured run of `label`, which holds its state and its record."""
+
+    def __init__(self, *, filepath: str, settings: str, metadata: Mapping[str, Any] | None = None) -> None:
+        self._run = RunFolder(str(filepath), json.loads(settings))
+        self.metadata = metadata
+
+    def load(self) -> RunFolder:
+        """Return the handle."""
+        return self._run
+
+    def save(self, data: NoReturn) -> None:
+        """Raise DatasetError: the folder follows from the parameters."""
+        raise DatasetError(f"{self._run.path}: the folder of a run is not saved as a dataset")
+
+    def _exists(self) -> bool:
+        return True
+
+    def _describe(self) -> dict[str, Any]:
+        return {"filepath": self._run.path}

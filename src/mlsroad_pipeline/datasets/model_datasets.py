@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Never
+from typing import TYPE_CHECKING, Any, Generic, Never, TypeVar
 
 import numpy as np
 from kedro.io import AbstractDataset
@@ -18,13 +18,26 @@ from mlsroad_pipeline.model_store.shipped_models import REGISTRY, ShippedModel, 
 if TYPE_CHECKING:
     from mlsroad_pipeline.model_store.torch_checkpoints import TorchCheckpoints
 
+Saved = TypeVar("Saved")
+Loaded = TypeVar("Loaded")
 
-class ModelBundleDataset(AbstractDataset[ModelBundle, ModelFile]):
-    """Folder of a trained model. Loading returns a handle: tasks take it as an input, and workers open the model."""
+
+class _FolderDataset(AbstractDataset[Saved, Loaded], Generic[Saved, Loaded]):
+    """Data set in a folder of this machine."""
 
     def __init__(self, *, filepath: str, metadata: Mapping[str, Any] | None = None) -> None:
         self._folder = local_path(filepath, "filepath")
         self.metadata = metadata
+
+    def _exists(self) -> bool:
+        return True
+
+    def _describe(self) -> dict[str, Any]:
+        return {"filepath": str(self._folder)}
+
+
+class ModelBundleDataset(_FolderDataset[ModelBundle, ModelFile]):
+    """Folder of a trained model. Loading returns a handle: tasks take it as an input, and workers open the model."""
 
     def load(self) -> ModelFile:
         """Return a handle of the folder."""
@@ -42,16 +55,9 @@ class ModelBundleDataset(AbstractDataset[ModelBundle, ModelFile]):
     def _exists(self) -> bool:
         return (self._folder / "model.json").is_file()
 
-    def _describe(self) -> dict[str, Any]:
-        return {"filepath": str(self._folder)}
 
-
-class ShippedModelDataset(AbstractDataset[tuple[ModelBundle, ShippedModel], dict[str, ShippedModel]]):
+class ShippedModelDataset(_FolderDataset[tuple[ModelBundle, ShippedModel], dict[str, ShippedModel]]):
     """Folder of the models in the package. Saving replaces one model; loading returns the registry."""
-
-    def __init__(self, *, filepath: str, metadata: Mapping[str, Any] | None = None) -> None:
-        self._folder = local_path(filepath, "filepath")
-        self.metadata = metadata
 
     def load(self) -> dict[str, ShippedModel]:
         """Return the registry entries by name."""
@@ -64,16 +70,9 @@ class ShippedModelDataset(AbstractDataset[tuple[ModelBundle, ShippedModel], dict
     def _exists(self) -> bool:
         return (self._folder / REGISTRY).is_file()
 
-    def _describe(self) -> dict[str, Any]:
-        return {"filepath": str(self._folder)}
 
-
-class ShippedFilesDataset(AbstractDataset[Mapping[str, Mapping[str, Any] | str], dict[str, str]]):
+class ShippedFilesDataset(_FolderDataset[Mapping[str, Mapping[str, Any] | str], dict[str, str]]):
     """Files in a folder of the package: compressed arrays (`.npz`) and texts. Saving replaces those that it gets."""
-
-    def __init__(self, *, filepath: str, metadata: Mapping[str, Any] | None = None) -> None:
-        self._folder = local_path(filepath, "filepath")
-        self.metadata = metadata
 
     def load(self) -> dict[str, str]:
         """Return the paths of the files by name."""
@@ -91,16 +90,9 @@ class ShippedFilesDataset(AbstractDataset[Mapping[str, Mapping[str, Any] | str],
     def _exists(self) -> bool:
         return self._folder.is_dir() and any(self._folder.iterdir())
 
-    def _describe(self) -> dict[str, Any]:
-        return {"filepath": str(self._folder)}
 
-
-class CheckpointsDataset(AbstractDataset[Never, "TorchCheckpoints"]):
+class CheckpointsDataset(_FolderDataset[Never, "TorchCheckpoints"]):
     """Folder of training states. Loading returns the store; the training reads, writes and removes its states."""
-
-    def __init__(self, *, filepath: str, metadata: Mapping[str, Any] | None = None) -> None:
-        self._folder = local_path(filepath, "filepath")
-        self.metadata = metadata
 
     def load(self) -> TorchCheckpoints:
         """Return the store of the folder."""
@@ -111,9 +103,3 @@ class CheckpointsDataset(AbstractDataset[Never, "TorchCheckpoints"]):
     def save(self, data: Never) -> None:
         """Refuse: the training writes the states."""
         raise ParameterError(f"{self._folder}: checkpoints are written by the training, not by a node")
-
-    def _exists(self) -> bool:
-        return True
-
-    def _describe(self) -> dict[str, Any]:
-        return {"filepath": str(self._folder)}

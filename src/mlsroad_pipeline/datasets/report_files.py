@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import sys
+from abc import abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
@@ -20,7 +21,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.metrics.scores import check_scores
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.store_files import sync_folder
-from mlsroad_pipeline.formats.files import atomic_file
+from mlsroad_pipeline.formats.files import write_atomic
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -60,8 +61,7 @@ class ReportFileDataset(AbstractDataset[Saved, Loaded], Generic[Saved, Loaded]):
             filesystem.pipe_file(path, content)
             return
         target = Path(path)
-        with atomic_file(target) as stream:
-            stream.write(content)
+        write_atomic(target, content)
         sync_folder(target.parent)
 
     @property
@@ -77,78 +77,50 @@ class ReportFileDataset(AbstractDataset[Saved, Loaded], Generic[Saved, Loaded]):
         return {"filepath": self._filepath}
 
 
-class ScoresDataset(ReportFileDataset[pd.DataFrame, pd.DataFrame]):
-    """Scores of one method: `method,split,class,metric,value,support`, with empty cells for undefined values.
+class _TableDataset(ReportFileDataset[pd.DataFrame, pd.DataFrame]):
+    """CSV table that is checked when it is read and when it is written."""
 
-    Examples
-    --------
-    In a catalog:
+    what = ""
+    """Kind of the table, for messages."""
+    read_options: Mapping[str, Any] = {}
+    """Further arguments of `pandas.read_csv`."""
 
-    .. code-block:: yaml
-
-        "{method}.scores":
-          type: mlsroad_pipeline.datasets.report_files.ScoresDataset
-          filepath: data/08_reporting${globals:env_folder}/scores/{method}.csv
-
-    >>> from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
-    >>> import numpy as np
-    >>> table = labelling_scores(np.eye(2, dtype=int), method="demo", split="test", classes=["a", "b"])
-    >>> dataset = ScoresDataset(filepath="memory://scores/demo.csv")
-    >>> dataset.save(table)
-    >>> len(dataset.load())
-    12
-    """
+    @abstractmethod
+    def _check(self, frame: pd.DataFrame) -> pd.DataFrame:
+        """Return the table in its types; raise `DataError`."""
 
     def load(self) -> pd.DataFrame:
         """Return the table; raise `ReadError` or `DataError` naming the file and the cause."""
         try:
-            # classes may be named "nan" or "None": only an empty cell of `value` is undefined
-            frame = pd.read_csv(io.BytesIO(self.read_bytes()), keep_default_na=False, na_values={"value": [""]})
+            frame = pd.read_csv(io.BytesIO(self.read_bytes()), **self.read_options)
         except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
-            raise ReadError(f"{self._filepath}: not a table of scores: {error}") from error
-        return check_scores(frame, source=self._filepath)
-
-    def save(self, data: pd.DataFrame) -> None:
-        """Write the table; raise `DataError` naming the file and the cause."""
-        table = check_scores(data, source=self._filepath)
-        self.write_bytes(table.to_csv(index=False, lineterminator="\n").encode("utf-8"))
-
-
-class MetricSeriesDataset(ReportFileDataset[pd.DataFrame, pd.DataFrame]):
-    """Table of metrics by step: integer steps in the first column, one metric in each other column.
-
-    Examples
-    --------
-    In a catalog:
-
-    .. code-block:: yaml
-
-        "{method}.objective":
-          type: mlsroad_pipeline.datasets.report_files.MetricSeriesDataset
-          filepath: data/08_reporting${globals:env_folder}/{method}_objective.csv
-
-    >>> dataset = MetricSeriesDataset(filepath="memory://objective.csv")
-    >>> dataset.save(pd.DataFrame({"iteration": [0, 1], "objective": [8.5, 2.25]}))
-    >>> dataset.load()["objective"].tolist()
-    [8.5, 2.25]
-    """
-
-    def load(self) -> pd.DataFrame:
-        """Return the table; raise `ReadError` or `DataError` naming the file and the cause."""
-        try:
-            frame = pd.read_csv(io.BytesIO(self.read_bytes()))
-        except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
-            raise ReadError(f"{self._filepath}: not a table of metrics by step: {error}") from error
-        if frame.empty:  # a file without rows does not determine the types of its columns
-            frame = frame.astype({name: np.float64 if k else np.int64 for k, name in enumerate(frame)})
+            raise ReadError(f"{self._filepath}: not a table of {self.what}: {error}") from error
         return self._check(frame)
 
     def save(self, data: pd.DataFrame) -> None:
         """Write the table; raise `DataError` naming the file and the cause."""
-        table = self._check(data)
-        self.write_bytes(table.to_csv(index=False, lineterminator="\n").encode("utf-8"))
+        self.write_bytes(self._check(data).to_csv(index=False, lineterminator="\n").encode("utf-8"))
+
+
+class ScoresDataset(_TableDataset):
+    """Scores of one method: `method,split,class,metric,value,support`, with empty cells for undefined values."""
+
+    what = "scores"
+    # classes may be named "nan" or "None": only an empty cell of `value` is undefined
+    read_options: Mapping[str, Any] = {"keep_default_na": False, "na_values": {"value": [""]}}
 
     def _check(self, frame: pd.DataFrame) -> pd.DataFrame:
+        return check_scores(frame, source=self._filepath)
+
+
+class MetricSeriesDataset(_TableDataset):
+    """Table of metrics by step: integer steps in the first column, one metric in each other column."""
+
+    what = "metrics by step"
+
+    def _check(self, frame: pd.DataFrame) -> pd.DataFrame:
+        if frame.empty:  # a file without rows does not determine the types of its columns
+            frame = frame.astype({name: np.float64 if k else np.int64 for k, name in enumerate(frame)})
         kinds = "".join(dtype.kind for dtype in frame.dtypes)
         if len(kinds) < 2 or kinds[0] not in "iu" or not set(kinds) <= set("iuf"):
             raise DataError(f"{self._filepath}: needs a column of integer steps and numeric columns, got {list(frame)}")
@@ -165,34 +137,10 @@ def _is_figure(data: object) -> bool:
 
 
 class FigureDataset(ReportFileDataset["Figure | NDArray[np.uint8]", NDArray[np.uint8]]):
-    """Matplotlib figure or picture, written as PNG; loading returns the pixels.
+    """Matplotlib figure or picture, written as PNG; loading returns the pixels."""
 
-    Examples
-    --------
-    In a catalog:
-
-    .. code-block:: yaml
-
-        "{method}.confusion_figure":
-          type: mlsroad_pipeline.datasets.report_files.FigureDataset
-          filepath: data/08_reporting${globals:env_folder}/figures/{method}_confusion.png
-
-    >>> dataset = FigureDataset(filepath="memory://figures/demo.png")
-    >>> dataset.save(np.zeros((4, 6, 3), dtype=np.uint8))
-    >>> dataset.load().shape
-    (4, 6, 3)
-    """
-
-    def __init__(
-        self,
-        *,
-        filepath: str,
-        dpi: float | None = None,
-        credentials: Mapping[str, Any] | None = None,
-        fs_args: Mapping[str, Any] | None = None,
-        metadata: Mapping[str, Any] | None = None,
-    ) -> None:
-        super().__init__(filepath=filepath, credentials=credentials, fs_args=fs_args, metadata=metadata)
+    def __init__(self, *, dpi: float | None = None, **options: Any) -> None:
+        super().__init__(**options)
         self._dpi = dpi
 
     def load(self) -> NDArray[np.uint8]:
@@ -218,34 +166,10 @@ class FigureDataset(ReportFileDataset["Figure | NDArray[np.uint8]", NDArray[np.u
 
 
 class HtmlReportDataset(ReportFileDataset[str, str]):
-    """HTML page, such as that of `mlsroad_pipeline.reporting.html.report.build_report`.
+    """HTML page, such as that of `mlsroad_pipeline.reporting.html.report.build_report`."""
 
-    Examples
-    --------
-    In a catalog:
-
-    .. code-block:: yaml
-
-        report:
-          type: mlsroad_pipeline.datasets.report_files.HtmlReportDataset
-          filepath: data/08_reporting${globals:env_folder}/report.html
-
-    >>> dataset = HtmlReportDataset(filepath="memory://report.html")
-    >>> dataset.save("<!DOCTYPE html><html></html>")
-    >>> dataset.load()
-    '<!DOCTYPE html><html></html>'
-    """
-
-    def __init__(
-        self,
-        *,
-        filepath: str,
-        run: str | None = None,
-        credentials: Mapping[str, Any] | None = None,
-        fs_args: Mapping[str, Any] | None = None,
-        metadata: Mapping[str, Any] | None = None,
-    ) -> None:
-        super().__init__(filepath=filepath, credentials=credentials, fs_args=fs_args, metadata=metadata)
+    def __init__(self, *, run: str | None = None, **options: Any) -> None:
+        super().__init__(**options)
         self._run = None if run is None else RunFolder(run)
 
     def load(self) -> str:
@@ -259,6 +183,5 @@ class HtmlReportDataset(ReportFileDataset[str, str]):
         if self._run is None:
             self.write_bytes(data.encode("utf-8"))
             return
-        with atomic_file(self._run.staged(self._filepath)) as stream:
-            stream.write(data.encode("utf-8"))
+        write_atomic(self._run.staged(self._filepath), data.encode("utf-8"))
         self._run.publish(self._run.staged(self._filepath))

@@ -70,16 +70,17 @@ def _run_processes(jobs: Sequence[SceneJob], execution: Execution) -> Generator[
         waiting = list(jobs)
         suspects: list[SceneJob] = []
         for _ in range(MAX_BROKEN_POOLS):
-            started, ended = _Counted(waiting), set()
+            started: list[SceneJob] = []
+            ended = set()
             try:
-                for outcome in _processes(started, execution.n_local_workers):
+                for outcome in _processes(_noted(waiting, started), execution.n_local_workers):
                     ended.add(outcome.key)
                     yield outcome
                 waiting = []
                 break
             except TerminatedWorkerError:
-                suspects += [job for job in started.taken if job.key not in ended]
-                waiting = waiting[len(started.taken) :]
+                suspects += [job for job in started if job.key not in ended]
+                waiting = waiting[len(started) :]
         for job in suspects:
             try:
                 yield from _processes([job], 1)
@@ -101,17 +102,11 @@ def _processes(
         raise TerminatedWorkerError("the server of the workers was killed") from error
 
 
-class _Counted:
-    """Iterable over jobs that records the jobs taken so far."""
-
-    def __init__(self, jobs: Sequence[SceneJob]) -> None:
-        self._jobs = jobs
-        self.taken: list[SceneJob] = []
-
-    def __iter__(self) -> Iterator[SceneJob]:
-        for job in self._jobs:
-            self.taken.append(job)
-            yield job
+def _noted(jobs: Sequence[SceneJob], taken: list[SceneJob]) -> Iterator[SceneJob]:
+    """Yield jobs, each entered in a list before."""
+    for job in jobs:
+        taken.append(job)
+        yield job
 
 
 def end_processes() -> None:

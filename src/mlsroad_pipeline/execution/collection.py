@@ -48,10 +48,7 @@ class SceneCollection(Mapping[str, StoredResult]):
         return digest_json([[key, record.fingerprint(self._part)] for key, record in self._records.items()])
 
     def part(self, name: str, *, mapped: bool = False) -> SceneCollection:
-        """Return handles of one part of each result, so that workers read only this part.
-
-        Raises DataError if a scene has no such part.
-        """
+        """Return handles of one part of each result, so that workers read only this part."""
         for key, record in self._records.items():
             names = [part.name for part in record.parts]
             if name not in names:
@@ -59,9 +56,6 @@ class SceneCollection(Mapping[str, StoredResult]):
         return SceneCollection(self._store, self._records, name, mapped=mapped)
 
     def load_all(self, part: str | None = None) -> dict[str, Any]:
-        """Read the results of all scenes, or one part of each, into memory: for small data such as tables.
-
-        Raises DataError if a scene has no such part and ReadError if a result cannot be read.
-        """
+        """Read the results of all scenes, or one part of each, into memory: for small data such as tables."""
         chosen = self if part is None else self.part(part)
         return {key: handle.load() for key, handle in chosen.items()}

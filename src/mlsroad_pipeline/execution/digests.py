@@ -16,16 +16,14 @@ from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 DIGEST_BYTES = 16
 
 
-def new_digest() -> hashlib.blake2b:
-    """Return a new incremental digest: BLAKE2b with 128 bits."""
-    return hashlib.blake2b(digest_size=DIGEST_BYTES)
+def new_digest(data: bytes = b"") -> hashlib.blake2b:
+    """Return a new incremental digest, possibly of some data: BLAKE2b with 128 bits."""
+    return hashlib.blake2b(data, digest_size=DIGEST_BYTES)
 
 
 def digest_json(data: Any) -> str:
     """Return the digest of plain data, hexadecimal."""
-    digest = new_digest()
-    digest.update(json.dumps(data, ensure_ascii=False, separators=(",", ":")).encode())
-    return digest.hexdigest()
+    return new_digest(json.dumps(data, ensure_ascii=False, separators=(",", ":")).encode()).hexdigest()
 
 
 @functools.lru_cache(maxsize=4096)

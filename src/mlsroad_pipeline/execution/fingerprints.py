@@ -64,7 +64,8 @@ def reachable_sources(module_names: Iterable[str]) -> list[Path]:
         if file is None or file in reached:
             continue
         reached.add(file)
-        waiting += _imports(file)
+        stat = file.stat()
+        waiting += _imports(file, stat.st_mtime_ns, stat.st_size)
     return sorted(reached)
 
 
@@ -90,14 +91,9 @@ def source_of(module_name: str) -> Path | None:
     return None
 
 
-def _imports(file: Path) -> list[str]:
-    """Return the names that a source file imports: modules, and names imported from modules."""
-    stat = file.stat()
-    return _parsed_imports(file, stat.st_mtime_ns, stat.st_size)
-
-
 @functools.cache
-def _parsed_imports(file: Path, _modified: int, _size: int) -> list[str]:
+def _imports(file: Path, _modified: int, _size: int) -> list[str]:
+    """Return the names that a source file imports: modules, and names imported from modules."""
     names: list[str] = []
     by_name = False
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
@@ -109,18 +105,13 @@ def _parsed_imports(file: Path, _modified: int, _size: int) -> list[str]:
     if by_name:
         packages = {file.relative_to(project_folder()).parts[0], "papers"}  # the table of methods names those of papers
         names += [_module_name(other) for name in sorted(packages) for other in (project_folder() / name).rglob("*.py")]
-    return [*names, *_packages(_module_name(file))]
+    parts = _module_name(file).split(".")
+    return [*names, *(".".join(parts[:k]) for k in range(2, len(parts)))]  # parent packages are imported with a module
 
 
 def _module_name(file: Path) -> str:
     parts = file.relative_to(project_folder()).with_suffix("").parts
     return ".".join((PROJECT, *(parts[:-1] if parts[-1] == "__init__" else parts)))
-
-
-def _packages(module_name: str) -> list[str]:
-    """Return the parent packages of a module, which are imported with it."""
-    parts = module_name.split(".")
-    return [".".join(parts[:k]) for k in range(2, len(parts))]
 
 
 NUMERICAL_PACKAGES = (
@@ -200,10 +191,7 @@ def installation() -> str:
 
 
 def qualified_name(function: Callable[..., Any]) -> str:
-    """Return `module:name` of a function that a worker can import.
-
-    Raises ParameterError for a lambda, a closure, a partial or a bound method, whose state the fingerprint would miss.
-    """
+    """Return `module:name` of a function that a worker can import."""
     module, name = getattr(function, "__module__", None), getattr(function, "__qualname__", None)
     if module and name and "<" not in name:
         try:
@@ -231,11 +219,7 @@ class Fingerprinter:
         *,
         validator: Callable[..., Any] | None = None,
     ) -> str:
-        """Return the fingerprint of a call.
-
-        Raises ParameterError if the function cannot be imported by name or a value cannot be described, and ReadError
-        if a source file cannot be read.
-        """
+        """Return the fingerprint of a call."""
         functions = [function] if validator is None else [function, validator]
         self._types = set()
         call = {

@@ -23,7 +23,6 @@ PATHS = (
 )
 """Parameters that are paths or names of files; those that are no places may be null."""
 
-
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")
 """Start of an address such as ``s3://``; a letter and a colon alone are none, and ``./s3:/`` names a folder."""
 
@@ -60,6 +59,18 @@ def with_text_of_paths(parameters: dict[str, Any], pairs: Iterable[str]) -> dict
         if name.strip() in PATHS and isinstance(values, dict) and isinstance(values.get(key), int | float):
             values[key] = text
     return parameters
+
+
+def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a nested mapping with changes at any depth; lists are replaced as a whole.
+
+    Examples
+    --------
+    >>> merged({"label": {"scheme": "asprs", "files": [1, 2]}}, {"label": {"files": [3]}})
+    {'label': {'scheme': 'asprs', 'files': [3]}}
+    """
+    both = {name for name in changes if isinstance(base.get(name), Mapping) and isinstance(changes[name], Mapping)}
+    return {**base, **changes, **{name: merged(base[name], changes[name]) for name in both}}
 
 
 def check_paths(parameters: Mapping[str, Any], given: Mapping[str, Any]) -> None:

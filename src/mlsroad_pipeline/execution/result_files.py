@@ -50,7 +50,6 @@ def map_arrays(path: str | Path) -> dict[str, NDArray]:
 
 @functools.lru_cache(maxsize=256)
 def _check_sums(path: str, size: int, modified: int) -> None:
-    del size, modified
     with (
         open(path, "rb") as stream,
         zipfile.ZipFile(stream) as archive,
@@ -132,10 +131,7 @@ class ResultPart(NamedTuple):
 
 
 def split_parts(result: object) -> dict[str, ResultPart]:
-    """Divide a result into named parts, one file each.
-
-    Raises DataError if the result or a part is of another type, or if a part name cannot name a file.
-    """
+    """Divide a result into named parts, one file each."""
     kind = kind_of(result)
     if kind is not None:
         return {SINGLE: ResultPart(kind, result)}
@@ -162,10 +158,8 @@ def write_part(kind: str, value: Any, stream: BinaryIO | RawIOBase) -> None:
     """Write a value to a stream; raise DataError for a dtype that cannot be stored without loss."""
     if kind == POINTS:
         _write_points(value, stream)
-    elif kind == ARRAYS:
-        _write_arrays(value, stream)
     else:
-        _write_table(value, stream)
+        (_write_arrays if kind == ARRAYS else _write_table)(value, stream)
 
 
 def read_part(kind: str, source: str | BinaryIO, *, mapped: bool = False) -> Any:

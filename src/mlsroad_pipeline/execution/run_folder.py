@@ -135,10 +135,7 @@ class RunFolder:
         return self.output / Path(staged).relative_to(Path(self.path, STAGED))
 
     def publish(self, staged: str | Path) -> Path:
-        """Enter a written file in the journal, move it to its place and return that.
-
-        Raises OutputExistsError if another file has taken the place during the run.
-        """
+        """Enter a written file in the journal, move it to its place and return that."""
         target = self.target(staged)
         sync_file(staged)
         name, fresh, now = self._name(target), state_of(staged), state_of(target)
@@ -169,7 +166,8 @@ class RunFolder:
             return None
         for other in self.others():
             if now in other.versions().get(name, ()):
-                return f"{target} is a result of another run: {_difference(other, self)}"
+                what = first_difference(other.read().get("settings"), self.settings) or "its settings are the same"
+                return f"{target} is a result of another run: {what}"
         if own is not None or any(name in other.versions() for other in self.others()):
             return f"{target} has been edited since it was written"
         return f"{target} exists and was not written by label"
@@ -242,8 +240,3 @@ def check_closed(target: Path) -> None:
     beside = [target.name + ending for ending in _OPEN if os.path.lexists(f"{target}{ending}")]
     if beside:
         raise OutputExistsError(f"{target} is open in another program ({beside[0]} lies beside it): close it there")
-
-
-def _difference(other: RunFolder, run: RunFolder) -> str:
-    """Return what distinguishes another run from this one, in a clause."""
-    return first_difference(other.read().get("settings"), run.settings) or "its settings are the same"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -86,13 +86,10 @@ def first_difference(one: Any, other: Any, name: str = "") -> str | None:
     "label.scheme is 'asprs' there and 'tomic2019' here"
     """
     if isinstance(one, Mapping) and isinstance(other, Mapping):
-        inner = (first_difference(one.get(k), other.get(k), f"{name}.{k}".lstrip(".")) for k in _keys(one, other))
+        keys = dict.fromkeys((*one, *other))
+        inner = (first_difference(one.get(key), other.get(key), f"{name}.{key}".lstrip(".")) for key in keys)
         return next((text for text in inner if text), None)
     return None if one == other else f"{name} is {_short(one)} there and {_short(other)} here"
-
-
-def _keys(*mappings: Mapping[str, Any]) -> Iterator[str]:
-    return iter(dict.fromkeys(key for mapping in mappings for key in mapping))
 
 
 def _short(value: Any) -> str:
@@ -102,10 +99,7 @@ def _short(value: Any) -> str:
 
 
 def finished_record(output: Path) -> dict[str, Any] | None:
-    """Return the record of the last finished run into an output folder, None if there is none.
-
-    Raises ReadError if a record that is not older cannot be read or is damaged.
-    """
+    """Return the record of the last finished run into an output folder, None if there is none."""
     for path in sorted(output.glob(f"{STATE}/*/{RECORD}"), key=lambda path: path.stat().st_mtime_ns, reverse=True):
         try:
             record = json.loads(path.read_text(encoding="utf-8"))

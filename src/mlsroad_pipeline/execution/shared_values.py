@@ -48,9 +48,7 @@ class SharedValue:
     def _content(self) -> bytes:
         """Return the file's content; raise ReadError where its digest is not the one in its name: a pickle is code."""
         data = self.files.read_bytes(self.name)
-        digest = new_digest()
-        digest.update(data)
-        if f"{SHARED}/{digest.hexdigest()}.pickle" != self.name:
+        if f"{SHARED}/{new_digest(data).hexdigest()}.pickle" != self.name:
             raise ReadError(f"{self.files.url}/{self.name} is damaged or was replaced: start the same command again")
         return data
 
@@ -64,18 +62,13 @@ def share_values(tasks: Sequence[SceneTask], files: StoreFiles) -> list[SceneTas
         if count > 1 and not isinstance(values[identity], _PLAIN):
             data = cloudpickle.dumps(values[identity])
             if len(data) >= SHARED_FROM:
-                digest = new_digest()
-                digest.update(data)
-                shared[identity] = SharedValue(files, f"{SHARED}/{digest.hexdigest()}.pickle")
+                shared[identity] = SharedValue(files, f"{SHARED}/{new_digest(data).hexdigest()}.pickle")
                 with files.writing(shared[identity].name) as stream:
                     stream.write(data)
-    if not shared:
-        return list(tasks)
-    replaced = []
-    for task in tasks:
-        parameters = {name: shared.get(id(value), value) for name, value in task.parameters.items()}
-        replaced.append(replace(task, parameters=parameters))
-    return replaced
+    return [
+        replace(task, parameters={name: shared.get(id(value), value) for name, value in task.parameters.items()})
+        for task in tasks
+    ]
 
 
 def load_shared(parameters: Mapping[str, Any]) -> dict[str, Any]:

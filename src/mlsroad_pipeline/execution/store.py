@@ -18,7 +18,7 @@ import hashlib
 import io
 import socket
 import uuid
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import PurePosixPath
 from typing import Any
@@ -122,10 +122,7 @@ class SceneStore(StoreFiles):
         return True
 
     def commit(self, key: str, task: str, result: Any, *, token: str) -> Record:
-        """Store a result: remove the old record first, write the new one last.
-
-        Raises DataError for a result of a type that cannot be stored and SupersededError after a takeover.
-        """
+        """Store a result: remove the old record first, write the new one last."""
         parts = split_parts(result)
         self.check_held(token)
         self.remove(f"{key}/{RECORD}")
@@ -215,30 +212,19 @@ class SceneStore(StoreFiles):
         if keep:
             records = {**self.stored_records(), **records}
         else:
-            self._remove_others(records)
+            for name in set(self.names()) - set(records) - {MANIFEST, ".gitkeep"}:
+                self.remove(name)
         scenes = {key: records[key].to_json() for key in sorted(records)}
         self.write_json(MANIFEST, {"format": FORMAT, "scenes": scenes})
 
     def stored_records(self) -> dict[str, Record]:
         """Return the records of all intact scenes in the folder, whatever the manifest holds."""
-        filesystem, root = self.opened()
-        filesystem.invalidate_cache()
-        names = (
-            [PurePosixPath(path).name for path in filesystem.ls(root, detail=False)] if filesystem.exists(root) else []
-        )
-        found = {name: self.read_record(name) for name in sorted(names)}
+        found = {name: self.read_record(name) for name in self.names()}
         return {
             name: record
             for name, record in found.items()
             if record is not None and self.is_intact(name, record, checksums=False)
         }
-
-    def _remove_others(self, keys: Collection[str]) -> None:
-        filesystem, root = self.opened()
-        filesystem.invalidate_cache()
-        names = {PurePosixPath(path).name for path in filesystem.ls(root, detail=False)}  # empty folders too
-        for name in sorted(names - set(keys) - {MANIFEST, ".gitkeep"}):
-            self.remove(name)
 
     def clean(self) -> None:
         """Remove temporary files and shared values of a killed run."""

@@ -78,10 +78,7 @@ class StoreFiles:
 
     @classmethod
     def at(cls, url: str, options: Mapping[str, Any] | None = None) -> Self:
-        """Return the folder at a path or URL.
-
-        Raises ValueError for an unknown protocol and ImportError if the package of its file system is missing.
-        """
+        """Return the folder at a path or URL."""
         filesystem, root = fsspec.core.url_to_fs(url, **(options or {}))
         absolute = root if isinstance(filesystem, LocalFileSystem) else filesystem.unstrip_protocol(root)
         return cls(absolute.rstrip("/"), dict(options or {}))
@@ -165,6 +162,13 @@ class StoreFiles:
         if filesystem.exists(f"{root}/{relative}"):
             filesystem.rm(f"{root}/{relative}", recursive=True)
             filesystem.invalidate_cache()
+
+    def names(self) -> list[str]:
+        """Return the sorted names of the files and folders, empty ones too, in the folder; none if it is missing."""
+        filesystem, root = self.opened()
+        filesystem.invalidate_cache()
+        found = filesystem.ls(root, detail=False) if filesystem.exists(root) else []
+        return sorted(PurePosixPath(path).name for path in found)
 
     def listing(self) -> dict[str, int]:
         """Return the sizes of all files below the folder by relative path, bytes."""

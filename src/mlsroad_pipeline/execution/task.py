@@ -16,24 +16,12 @@ from mlsroad_pipeline.execution.store import SceneStore
 
 @dataclass(frozen=True)
 class SceneFailure:
-    """Failure of one scene.
-
-    Parameters
-    ----------
-    scene : str
-        The scene.
-    source : str or None
-        The source files, if known.
-    cause : str
-        Type and message of the error.
-    traceback : str
-        Traceback of the worker; empty if there is none.
-    """
+    """Failure of one scene."""
 
     scene: str
-    source: str | None
-    cause: str
-    traceback: str = field(default="", repr=False)
+    source: str | None  # Source files, if known
+    cause: str  # Type and message of the error
+    traceback: str = field(default="", repr=False)  # That of the worker, if there is one
 
     def __str__(self) -> str:
         """Return one line with the scene, its source and the cause."""
@@ -60,14 +48,9 @@ class SourceFile:
     """Raw input file or folder; the function of the task receives its path.
 
     Fingerprints cover the name and the content, not the parent folder.
-
-    Parameters
-    ----------
-    path : str
-        A path or URL.
     """
 
-    path: str
+    path: str  # A path or URL
 
     def load(self) -> Any:
         """Return the path; subclasses read the file instead."""
@@ -81,30 +64,15 @@ class SourceFile:
 
 @dataclass(frozen=True)
 class StoredResult:
-    """Handle of a stored result, small and picklable; the worker loads the result.
+    """Handle of a stored result, small and picklable; the worker loads the result."""
 
-    Parameters
-    ----------
-    url : str
-        The store.
-    key : str
-        The scene.
-    fingerprint : str
-        Digest of the stored content (of `part`, if given).
-    part : str, optional
-        Part of the result; None is the whole result.
-    storage_options : mapping, optional
-        Options of the store's file system.
-    mapped : bool, default False
-        Map the arrays of local files into memory, copy-on-write: a function that uses some rows of large arrays reads
-        only these.
-    """
-
-    url: str
-    key: str
-    fingerprint: str
-    part: str | None = None
+    url: str  # The store
+    key: str  # The scene
+    fingerprint: str  # Digest of the stored content, of `part` if given
+    part: str | None = None  # Part of the result; None is the whole result
+    # Options of the store's file system
     storage_options: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
+    # Map the arrays of local files into memory, copy-on-write: of large arrays only the rows in use are read
     mapped: bool = field(default=False, compare=False)
 
     def load(self) -> Any:

@@ -43,7 +43,6 @@ class PointFormat(Protocol):
 
         Formats without signatures examine the content or the name.
         """
-        del path
         return head.startswith(self.signatures) if self.signatures else False
 
     def info(self, path: Path, options: ReadOptions) -> FileInfo:

@@ -146,7 +146,11 @@ def _check_unit(standard: str, column: str, mapped: bool, options: ReadOptions, 
     meaning = _meaning(column)
     if meaning is None or not meaning.unit or meaning.standard != standard:
         return
-    wanted = _other_time(meaning.unit, options) if standard == "gps_time" else _other_length(meaning, options)
+    if standard == "gps_time":
+        seconds = next(factor for factor, names in TIMES.items() if meaning.unit in names)
+        wanted = "" if options.time_scale != 1.0 or seconds == 1.0 else f"time_scale: {seconds:g}"
+    else:
+        wanted = _other_length(meaning, options)
     if not wanted:
         return
     if not mapped:
@@ -155,11 +159,6 @@ def _check_unit(standard: str, column: str, mapped: bool, options: ReadOptions, 
             "column by columns if its name is wrong"
         )
     log_once(str(source), f"column {column!r} is read in another unit than its name states; {wanted} changes that")
-
-
-def _other_time(unit: str, options: ReadOptions) -> str:
-    seconds = next(factor for factor, names in TIMES.items() if unit in names)
-    return "" if options.time_scale != 1.0 or seconds == 1.0 else f"time_scale: {seconds:g}"
 
 
 def _other_length(meaning: _Meaning, options: ReadOptions) -> str:

@@ -1,17 +1,20 @@
-"""Coordinate reference systems of files: options, sidecars and reprojection."""
+"""Coordinate reference systems of files: options, sidecars, reprojection, and units as factors to metres."""
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyproj
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.formats.content import unpacked_name
-from mlsroad_pipeline.formats.files import FileKey, atomic_file, file_key, log_once
+from mlsroad_pipeline.formats.files import FileKey, file_key, log_once, unpacked_name, write_atomic
+from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions
 
 SIDECAR = ".prj"
 LARGEST = 1 << 20
@@ -72,8 +75,7 @@ def _sidecar(key: FileKey) -> str | None:
 def write_sidecar(path: Path, crs: str | None) -> None:
     """Write a CRS as WKT beside a file whose format holds none; None writes nothing."""
     if crs:
-        with atomic_file(path.with_name(_stem(path) + SIDECAR)) as stream:
-            stream.write(crs.encode() + b"\n")
+        write_atomic(path.with_name(_stem(path) + SIDECAR), crs.encode() + b"\n")
 
 
 @lru_cache(maxsize=64)
@@ -128,3 +130,100 @@ def reproject(
 @lru_cache(maxsize=16)
 def _transformer(source: str, target: str) -> pyproj.Transformer:
     return pyproj.Transformer.from_crs(source, target, always_xy=True)
+
+
+ANGLES = re.compile(r"degree|radian|gr?ad|arc|\bgon\b|centesimal", re.IGNORECASE)  # names of units of angles
+SAME_UNIT = 1e-7  # relative tolerance within which two units are equal: a foot and a US survey foot differ by 2e-6
+
+
+class CrsUnits(NamedTuple):
+    """Units of a system."""
+
+    kind: str  # ``"projected"``, ``"geographic"`` (degrees), ``"geocentric"`` or ``"other"``
+    flat: tuple[str, float]  # name of the unit of x and y, and its length in metres (its size in radians for degrees)
+    height: tuple[str, float] | None  # those of the heights; None where the system has none
+
+
+@lru_cache(maxsize=64)
+def crs_units(crs: str) -> CrsUnits | None:
+    """Return the units of a system as WKT; None where PROJ cannot parse it, or it has heights only."""
+    system = parsed_crs(crs)
+    if system is None:
+        return None
+    axes = [(axis.direction, axis.unit_name, axis.unit_conversion_factor) for axis in system.axis_info]
+    heights = [(name, factor) for direction, name, factor in axes if direction in ("up", "down")]
+    flat = [(name, factor) for direction, name, factor in axes if direction not in ("up", "down")]
+    if not flat:
+        return None
+    kinds = (("projected", system.is_projected), ("geographic", system.is_geographic))
+    kind = next((name for name, holds in (*kinds, ("geocentric", system.is_geocentric)) if holds), "other")
+    return CrsUnits(kind, flat[0], heights[0] if heights else None)
+
+
+def with_units(options: ReadOptions, crs: str | None, source: Path) -> ReadOptions:
+    """Return options with numbers for units: those of the coordinate reference system where the options refer to it.
+
+    The `crs` of the options takes precedence over the file's, which is given as WKT, and that over a sidecar. Heights
+    without a unit of their own have that of x and y. `DataError` if the system states a unit that is not a length.
+    """
+    if options.units != BY_CRS:
+        return options
+    system = parse_crs(options.crs) if options.crs else crs or sidecar_crs(source)
+    units = None if system is None else crs_units(system)
+    if units is None:
+        return replace(options, units=1.0)
+    lengths = units.kind == "projected" or (units.kind == "other" and not ANGLES.search(units.flat[0]))
+    flat = units.flat[1] if lengths else 1.0
+    height = flat if units.height is None else units.height[1]
+    if not (0 < flat < np.inf and 0 < height < np.inf):
+        raise DataError(
+            f"{source}: its coordinate reference system states units of {flat:g} m, of heights {height:g} m; set units"
+        )
+    height_units = height if options.height_units is None else options.height_units
+    return replace(options, units=flat, height_units=height_units)
+
+
+def auto_note(options: ReadOptions, crs: str | None, source: Path) -> str:
+    """Return a sentence on the conversion to metres; empty if the options set the units or nothing is converted."""
+    if options.units != BY_CRS:
+        return ""
+    flat, _, height = with_units(options, crs, source).factors.tolist()
+    if flat == height == 1.0:
+        return ""
+    what = "coordinates" if flat == height else "x and y" if height == 1.0 else "heights"
+    factor = height if flat == 1.0 else flat
+    other = f", heights of {height:.10g} m" if flat not in (1.0, height) and height != 1.0 else ""
+    return (
+        f"{what} are converted from units of {factor:.10g} m{other}, as the coordinate reference system states; "
+        "units: metre says otherwise"
+    )
+
+
+@lru_cache(maxsize=64)
+def in_metres(crs: str, flat: float, height: float | None = None) -> str:
+    """Return the system of coordinates that were converted to metres by factors of x and y, and of heights.
+
+    It has the same projection and heights in metres, without the code; the system itself where its units are others.
+    """
+    height = flat if height is None else height
+    if (flat == 1.0 and height == 1.0) or crs_units(crs) is None:
+        return crs
+    described = pyproj.CRS.from_user_input(crs).to_json_dict()
+    if not _set_metres(described, flat, height):
+        return crs
+    return str(pyproj.CRS.from_json_dict(described).to_wkt())
+
+
+def _set_metres(described: dict[str, Any], flat: float, height: float) -> bool:
+    """Set metres as the unit of axes that have the given ones, and return whether there are any."""
+    parts = [*described.get("components", ()), *([described["source_crs"]] if "source_crs" in described else [])]
+    changed = any([_set_metres(part, flat, height) for part in parts])
+    for axis in described.get("coordinate_system", {}).get("axis", ()):
+        unit, factor = axis.get("unit"), height if axis.get("direction") in ("up", "down") else flat
+        size = unit.get("conversion_factor") if isinstance(unit, dict) and unit.get("type") == "LinearUnit" else None
+        if factor != 1.0 and size is not None and abs(size / factor - 1.0) <= SAME_UNIT:
+            axis["unit"], changed = "metre", True
+    if changed:
+        described.pop("id", None)
+        described["name"] = " + ".join(part["name"] for part in parts) if parts else described["name"] + " in metres"
+    return changed

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
-from mlsroad_pipeline.formats.files import atomic_file, check_file
+from mlsroad_pipeline.formats.files import check_file, write_atomic
 from mlsroad_pipeline.formats.tables import PointTable, TableFormat
 
 RECORD = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
@@ -32,17 +32,16 @@ class KittiFormat(TableFormat):
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
         """Open a scan: x, y, z, `intensity` and, with labels, `label` uint16 and `instance` int32."""
-        del options
         scan = _scan(path)
         table = {name: scan[name] for name in RECORD.names or ()}
-        packed = _labels(path, len(scan))
-        if packed is not None:
-            table["label"] = table["instance"] = packed
+        labels = label_path(path)
+        if labels is not None:
+            table["label"] = table["instance"] = _packed(labels, len(scan), path)
 
         def rows(names: Sequence[str], start: int, stop: int) -> Mapping[str, NDArray]:
             return {name: _column(table, name, start, stop) for name in names}
 
-        return PointTable(tuple(table), len(scan), rows, None, {"labels": label_path(path)})
+        return PointTable(tuple(table), len(scan), rows, None, {"labels": labels})
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
         """Write a scan and, where the cloud has `label`, its ``.label`` beside it.
@@ -61,8 +60,7 @@ class KittiFormat(TableFormat):
             records["intensity"] = cloud["intensity"]
         if "label" in cloud:
             write_labels(path.with_suffix(".label"), cloud["label"], cloud.get("instance"))
-        with atomic_file(path) as stream:
-            stream.write(records.tobytes())
+        write_atomic(path, records.tobytes())
 
 
 def _scan(path: Path) -> NDArray:
@@ -98,11 +96,6 @@ def label_path(path: Path) -> Path | None:
     return next((candidate for candidate in candidates if candidate.is_file()), None)
 
 
-def _labels(path: Path, n_points: int) -> NDArray[np.uint32] | None:
-    labels = label_path(path)
-    return None if labels is None else _packed(labels, n_points, path)
-
-
 def _packed(labels: Path, n_points: int, path: Path) -> NDArray[np.uint32]:
     size = check_file(labels).stat().st_size
     if size != 4 * n_points:
@@ -130,5 +123,4 @@ def write_labels(path: Path, labels: NDArray, instances: NDArray | None) -> None
         if len(values) and not 0 <= values.min() <= values.max() < 2**LABEL_BITS:
             raise DataError(f"{path}: {name} {values.min()} to {values.max()} does not fit into {LABEL_BITS} bits")
     packed = parts[0][1].astype("<u4") | parts[1][1].astype("<u4") << LABEL_BITS
-    with atomic_file(path) as stream:
-        stream.write(packed.astype("<u4").tobytes())
+    write_atomic(path, packed.astype("<u4").tobytes())

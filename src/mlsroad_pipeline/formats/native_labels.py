@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.formats.base import PointFormat, ReadOptions
-from mlsroad_pipeline.formats.content import BLOCK, open_content, output_file
+from mlsroad_pipeline.formats.files import BLOCK, open_content, output_file
 from mlsroad_pipeline.formats.kitti import label_path
 from mlsroad_pipeline.formats.labelled_names import CLASS, CONFIDENCE, OBJECT, RESULTS, PointLabels, kept_name
 from mlsroad_pipeline.formats.npz import archive_entry
@@ -27,8 +27,8 @@ from mlsroad_pipeline.formats.pcd.format import PcdFormat
 from mlsroad_pipeline.formats.pcd.header import PADDING, PcdHeader, read_pcd_header
 from mlsroad_pipeline.formats.ply.format import PlyFormat, vertex_rows
 from mlsroad_pipeline.formats.ply.header import PlyHeader, read_ply_header
-from mlsroad_pipeline.formats.text.format import TextFormat
-from mlsroad_pipeline.formats.text.layout import TextTable, decoded, open_table
+from mlsroad_pipeline.formats.text.format import TextFormat, TextTable, open_table
+from mlsroad_pipeline.formats.text.sniffing import decoded
 from mlsroad_pipeline.formats.text.values import WHITESPACE, TextRows, join_rows, number_text
 
 # Fields added to a PCD header; those of four bytes come first, where they are aligned.
@@ -106,10 +106,10 @@ class _TextSink(LabelSink):
     def __init__(self, source: Path, options: ReadOptions, out: BinaryIO) -> None:
         table = open_table(source, options)
         self._rows, self._out = table.rows, out
-        self._delimiter = " " if table.delimiter == WHITESPACE else table.delimiter
-        lines = list(table.head.lines)
-        if table.has_names:
-            lines[table.head.names_at] = self._with_results(lines[table.head.names_at], table)
+        self._delimiter = " " if table.form.delimiter == WHITESPACE else table.form.delimiter
+        lines = list(table.head)
+        if table.names_at >= 0:
+            lines[table.names_at] = self._with_results(lines[table.names_at], table)
         self._out.write(b"".join(lines))
 
     def _with_results(self, line: bytes, table: TextTable) -> bytes:
@@ -145,7 +145,6 @@ class _PlySink(LabelSink):
     """Writer of PLY that adds three properties to the vertices; other header lines and elements are copied."""
 
     def __init__(self, source: Path, options: ReadOptions, out: BinaryIO) -> None:
-        del options
         self._file, self._header, self._out = open_content(source), read_ply_header(source), out
         self._rows = vertex_rows(source, self._header) if self._header.encoding == "ascii" else None
         self._size = self._header.vertex.dtype(self._header.order).itemsize
@@ -192,7 +191,6 @@ class _KittiSink(LabelSink):
     """Writer of KITTI labels: classes in the lower 16 bits; the instances of the survey are kept."""
 
     def __init__(self, source: Path, options: ReadOptions, out: BinaryIO) -> None:
-        del options
         labels, self._out = label_path(source), out
         self._old = np.fromfile(labels, dtype="<u4") if labels is not None else None
 
@@ -207,7 +205,6 @@ class _ParquetSink(LabelSink):
     """Writer of Parquet that adds three columns, a batch at a time; the schema's metadata are kept."""
 
     def __init__(self, source: Path, options: ReadOptions, out: BinaryIO) -> None:
-        del options
         file = pq.ParquetFile(source)
         old = file.schema_arrow
         fields = [f.with_name(kept_name(f.name, old.names)) if f.name in RESULTS else f for f in old]
@@ -235,7 +232,6 @@ class _NpzSink(LabelSink):
     """Writer of NPZ that adds three arrays; the others are copied."""
 
     def __init__(self, source: Path, options: ReadOptions, out: BinaryIO) -> None:
-        del options
         self._source, self._out = source, out
         self._parts: dict[str, list[NDArray]] = {name: [] for name in RESULTS}
 
@@ -259,7 +255,6 @@ class _PcdSink(LabelSink):
     """Writer of binary PCD that adds three fields to the records; other header lines are kept."""
 
     def __init__(self, source: Path, options: ReadOptions, out: BinaryIO) -> None:
-        del options
         self._file, self._header, self._out = open_content(source), read_pcd_header(source), out
         out.write(_labelled_pcd_head(self._file.read(self._header.begin), self._header))
 

@@ -63,7 +63,6 @@ class NpzFormat(TableFormat):
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
         """Open a file; its arrays are held in memory."""
-        del options
         return _open(file_key(path))
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
@@ -93,7 +92,11 @@ def archive_entry(name: str) -> zipfile.ZipInfo:
 def _open(key: FileKey) -> PointTable:
     path = Path(key[0])
     try:
-        arrays = _archive(path) if zipfile.is_zipfile(path) else {"points": _array_file(path)}
+        if zipfile.is_zipfile(path):
+            arrays = _archive(path)
+        else:
+            with path.open("rb") as stream:
+                arrays = {"points": _array(stream, path.stat().st_size, path.name)}
     except ReadError:
         raise
     except (*DAMAGE, *MANGLED) as error:
@@ -143,11 +146,6 @@ def _archive(path: Path) -> dict[str, NDArray]:
     return arrays
 
 
-def _array_file(path: Path) -> NDArray:
-    with path.open("rb") as stream:
-        return _array(stream, path.stat().st_size, path.name)
-
-
 def _array(stream: IO[bytes], size: int, name: str) -> NDArray:
     """Read one array; raise an error for a size beyond its bytes before memory is allocated."""
     version = np.lib.format.read_magic(stream)
@@ -179,7 +177,8 @@ def _columns(arrays: Mapping[str, NDArray], path: Path) -> dict[str, NDArray]:
     lost = sorted(set(arrays) - {flat[name][0] for name in columns})
     if lost:
         logger.info("%s: arrays that are not columns of the points are left out: %s", path, ", ".join(lost))
-    return {n: v.astype(np.uint8) if v.dtype == np.bool_ else _native(v) for n, v in columns.items()}
+    types = {n: np.dtype("u1") if v.dtype == np.bool_ else v.dtype.newbyteorder("=") for n, v in columns.items()}
+    return {name: values.astype(types[name], copy=False) for name, values in columns.items()}
 
 
 def _seconds(times: NDArray) -> NDArray:
@@ -188,10 +187,6 @@ def _seconds(times: NDArray) -> NDArray:
         return times
     elapsed = times - np.datetime64(0, "s") if times.dtype.kind == "M" else times
     return np.asarray(elapsed / np.timedelta64(1, "s"))
-
-
-def _native(values: NDArray) -> NDArray:
-    return values if values.dtype.isnative else values.astype(values.dtype.newbyteorder("="))
 
 
 def _parts(name: str, array: NDArray) -> dict[str, NDArray]:

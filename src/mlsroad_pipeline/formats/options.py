@@ -91,52 +91,7 @@ def _as_columns(columns: Any) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class ReadOptions(_Configured):
-    """Options for reading a survey; the defaults suit a self-describing file.
-
-    Parameters
-    ----------
-    columns : mapping of str to (str or int or sequence), optional
-        Standard name to the file's column, by name or by index from 0: ``{"label": "classification"}``. For `rgb`,
-        three columns. A column of the file whose name is thereby taken by another is kept as ``file_<name>``.
-    units : str or float, default "metre"
-        Unit of the coordinates: a name of `UNITS`, or the factor that turns them into metres. ``"crs"``: the unit of
-        the coordinate reference system, for heights that of its heights; metres without a system.
-    coding : Coding or mapping of int to str or "taxonomy", optional
-        Classes of the codes in the `label` column; they become taxonomy codes, uint8. Without it, codes are unchanged.
-    delimiter : str, optional
-        Text: one character, or ``"whitespace"`` for any run of blanks. None detects it from the first rows.
-    decimal : {".", ","}, optional
-        Text: decimal mark. None detects it from the first rows.
-    header : bool, optional
-        Text: whether a row of names precedes the points. None detects it from the first row.
-    comment : str, default "#"
-        Text: prefix of comment lines in the file header.
-    intensity_scale : "dtype" or "auto" or "max" or float, default "dtype"
-        Divisor of the intensity. ``"dtype"``: integers by the full range of their type; floats by the smallest of
-        1, 255 and 65535 that holds the file's maximum, else by it. ``"auto"``: the same, but integers that use
-        8 bits of more only by 255. ``"max"``: the file's maximum. Or a number. Negative values, such as decibels, have
-        no divisor: see `intensity_range`.
-    rgb_bits : {8, 16}, optional
-        Depth of colours in fields of 16 bits. None detects it from a sample spread over the file.
-    time_scale : float, default 1.0
-        Seconds in one unit of the file's times: 1e-6 where they are microseconds.
-    time_offset : float, default 0.0
-        Seconds added to the scaled times: the start of the GPS week, for example, where they count from it.
-    crs : str, optional
-        Coordinate reference system as WKT or as an authority's code ("EPSG:28992"), in place of the file's.
-    reproject : str, optional
-        Target coordinate reference system of the coordinates, as WKT or as a code; None: no reprojection.
-    only : sequence of str, optional
-        The columns to read besides the coordinates; None reads all.
-    n_threads : int, default 1
-        Threads that may decompress LAZ or parse text (more than 1: as many as the machine has); results do not depend
-        on it.
-    height_units : str or float, optional
-        Unit of the heights where it is another; None takes `units`.
-    intensity_range : sequence of two floats, optional
-        Values of the file that become 0 and 1; others are clipped. It takes precedence over `intensity_scale`. None
-        takes the minimum and maximum of the file where it has negative intensities.
-    """
+    """Options for reading a survey; the defaults suit a self-describing file. docs/formats.md describes each."""
 
     columns: Mapping[str, Any] = field(default_factory=dict)
     units: str | float = "metre"
@@ -198,31 +153,16 @@ class ReadOptions(_Configured):
 
 @dataclass(frozen=True)
 class WriteOptions(_Configured):
-    """Options for writing a cloud.
+    """Options for writing a cloud."""
 
-    Parameters
-    ----------
-    like : str or Path, default "source"
-        LAS: the file whose header, scale, offset, variable length records and point layout are used. ``"source"``: the
-        cloud's source where that is a LAS or LAZ file, ``"none"``: a new header.
-    scale : float, default 0.001
-        LAS without `like`: resolution of the coordinates in metres. Smaller keeps more digits and compresses less.
-    units : str or float, default "metre"
-        Unit of the coordinates in the file: a name of `UNITS` or a factor to metres.
-    delimiter : str, default " "
-        Text: one character between values.
-    decimals : int, default 4
-        Text: digits after the point of coordinates (0.0001 m is finer than any mobile scanner).
-    n_threads : int, default 1
-        Threads that may compress LAZ (more than 1: as many as the machine has); the bytes do not depend on it.
-    """
-
+    # LAS: the file whose header, scale, offset, variable length records and point layout are used; "source": that of
+    # the cloud where it is LAS or LAZ; "none": a new header
     like: str | Path = "source"
-    scale: float = 0.001
-    units: str | float = "metre"
-    delimiter: str = " "
-    decimals: int = 4
-    n_threads: int = 1
+    scale: float = 0.001  # LAS without `like`: resolution of the coordinates, metres
+    units: str | float = "metre"  # unit of the coordinates in the file: a name of `UNITS` or a factor to metres
+    delimiter: str = " "  # text: one character between values
+    decimals: int = 4  # text: digits after the point of coordinates; 0.0001 m is finer than any mobile scanner
+    n_threads: int = 1  # above one, LAZ is compressed in parallel; the bytes do not depend on it
 
     def __post_init__(self) -> None:
         _unit_factor(self.units)

@@ -53,7 +53,6 @@ class ParquetFormat(TableFormat):
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
         """Open a file."""
-        del options
         return _open(file_key(path))
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:

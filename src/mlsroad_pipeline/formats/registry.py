@@ -6,10 +6,9 @@ from pathlib import Path
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.base import PointFormat
-from mlsroad_pipeline.formats.content import GZIP, first_bytes, is_packed
-from mlsroad_pipeline.formats.content import SUFFIX as GZIP_SUFFIX
 from mlsroad_pipeline.formats.e57.format import E57Format
-from mlsroad_pipeline.formats.files import check_file
+from mlsroad_pipeline.formats.files import GZIP, check_file, first_bytes, is_packed
+from mlsroad_pipeline.formats.files import SUFFIX as GZIP_SUFFIX
 from mlsroad_pipeline.formats.kitti import KittiFormat
 from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.formats.npz import NpzFormat
@@ -18,7 +17,7 @@ from mlsroad_pipeline.formats.pcd.format import PcdFormat
 from mlsroad_pipeline.formats.ply.format import PlyFormat
 from mlsroad_pipeline.formats.sydney import SydneyFormat
 from mlsroad_pipeline.formats.text.format import TextFormat
-from mlsroad_pipeline.formats.text.layout import looks_like_table
+from mlsroad_pipeline.formats.text.sniffing import looks_like_table
 
 FORMATS: tuple[PointFormat, ...] = (
     *(LasFormat(), PlyFormat(), PcdFormat(), TextFormat()),
@@ -62,21 +61,15 @@ def get_format(path: str | Path) -> PointFormat:
             return named
         if named is None and looks_like_table(path):
             return next(entry for entry in FORMATS if isinstance(entry, TextFormat))
-    elif held is not None and (_may_be_named(held, path) if named is not None else _unpacks(held) or not packed):
-        return held
+    elif held is not None:
+        may_be_packed = any(extension.endswith(GZIP_SUFFIX) for extension in held.extensions)
+        if path.name.lower().endswith(held.extensions) if named is not None else may_be_packed or not packed:
+            return held
     content = _content(head, held, packed=packed)
     if named is None:
         known = ", ".join(known_extensions())
         raise ReadError(f"{path} is of no known format: it holds {content} (known extensions: {known})")
     raise ReadError(f"{path} is named as {named.name}, but holds {content}")
-
-
-def _may_be_named(entry: PointFormat, path: Path) -> bool:
-    return path.name.lower().endswith(entry.extensions)
-
-
-def _unpacks(entry: PointFormat) -> bool:
-    return any(extension.endswith(GZIP_SUFFIX) for extension in entry.extensions)
 
 
 def _content(head: bytes, held: PointFormat | None, *, packed: bool) -> str:

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions
-from mlsroad_pipeline.formats.crs import parse_crs, reproject, sidecar_crs
-from mlsroad_pipeline.formats.crs_units import in_metres
+from mlsroad_pipeline.formats.crs import in_metres, parse_crs, reproject, sidecar_crs
 from mlsroad_pipeline.formats.files import log_once
 
 ORIGINAL = "original_intensity"  # column with the intensities of the file, where they are mapped by their range

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, MissingColumnError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
-from mlsroad_pipeline.formats.files import FileKey, atomic_file, file_key
+from mlsroad_pipeline.formats.files import FileKey, file_key, write_atomic
 from mlsroad_pipeline.formats.tables import PointTable, TableFormat
 
 RECORD = np.dtype(
@@ -75,7 +75,6 @@ class SydneyFormat(TableFormat):
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
         """Open a file of objects."""
-        del options
         if path.suffix.lower() == ".csv":
             table = _text_records(file_key(path))
             return PointTable(NAMES, len(table["x"]), lambda names, a, b: {n: table[n][a:b] for n in names})
@@ -111,8 +110,7 @@ class SydneyFormat(TableFormat):
         for name in ("t", "intensity", "id", "azimuth", "range", "pid"):
             values = np.rint(scaled[name]) if name in scaled else cloud[name]
             _store(records, name, values, path)
-        with atomic_file(path) as stream:
-            stream.write(records.tobytes())
+        write_atomic(path, records.tobytes())
 
 
 def _store(records: NDArray, name: str, values: NDArray, path: Path) -> None:

@@ -16,9 +16,8 @@ from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import FileInfo, PointFormat, ReadOptions
 from mlsroad_pipeline.formats.column_names import resolve_columns
-from mlsroad_pipeline.formats.content import open_content
-from mlsroad_pipeline.formats.crs_units import auto_note, with_units
-from mlsroad_pipeline.formats.files import FileKey, check_file, clip_range, file_key
+from mlsroad_pipeline.formats.crs import auto_note, with_units
+from mlsroad_pipeline.formats.files import FileKey, check_file, clip_range, file_key, open_content
 from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES, check_finite, origin_near, standard_cloud
 
 # Function of a range of rows that returns their coordinates as stored.
@@ -118,16 +117,31 @@ class TableFormat(PointFormat):
         wanted = tuple(names.values())
         raw = table.rows(wanted, start, stop)
         first = raw if start == 0 and stop else table.rows(wanted, 0, min(1, table.n_points))
-        return flat_cloud(
-            {given: raw[name] for given, name in names.items()},
-            first={given: first[name][:1] for given, name in names.items()},
-            options=options,
-            source=path,
-            start=start,
-            extremes=lambda given: _extremes(table, path, tuple(names[name] for name in given), options),
-            crs=table.crs,
-            notes=notes,
-        )
+        with np.errstate(invalid="ignore", over="ignore"):  # NaN and overflows raise below
+            coordinates = [names[axis] for axis in COORDINATES]
+            corner = np.array([float(first[name][0]) if len(first[name]) else 0.0 for name in coordinates])
+            corner = corner * options.factors
+            origin = origin_near(corner)  # a round point near the first
+            xyz = np.empty((len(raw[coordinates[0]]), 3))
+            for axis, name in enumerate(coordinates):
+                if options.factors[axis] == 1.0:
+                    xyz[:, axis] = raw[name]
+                else:
+                    np.multiply(raw[name], options.factors[axis], out=xyz[:, axis], dtype=np.float64)
+            check_finite(xyz, source=path, start=start)
+            if origin.any():
+                xyz -= origin
+            return standard_cloud(
+                {given: raw[name] for given, name in names.items() if given not in COORDINATES},
+                xyz,
+                options=options,
+                source=path,
+                origin=origin,
+                crs=table.crs,
+                anchor=corner,
+                extremes=lambda given: _extremes(table, path, tuple(names[name] for name in given), options),
+                notes=notes,
+            )
 
 
 def _extremes(table: PointTable, path: Path, names: tuple[str, ...], options: ReadOptions) -> tuple[float, float]:
@@ -151,14 +165,14 @@ def _extremes(table: PointTable, path: Path, names: tuple[str, ...], options: Re
 def _precision_note(table: PointTable, path: Path, options: ReadOptions) -> str:
     options = replace(with_units(options, table.crs, path), columns=options.columns or table.guess, only=())
     names = resolve_columns(table.names, options, path)
-    own = ((lambda start, stop: _stored(table, names, start, stop), table.n_points),)
+
+    def stored(start: int, stop: int) -> list[NDArray]:
+        part = table.rows([names[axis] for axis in COORDINATES], start, stop)
+        return [part[names[axis]] for axis in COORDINATES]
+
+    own = ((stored, table.n_points),)
     notes = (step_note(rows, n_points, options.factors) for rows, n_points in table.stored or own)
     return next((note for note in notes if note), "")
-
-
-def _stored(table: PointTable, names: Mapping[str, str], start: int, stop: int) -> list[NDArray]:
-    part = table.rows([names[axis] for axis in COORDINATES], start, stop)
-    return [part[names[axis]] for axis in COORDINATES]
 
 
 def truncated(path: Path, stated: int, have: int) -> ReadError:
@@ -222,47 +236,6 @@ def with_points_only(table: PointTable, path: Path) -> PointTable:
         return {name: values[index - begin] for name, values in part.items()}
 
     return replace(table, n_points=len(kept), rows=rows, details={**table.details, "without_return": n_lost})
-
-
-def flat_cloud(
-    raw: Mapping[str, NDArray],
-    *,
-    first: Mapping[str, NDArray],
-    options: ReadOptions,
-    source: Path,
-    start: int,
-    extremes: Callable[[Sequence[str]], tuple[float, float]],
-    crs: str | None = None,
-    notes: list[str] | None = None,
-) -> PointCloud:
-    """Build a point cloud from scalar columns of a range of a file, relative to a round point near its first.
-
-    ``raw`` has columns by standard name, ``first`` those of the file's first row, ``start`` is the row of the first
-    point. `DataError` for a coordinate that is NaN or infinite, or a value outside its domain.
-    """
-    with np.errstate(invalid="ignore", over="ignore"):  # NaN and overflows raise below
-        corner = [float(first[name][0]) if len(first[name]) else 0.0 for name in COORDINATES]
-        origin = origin_near(np.array(corner) * options.factors)
-        xyz = np.empty((len(raw["x"]), 3))
-        for axis, name in enumerate(COORDINATES):
-            if options.factors[axis] == 1.0:
-                xyz[:, axis] = raw[name]
-            else:
-                np.multiply(raw[name], options.factors[axis], out=xyz[:, axis], dtype=np.float64)
-        check_finite(xyz, source=source, start=start)
-        if origin.any():
-            xyz -= origin
-        columns = {name: values for name, values in raw.items() if name not in COORDINATES}
-        return standard_cloud(
-            *(columns, xyz),
-            options=options,
-            source=source,
-            origin=origin,
-            crs=crs,
-            anchor=np.array(corner) * options.factors,
-            extremes=extremes,
-            notes=notes,
-        )
 
 
 def scalar_columns(cloud: PointCloud, metres: float) -> dict[str, NDArray]:

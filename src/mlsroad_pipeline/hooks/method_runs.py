@@ -65,32 +65,8 @@ def series_metrics(table: pd.DataFrame, *, prefix: str = "") -> list[Metric]:
     ]
 
 
-_CONTEXT = "mlflow.data.context"
 _LABELLED = "survey"
 """Split of `label`."""
-
-
-@dataclass(frozen=True)
-class DataSet:
-    """Raw files of one split; MLflow shows the name, the digest and the context."""
-
-    name: str
-    digest: str
-    context: str
-    files: tuple[str, ...]
-
-    def as_input(self) -> DatasetInput:
-        """Return the input of a run."""
-        folder = os.path.commonpath([os.path.dirname(path) for path in self.files])
-        profile = {"num_files": len(self.files), "num_bytes": sum(os.path.getsize(path) for path in self.files)}
-        data = Dataset(
-            name=self.name,
-            digest=self.digest,
-            source_type="local",
-            source=json.dumps({"uri": self.files[0] if len(self.files) == 1 else folder}),
-            profile=json.dumps(profile),
-        )
-        return DatasetInput(data, [InputTag(_CONTEXT, self.context)])
 
 
 class DataSets:
@@ -103,7 +79,7 @@ class DataSets:
     def __init__(self, survey: str) -> None:
         self._survey = survey
         self._files: dict[str, tuple[str, ...]] = {}
-        self._made: dict[str, DataSet] = {}
+        self._made: dict[str, DatasetInput] = {}
 
     def add(self, tasks: Any) -> None:
         """Take the raw files of saved tasks; other results have none."""
@@ -117,7 +93,7 @@ class DataSets:
         for split, paths in found.items():
             self._files.setdefault(split, tuple(sorted(paths)))
 
-    def of(self, split: str) -> DataSet | None:
+    def of(self, split: str) -> DatasetInput | None:
         """Return the data set of a split or of one of its parts such as `test_visible`, None if no file is known."""
         candidates = [name for name in self._files if split == name or split.startswith(f"{name}_")]
         if not candidates:
@@ -126,13 +102,26 @@ class DataSets:
         if name not in self._made:
             context = {TRAIN: "training", _LABELLED: "labelling"}.get(name, "testing")
             title = self._survey if name == _LABELLED else f"{self._survey} {name}".strip()
-            files = self._files[name]
-            self._made[name] = DataSet(title or Path(files[0]).name, fingerprint_files(files).digest, context, files)
+            data = _data_set(self._files[name], title)
+            self._made[name] = DatasetInput(data, [InputTag("mlflow.data.context", context)])
         return self._made[name]
 
-    def all(self) -> list[DataSet]:
+    def all(self) -> list[DatasetInput]:
         """Return the data sets of all splits."""
         return [found for found in map(self.of, self._files) if found is not None]
+
+
+def _data_set(files: Sequence[str], title: str) -> Dataset:
+    """Return the data set of raw files; MLflow shows the name and the digest."""
+    profile = {"num_files": len(files), "num_bytes": sum(os.path.getsize(path) for path in files)}
+    place = files[0] if len(files) == 1 else os.path.commonpath([os.path.dirname(path) for path in files])
+    return Dataset(
+        name=title or Path(files[0]).name,
+        digest=fingerprint_files(files)["digest"],
+        source_type="local",
+        source=json.dumps({"uri": place}),
+        profile=json.dumps(profile),
+    )
 
 
 METHOD = "mlsroad.method"
@@ -202,7 +191,7 @@ class MethodRuns:
         child.model = (name, number, model_id)
         if version.run_id != child.run_id:  # unchanged: the model of an earlier run
             client.log_inputs(child.run_id, models=[LoggedModelInput(model_id)])
-        self._log_inputs(child, [self._data_sets.of(TRAIN)])
+        self._log_inputs(child, self._data_sets.of(TRAIN))
         log_metrics(child.run_id, [_copied(metric, model_id) for metric in child.unlinked])
         child.unlinked = []
 
@@ -214,8 +203,8 @@ class MethodRuns:
             stamp, metrics = now(), []
             for name, value in values.items():
                 data = self._data_sets.of(name.split("/", maxsplit=1)[0])
-                self._log_inputs(child, [data])
-                named = {"dataset_name": data.name, "dataset_digest": data.digest} if data else {}
+                self._log_inputs(child, data)
+                named = {"dataset_name": data.dataset.name, "dataset_digest": data.dataset.digest} if data else {}
                 metrics.append(Metric(name, value, stamp, 0, **named))
             self._log(child, metrics)
 
@@ -230,11 +219,10 @@ class MethodRuns:
         else:
             log_metrics(child.run_id, [_copied(metric, child.model[2]) for metric in metrics])
 
-    def _log_inputs(self, child: _Child, data: Iterable[DataSet | None]) -> None:
-        fresh = [one for one in data if one is not None and (one.name, one.digest) not in child.inputs]
-        if fresh:
-            mlflow.MlflowClient().log_inputs(child.run_id, datasets=[one.as_input() for one in fresh])
-            child.inputs |= {(one.name, one.digest) for one in fresh}
+    def _log_inputs(self, child: _Child, data: DatasetInput | None) -> None:
+        if data is not None and (key := (data.dataset.name, data.dataset.digest)) not in child.inputs:
+            mlflow.MlflowClient().log_inputs(child.run_id, datasets=[data])
+            child.inputs.add(key)
 
     def finish(self, status: str) -> None:
         """End all children, and add the scores to the descriptions of their models."""

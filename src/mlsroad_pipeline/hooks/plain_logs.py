@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 import warnings
 from pathlib import PurePath
-from typing import Any, TextIO
+from typing import Any
 
 from mlsroad_pipeline.algorithms.core.plain_text import printable
 
@@ -23,16 +23,9 @@ def silence() -> None:
     warnings.filterwarnings("ignore", message=DOTS, category=UserWarning)
     show = warnings.showwarning
 
-    def show_others(
-        message: Warning | str,
-        category: type[Warning],
-        filename: str,
-        lineno: int,
-        file: TextIO | None = None,
-        line: str | None = None,
-    ) -> None:
+    def show_others(message: Warning | str, *rest: Any, **named: Any) -> None:
         if TYPE_HINTS not in str(message):
-            show(message, category, filename, lineno, file, line)
+            show(message, *rest, **named)
 
     warnings.showwarning = show_others
 

@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import os
 import platform
 import re
 import subprocess
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from enum import Enum
 from importlib.metadata import Distribution, distributions
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from kedro.io import CatalogProtocol
 from kedro.pipeline import Pipeline
 from pydantic import BaseModel
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.execution.digests import DIGEST_BYTES, digest_file
+from mlsroad_pipeline.execution.digests import digest_file, new_digest
 
 DEFAULT_NAME = "compare"
 """Name of the default pipeline."""
@@ -79,47 +77,24 @@ def _field(parameters: Any, name: str) -> Any:
     return parameters.get(name) if isinstance(parameters, Mapping) else getattr(parameters, name, None)
 
 
-class FileDigest(NamedTuple):
-    """Digest of one file: path relative to the common folder, size in bytes, and BLAKE2b digest of 128 bits."""
+def fingerprint_files(paths: Sequence[str | Path]) -> dict[str, Any]:
+    """Return path (below the common folder), size and digest of each file, totals, and one digest of all.
 
-    path: str
-    size: int
-    digest: str
-
-
-@dataclass(frozen=True)
-class DataFingerprint:
-    """Input files of a run, sorted by path."""
-
-    files: tuple[FileDigest, ...]
-
-    @property
-    def digest(self) -> str:
-        """Digest of all files and their relative paths, 32 hexadecimal digits."""
-        text = json.dumps(self.files, ensure_ascii=False)
-        return hashlib.blake2b(text.encode("utf-8"), digest_size=DIGEST_BYTES).hexdigest()
-
-    def table(self) -> dict[str, Any]:
-        """Return the fingerprint as JSON values: the digest, totals, and one entry per file."""
-        entries = [{"path": file.path, "bytes": file.size, "blake2b": file.digest} for file in self.files]
-        total = sum(file.size for file in self.files)
-        return {"digest": self.digest, "n_files": len(self.files), "bytes": total, "files": entries}
-
-
-def fingerprint_files(paths: Sequence[str | Path]) -> DataFingerprint:
-    """Return the fingerprint of files; raise ReadError if one cannot be read."""
+    Values are those of JSON; digests are BLAKE2b of 128 bits. Raises ReadError if a file cannot be read.
+    """
     absolute = sorted({os.path.abspath(path) for path in paths})
-    folders = [os.path.dirname(path) for path in absolute]
-    root = os.path.commonpath(folders) if folders else ""
+    root = os.path.commonpath([os.path.dirname(path) for path in absolute]) if absolute else ""
     files = []
     for path in absolute:
         try:
-            state = os.stat(path)
-            digest = digest_file(path)
+            files.append((Path(path).relative_to(root).as_posix(), os.stat(path).st_size, digest_file(path)))
         except OSError as error:
             raise ReadError(f"{path}: cannot be fingerprinted: {error}") from error
-        files.append(FileDigest(Path(path).relative_to(root).as_posix(), state.st_size, digest))
-    return DataFingerprint(tuple(files))
+    return {
+        "digest": new_digest(json.dumps(files, ensure_ascii=False).encode("utf-8")).hexdigest(),
+        **{"n_files": len(files), "bytes": sum(size for _, size, _ in files)},
+        "files": [{"path": path, "bytes": size, "blake2b": digest} for path, size, digest in files],
+    }
 
 
 def source_files(tasks: Any) -> list[str]:
@@ -213,15 +188,8 @@ def _name_and_version(distribution: Distribution) -> tuple[str, str]:
     return head.get("Name", ""), head.get("Version", "")
 
 
-class Environment(NamedTuple):
-    """Software environment: tags with the Python version and the platform, and all packages as ``name==version``."""
-
-    tags: dict[str, str]
-    packages: list[str]
-
-
-def environment() -> Environment:
-    """Return the environment of this process."""
+def environment() -> tuple[dict[str, str], list[str]]:
+    """Return tags with the Python version and the platform of this process, and all packages as ``name==version``."""
     names = dict(map(_name_and_version, distributions()))
     packages = sorted((f"{name}=={version}" for name, version in names.items() if name), key=str.lower)
-    return Environment({"python": platform.python_version(), "platform": platform.platform()}, packages)
+    return {"python": platform.python_version(), "platform": platform.platform()}, packages

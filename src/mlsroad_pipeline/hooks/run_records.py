@@ -162,7 +162,11 @@ class RunRecords:
         self._sources.update(source_files(data))
         self._data_sets.add(data)
         dataset, (owner, _, rest) = self._catalog.get(dataset_name), dataset_name.partition(".")
-        run_id = self._methods.run_id(owner) if owner in METHODS and _is_record(dataset) else self._run_id
+        run_id = (
+            self._methods.run_id(owner)
+            if owner in METHODS and isinstance(dataset, FigureDataset | HtmlReportDataset)
+            else self._run_id
+        )
         if isinstance(dataset, RegisteredModelDataset):
             self._methods.close(dataset)
         elif isinstance(dataset, ScoresDataset):
@@ -185,11 +189,11 @@ class RunRecords:
         client = mlflow.MlflowClient()
         if status == "FINISHED":
             if found := self._data_sets.all():
-                client.log_inputs(self._run_id, datasets=[one.as_input() for one in found])
+                client.log_inputs(self._run_id, datasets=found)
             if self._sources:
                 fingerprint = fingerprint_files(sorted(self._sources))
-                client.set_tag(self._run_id, "data.fingerprint", fingerprint.digest)
-                client.log_dict(self._run_id, fingerprint.table(), "data_fingerprint.json")
+                client.set_tag(self._run_id, "data.fingerprint", fingerprint["digest"])
+                client.log_dict(self._run_id, fingerprint, "data_fingerprint.json")
         self._methods.finish(status)
 
     def _log_parameters(self) -> None:
@@ -201,8 +205,8 @@ class RunRecords:
 
     def _log_code_and_environment(self, project: Path) -> None:
         """Record the commit and whether files differ from it, the runner, Python, the platform and all packages."""
-        python = environment()
-        tags = python.tags | git_state(project)
+        versions, packages = environment()
+        tags = versions | git_state(project)
         if "git.commit" in tags:
             tags["mlflow.source.git.commit"] = tags["git.commit"]
         tags[PROCESS] = this_process()
@@ -211,7 +215,7 @@ class RunRecords:
         command = client.get_run(self._run_id).data.tags.get("kedro_command", "")
         tags["kedro_command"] = typed_command(command, self._run_params.get("env"))
         client.log_batch(self._run_id, tags=[RunTag(name, value) for name, value in tags.items()])
-        client.log_text(self._run_id, "\n".join(python.packages) + "\n", "environment/pip_freeze.txt")
+        client.log_text(self._run_id, "\n".join(packages) + "\n", "environment/pip_freeze.txt")
 
     def _log_label(self, summary: Mapping[str, Any]) -> None:
         """Record what `label` found, and name the run after the model."""
@@ -243,7 +247,3 @@ class RunRecords:
         objects: pd.DataFrame = inventory.objects
         if path.suffix == ".parquet" and len(objects) <= MAX_TABLE_ROWS:
             client.log_table(self._run_id, data=objects, artifact_file="inventory/objects.json")
-
-
-def _is_record(dataset: Any) -> bool:
-    return isinstance(dataset, FigureDataset | HtmlReportDataset)

@@ -21,7 +21,7 @@ from ezdxf.layouts.layout import Modelspace
 from pyproj import CRS
 
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
-from mlsroad_pipeline.formats.files import atomic_file
+from mlsroad_pipeline.formats.files import write_atomic
 from mlsroad_pipeline.inventory_files.qgis_styles import COLOURS, LINE_COLOURS
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, checked, hulls, line_vertices
 from mlsroad_pipeline.inventory_files.vector_files import crs_name, write_prj
@@ -171,6 +171,5 @@ def write_dxf(inventory: RoadInventory, folder: Path) -> list[Path]:
     with _without_dates():
         doc = _drawn(inventory, table, crs)
         doc.write(text)
-    with atomic_file(target) as stream:
-        stream.write(doc.encode(text.getvalue()))
+    write_atomic(target, doc.encode(text.getvalue()))
     return [target, *write_prj(crs, target.with_suffix(".prj"))]

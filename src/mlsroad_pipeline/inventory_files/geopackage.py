@@ -34,6 +34,7 @@ from mlsroad_pipeline.inventory_files.road_inventory import (
     hulls,
     line_attributes,
     line_shapes,
+    path_of,
     vehicle_boxes,
     with_empty_text,
     write_whole,
@@ -191,8 +192,7 @@ def _layers(inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> l
         of_kind = inventory.lines[inventory.lines["kind"] == kind]
         layers.append(_layer(name, line_attributes(of_kind), geometry=line_shapes(of_kind), kind=_LINE, crs=crs))
     if inventory.trajectory is not None:
-        line = np.array([shapely.LineString(inventory.trajectory.xyz)])
-        length = pd.DataFrame({"length": [round(inventory.trajectory.length, 3)]})
+        length, line = path_of(inventory.trajectory)
         layers.append(_layer("trajectory", length, geometry=line, kind=_LINE, crs=crs))
         if inventory.sections is not None:
             lines = np.array(

@@ -80,50 +80,26 @@ _FRONT_UNKNOWN = "\"facing_from\" = 'unknown'"
 _NO_PANEL = '"facing_from" is null'  # neither of the other two holds for NULL
 
 _POLE: _Symbols = (("SimpleMarker", _marker("circle", COLOURS["pole"], 2.2), {}),)
-_LEAN: _Symbols = (
-    (
-        "SimpleMarker",
-        {**_marker("arrow", "230,120,0", 6.0), "vertical_anchor_point": "2"},
-        {"angle": 'coalesce("lean_azimuth", 0)'},
-    ),
-)
+_ARROW = {**_marker("arrow", "230,120,0", 6.0), "vertical_anchor_point": "2"}
+_LEAN: _Symbols = (("SimpleMarker", _ARROW, {"angle": 'coalesce("lean_azimuth", 0)'}),)
 _FACING = {"angle": 'coalesce("facing", 0)'}
 _SIGN: _Symbols = (("SimpleMarker", _marker("triangle", COLOURS["sign"], 3.2), _FACING),)
 _BAR = {**_marker("line", COLOURS["sign"], 3.2, outline=f"{COLOURS['sign']},255"), "outline_width": "0.8"}
 _BOARD: _Symbols = (("SimpleMarker", _BAR, {"angle": 'coalesce("facing", 0) + 90'}),)
 _NO_FACE: _Symbols = (("SimpleMarker", _marker("diamond", COLOURS["sign"], 3.2), {}),)
+_CROWN = _marker("circle", f"{COLOURS['tree']},90", 3.0, unit="MapUnit", outline=f"{COLOURS['tree']},255")
 _TREE: _Symbols = (
-    (
-        "SimpleMarker",
-        _marker("circle", f"{COLOURS['tree']},90", 3.0, unit="MapUnit", outline=f"{COLOURS['tree']},255"),
-        {"size": 'coalesce("crown_diameter", "width")'},
-    ),
+    ("SimpleMarker", _CROWN, {"size": 'coalesce("crown_diameter", "width")'}),
     ("SimpleMarker", _marker("circle", "110,75,40", 1.2), {}),
 )
 _VEHICLE: _Symbols = (("SimpleFill", _fill(f"{COLOURS['vehicle']},120", f"{COLOURS['vehicle']},255", 0.3), {}),)
 _FOOTPRINT: _Symbols = (("SimpleFill", _fill("0,0,0,0", "90,90,90,255", 0.2, style="no"), {}),)
-_SECTION: _Symbols = (
-    (
-        "SimpleLine",
-        {"line_color": "60,60,60,160", "line_width": "1.6", "line_width_unit": "MM", "line_style": "solid",
-         "capstyle": "flat", "joinstyle": "round"},
-        {},
-    ),
-)  # fmt: skip
-_TRAJECTORY: _Symbols = (
-    (
-        "SimpleLine",
-        {"line_color": "130,60,160,255", "line_width": "0.5", "line_width_unit": "MM", "line_style": "dash",
-         "capstyle": "round", "joinstyle": "round"},
-        {},
-    ),
-)  # fmt: skip
 
 
-def _line(colour: str) -> _Symbols:
+def _line(colour: str, width: str = "0.4", *, style: str = "solid", cap: str = "round") -> _Symbols:
     symbol = {
-        "line_color": f"{colour},255", "line_width": "0.4", "line_width_unit": "MM", "line_style": "solid",
-        "capstyle": "round", "joinstyle": "round",
+        "line_color": colour if colour.count(",") == 3 else f"{colour},255", "line_width": width,
+        "line_width_unit": "MM", "line_style": style, "capstyle": cap, "joinstyle": "round",
     }  # fmt: skip
     return (("SimpleLine", symbol, {}),)
 
@@ -156,8 +132,8 @@ _RULES: dict[str, tuple[str, Sequence[tuple[str, str, _Symbols]]]] = {
     "stop_lines": ("line", [("stop line", _ALL, _line(LINE_COLOURS["stop_line"]))]),
     "crossings": ("line", [("crossing, along its middle", _ALL, _line(LINE_COLOURS["crossing"]))]),
     "other_markings": ("line", [("other marking", _ALL, _line(LINE_COLOURS["other_marking"]))]),
-    "trajectory": ("line", [("path of the scanner", _ALL, _TRAJECTORY)]),
-    "sections": ("line", [("section of the road", _ALL, _SECTION)]),
+    "trajectory": ("line", [("path of the scanner", _ALL, _line("130,60,160", "0.5", style="dash"))]),
+    "sections": ("line", [("section of the road", _ALL, _line("60,60,60,160", "1.6", cap="flat"))]),
 }
 """Layer to the symbol type and the rules (legend text, filter, symbol)."""
 

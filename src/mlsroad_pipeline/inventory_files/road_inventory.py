@@ -95,6 +95,12 @@ def line_vertices(lines: pd.DataFrame) -> list[np.ndarray]:
     return [shapely.get_coordinates(shape, include_z=True) for shape in line_shapes(lines)]
 
 
+def path_of(trajectory: Trajectory) -> tuple[pd.DataFrame, np.ndarray]:
+    """Return the length of a trajectory, as a table, and its line."""
+    line = np.array([shapely.LineString(trajectory.xyz)])
+    return pd.DataFrame({"length": [round(trajectory.length, 3)]}), line
+
+
 def line_attributes(lines: pd.DataFrame) -> pd.DataFrame:
     """Return the columns of lines but their shapes."""
     return lines[[name for name in LINE_FIELDS if name != "line"]].reset_index(drop=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from pyproj.exceptions import ProjError
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS
-from mlsroad_pipeline.formats.files import atomic_file
+from mlsroad_pipeline.formats.files import write_atomic
 from mlsroad_pipeline.inventory_files.road_inventory import (
     RoadInventory,
     attributes,
@@ -28,6 +27,7 @@ from mlsroad_pipeline.inventory_files.road_inventory import (
     hulls,
     line_attributes,
     line_shapes,
+    path_of,
     vehicle_boxes,
     write_whole,
 )
@@ -70,8 +70,7 @@ def write_prj(crs: CRS | None, path: Path) -> list[Path]:
     """Write a ``.prj`` file, none without a system."""
     if crs is None:
         return []
-    with atomic_file(path) as stream:
-        stream.write(prj_text(crs, str(path)).encode())
+    write_atomic(path, prj_text(crs, str(path)).encode())
     return [path]
 
 
@@ -90,12 +89,11 @@ def write_csv(inventory: RoadInventory, folder: Path) -> list[Path]:
     target = folder / "inventory.csv"
     table, crs = checked(inventory, target)
     columns = attributes(table).assign(footprint=table["footprint"])
-    with atomic_file(target) as stream:
-        stream.write(without_formulas(columns).to_csv(index=False, lineterminator="\n").encode())
+    written = _write_table(columns, target)
     types = target.with_suffix(".csvt")
-    with atomic_file(types) as stream:
-        stream.write((",".join(f'"{CSV_TYPES[FIELDS[str(name)].dtype]}"' for name in columns) + "\n").encode())
-    written = [target, types, *write_prj(crs, target.with_suffix(".prj"))]
+    text = ",".join(f'"{CSV_TYPES[FIELDS[str(name)].dtype]}"' for name in columns) + "\n"
+    write_atomic(types, text.encode())
+    written += [types, *write_prj(crs, target.with_suffix(".prj"))]
     written += _write_table(inventory.sections, folder / "sections.csv")
     return [*written, *_write_table(inventory.lines, folder / "lines.csv")]
 
@@ -104,16 +102,12 @@ def _write_table(table: pd.DataFrame | None, path: Path) -> list[Path]:
     """Write a table as CSV, if there is one."""
     if table is None:
         return []
-    with atomic_file(path) as stream:
-        stream.write(without_formulas(table).to_csv(index=False, lineterminator="\n").encode())
+    write_atomic(path, without_formulas(table).to_csv(index=False, lineterminator="\n").encode())
     return [path]
 
 
 def to_wgs84(crs: CRS | None, source: str) -> Transformer:
-    """Return the transformation to longitude and latitude.
-
-    Raises DataError, which names the source, if the system is unknown or has no place on the earth.
-    """
+    """Return the transformation to longitude and latitude."""
     if crs is None:
         raise DataError(
             f"{source}: GeoJSON needs longitudes and latitudes, and the survey has no coordinate reference system; "
@@ -136,15 +130,16 @@ def write_geojson(inventory: RoadInventory, folder: Path) -> list[Path]:
     points = shapely.points(np.column_stack([*moved, table["z"].to_numpy()]))
     options = {"RFC7946": "YES", "COORDINATE_PRECISION": "9", "ID_FIELD": "id"}
     columns = attributes(table).assign(crs=crs_name(crs), id=table["object_id"])
-    _write(target, columns, points, "Point Z", _WGS84, driver="GeoJSON", layer="objects", options=options)
+    written = _write(target, columns, points, "Point Z", _WGS84, driver="GeoJSON", layer="objects", options=options)
     if inventory.lines is None:
-        return [target]
+        return written
     further = folder / "lines.geojson"
     change = to_wgs84(crs, str(further)).transform
     lines = shapely.transform(line_shapes(inventory.lines), change, include_z=True, interleaved=False)
     columns = line_attributes(inventory.lines).assign(crs=crs_name(crs), id=inventory.lines["line_id"])
-    _write(further, columns, lines, "LineString Z", _WGS84, driver="GeoJSON", layer="lines", options=options)
-    return [target, further]
+    return written + _write(
+        further, columns, lines, "LineString Z", _WGS84, driver="GeoJSON", layer="lines", options=options
+    )
 
 
 def crs_name(crs: CRS | None) -> str:
@@ -157,12 +152,13 @@ def write_flatgeobuf(inventory: RoadInventory, folder: Path) -> list[Path]:
     """Write the base points with all fields as ``inventory.fgb``."""
     target = folder / "inventory.fgb"
     table, crs = checked(inventory, target)
-    _write(target, attributes(table), base_points(table), "Point Z", crs, driver="FlatGeobuf", layer="objects")
-    if inventory.lines is None:
-        return [target]
-    further, lines = folder / "lines.fgb", line_shapes(inventory.lines)
-    _write(further, line_attributes(inventory.lines), lines, "LineString Z", crs, driver="FlatGeobuf", layer="lines")
-    return [target, further]
+    written = _write(
+        target, attributes(table), base_points(table), "Point Z", crs, driver="FlatGeobuf", layer="objects"
+    )
+    if (lines := inventory.lines) is not None:
+        layer: tuple[Any, ...] = (folder / "lines.fgb", line_attributes(lines), line_shapes(lines), "LineString Z", crs)
+        written += _write(*layer, driver="FlatGeobuf", layer="lines")
+    return written
 
 
 def _write(
@@ -224,9 +220,7 @@ def write_shapefile(inventory: RoadInventory, folder: Path) -> list[Path]:
         ("footprints", columns.loc[present, ["object_id", "class", "kind", "score"]], shapes[present], "Polygon"),
     ]
     if inventory.trajectory is not None:
-        line = np.array([shapely.LineString(inventory.trajectory.xyz)])
-        length = pd.DataFrame({"length": [round(inventory.trajectory.length, 3)]})
-        layers.append(("trajectory", length, line, "LineString Z"))
+        layers.append(("trajectory", *path_of(inventory.trajectory), "LineString Z"))
     if inventory.lines is not None:
         layers.append(("lines", line_attributes(inventory.lines), line_shapes(inventory.lines), "LineString Z"))
     written: list[Path] = []
@@ -236,17 +230,11 @@ def write_shapefile(inventory: RoadInventory, folder: Path) -> list[Path]:
         short = _short(rows, path)
         parts = _write(path, short, geometry, kind, crs, driver="ESRI Shapefile", layer=layer, options=options)
         written += sorted(parts, key=lambda part: part != path)  # the file that programs open comes first
-    names = target / "fields.csv"
-    with atomic_file(names) as stream:
-        fields = [str(name) for name in columns]
-        if inventory.lines is not None:
-            fields += [name for name in LINE_FIELDS if name != "line" and name not in fields]
-        stream.write(_names(fields).to_csv(index=False, lineterminator="\n").encode())
-    return [*written, names]
-
-
-def _names(columns: Sequence[str]) -> pd.DataFrame:
-    """Return the table of the short names of fields."""
+    names = [str(name) for name in columns]
+    if inventory.lines is not None:
+        names += [name for name in LINE_FIELDS if name != "line" and name not in names]
     fields = {**LINE_FIELDS, **FIELDS}
-    rows = [(short_name(name), name, fields[name].alias, fields[name].description) for name in columns]
-    return pd.DataFrame(rows, columns=["shapefile_field", "field", "alias", "description"])
+    described = [(short_name(name), name, fields[name].alias, fields[name].description) for name in names]
+    table = pd.DataFrame(described, columns=["shapefile_field", "field", "alias", "description"])
+    write_atomic(target / "fields.csv", table.to_csv(index=False, lineterminator="\n").encode())
+    return [*written, target / "fields.csv"]

@@ -17,7 +17,7 @@ from pyproj.exceptions import CRSError
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.quality.report import QualityReport
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.formats.crs_units import crs_units
+from mlsroad_pipeline.formats.crs import crs_units
 from mlsroad_pipeline.formats.las.copc import POINT_FORMATS
 from mlsroad_pipeline.formats.las.header import LasHeader
 from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions

@@ -22,7 +22,7 @@ from mlsroad_pipeline.algorithms.inventory.scoring.object_scores import (
     score_objects,
     summarise_measures,
 )
-from mlsroad_pipeline.inventory_files.inventory_file import read_inventory
+from mlsroad_pipeline.inventory_files.exports import read_inventory
 from mlsroad_pipeline.surveys.truth_tables import (
     Truth,
     counted_objects,

@@ -30,16 +30,16 @@ from mlsroad_pipeline.reporting.clouds.pictures import (
     overview_picture,
     scene_pictures,
 )
-from mlsroad_pipeline.reporting.html.objects import ObjectMapSection, ObjectTableSection, shown_objects
+from mlsroad_pipeline.reporting.html.objects import object_map_section, object_table_section, shown_objects
 from mlsroad_pipeline.reporting.html.report import (
-    DistributionSection,
-    FactsSection,
-    GallerySection,
     Picture,
-    SceneSection,
     Section,
-    TableSection,
-    WarningsSection,
+    distribution_section,
+    facts_section,
+    gallery_section,
+    scene_section,
+    table_section,
+    warnings_section,
 )
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 
@@ -174,15 +174,15 @@ def label_report_sections(
         *(
             []
             if inventory.sections is None
-            else [TableSection("Sections of the road", inventory.sections, SECTION_NOTE)]
+            else [table_section("Sections of the road", inventory.sections, SECTION_NOTE)]
         ),
-        FactsSection("Run", facts),
-        WarningsSection("Warnings", list(warnings)),
-        DistributionSection("Classes", class_counts(bundle, total), scheme=scheme),
-        TableSection("Confidence", confidence_table(total["confidences"], scheme.classes), note=CONFIDENCE_NOTE),
+        facts_section("Run", facts),
+        warnings_section("Warnings", list(warnings)),
+        distribution_section("Classes", class_counts(bundle, total), scheme=scheme),
+        table_section("Confidence", confidence_table(total["confidences"], scheme.classes), CONFIDENCE_NOTE),
         _object_table(inventory.objects, pictures),
-        TableSection("Quality of the survey", quality),
-        TableSection("Files written", pd.DataFrame({"file": written_clouds(written)})),
+        table_section("Quality of the survey", quality),
+        table_section("Files written", pd.DataFrame({"file": written_clouds(written)})),
     ]
 
 
@@ -194,9 +194,9 @@ def _map_and_pictures(inventory: RoadInventory, pictures: ReportPictures, scheme
     lines = _lines_by_kind(inventory)
     colours = dict(zip(scheme.classes, class_palette(scheme), strict=False))
     return [
-        ObjectMapSection("Map", shown_objects(objects), pictures.frame, counts, path, pictures.background, lines),
-        SceneSection("Pictures", pictures.scene, colours),
-        GallerySection("Most and least certain objects", pictures.objects, OBJECT_NOTE),
+        object_map_section("Map", shown_objects(objects), pictures.frame, counts, path, pictures.background, lines),
+        scene_section("Pictures", pictures.scene, colours),
+        gallery_section("Most and least certain objects", pictures.objects, OBJECT_NOTE),
     ]
 
 
@@ -207,13 +207,13 @@ def _lines_by_kind(inventory: RoadInventory) -> dict[str, list[NDArray[np.float6
     return {str(kind): [xyz[:, :2] for xyz in line_vertices(lines)] for kind, lines in inventory.lines.groupby("kind")}
 
 
-def _object_table(objects: pd.DataFrame, pictures: ReportPictures) -> ObjectTableSection:
+def _object_table(objects: pd.DataFrame, pictures: ReportPictures) -> Section:
     """Return the section with all objects."""
     shown = shown_objects(objects)
     total = objects.groupby(["kind", "class"], sort=True).size().rename("objects").reset_index()
     names = {name: field.alias for name, field in FIELDS.items() if name not in _NOT_LISTED}
     places = pictures.frame.place(shown[["x", "y"]].to_numpy())
-    return ObjectTableSection("Inventory", shown, total, names, places, geopackage="inventory.gpkg")
+    return object_table_section("Inventory", shown, total, names, places, geopackage="inventory.gpkg")
 
 
 def _seen_by_cameras(bundle: ModelBundle, counts: Mapping[str, LabelCounts]) -> dict[str, str]:

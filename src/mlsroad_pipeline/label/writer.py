@@ -21,10 +21,9 @@ from mlsroad_pipeline.formats.files import LAZ_CHUNK, atomic_file
 from mlsroad_pipeline.formats.labelled_names import CLASS, CONFIDENCE, OBJECT, RESULTS, PointLabels
 from mlsroad_pipeline.formats.las.crs import read_crs, with_assigned_crs, with_wkt
 from mlsroad_pipeline.formats.las.extra import ExtraDimension
-from mlsroad_pipeline.formats.las.header import LasHeader, read_header
+from mlsroad_pipeline.formats.las.header import LasHeader, read_header, with_class_names
 from mlsroad_pipeline.formats.las.layers import LayerCopier, has_layers
 from mlsroad_pipeline.formats.las.layout import new_header, pack_records, with_extra
-from mlsroad_pipeline.formats.las.lookup import with_class_names
 from mlsroad_pipeline.formats.las.records import RecordReader
 from mlsroad_pipeline.formats.las.upgrade import upgrade_records, upgraded_header
 from mlsroad_pipeline.formats.las.writer import RecordWriter

@@ -112,5 +112,4 @@ class ModelFile(SourceFile):
 
 @functools.lru_cache(maxsize=2)
 def _open(path: str, modified: int) -> ModelBundle:
-    del modified
     return load_bundle(path)

@@ -31,7 +31,7 @@ from mlsroad_pipeline.algorithms.quality.scene_facts import stored_facts
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
 from mlsroad_pipeline.model_store.bundle_files import ModelFile
-from mlsroad_pipeline.model_store.replay import FILE, replay_arrays
+from mlsroad_pipeline.model_store.object_classifiers import VOXELS, replay_arrays
 from mlsroad_pipeline.model_store.shipped_entry import ShippedParameters, describe_model, shipped_pool, split_scores
 from mlsroad_pipeline.model_store.shipped_models import ShippedModel
 from mlsroad_pipeline.pipelines import composition
@@ -137,7 +137,7 @@ def draw_replay(
     rows = np.random.default_rng(2026).choice(
         len(values), min(REPLAYED, len(values)), replace=False, p=weight / weight.sum()
     )
-    return {FILE.name: replay_arrays(values[rows], allowed[rows], scheme.classes)}
+    return {VOXELS.name: replay_arrays(values[rows], allowed[rows], scheme.classes)}
 
 
 def ship_general_model(

@@ -20,7 +20,8 @@ from mlsroad_pipeline.model_store.bundle_files import ModelFile
 from mlsroad_pipeline.model_store.shipped_entry import ShippedParameters
 from mlsroad_pipeline.model_store.shipped_models import FOLDER, ShippedModel, shipped_again
 from mlsroad_pipeline.pipelines.per_scene import named_node
-from mlsroad_pipeline.surveys.training_streets import StreetParameters, simulated_cloud, street_parameters
+from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters, simulation_parameters
+from mlsroad_pipeline.simulation.runtime.survey import simulate_survey
 
 log = logging.getLogger(__name__)
 
@@ -42,9 +43,9 @@ def colour_streets(number: int) -> list[dict[str, Any]]:
     return [*scans, *lines]
 
 
-def describe_street(*, simulation: StreetParameters, model: ModelBundle) -> dict[str, Mapping[str, NDArray]]:
+def describe_street(*, simulation: SimulationParameters, model: ModelBundle) -> dict[str, Mapping[str, NDArray]]:
     """Simulate and label a street, and return its ground with its own colours and with others."""
-    grounds = grounds_of(simulated_cloud(simulation), model, simulation.seed)
+    grounds = grounds_of(simulate_survey(simulation).cloud, model, simulation.seed)
     return {f"colours_{number}": one._asdict() for number, one in enumerate(grounds)}
 
 
@@ -53,7 +54,7 @@ def describe_colour_streets(shipped: ShippedParameters) -> dict[str, SceneTask]:
     model = ModelFile(str(FOLDER / SLUG))
     configs = [{**config, **shipped.colour_survey} for config in colour_streets(shipped.colour_streets)]
     return {
-        f"street_{number:03d}": SceneTask(describe_street, {"model": model}, {"simulation": street_parameters(one)})
+        f"street_{number:03d}": SceneTask(describe_street, {"model": model}, {"simulation": simulation_parameters(one)})
         for number, one in enumerate(configs)
     }
 

@@ -35,14 +35,15 @@ from mlsroad_pipeline.model_store.shipped_entry import ShippedParameters
 from mlsroad_pipeline.model_store.shipped_models import FOLDER
 from mlsroad_pipeline.pipelines.boosted_trees import load_lightgbm
 from mlsroad_pipeline.pipelines.per_scene import named_node
-from mlsroad_pipeline.surveys.training_streets import MOST_POINTS, simulate_street, street_parameters, street_surveys
+from mlsroad_pipeline.simulation.parameters.presets import expanded_surveys, simulation_parameters
+from mlsroad_pipeline.surveys.simulated import MOST_POINTS, simulate_street
 
 POOL = FOLDER / SLUG
 
 
 def classifier_streets(shipped: ShippedParameters) -> dict[str, Mapping[str, Any]]:
     """Return the surveys of the streets that are used: two of three."""
-    surveys = street_surveys(shipped.classifier_streets)
+    surveys = dict(expanded_surveys(shipped.classifier_streets))
     used = {name: one for k, (name, one) in enumerate(surveys.items()) if one is not None and k % 3 < 2}
     if not used:
         raise ParameterError("shipped.classifier_streets is empty: kedro run --env=general has the streets")
@@ -66,7 +67,7 @@ def label_street(*, points: Mapping[str, NDArray], model: ModelBundle, name: str
 def simulate_classifier_streets(shipped: ShippedParameters) -> dict[str, SceneTask]:
     """Create one task per street that simulates it."""
     surveys = classifier_streets(shipped)
-    return {k: SceneTask(simulate_street, {}, {"simulation": street_parameters(one)}) for k, one in surveys.items()}
+    return {k: SceneTask(simulate_street, {}, {"simulation": simulation_parameters(one)}) for k, one in surveys.items()}
 
 
 def label_classifier_streets(streets: SceneCollection) -> dict[str, SceneTask]:

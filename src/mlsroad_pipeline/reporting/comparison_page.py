@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from mlsroad_pipeline.reporting.html.report import FactsSection, FiguresSection, Section, TableSection
+from mlsroad_pipeline.reporting.html.report import Section, facts_section, figures_section, table_section
 
 TASK_TITLES = {
     "comparison": ("Labelling methods", "Means over the classes that occur in the split."),
@@ -52,14 +52,14 @@ def comparison_sections(
     tasks: Sequence[str],
 ) -> list[Section]:
     """Return the sections of the report."""
-    sections: list[Section] = [FactsSection("Run", facts)]
+    sections = [facts_section("Run", facts)]
     for task in tasks:
         title, note = TASK_TITLES[task]
-        sections.append(TableSection(title, tables[task], note=note))
+        sections.append(table_section(title, tables[task], note))
     for slug, drawn in figures.items():
-        sections.append(FiguresSection(slug, {CAPTIONS[name]: figure for name, figure in drawn.items()}))
-        sections.append(TableSection(f"{slug}: scores per class", per_class(scores[slug])))
-    sections.extend(TableSection(title, tables[name]) for name, title in STAGE_TITLES.items())
+        sections.append(figures_section(slug, {CAPTIONS[name]: figure for name, figure in drawn.items()}))
+        sections.append(table_section(f"{slug}: scores per class", per_class(scores[slug])))
+    sections.extend(table_section(title, tables[name]) for name, title in STAGE_TITLES.items())
     return sections
 
 

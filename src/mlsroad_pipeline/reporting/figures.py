@@ -75,8 +75,6 @@ def short_count(count: int) -> str:
 def confusion_figure(matrix: NDArray[np.integer], *, classes: Sequence[str], title: str = "") -> Figure:
     """Draw a confusion matrix with the shares of each true class and the counts."""
     support = scores(matrix).support
-    if len(classes) != len(support):
-        raise DataError(f"{len(classes)} class names for a confusion matrix of {len(support)} classes")
     counts = np.asarray(matrix)
     columns = shown_names(classes)
     if counts.shape[1] > len(support):
@@ -166,8 +164,6 @@ def importance_figure(
 ) -> Figure:
     """Draw the largest feature importances as horizontal bars."""
     values = np.asarray(importances, dtype=np.float64)
-    if values.ndim != 1 or len(values) != len(names) or len(values) == 0:
-        raise DataError(f"{len(names)} feature names for importances of shape {values.shape}")
     order = np.argsort(-values, kind="stable")[:largest]
     figure = empty_figure(6.5, 0.9 + 0.21 * len(order))
     axes = figure.add_subplot()
@@ -186,37 +182,33 @@ def importance_figure(
 def oob_figure(n_trees: ArrayLike, errors: ArrayLike, *, chosen: int | None = None, title: str = "") -> Figure:
     """Draw the out-of-bag error over the number of trees."""
     trees, error = np.asarray(n_trees), np.asarray(errors, dtype=np.float64)
-    if trees.ndim != 1 or trees.shape != error.shape or len(trees) == 0:
-        raise DataError(f"errors of shape {error.shape} for numbers of trees of shape {trees.shape}")
-    figure = empty_figure(6.5, 3.6)
-    axes = figure.add_subplot()
+    figure, axes = _curve(title or "Out-of-bag error", "Number of trees", "Out-of-bag error, %")
     axes.plot(trees, 100 * error, color=SERIES[0], linewidth=1.6)
     if chosen is not None:
         axes.axvline(chosen, color=SERIES[5], linewidth=1, linestyle="--")
         axes.annotate(f"{chosen} trees", (chosen, 1), xycoords=("data", "axes fraction"), xytext=(-4, -4),
                       textcoords="offset points", ha="right", va="top", fontsize=8, color=SERIES[5])  # fmt: skip
-    axes.set_xlabel("Number of trees", fontsize=9, color=INK)
-    axes.set_ylabel("Out-of-bag error, %", fontsize=9, color=INK)
     axes.set_ylim(bottom=0)
     axes.grid(color=GRID, linewidth=0.7)
-    tidy_axes(axes)
-    axes.set_title(title or "Out-of-bag error", fontsize=10, color=INK, loc="left")
     return figure
+
+
+def _curve(title: str, along: str, up: str) -> tuple[Figure, Axes]:
+    """Return an empty figure for a curve, and its axes."""
+    figure = empty_figure(6.5, 3.6)
+    axes = figure.add_subplot()
+    axes.set_xlabel(along, fontsize=9, color=INK)
+    axes.set_ylabel(up, fontsize=9, color=INK)
+    tidy_axes(axes)
+    axes.set_title(title, fontsize=10, color=INK, loc="left")
+    return figure, axes
 
 
 def objective_figure(values: ArrayLike, *, title: str = "") -> Figure:
     """Draw an objective over the iterations of its minimisation."""
-    objective = np.asarray(values, dtype=np.float64)
-    if objective.ndim != 1 or len(objective) == 0:
-        raise DataError(f"an objective has one value per iteration, got shape {objective.shape}")
-    figure = empty_figure(6.5, 3.6)
-    axes = figure.add_subplot()
-    axes.plot(objective, color=SERIES[0], linewidth=1.6, marker="o", markersize=3)
+    figure, axes = _curve(title or "Objective", "Iteration", "Objective")
+    axes.plot(values, color=SERIES[0], linewidth=1.6, marker="o", markersize=3)
     axes.set_yscale("log")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_xlabel("Iteration", fontsize=9, color=INK)
-    axes.set_ylabel("Objective", fontsize=9, color=INK)
     axes.grid(color=GRID, linewidth=0.7, which="both")
-    tidy_axes(axes)
-    axes.set_title(title or "Objective", fontsize=10, color=INK, loc="left")
     return figure

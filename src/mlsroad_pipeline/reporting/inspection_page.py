@@ -16,12 +16,11 @@ from mlsroad_pipeline.algorithms.core.las_codes import CODE_NAMES
 from mlsroad_pipeline.algorithms.quality.inspection import SurveyMap
 from mlsroad_pipeline.reporting.figures import empty_figure, tidy_axes
 from mlsroad_pipeline.reporting.html.report import (
-    FactsSection,
-    FiguresSection,
-    Section,
-    TableSection,
-    WarningsSection,
     build_report,
+    facts_section,
+    figures_section,
+    table_section,
+    warnings_section,
 )
 
 EMPTY = "#10141a"
@@ -79,17 +78,17 @@ def survey_page(
     messages = [f"{row.file}: {row.warning}" for row in warnings.itertuples()]
     pictures = {name: survey_map_figure(maps[name]) for name in list(maps)[:MOST_PICTURES]}
     some = f": the first {MOST_PICTURES} of {len(maps)} files" if len(maps) > MOST_PICTURES else ""
-    sections: list[Section] = [
-        FactsSection("Survey", summary),
-        WarningsSection("Warnings", messages),
-        TableSection("Files", pd.DataFrame([_file_row(fact) for fact in facts])),
-        FiguresSection(f"From above{some}", pictures),
-        TableSection("Columns", pd.DataFrame([row for fact in facts for row in _column_rows(fact)])),
-        TableSection(
+    sections = [
+        facts_section("Survey", summary),
+        warnings_section("Warnings", messages),
+        table_section("Files", pd.DataFrame([_file_row(fact) for fact in facts])),
+        figures_section(f"From above{some}", pictures),
+        table_section("Columns", pd.DataFrame([row for fact in facts for row in _column_rows(fact)])),
+        table_section(
             "Times and scan lines",
             pd.DataFrame([{"file": fact["file"], **fact["time"], **fact["scan_lines"]} for fact in facts]),
         ),
-        TableSection("Codes", pd.DataFrame([row for fact in facts for row in _code_rows(fact)])),
+        table_section("Codes", pd.DataFrame([row for fact in facts for row in _code_rows(fact)])),
     ]
     return build_report(sections, title="Survey inspection", subtitle=survey)
 

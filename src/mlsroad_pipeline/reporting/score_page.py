@@ -9,13 +9,12 @@ from matplotlib.figure import Figure
 
 from mlsroad_pipeline.reporting.figures import GRID, SERIES, empty_figure, tidy_axes
 from mlsroad_pipeline.reporting.html.report import (
-    FactsSection,
-    FiguresSection,
-    GallerySection,
     Picture,
-    Section,
-    TableSection,
     build_report,
+    facts_section,
+    figures_section,
+    gallery_section,
+    table_section,
 )
 
 
@@ -49,11 +48,11 @@ def score_page(
     worst: Mapping[str, Sequence[Picture]],
 ) -> str:
     """Return the page: scores by kind, curves, errors of measures, pictures of the worst objects."""
-    sections: list[Section] = [
-        FactsSection("Inventory and truth", facts),
-        TableSection("Scores by kind", scores),
-        FiguresSection("Precision and recall by score", {"Dots: all listed objects.": precision_recall_figure(curve)}),
-        TableSection("Errors of position and of measures", measures),
-        GallerySection("Worst objects", worst, NOTE),
+    sections = [
+        facts_section("Inventory and truth", facts),
+        table_section("Scores by kind", scores),
+        figures_section("Precision and recall by score", {"Dots: all listed objects.": precision_recall_figure(curve)}),
+        table_section("Errors of position and of measures", measures),
+        gallery_section("Worst objects", worst, NOTE),
     ]
     return build_report(sections, title="Scores of an inventory", subtitle=str(facts["inventory"]))

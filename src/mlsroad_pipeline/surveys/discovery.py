@@ -13,14 +13,14 @@ from pathlib import Path
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
-from mlsroad_pipeline.formats.content import first_bytes, unpacked_name
+from mlsroad_pipeline.formats.files import first_bytes, unpacked_name
 from mlsroad_pipeline.formats.las.copc import SUFFIX
 from mlsroad_pipeline.formats.las.header import read_header
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.pcd.header import read_pcd_header
 from mlsroad_pipeline.formats.ply.header import read_ply_header
 from mlsroad_pipeline.formats.registry import FORMATS, format_of_name, get_format, known_extensions
-from mlsroad_pipeline.formats.text.layout import holds_rows
+from mlsroad_pipeline.formats.text.sniffing import holds_rows
 
 logger = logging.getLogger(__name__)
 
@@ -33,12 +33,10 @@ def find_point_files(root: str | Path, patterns: Sequence[str] | None = None) ->
     if path.is_dir():
         matches = [match for pattern in (patterns or ["**/*"]) for match in _matching(path, pattern)]
     elif has_magic(str(root)):
-        entries = _entries(path)
-        matches = [
-            match
-            for entry in entries
-            for match in (find_point_files(entry) if entry.is_dir() and _has_point_files(entry) else [entry])
-        ]
+        matches = []
+        for entry in _entries(path):
+            holds = entry.is_dir() and any(p.is_file() and format_of_name(p) is not None for p in entry.rglob("*"))
+            matches += find_point_files(entry) if holds else [entry]
     else:
         raise ReadError(f"{root} does not exist")
     files = _once({m for m in matches if format_of_name(m) is not None and not _hidden(m, path)})
@@ -127,10 +125,6 @@ def _once(paths: Iterable[Path]) -> list[Path]:
         key = (status.st_dev, status.st_ino)
         found[key] = min(found.get(key, rank), rank)
     return sorted(path for _, _, path in found.values())
-
-
-def _has_point_files(folder: Path) -> bool:
-    return any(p.is_file() and format_of_name(p) is not None for p in folder.rglob("*"))
 
 
 def _hidden(path: Path, root: Path) -> bool:

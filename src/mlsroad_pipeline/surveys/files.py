@@ -12,7 +12,7 @@ from pathlib import Path
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart, check_splits_along, check_splits_sectors
-from mlsroad_pipeline.formats.content import first_bytes
+from mlsroad_pipeline.formats.files import first_bytes
 from mlsroad_pipeline.formats.registry import format_of_name
 from mlsroad_pipeline.surveys.discovery import (
     broken_links,
@@ -92,10 +92,6 @@ class Survey:
         folders = [_folder_of(Path(root)) for root in self.roots]
         return folders[0] if len(folders) == 1 else Path(os.path.commonpath([folder.absolute() for folder in folders]))
 
-    def files(self, *, trajectory: str | None = None) -> list[SurveyFile]:
-        """Return all files of points."""
-        return self.listing(trajectory=trajectory).files
-
     def listing(self, *, trajectory: str | None = None, text: bool = True) -> SurveyListing:
         """Return all files of points, and those left out of folders and globs.
 
@@ -113,7 +109,8 @@ class Survey:
             below = [path for path in below if path not in results]
             if Path(root).is_dir():
                 tables = _tables_beside(below)
-                reasons |= {path: TABLE for path in tables if path.name != trajectory and not _is_truth(path)}
+                truth = {p for p in tables if p.name == "objects.csv" and first_bytes(p, len(TRUTH)) == TRUTH}
+                reasons |= {path: TABLE for path in tables - truth if path.name != trajectory}
                 below = [path for path in below if path not in tables]
             copies = {path: f"{reason}: skipped" for path, reason in copies_beside(below).items()}
             reasons |= {path: reason for path, reason in copies.items() if path.absolute() not in named}
@@ -187,10 +184,6 @@ def _in_results(paths: Sequence[Path], root: Path) -> set[Path]:
         return known[folder]
 
     return {path for path in paths if holds(path.parent)}
-
-
-def _is_truth(path: Path) -> bool:
-    return path.name == "objects.csv" and first_bytes(path, len(TRUTH)) == TRUTH
 
 
 def _tables_beside(paths: Sequence[Path]) -> set[Path]:

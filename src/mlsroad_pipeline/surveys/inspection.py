@@ -15,7 +15,6 @@ import pyproj
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud, concatenate
 from mlsroad_pipeline.algorithms.core.validation import check_positive
 from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk, merge
 from mlsroad_pipeline.algorithms.quality.inspection import (
@@ -29,13 +28,10 @@ from mlsroad_pipeline.algorithms.quality.inspection import (
 )
 from mlsroad_pipeline.algorithms.quality.report import QualityReport
 from mlsroad_pipeline.formats.base import FileInfo, PointFormat, ReadOptions
-from mlsroad_pipeline.formats.files import spread_starts
 from mlsroad_pipeline.formats.options import NEW_SURVEY
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.surveys.files import Survey
-from mlsroad_pipeline.surveys.reading import SAMPLE_RUNS as TIME_RUNS
-from mlsroad_pipeline.surveys.reading import SAMPLE_SIZE as TIME_SIZE
-from mlsroad_pipeline.surveys.reading import has_whole_numbers, options_in_use, replaced_crs, time_notes
+from mlsroad_pipeline.surveys.reading import has_whole_numbers, options_in_use, replaced_crs, sample_of, time_notes
 from mlsroad_pipeline.surveys.survey_warnings import SurveyFacts, file_warnings, survey_warnings
 from mlsroad_pipeline.surveys.trajectory_files import coverage_note, distance_note, in_weeks_of, read_trajectory
 
@@ -152,6 +148,7 @@ def inspect_file(
             lines.add(cloud)
             picture.add(cloud)
     quality = merge(chunks)
+    times = replace(options, only=tuple({"gps_time"} & columns.keys()), coding=None)
     more = column_warnings(columns)
     in_use = options_in_use(form, path, options)
     more += [] if trajectory is None else _trajectory_warnings(trajectory, quality, info.crs, in_use)
@@ -167,19 +164,10 @@ def inspect_file(
         ),
         in_metres=bool((options.factors == 1.0).all()),
         stated_crs=replaced_crs(form, path, options),
-        notes=(*info.notes, *time_notes(_sample(form, info, options, columns))),
+        notes=(*info.notes, *time_notes(sample_of(form, path, times, info.n_points))),
         bounds=info.bounds,
     )
     return FileInspection(name, info, picture, _facts(name, info, quality, columns, lines), overview, more)
-
-
-def _sample(
-    form: PointFormat, info: FileInfo, options: ReadOptions, columns: Mapping[str, ColumnSummary]
-) -> PointCloud:
-    """Return the times of the runs of points that `label` takes as a sample."""
-    only = replace(options, only=tuple({"gps_time"} & columns.keys()), coding=None)
-    starts = spread_starts(info.n_points, TIME_RUNS, TIME_SIZE)
-    return concatenate([form.read(info.path, only, start=start, stop=start + TIME_SIZE) for start in starts])
 
 
 def _empty_map(form: PointFormat, info: FileInfo, options: ReadOptions) -> SurveyMap:
@@ -207,27 +195,31 @@ def _facts(
     name: str, info: FileInfo, quality: QualityReport, columns: Mapping[str, ColumnSummary], lines: ScanLines
 ) -> dict[str, Any]:
     """Return the figures of a file as plain data for JSON."""
-    low, high = np.array(quality.low), np.array(quality.high)
     seconds = quality.time_end - quality.time_start
-    return {
-        **{"file": name, "bytes": info.path.stat().st_size, "format": info.format},
-        "details": {key: _plain(value) for key, value in info.details.items()},
-        **{"n_points": quality.n_points, "low": _plain(low), "high": _plain(high), "crs": info.crs},
-        **{"crs_name": _crs_name(info.crs), "density": _plain(quality.density)},
-        **{"median_density": _plain(quality.median_density), "concentration": _plain(quality.concentration)},
-        **{"n_duplicates": quality.n_duplicates, "duplicates_exact": quality.duplicates_exact},
-        "n_not_finite": quality.n_not_finite,
-        "columns": {name: _column_facts(summary) for name, summary in columns.items()},
+    facts: dict[str, Any] = {
+        **{"file": name, "bytes": info.path.stat().st_size, "format": info.format, "details": info.details},
+        **{"n_points": quality.n_points, "low": quality.low, "high": quality.high, "crs": info.crs},
+        **{"crs_name": _crs_name(info.crs), "density": quality.density, "median_density": quality.median_density},
+        **{"concentration": quality.concentration, "n_duplicates": quality.n_duplicates},
+        **{"duplicates_exact": quality.duplicates_exact, "n_not_finite": quality.n_not_finite},
+        "columns": {
+            name: {
+                **{"type": column.dtype, "minimum": column.minimum, "maximum": column.maximum},
+                **{"missing": column.n_missing, **({"counts": column.counts} if column.counts else {})},
+            }
+            for name, column in columns.items()
+        },
         "time": {
-            **{"start": _plain(quality.time_start), "end": _plain(quality.time_end)},
+            **{"start": quality.time_start, "end": quality.time_end},
             **{"base": time_base(quality.time_start, quality.time_end), "gaps": quality.n_gaps},
-            **{"longest_gap": _plain(quality.longest_gap), "steps_back": quality.n_backward},
+            **{"longest_gap": quality.longest_gap, "steps_back": quality.n_backward},
         },
         "scan_lines": {
             **{"jumps_of_the_angle": lines.n_jumps, "edges_of_lines": lines.n_edges},
-            "lines_per_second": _plain(lines.n_jumps / seconds) if seconds > 0 else None,
+            "lines_per_second": lines.n_jumps / seconds if seconds > 0 else None,
         },
     }
+    return {key: _plain(value) for key, value in facts.items()}
 
 
 def _trajectory_warnings(trajectory: str, quality: QualityReport, crs: str | None, options: ReadOptions) -> list[str]:
@@ -235,16 +227,6 @@ def _trajectory_warnings(trajectory: str, quality: QualityReport, crs: str | Non
     first, last = quality.time_start, quality.time_end
     covered = coverage_note(in_weeks_of(path, first, last), first, last) if np.isfinite(first) else ""
     return [note for note in (path.note, covered, distance_note(path, quality.low, quality.high)) if note]
-
-
-def _column_facts(summary: ColumnSummary) -> dict[str, Any]:
-    facts = {
-        **{"type": summary.dtype, "minimum": _plain(summary.minimum), "maximum": _plain(summary.maximum)},
-        "missing": summary.n_missing,
-    }
-    if summary.counts:
-        facts["counts"] = {str(code): count for code, count in summary.counts.items()}
-    return facts
 
 
 def _crs_name(crs: str | None) -> str | None:

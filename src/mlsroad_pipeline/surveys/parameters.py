@@ -69,9 +69,13 @@ def _formats(given: object) -> tuple[str, ...]:
     return tuple(name for name in EXPORT_FORMATS if name in named)
 
 
-def _check_share(value: object, name: str) -> None:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= 1:
-        raise ParameterError(f"{name} must be a number from 0 to 1, got {value!r}")
+_KINDS: dict[str, tuple[Any, str]] = {
+    **dict.fromkeys(("copc", "coloured_ply", "photos", "overwrite", "keep_state"), (bool, "be true or false")),
+    "join_drives": (bool | None, "be true, false or null"),
+    **dict.fromkeys(("trajectory", "images", "sections"), (str | Path | None, "be the name of a file")),
+    **dict.fromkeys(("read", "inventory"), (Mapping, "have parameters below it")),
+}
+"""Parameter of `label` to its type and what a message says of it."""
 
 
 @dataclass(frozen=True)
@@ -118,26 +122,20 @@ class LabelParameters:
     keep_state: bool = False  # Whether the scene stores of a finished run stay in `output`
 
     def __post_init__(self) -> None:
-        for name in ("copc", "coloured_ply", "photos", "overwrite", "keep_state", "join_drives"):
-            may_be_null = name == "join_drives"
-            if not isinstance(getattr(self, name), bool | None if may_be_null else bool):
-                words = "true, false or null" if may_be_null else "true or false"
-                raise ParameterError(f"label.{name} must be {words}, got {getattr(self, name)!r}")
+        for name, (kind, words) in _KINDS.items():
+            if not isinstance(getattr(self, name), kind):
+                raise ParameterError(f"label.{name} must {words}, got {getattr(self, name)!r}")
         for name in ("method", "scheme", "crs"):
             if isinstance(getattr(self, name), list | Mapping):
                 raise ParameterError(f"label.{name} must be a single value, got {getattr(self, name)!r}")
-        for name in ("trajectory", "images", "sections"):
-            if not isinstance(getattr(self, name), str | Path | None):
-                raise ParameterError(f"label.{name} must be the name of a file, got {getattr(self, name)!r}")
-        for name in ("read", "inventory"):
-            if not isinstance(getattr(self, name), Mapping):
-                raise ParameterError(f"label.{name} must have parameters below it, got {getattr(self, name)!r}")
         self.kerb_limits()
         _ = self.least_contrast, self.least_marking
         object.__setattr__(self, "export", _formats(self.export))
         if self.photos and self.images is None:
             raise ParameterError("label.photos needs images: set label.images to the name of their camera file")
-        _check_share(self.least_score, "label.least_score")
+        score = self.least_score
+        if isinstance(score, bool) or not isinstance(score, int | float) or not 0 <= score <= 1:
+            raise ParameterError(f"label.least_score must be a number from 0 to 1, got {score!r}")
         if self.crs is not None:
             parse_crs(str(self.crs), option="label.crs")
             if self.read.get("crs") not in (None, self.crs):
@@ -164,18 +162,12 @@ class LabelParameters:
 
     def kerb_limits(self) -> StepLimits | None:
         """Return the limits of a kerb's step; None where no kerbs are wanted."""
+        given = self._changes("kerbs", (*StepLimits.__dataclass_fields__, "least_length"))
+        _ = self.least_kerb
         if self.kerbs is None:
             return None
-        if not isinstance(self.kerbs, Mapping):
-            raise ParameterError(f"label.kerbs must have parameters below it, or be null, got {self.kerbs!r}")
-        _ = self.least_kerb
-        changes = {name: value for name, value in self.kerbs.items() if name != "least_length"}
-        unknown = [name for name in changes if name not in StepLimits.__dataclass_fields__]
-        if unknown:
-            known = ", ".join((*StepLimits.__dataclass_fields__, "least_length"))
-            raise ParameterError(f"label.kerbs has no parameter {unknown[0]!r} (parameters: {known})")
         try:
-            return StepLimits(**changes)
+            return StepLimits(**{name: value for name, value in given.items() if name != "least_length"})
         except ParameterError as error:
             raise ParameterError(f"label.kerbs: {error}") from error
 
@@ -191,14 +183,17 @@ class LabelParameters:
         return self._of_markings("least_length", marking_lines.LEAST_LENGTH)
 
     def _of_markings(self, name: str, default: float) -> float:
-        given = {} if self.markings is None else self.markings
-        if not isinstance(given, Mapping):
-            raise ParameterError(f"label.markings must have parameters below it, or be null, got {given!r}")
-        known = ("least_contrast", "least_length")
-        unknown = [key for key in given if key not in known]
-        if unknown:
-            raise ParameterError(f"label.markings has no parameter {unknown[0]!r} (parameters: {', '.join(known)})")
+        given = self._changes("markings", ("least_contrast", "least_length"))
         return check_positive(given.get(name, default), f"label.markings.{name}")
+
+    def _changes(self, group: str, known: tuple[str, ...]) -> Mapping[str, Any]:
+        given = getattr(self, group)
+        if not isinstance(given, Mapping | None):
+            raise ParameterError(f"label.{group} must have parameters below it, or be null, got {given!r}")
+        unknown = [key for key in given or () if key not in known]
+        if unknown:
+            raise ParameterError(f"label.{group} has no parameter {unknown[0]!r} (parameters: {', '.join(known)})")
+        return given or {}
 
     @property
     def survey_name(self) -> str:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.scene_key import TRAIN, SceneKey
@@ -237,22 +236,13 @@ def plan_pass(
     )
     scenes = []
     for span in spans:
-        key = str(SceneKey.parse(pass_key)._replace(part=span.id))
-        scenes.append(_planned(key, span, pieces_between(*span.reach, own), files))
+        key, pieces = str(SceneKey.parse(pass_key)._replace(part=span.id)), pieces_between(*span.reach, own)
+        names = list(dict.fromkeys(files[SceneKey.parse(piece).parent] for piece in pieces))
+        more = f" and {len(names) - MESSAGE_FILES} more files" if len(names) > MESSAGE_FILES else ""
+        scenes.append(PlannedScene(key, span, pieces, f"{', '.join(names[:MESSAGE_FILES])}{more} ({span.id})"))
     return scenes
-
-
-def _planned(key: str, span: SceneSpan, pieces: tuple[str, ...], files: Mapping[str, str]) -> PlannedScene:
-    names = list(dict.fromkeys(files[SceneKey.parse(piece).parent] for piece in pieces))
-    more = f" and {len(names) - MESSAGE_FILES} more files" if len(names) > MESSAGE_FILES else ""
-    return PlannedScene(key, span, pieces, f"{', '.join(names[:MESSAGE_FILES])}{more} ({span.id})")
 
 
 def pieces_between(first: int, stop: int, bins: Mapping[str, BinCounts]) -> tuple[str, ...]:
     """Return the keys of the ranges with points in the bins `first` to `stop`."""
-
-    def holds(numbers: NDArray) -> bool:
-        low, high = np.searchsorted(numbers, [first, stop])
-        return bool(high > low)
-
-    return tuple(key for key, part in bins.items() if holds(part["bins"]))
+    return tuple(key for key, part in bins.items() if np.diff(np.searchsorted(part["bins"], [first, stop]))[0] > 0)

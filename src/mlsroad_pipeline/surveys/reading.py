@@ -26,12 +26,10 @@ from mlsroad_pipeline.algorithms.scenes.corridor import (
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart
 from mlsroad_pipeline.algorithms.scenes.trajectory_estimation import SHARED, measured_times, trajectory_from_windows
 from mlsroad_pipeline.formats.base import PointFormat
-from mlsroad_pipeline.formats.crs import is_same_crs, parse_crs
-from mlsroad_pipeline.formats.crs_units import with_units
+from mlsroad_pipeline.formats.crs import is_same_crs, parse_crs, with_units
 from mlsroad_pipeline.formats.files import spread_starts
 from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
-from mlsroad_pipeline.surveys.time_windows import read_time_windows
 from mlsroad_pipeline.surveys.trajectory_files import coverage_note, distance_note, in_weeks_of, read_trajectory
 
 SAMPLE_RUNS, SAMPLE_SIZE = 16, 256
@@ -114,6 +112,12 @@ def replaced_crs(form: PointFormat, path: str, options: ReadOptions) -> str | No
     return None if stated is None or is_same_crs(stated, parse_crs(options.crs)) else stated
 
 
+def sample_of(form: PointFormat, path: str, options: ReadOptions, n_points: int) -> PointCloud:
+    """Return evenly spaced runs of the points of a file."""
+    starts = spread_starts(n_points, SAMPLE_RUNS, SAMPLE_SIZE)
+    return concatenate([form.read(Path(path), options, start=start, stop=start + SAMPLE_SIZE) for start in starts])
+
+
 class FileFacts(TypedDict):
     """Facts of a file: numbers and flags of shape (1,), systems as WKT or empty."""
 
@@ -163,10 +167,8 @@ def describe_file(path: str, *, options: ReadOptions, labels: bool, windows: boo
     n_points = info.n_points
     if n_points == 0:
         raise ReadError(f"{path} is empty: it holds no points")
-    starts = spread_starts(n_points, SAMPLE_RUNS, SAMPLE_SIZE)
-    runs = [form.read(Path(path), chosen, start=start, stop=start + SAMPLE_SIZE) for start in starts]
-    sample = concatenate(runs)
-    time_windows = read_time_windows(form, path, chosen, sample=sample, n_points=n_points) if windows else None
+    sample = sample_of(form, path, chosen, n_points)
+    time_windows = _time_windows(form, path, chosen, sample=sample, n_points=n_points) if windows else None
     return {
         "info": {
             "n_points": np.array([n_points]),
@@ -182,6 +184,50 @@ def describe_file(path: str, *, options: ReadOptions, labels: bool, windows: boo
         "sample": sample,
         "windows": sample.select(np.zeros(0, dtype=np.int64)) if time_windows is None else time_windows,
     }
+
+
+WINDOW_LENGTH = 0.1
+"""Length of a window, seconds: 20 rotations at 200 lines per second, 4 at 40."""
+
+WINDOW_INTERVAL = 1.0
+"""Interval of the windows, seconds; the trajectory is interpolated linearly between them."""
+
+MAX_WINDOWS = 1000
+"""Largest number of windows of a file; longer files have a larger interval."""
+
+WINDOW_POINTS = 12_000
+"""Largest number of points per window; longer windows are thinned."""
+
+
+def _time_windows(
+    form: PointFormat, path: str, options: ReadOptions, *, sample: PointCloud, n_points: int
+) -> PointCloud | None:
+    """Return evenly spaced windows of a file stored in the order of time, or None without times."""
+    if "gps_time" not in sample:
+        return None
+    duration = _duration(sample["gps_time"])
+    if duration is None:
+        return None
+    n_windows = int(np.clip(duration / WINDOW_INTERVAL, 2, MAX_WINDOWS))
+    length = int(np.ceil(min(n_points * WINDOW_LENGTH / duration, n_points / n_windows)))
+    chosen = replace(options, only=tuple(name for name in ("gps_time", "scanner") if name in sample), coding=None)
+    windows = []
+    for number, start in enumerate(np.linspace(0, n_points - length, n_windows).astype(int)):
+        cloud = form.read(Path(path), chosen, start=int(start), stop=int(start) + length)
+        thin = cloud.select(np.arange(0, len(cloud), -(-len(cloud) // WINDOW_POINTS)))
+        windows.append(thin.with_columns(window=np.full(len(thin), number, dtype=np.int32)))
+    return concatenate(windows)
+
+
+def _duration(times: NDArray) -> float | None:
+    """Return the duration of a file in seconds; single times far from the others do not count."""
+    measured = times[measured_times(times)]
+    if len(measured) < 2 or not measured.max() > measured.min():
+        return None
+    low, high = np.percentile(measured, [10, 90])
+    most = (high - low) / 0.8
+    whole = float(measured.max() - measured.min())
+    return whole if whole <= 10 * most or most <= 0 else float(most)
 
 
 def find_corridor(
@@ -203,7 +249,9 @@ def find_corridor(
         path = read_trajectory(trajectory, crs=samples[0].crs if samples else None, factors=factors)
         times = _times_of(samples)
         path = in_weeks_of(path, *times)
-        notes = (path.note, coverage_note(path, *times), distance_note(path, *_extent_of(samples)))
+        xyz = np.concatenate([np.empty((0, 3)), *(sample.world_xyz() for sample in samples)])
+        extent = (xyz.min(axis=0), xyz.max(axis=0)) if len(xyz) else np.full((2, 3), np.nan)
+        notes = (path.note, coverage_note(path, *times), distance_note(path, *extent))
         return _with_note(path, "; ".join(filter(None, notes)))
     if not along:
         return _with_note(None)
@@ -222,13 +270,6 @@ def _with_note(corridor: Corridor, note: str = "") -> PassCorridor:
     if note:
         arrays["note"] = np.array(note)
     return arrays
-
-
-def _extent_of(samples: Sequence[PointCloud]) -> NDArray[np.float64]:
-    """Return the least and the largest coordinates of samples; NaN without points."""
-    filled = [sample.world_xyz() for sample in samples if len(sample)]
-    boxes = [np.array([xyz.min(axis=0), xyz.max(axis=0)]) for xyz in filled] or [np.full((2, 3), np.nan)]
-    return np.array([np.min([low for low, _ in boxes], axis=0), np.max([high for _, high in boxes], axis=0)])
 
 
 def _times_of(samples: Sequence[PointCloud]) -> tuple[float, float]:

@@ -31,7 +31,7 @@ from mlsroad_pipeline.simulation.parameters.presets import (
     expanded_surveys,
     simulation_parameters,
 )
-from mlsroad_pipeline.simulation.runtime.survey import SurveyPieces
+from mlsroad_pipeline.simulation.runtime.survey import SurveyPieces, simulate_survey
 from mlsroad_pipeline.surveys.simulated_scans import FrameWriter, RangeImage, range_image
 
 SHARE_OF_ESTIMATE = 0.05
@@ -208,15 +208,12 @@ class _PointFiles:
         for number, part in self._parts(cloud):
             if number != self._current:
                 self._open(number, part)
-            written = part if self._files.range_image is None else self._thinned(part, self._files.range_image)
+            if self._files.range_image is not None:  # it keeps some points of a scan
+                passed, seconds = self._pieces.pass_of(part["gps_time"][[0, -1]])
+                pose = self._pieces.sensor_pose(int(passed[0]), float(seconds.mean()), self._parameters.devices[0])
+                part = part.select(self._files.range_image.kept((part.xyz - pose[:3, 3]) @ pose[:3, :3]))  # noqa: PLW2901
             assert self._writer is not None
-            self._writer.write(pack_records(written, self._writer.header))
-
-    def _thinned(self, cloud: PointCloud, image: RangeImage) -> PointCloud:
-        """Return the points of a scan that its range image keeps."""
-        number, seconds = self._pieces.pass_of(cloud["gps_time"][[0, -1]])
-        pose = self._pieces.sensor_pose(int(number[0]), float(seconds.mean()), self._parameters.devices[0])
-        return cloud.select(image.kept((cloud.xyz - pose[:3, 3]) @ pose[:3, :3]))
+            self._writer.write(pack_records(part, self._writer.header))
 
     def _parts(self, cloud: PointCloud) -> Iterator[tuple[int, PointCloud]]:
         length = self._files.file_length
@@ -284,3 +281,18 @@ def _write_calibration(views: list[dict[str, Any]], folder: Path, origin: NDArra
         "images": views,
     }
     (folder / "calibration.json").write_text(json.dumps(calibration, indent=1) + "\n", encoding="utf-8")
+
+
+MOST_POINTS = 2_500_000
+"""Points of a street to train on from which on it is left out."""
+
+
+def simulate_street(*, simulation: SimulationParameters) -> dict[str, Any]:
+    """Simulate a street; one of too many points is returned without points."""
+    survey = simulate_survey(simulation, n_threads=1)
+    cloud = survey.cloud.select(np.arange(len(survey.cloud) if len(survey.cloud) <= MOST_POINTS else 0))
+    points = {
+        "xyz": cloud.xyz.astype(np.float32), "origin": np.asarray(survey.origin), "intensity": cloud["intensity"],
+        "truth": cloud["label"].astype(np.uint8), "instance": cloud["instance"].astype(np.int32),
+    }  # fmt: skip
+    return {"points": points, "objects": survey.objects}

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.quality.density import count_places
 from mlsroad_pipeline.algorithms.quality.report import QualityReport
-from mlsroad_pipeline.formats.crs import is_geographic, place_outside
-from mlsroad_pipeline.formats.crs_units import SAME_UNIT, crs_units
+from mlsroad_pipeline.formats.crs import SAME_UNIT, crs_units, is_geographic, place_outside
 from mlsroad_pipeline.surveys.plan import SurveyPlan, trajectory_beside
 from mlsroad_pipeline.surveys.reading import FileFacts
 
@@ -170,28 +169,19 @@ def survey_warnings(
     """Return the warnings on a survey, one per cause, as pairs of the files and a sentence."""
     more = more or {}
     rows = [(name, reason) for name, reason in skipped.items()]
-    rows += [(name, AS_POINTS) for name in _names_of_trajectories(files)]
+    named = [facts.name for facts in files if "trajectory" in PurePosixPath(facts.name).stem.lower()]
+    rows += [(name, AS_POINTS) for name in named if len(named) < len(files)]
     rows += [(facts.name, text) for facts in files for text in (*file_warnings(facts), *more.get(facts.name, ()))]
     gathered = gather(rows, len(files) + len(skipped))
     systems = {facts.crs: facts.name for facts in reversed(files)}
     if len(systems) > 1:
         examples = "; ".join(f"{name}: {crs_label(crs)}" for crs, name in systems.items())
         gathered.append((files[0].name, f"files have different coordinate reference systems ({examples})"))
-    partial = _partial_columns(files)
+    n_files = Counter(name for facts in files for name in facts.columns or facts.quality.present)
+    partial = sorted(name for name, count in n_files.items() if count < len(files))
     if partial:
         gathered.append((files[0].name, f"only some of the files have {', '.join(partial)}"))
     return gathered + _far_files(files)
-
-
-def _names_of_trajectories(files: Sequence[SurveyFacts]) -> list[str]:
-    """Return the files that are named as a trajectory, where others are not."""
-    named = [facts.name for facts in files if "trajectory" in PurePosixPath(facts.name).stem.lower()]
-    return named if len(named) < len(files) else []
-
-
-def _partial_columns(files: Sequence[SurveyFacts]) -> list[str]:
-    n_files = Counter(name for facts in files for name in facts.columns or facts.quality.present)
-    return sorted(name for name, count in n_files.items() if count < len(files))
 
 
 def _far_files(files: Sequence[SurveyFacts]) -> list[tuple[str, str]]:
@@ -203,17 +193,15 @@ def _far_files(files: Sequence[SurveyFacts]) -> list[tuple[str, str]]:
     for folder, members in folders.items():
         boxes = np.array([[facts.quality.low[:2], facts.quality.high[:2]] for facts in members])
         boxes = boxes[np.isfinite(boxes).all(axis=(1, 2)) & ((boxes[:, 1] - boxes[:, 0]).max(axis=1) <= LONG)]
-        n_places = count_places(np.concatenate([_box(low, high) for low, high in boxes])) if len(boxes) > 1 else 1
+        filled = [
+            np.stack(np.meshgrid(*(np.append(np.arange(a, b, 250.0), b) for a, b in box.T)), axis=-1).reshape(-1, 2)
+            for box in boxes
+        ]
+        n_places = count_places(np.concatenate(filled)) if len(boxes) > 1 else 1
         if n_places > 1:
             name = members[0].name if folder == "." else f"{folder}/"
             found.append((name, f"{len(members)} files of the folder lie in {n_places} places more than 500 m apart"))
     return found
-
-
-def _box(low: np.ndarray, high: np.ndarray, step: float = 250.0) -> np.ndarray:
-    """Return positions that fill a rectangle."""
-    axes = [np.append(np.arange(a, b, step), b) for a, b in zip(low, high, strict=True)]
-    return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
 
 
 def gather(rows: Sequence[tuple[str, str]], n_files: int) -> list[tuple[str, str]]:

@@ -100,11 +100,7 @@ _DECIMAL_COMMA = re.compile(r"^([-+]?\d*),(\d+(?:[eE][-+]?\d+)?)$")
 
 
 def read_trajectory(
-    path: str | Path,
-    *,
-    columns: Sequence[str] | None = None,
-    crs: str | None = None,
-    factors: NDArray[np.float64] | None = None,
+    path: str | Path, *, crs: str | None = None, factors: NDArray[np.float64] | None = None
 ) -> Trajectory:
     """Read a trajectory from a text file or from SBET, which is recognised by its content.
 
@@ -115,12 +111,10 @@ def read_trajectory(
     if not source.is_file():
         raise ReadError(f"{source}: no such trajectory file")
     with named_errors(source, "a trajectory"):
-        return _read_trajectory(source, columns, crs, factors)
+        return _read_trajectory(source, crs, factors)
 
 
-def _read_trajectory(
-    source: Path, columns: Sequence[str] | None, crs: str | None, factors: NDArray[np.float64] | None
-) -> Trajectory:
+def _read_trajectory(source: Path, crs: str | None, factors: NDArray[np.float64] | None) -> Trajectory:
     if is_sbet(source):
         return read_sbet(source, crs=crs)
     lines = [
@@ -131,17 +125,10 @@ def _read_trajectory(
     if not rows:
         raise ReadError(f"{source}: no positions in the file")
     has_names = not _is_number(rows[0][1][0]) or not all(_is_number(word) for word in rows[0][1][1:4])
-    if columns is not None:
-        names = [_meaning(name) for name in columns]
-    elif has_names:
-        names = [_meaning(name) for name in rows[0][1]]
-    else:
-        names = ["time", "x", "y", "z"]
+    names = [_meaning(name) for name in rows[0][1]] if has_names else ["time", "x", "y", "z"]
     missing = [name for name in ("x", "y", "z") if name not in names]
     if missing:
-        raise ReadError(
-            f"{source}: a trajectory needs the column {missing[0]} (has {', '.join(columns or rows[0][1])})"
-        )
+        raise ReadError(f"{source}: a trajectory needs the column {missing[0]} (has {', '.join(rows[0][1])})")
     columns_of = {name: names.index(name) for name in _NAMES if name in names}
     body = rows[1:] if has_names else rows
     if not body:

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import shapely
 from numpy.typing import NDArray
+from pandas.api.types import is_string_dtype
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
@@ -18,7 +19,6 @@ from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, K
 from mlsroad_pipeline.formats.files import named_errors
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
-from mlsroad_pipeline.surveys.kitti_boxes import kitti_boxes
 
 LEAST_POINTS = {kind: ObjectRule.of_kind(kind, (0,)).min_points for kind in sorted(set(KIND_OF_CLASS.values()))}
 """Kind to the fewest points that an object of the inventory has; true objects with fewer do not count."""
@@ -62,14 +62,15 @@ def _read_truth(place: Path) -> Truth:
     if place.suffix == ".label":
         return Truth(_semantickitti(place), None, "semantickitti")
     if place.suffix == ".txt":
-        objects, region = kitti_boxes(place)
+        objects, region = _kitti_boxes(place)
         return Truth(_typed(objects, place), region, "kitti")
     try:
         with place.open(encoding="utf-8-sig") as stream:
             header = stream.readline()
         spreadsheet = ";" in header and "," not in header
         table = pd.read_csv(place, sep=";" if spreadsheet else ",")
-        table = _without_decimal_commas(table) if spreadsheet else table
+        commas = [name for name in _NUMBERS if spreadsheet and name in table and is_string_dtype(table[name])]
+        table = table.assign(**{name: table[name].str.replace(",", ".", regex=False) for name in commas})
     except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
         raise ReadError(f"{place}: not a table of true objects: {' '.join(str(error).split())}") from error
     if {"instance", "label", "box_x", "moving"} <= set(table):
@@ -80,12 +81,6 @@ def _read_truth(place: Path) -> Truth:
     if typed.empty:
         raise DataError(f"{place}: the table has no true objects")
     return Truth(typed, None, "table")
-
-
-def _without_decimal_commas(table: pd.DataFrame) -> pd.DataFrame:
-    """Return a table with decimal points in the columns of numbers that were read as text."""
-    text = [name for name in _NUMBERS if name in table and pd.api.types.is_string_dtype(table[name])]
-    return table.assign(**{name: table[name].str.replace(",", ".", regex=False) for name in text})
 
 
 def _typed(table: pd.DataFrame, place: Path) -> pd.DataFrame:
@@ -196,6 +191,64 @@ def _box(xyz: NDArray[np.float64]) -> dict[str, float]:
     return {**place, "length": box.length, "width": box.width, "heading": box.azimuth}
 
 
+_KITTI_VEHICLES = ("Car", "Van", "Truck", "Tram")
+_KITTI_REACH = 80.0
+"""Range up to which the labels are complete, metres."""
+
+
+def _kitti_boxes(path: Path) -> tuple[pd.DataFrame, shapely.Geometry]:
+    """Return the vehicles of ``label_2/NAME.txt``, and where they are complete; reads ``calib/NAME.txt`` too.
+
+    The labels cover what the left colour camera sees, without the directions that they mark as unknown.
+    """
+    calibration = path.parents[1] / "calib" / path.name
+    if not calibration.is_file():
+        raise ReadError(f"{path}: the calibration {calibration} does not exist")
+    rows = [line.split() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+    try:
+        matrices = _matrices(calibration)
+        boxes = pd.DataFrame(
+            [_kitti_box(row, matrices["to_scan"]) for row in rows if row[0] in _KITTI_VEHICLES], columns=_BOX_COLUMNS
+        )
+        unknown = [(float(row[4]), float(row[6])) for row in rows if row[0] == "DontCare"]
+        camera = matrices["P2"]
+        seen = _wedge(camera, 0.0, 2 * camera[0, 2])  # the principal point is the middle of the image
+        region = shapely.difference(seen, shapely.union_all([_wedge(camera, *limits) for limits in unknown]))
+    except (ValueError, IndexError, KeyError, shapely.errors.ShapelyError) as error:  # the last for NaN
+        raise ReadError(f"{path}: not a KITTI label file: {error}") from error
+    return boxes, region
+
+
+_BOX_COLUMNS = ["kind", "name", "x", "y", "z", "height", "width", "length", "heading"]
+
+
+def _matrices(path: Path) -> dict[str, NDArray[np.float64]]:
+    values = {}
+    for line in path.read_text(encoding="utf-8").splitlines():
+        name, sign, numbers = line.partition(":")
+        if sign:
+            values[name] = np.array(numbers.split(), dtype=np.float64)
+    rectify, camera = np.eye(4), np.eye(4)
+    rectify[:3, :3] = values["R0_rect"].reshape(3, 3)
+    camera[:3] = values["Tr_velo_to_cam"].reshape(3, 4)
+    to_scan: NDArray[np.float64] = np.linalg.inv(rectify @ camera).astype(np.float64)
+    return {"P2": values["P2"].reshape(3, 4), "to_scan": to_scan}
+
+
+def _kitti_box(row: list[str], to_scan: NDArray[np.float64]) -> list[object]:
+    height, width, length, x, y, z, turn = (float(value) for value in row[8:15])
+    place = to_scan @ [x, y, z, 1.0]
+    along = to_scan[:3, :3] @ [np.cos(turn), 0.0, -np.sin(turn)]
+    heading = np.degrees(np.arctan2(along[0], along[1])) % 180.0
+    return ["vehicle", row[0], *place[:3], height, width, length, heading]
+
+
+def _wedge(camera: NDArray[np.float64], left: float, right: float) -> shapely.Polygon:
+    """Return what lies between two columns of the image in plan, x forward and y to the left."""
+    slopes = [(camera[0, 2] - column) / camera[0, 0] for column in (left, right)]
+    return shapely.Polygon([(0.0, 0.0), *((_KITTI_REACH, _KITTI_REACH * slope) for slope in slopes)])
+
+
 def point_counts(truth: Truth, clouds: Sequence[Path]) -> pd.Series | None:
     """Return the points of each true object in the clouds: of its instance, or in its box; None where unknown.
 
@@ -217,19 +270,17 @@ def point_counts(truth: Truth, clouds: Sequence[Path]) -> pd.Series | None:
         for start in range(0, info.n_points, CHUNK):
             options = ReadOptions(only=("instance",) if by_number else ())
             cloud = form.read(path, options, start=start, stop=start + CHUNK)
-            total += _of_instances(objects, cloud["instance"]) if by_number else _in_boxes(objects, cloud.world_xyz())
+            total += (
+                objects["instance"].map(pd.Series(cloud["instance"]).value_counts()).fillna(0).to_numpy(np.int64)
+                if by_number
+                else _in_boxes(objects, cloud.world_xyz())
+            )
     return pd.Series(total, index=objects.index)
 
 
 CHUNK = 2_000_000
 """Points of a cloud that are read at once."""
 _BOX_MARGIN = 0.1  # metres
-
-
-def _of_instances(objects: pd.DataFrame, numbers: NDArray) -> NDArray[np.int64]:
-    found, counts = np.unique(numbers, return_counts=True)
-    at = np.searchsorted(found, objects["instance"]).clip(max=len(found) - 1)
-    return np.where(found[at] == objects["instance"], counts[at], 0)
 
 
 def _in_boxes(objects: pd.DataFrame, xyz: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from references import evaluation as references
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.reporting.clouds.splatting import (
     close_gaps,
     depth_shading,
@@ -128,28 +128,19 @@ def test_render_is_repeatable_and_leaves_its_input_alone(cloud, rng):
     np.testing.assert_array_equal(colours, before[1])
 
 
-def test_no_points_give_the_background():
-    picture = render_points(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), PLAIN, background=(1, 2, 3))
-    assert (picture == [1, 2, 3]).all()
+def test_no_points_give_a_white_picture():
+    picture = render_points(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), PLAIN)
+    assert (picture == 255).all()
 
 
 @pytest.mark.parametrize(
-    ("call", "error", "message"),
+    ("call", "message"),
     [
-        (lambda: nearest_points(np.zeros((1, 2)), PLAIN), DataError, r"shape \(n, 3\)"),
-        (lambda: nearest_points(np.array([[0, 0, np.inf]]), PLAIN), DataError, "NaN or infinite"),
-        (lambda: nearest_points(np.zeros((1, 3)), PLAIN, splat_metres=0), ParameterError, "splat_metres"),
-        (lambda: nearest_points(np.zeros((1, 3)), PLAIN, largest_splat=0), ParameterError, "largest_splat"),
-        (lambda: close_gaps(np.zeros((1, 1), int), np.zeros((1, 1), np.float32), reach=-1), ParameterError, "reach"),
-        (lambda: render_points(np.zeros((1, 3)), np.zeros((1, 3)), PLAIN), DataError, "colours must be uint8"),
-        (lambda: render_points(np.zeros((1, 3)), np.zeros((2, 3), np.uint8), PLAIN), DataError, r"shape \(1, 3\)"),
-        (
-            lambda: render_points(np.zeros((1, 3)), np.zeros((1, 3), np.uint8), PLAIN, oversampling=0),
-            ParameterError,
-            "oversampling",
-        ),
+        (lambda: nearest_points(np.zeros((1, 2)), PLAIN), r"shape \(n, 3\)"),
+        (lambda: nearest_points(np.array([[0, 0, np.inf]]), PLAIN), "NaN or infinite"),
+        (lambda: render_points(np.zeros((1, 3)), np.zeros((2, 3), np.uint8), PLAIN), r"shape \(1, 3\)"),
     ],
 )
-def test_what_cannot_be_painted_is_named(call, error, message):
-    with pytest.raises(error, match=message):
+def test_what_cannot_be_painted_is_named(call, message):
+    with pytest.raises(DataError, match=message):
         call()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.reporting.clouds.view import birds_eye_view, look_at, main_azimuth, oblique_view
 
 UTM = np.array([431_000.0, 4_583_000.0, 70.0])
@@ -90,19 +90,8 @@ def test_oblique_view_sees_the_middle_of_the_street(street):
     assert view.perspective
 
 
-@pytest.mark.parametrize(
-    ("call", "error", "message"),
-    [
-        (lambda: birds_eye_view(np.zeros((0, 3))), DataError, "at least 1 points"),
-        (lambda: birds_eye_view(np.full((2, 3), np.nan)), DataError, "NaN or infinite"),
-        (lambda: birds_eye_view(np.zeros((2, 3)), trim=0.5), ParameterError, "trim must be in"),
-        (lambda: birds_eye_view(np.zeros((2, 3)), width=0, height=5), ParameterError, "sides must be in 1..32768"),
-        (lambda: look_at([0, 0, 0], [0, 0, 0]), ParameterError, "target other than its own place"),
-        (lambda: look_at([0, 0, 0], [1, 0, 0], field_of_view=180), ParameterError, "field_of_view"),
-        (lambda: oblique_view(np.zeros((2, 3)), elevation=90), ParameterError, "elevation"),
-        (lambda: oblique_view(np.zeros((2, 3)), length=0), ParameterError, "length must be"),
-    ],
-)
-def test_what_cannot_be_viewed_is_named(call, error, message):
-    with pytest.raises(error, match=message):
-        call()
+def test_what_cannot_be_viewed_is_named():
+    with pytest.raises(DataError, match="at least 1 points"):
+        birds_eye_view(np.zeros((0, 3)))
+    with pytest.raises(DataError, match="NaN or infinite"):
+        birds_eye_view(np.full((2, 3), np.nan))

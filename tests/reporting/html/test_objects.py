@@ -9,8 +9,13 @@ import pytest
 from helpers.browser import browser_page
 
 from mlsroad_pipeline.reporting.clouds.pictures import map_frame, overview_picture
-from mlsroad_pipeline.reporting.html.objects import MOST_OBJECTS, ObjectMapSection, ObjectTableSection, shown_objects
-from mlsroad_pipeline.reporting.html.report import GallerySection, Picture, build_report
+from mlsroad_pipeline.reporting.html.objects import (
+    MOST_OBJECTS,
+    object_map_section,
+    object_table_section,
+    shown_objects,
+)
+from mlsroad_pipeline.reporting.html.report import Picture, build_report, gallery_section
 
 EVIL = "</script><script>document.title='broken'</script><b>&\"'"
 NAMES = {
@@ -53,9 +58,9 @@ def page_of(objects):
     background = overview_picture([(points, np.zeros(50, np.int16))], palette, frame)
     picture = Picture(np.zeros((40, 60, 3), np.uint8), EVIL)
     sections = [
-        ObjectMapSection("Map", shown, frame, counts, path, background),
-        GallerySection("Objects", {EVIL: [picture]}),
-        ObjectTableSection(
+        object_map_section("Map", shown, frame, counts, path, background),
+        gallery_section("Objects", {EVIL: [picture]}),
+        object_table_section(
             "Inventory", shown, total, NAMES, frame.place(shown[["x", "y"]].to_numpy()), "inventory.gpkg"
         ),
     ]

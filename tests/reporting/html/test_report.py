@@ -14,17 +14,17 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.palette import COLOURS
 from mlsroad_pipeline.reporting.figures import oob_figure
-from mlsroad_pipeline.reporting.html.objects import ObjectTableSection
+from mlsroad_pipeline.reporting.html.objects import object_table_section
 from mlsroad_pipeline.reporting.html.report import (
-    DistributionSection,
-    FactsSection,
-    FiguresSection,
-    GallerySection,
-    TableSection,
-    WarningsSection,
     build_report,
     data_uri,
+    distribution_section,
+    facts_section,
     figure_pixels,
+    figures_section,
+    gallery_section,
+    table_section,
+    warnings_section,
 )
 
 EVIL = "<script>alert('x')</script>\"&"
@@ -52,12 +52,12 @@ class Balance(HTMLParser):
 def sections():
     objects = pd.DataFrame({"class": ["pole", "car", EVIL], "x": [431234.125, 2.0, np.nan], "points": [12345, 2, 3]})
     return [
-        FactsSection(EVIL, {EVIL: EVIL, "points": 1234567, "crs": None}),
-        TableSection("Quality", pd.DataFrame({EVIL: [EVIL, "b"], "density": [np.nan, 12.34567]}), note=EVIL),
-        FiguresSection("Figures", {EVIL: np.zeros((3, 5, 3), np.uint8), "curve": oob_figure([1, 2], [0.2, 0.1])}),
-        DistributionSection("Classes", {"car": 30, EVIL: 10}),
-        TableSection("Objects", objects),
-        WarningsSection("Warnings", [EVIL]),
+        facts_section(EVIL, {EVIL: EVIL, "points": 1234567, "crs": None}),
+        table_section("Quality", pd.DataFrame({EVIL: [EVIL, "b"], "density": [np.nan, 12.34567]}), EVIL),
+        figures_section("Figures", {EVIL: np.zeros((3, 5, 3), np.uint8), "curve": oob_figure([1, 2], [0.2, 0.1])}),
+        distribution_section("Classes", {"car": 30, EVIL: 10}),
+        table_section("Objects", objects),
+        warnings_section("Warnings", [EVIL]),
     ]
 
 
@@ -90,22 +90,22 @@ def test_numbers_are_for_people_and_undefined_ones_are_dashes(sections):
 
 
 def test_distribution_has_shares_and_the_colours_of_the_pictures(sections):
-    body = sections[3].body()
+    body = sections[3].body
     assert "75.00 %" in body
     assert f"background:{COLOURS['car']}" in body
     scheme = ClassScheme("s", ("stuff",), (("bin",),), (), (1,))
     assert (
-        f"background:{COLOURS['bin']}" in DistributionSection("t", {"stuff": 1, "unlabelled": 2}, scheme=scheme).body()
+        f"background:{COLOURS['bin']}" in distribution_section("t", {"stuff": 1, "unlabelled": 2}, scheme=scheme).body
     )
 
 
 def test_an_empty_survey_still_gives_a_report():
     page = build_report(
         [
-            TableSection("Quality", pd.DataFrame()),
-            DistributionSection("Classes", {"car": 0}),
-            GallerySection("Objects", {"pole": []}),
-            WarningsSection("Warnings"),
+            table_section("Quality", pd.DataFrame()),
+            distribution_section("Classes", {"car": 0}),
+            gallery_section("Objects", {"pole": []}),
+            warnings_section("Warnings", []),
         ]
     )
     assert page.count('class="none"') == 3
@@ -113,14 +113,14 @@ def test_an_empty_survey_still_gives_a_report():
 
 
 def test_a_long_table_says_what_it_leaves_out():
-    body = TableSection("t", pd.DataFrame({"a": range(10)}), largest=4).body()
+    body = table_section("t", pd.DataFrame({"a": range(10)}), largest=4).body
     assert "6 more rows are omitted" in body
     assert body.count("<tr>") == 5
 
 
 def test_a_named_index_becomes_columns():
     frame = pd.DataFrame({"value": [1.0]}, index=pd.MultiIndex.from_tuples([("m", "test")], names=["method", "split"]))
-    assert "<td>m</td><td>test</td>" in TableSection("t", frame).body()
+    assert "<td>m</td><td>test</td>" in table_section("t", frame).body
 
 
 @pytest.mark.parametrize(
@@ -129,8 +129,8 @@ def test_a_named_index_becomes_columns():
 )
 def test_only_files_and_web_addresses_become_links(address, linked):
     empty = pd.DataFrame({"kind": [], "objects": []})
-    section = ObjectTableSection("i", empty, empty, {"kind": "Kind"}, np.zeros((0, 2)), address)
-    assert ("<a href" in section.body()) == linked
+    section = object_table_section("i", empty, empty, {"kind": "Kind"}, np.zeros((0, 2)), address)
+    assert ("<a href" in section.body) == linked
 
 
 def test_pictures_are_embedded_as_they_look():

@@ -5,10 +5,10 @@ import gzip
 import numpy as np
 import open3d as o3d
 import pytest
+from design_sheet import scan_mesh
 from references.simulator import enclosed_volume
 
 from mlsroad_pipeline.algorithms.features.eigen import compute_eigen_features
-from mlsroad_pipeline.reporting.clouds.design_sheet import scan_mesh
 from mlsroad_pipeline.simulation import bodies
 from mlsroad_pipeline.simulation.model import solids
 from mlsroad_pipeline.simulation.model.materials import foliage

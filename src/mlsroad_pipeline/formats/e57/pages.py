@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.formats.content import open_content
+from mlsroad_pipeline.formats.files import open_content
 
 PAGE = 1024
 CONTENT = PAGE - 4
@@ -63,10 +63,7 @@ def page_checksums(pages: NDArray[np.uint8], tables: NDArray[np.uint32]) -> NDAr
 
 
 class E57Pages:
-    """The content of an E57 file, checked page by page as it is read.
-
-    `ReadError` if the file is not E57, of another version than 1, or truncated.
-    """
+    """The content of an E57 file, checked page by page as it is read."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -175,8 +175,7 @@ def _streams(
     end = min(pages.logical(at) + length, pages.size)
     if section != COMPRESSED_VECTOR:
         raise ReadError(f"{pages.path} is damaged: scan {number} has no section of points at byte {at}")
-    starts: list[list[int]] = [[] for _ in fields]
-    sizes: list[list[int]] = [[] for _ in fields]
+    starts, sizes = [], []  # of the pieces of each packet
     while begin + 4 <= end:
         kind, _, size, count = struct.unpack("<BBHH", pages.read(begin, 6).tobytes())
         if kind == DATA_PACKET:
@@ -187,21 +186,19 @@ def _streams(
                 raise ReadError(
                     f"{pages.path} is damaged: a packet of scan {number} holds more than its {size + 1} bytes"
                 )
-            where = begin + 6 + 2 * count
-            for i, n_bytes in enumerate(lengths.tolist()):
-                starts[i].append(where)
-                sizes[i].append(n_bytes)
-                where += n_bytes
+            starts.append(begin + 6 + 2 * count + np.cumsum(lengths) - lengths)
+            sizes.append(lengths)
         begin += size + 1
     streams = []
-    for i, spec in enumerate(fields):
-        before = np.concatenate([[0], np.cumsum(sizes[i], dtype=np.int64)])
+    places, n_bytes = (np.array(part, np.int64).reshape(-1, len(fields)).T for part in (starts, sizes))
+    for spec, where, pieces in zip(fields, places, n_bytes, strict=True):
+        before = np.concatenate([[0], np.cumsum(pieces)])
         if spec.kind != "String" and 8 * int(before[-1]) < n_points * spec.bits:
             raise ReadError(
                 f"{pages.path} is truncated or damaged: scan {number} states {n_points} points, "
                 f"its field {spec.name} holds {8 * int(before[-1]) // spec.bits}"
             )
-        streams.append((np.array(starts[i], dtype=np.int64), before))
+        streams.append((np.ascontiguousarray(where), before))
     return tuple(streams)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from bisect import bisect_left
 from collections.abc import Callable, Iterator
 from functools import lru_cache
 from itertools import islice
@@ -14,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.formats.content import Content, open_content
-from mlsroad_pipeline.formats.files import ALLOWED, LARGEST_RATIO, FileKey
+from mlsroad_pipeline.formats.files import ALLOWED, LARGEST_RATIO, Content, FileKey, open_content
 
 POINTWISE = 1  # LASzip compressor without chunks (LASzip 1)
 LAYERED_FROM = 6  # first point format whose chunks state their number of points
@@ -57,18 +57,14 @@ def _are_points(file: Content, begin: int, size: int, stated: int, have: int) ->
     if not any(ends[1]):
         return False
     known = file.read(min(stated, COMPARED) * size, begin)
-    if not known:
-        return _are_records(file.read(min(have, COMPARED) * size, begin), size)
+    if not known:  # points that no header counts are near each other, and not all at one place
+        data = file.read(min(have, COMPARED) * size, begin)
+        extent = np.ptp(_coordinates(data[: len(data) // size * size], size), axis=0)
+        return bool(0 < extent.max() < NEAR_EXTENT)
     own, others = (_coordinates(data, size) for data in (known, b"".join(ends)))
     low, high = own.min(axis=0), own.max(axis=0)
     reach = REACH * (high - low).max() + NEAR_STEPS
     return bool(((others >= low - reach) & (others <= high + reach)).all())
-
-
-def _are_records(data: bytes, size: int) -> bool:
-    """Return whether bytes that no header counts are points: near each other, and not all at one place."""
-    extent = np.ptp(_coordinates(data[: len(data) // size * size], size), axis=0)
-    return bool(0 < extent.max() < NEAR_EXTENT)
 
 
 def _coordinates(data: bytes, size: int) -> NDArray[np.float64]:
@@ -96,7 +92,8 @@ def compressed_points(key: FileKey, begin: int, record: bytes, layout: tuple[int
                 stream.seek(begin + 8 + sum(n_bytes for _, n_bytes in chunks[:-1]))
                 data, full = stream.read(chunks[-1][1]), (len(chunks) - 1) * laz.chunk_size()
                 if layout[0] >= LAYERED_FROM:
-                    n_points, note = full + _of_layers(data, layout[1], laz.chunk_size()), ""
+                    last, note = int(struct.unpack_from("<I", data, layout[1])[0]), ""
+                    n_points = full + (last if last <= laz.chunk_size() else 0)
                 else:
                     last, note = stream_points(data, record, laz, stated - full)
                     n_points = full + last
@@ -133,11 +130,6 @@ def _has_table(stream: BinaryIO, begin: int, size: int) -> bool:
     return bool(struct.unpack("<II", stream.read(8))[1] <= (table - begin) // size)
 
 
-def _of_layers(data: bytes, size: int, largest: int) -> int:
-    last = int(struct.unpack_from("<I", data, size)[0])
-    return last if last <= largest else 0
-
-
 def stream_points(data: bytes, record: bytes, laz: lazrs.LazVlr, stated: int) -> tuple[int, str]:
     """Return the number of points of a chunk, and a sentence if bytes behind the points are no such points.
 
@@ -171,15 +163,8 @@ def _same_bytes(fewest: int, most: int, tries: int, same: Callable[[int], bool])
     found = next((n for n in islice(_middles(fewest, most), tries) if same(n)), 0)
     if not found:
         return 0, 0
-    low, high = fewest - 1, found
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if same(middle) else (middle, high)
-    first, low, high = high, found, most + 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (middle, high) if same(middle) else (low, middle)
-    return first, low
+    first = fewest + bisect_left(range(fewest, found), True, key=same)
+    return first, found + bisect_left(range(found + 1, most + 1), True, key=lambda n: not same(n))
 
 
 def _middles(low: int, high: int) -> Iterator[int]:
@@ -199,10 +184,7 @@ def _most_points(data: bytes, record: bytes, laz: lazrs.LazVlr, stated: int) -> 
     low, high = max(stated, 0), min(max(2 * stated, FIRST_GUESS), limit + 1)
     while high <= limit and _unpacked(data, record, laz, high) is not None:
         low, high = high, min(2 * high, limit + 1)
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if _unpacked(data, record, laz, middle) is None else (middle, high)
-    return low
+    return low + bisect_left(range(low + 1, high), True, key=lambda n: _unpacked(data, record, laz, n) is None)
 
 
 def _unpacked(data: bytes, record: bytes, laz: lazrs.LazVlr, n_points: int) -> NDArray[np.uint8] | None:

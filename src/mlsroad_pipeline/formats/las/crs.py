@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.formats.crs import is_same_crs, sidecar_crs
-from mlsroad_pipeline.formats.crs_units import crs_units, in_metres
+from mlsroad_pipeline.formats.crs import crs_units, in_metres, is_same_crs, sidecar_crs
 from mlsroad_pipeline.formats.files import log_once
 from mlsroad_pipeline.formats.las.geotiff_keys import DIRECTORY, DOUBLES, TEXTS, GeotiffKeys, pack_directory
 from mlsroad_pipeline.formats.las.header import WKT_BIT, LasHeader, Vlr
@@ -70,10 +69,7 @@ def _geotiff_wkt(header: LasHeader, path: Path | None) -> str | None:
 def with_crs_of(
     header: LasHeader, cloud: PointCloud, path: Path, metres: NDArray[np.float64] | None = None
 ) -> LasHeader:
-    """Set the system of a cloud in another file's header, where the two differ; ``metres`` are the file's factors.
-
-    `DataError` if the header's version holds GeoTIFF keys, not WKT, and the system has no EPSG code.
-    """
+    """Set the system of a cloud in another file's header, where the two differ; ``metres`` are the file's factors."""
     stated = read_crs(header)
     factors = [1.0, 1.0] if metres is None else metres[1:].tolist()
     same = {stated, None if stated is None else in_metres(stated, *factors), sidecar_crs(Path(cloud.source))}

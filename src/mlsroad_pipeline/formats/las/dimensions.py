@@ -1,18 +1,24 @@
-"""Dimensions of LAS records as arrays: bit fields apart, extra dimensions in their unit, coordinates in metres."""
+"""Dimensions of LAS records as arrays: bit fields apart, extra dimensions in their unit, coordinates in metres.
+
+A sample shows how many bits the colours and intensities of a file use.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from laspy.point.dims import COMPOSED_FIELDS
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.formats.files import FileKey, file_key, spread_starts
 from mlsroad_pipeline.formats.las.extra import ExtraDimension
-from mlsroad_pipeline.formats.las.header import LasHeader
-from mlsroad_pipeline.formats.las.records import record_dtype
-from mlsroad_pipeline.formats.standard_columns import check_finite
+from mlsroad_pipeline.formats.las.header import LasHeader, read_header
+from mlsroad_pipeline.formats.las.records import RecordReader, record_dtype
+from mlsroad_pipeline.formats.standard_columns import COLOURS, check_finite
 
 FAR = 1e5  # distance in metres from the first point above which stated bounds are not used
 
@@ -36,11 +42,9 @@ class BitField(NamedTuple):
 
 def bit_field(header: LasHeader, name: str) -> BitField | None:
     """Return the bits of a dimension; None where it has a field of its own."""
-    for field, parts in COMPOSED_FIELDS[header.point_format].items():
-        for part in parts:
-            if part.name == name:
-                return BitField(field, part.mask, (part.mask & -part.mask).bit_length() - 1)
-    return None
+    parts = ((field, part) for field, group in COMPOSED_FIELDS[header.point_format].items() for part in group)
+    found = ((field, part.mask) for field, part in parts if part.name == name)
+    return next((BitField(field, mask, (mask & -mask).bit_length() - 1) for field, mask in found), None)
 
 
 def extra_dimension(header: LasHeader, name: str) -> ExtraDimension | None:
@@ -93,3 +97,42 @@ def local_xyz(
             xyz[:, axis] += header.offset[axis] * metres[axis] - origin[axis]
     check_finite(xyz, source=path, start=start)
     return xyz
+
+
+# Number of runs and points per run, evenly spread over the file, that determine the depth.
+SAMPLES, SAMPLE_SIZE = 8, 2000
+EIGHT = 255
+
+
+@lru_cache(maxsize=64)
+def sampled_maximum(key: FileKey, names: tuple[str, ...]) -> int:
+    """Return the maximum of integer fields of a sample spread over the whole file, 0 without points."""
+    path = Path(key[0])
+    header = read_header(path)
+    greatest = 0
+    with RecordReader(path, header) as reader:
+        for start in spread_starts(header.n_points, SAMPLES, SAMPLE_SIZE):
+            records = reader.read(start, start + SAMPLE_SIZE)
+            greatest = max(greatest, *(int(records[name].max(initial=0)) for name in names))
+    return greatest
+
+
+def colour_bits(key: FileKey) -> int:
+    """Return 8 where the 16-bit colour fields of a file, by its `file_key`, hold colours of 8 bits, else 16."""
+    return 8 if 0 < sampled_maximum(key, COLOURS) <= EIGHT else 16
+
+
+@dataclass(frozen=True)
+class Depths:
+    """Full scales of the fields of 16 bits of a file."""
+
+    intensity: int = 65535  # value of an intensity of 1
+    colours: int = 16  # bits of the colours
+
+    @classmethod
+    def of_file(cls, path: Path) -> Self:
+        """Return the full scales that a file uses."""
+        key = file_key(path)
+        fields = read_header(path).point_format in (2, 3, 5, 7, 8, 10)
+        intensity = EIGHT if 0 < sampled_maximum(key, ("intensity",)) <= EIGHT else 65535
+        return cls(intensity, colour_bits(key) if fields else 16)

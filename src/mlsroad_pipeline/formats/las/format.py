@@ -14,19 +14,35 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import FileInfo, PointFormat, ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.column_names import resolve_columns
-from mlsroad_pipeline.formats.content import refuse_packed, with_packed
-from mlsroad_pipeline.formats.crs_units import auto_note, in_metres, with_units
-from mlsroad_pipeline.formats.files import FileKey, atomic_file, check_file, clip_range, file_key, log_once
+from mlsroad_pipeline.formats.crs import auto_note, in_metres, with_units
+from mlsroad_pipeline.formats.files import (
+    FileKey,
+    atomic_file,
+    check_file,
+    clip_range,
+    file_key,
+    log_once,
+    refuse_packed,
+    with_packed,
+)
 from mlsroad_pipeline.formats.las.copc import SUFFIX, is_copc, without_copc, write_copc
 from mlsroad_pipeline.formats.las.crs import read_crs, two_systems_note, with_crs_of
-from mlsroad_pipeline.formats.las.depths import Depths, colour_bits, sampled_maximum
-from mlsroad_pipeline.formats.las.dimensions import dimension, dimension_names, local_xyz, near_corner
+from mlsroad_pipeline.formats.las.dimensions import (
+    Depths,
+    colour_bits,
+    dimension,
+    dimension_names,
+    local_xyz,
+    near_corner,
+    sampled_maximum,
+)
 from mlsroad_pipeline.formats.las.header import LasHeader, read_header
 from mlsroad_pipeline.formats.las.layout import header_like, new_header, pack_records, with_room
 from mlsroad_pipeline.formats.las.records import RecordReader, layers_of
 from mlsroad_pipeline.formats.las.writer import RecordWriter
 from mlsroad_pipeline.formats.options import BY_CRS
 from mlsroad_pipeline.formats.standard_columns import COLOUR_DEPTH, COLOURS, COORDINATES, origin_near, standard_cloud
+from mlsroad_pipeline.formats.tables import parts_of
 
 CHUNK = 1_000_000
 
@@ -116,7 +132,8 @@ class LasFormat(PointFormat):
         path = Path(path)
         refuse_packed(path, self.name)
         if path.name.lower().endswith(SUFFIX):
-            with tempfile.TemporaryDirectory(dir=_folder(path)) as folder:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryDirectory(dir=path.parent) as folder:
                 plain = Path(folder) / "points.las"
                 self.write(plain, cloud, options)
                 write_copc(plain, path, n_threads=options.n_threads)
@@ -129,25 +146,15 @@ class LasFormat(PointFormat):
             placed = with_crs_of(header, cloud, path, metres)
             header = without_copc(header if placed is header else with_room(placed, cloud, metres))
         depths = None if like is None else Depths.of_file(like)
-        if depths is not None and _read_by_type(cloud):
+        # intensities of 8 bits were divided by the range of 16; divided by 255, 1 is 0.004
+        if depths is not None and "intensity" in cloud and np.nanmax(cloud["intensity"], initial=0.0) * 65535 <= 255.5:
             depths = replace(depths, intensity=65535)
         with atomic_file(path) as stream:
             compress = path.suffix.lower() == ".laz"
             writer = RecordWriter(stream, header, compress=compress, n_threads=options.n_threads)
-            for begin in range(0, len(cloud), CHUNK):
-                part = cloud.select(np.arange(begin, min(begin + CHUNK, len(cloud))))
+            for part in parts_of(cloud):
                 writer.write(pack_records(part, header, metres=metres, depths=depths))
             writer.close()
-
-
-def _read_by_type(cloud: PointCloud) -> bool:
-    """Return whether intensities of 8 bits were divided by the range of 16; divided by 255, 1 is 0.004."""
-    return "intensity" in cloud and np.nanmax(cloud["intensity"], initial=0.0) * 65535 <= 255.5
-
-
-def _folder(path: Path) -> Path:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return path.parent
 
 
 def _template(cloud: PointCloud, options: WriteOptions) -> Path | None:

@@ -7,6 +7,7 @@ Unknown content is kept unchanged: the header holds its original bytes, and only
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.formats.content import open_content
-from mlsroad_pipeline.formats.files import check_expansion, file_key
+from mlsroad_pipeline.formats.files import check_expansion, file_key, open_content
 from mlsroad_pipeline.formats.las.counts import compressed_points, stored_points
 from mlsroad_pipeline.formats.las.extra import ExtraDimension, parse_descriptors
 
@@ -272,3 +272,36 @@ def pack_header(header: LasHeader) -> bytes:
     point_offset = size + len(records) + len(header.gap)
     done = header.patched(header_size=size, point_offset=point_offset, n_vlrs=len(header.vlrs))
     return done.block + records + header.gap
+
+
+# Classification Lookup record (section 2.6): names of the class codes of a file.
+LOOKUP = (b"LASF_Spec", 0)
+ENTRY = np.dtype([("code", "u1"), ("name", "S15")])
+N_CODES = 256
+
+
+def class_names(header: LasHeader) -> dict[int, str]:
+    """Return code to name of the classes that a file names; empty without the record."""
+    return {code: name.decode("utf-8", "replace") for code, name in _stored_names(header).items()}
+
+
+def _stored_names(header: LasHeader) -> dict[int, bytes]:
+    record = header.find(LOOKUP)
+    if record is None:
+        return {}
+    entries = np.frombuffer(record.data[: len(record.data) // ENTRY.itemsize * ENTRY.itemsize], dtype=ENTRY)
+    return {int(code): name for code, name in entries.tolist() if name}
+
+
+def with_class_names(header: LasHeader, names: Mapping[int, str]) -> LasHeader:
+    """Add names of class codes, 15 ASCII characters of each, to a header; those of other codes are kept."""
+    if not names:
+        return header
+    entries = np.zeros(N_CODES, dtype=ENTRY)
+    entries["code"] = np.arange(N_CODES)
+    own = {code: name.encode("ascii", "replace") for code, name in names.items()}
+    for code, text in {**_stored_names(header), **own}.items():
+        entries["name"][code] = text
+    record = Vlr(*LOOKUP, entries.tobytes(), b"Classification Lookup")
+    others = header.without(LOOKUP)
+    return replace(others, vlrs=(*others.vlrs, record))

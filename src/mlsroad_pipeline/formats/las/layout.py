@@ -13,8 +13,7 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import WriteOptions
 from mlsroad_pipeline.formats.crs import is_geographic
 from mlsroad_pipeline.formats.las.crs import with_wkt
-from mlsroad_pipeline.formats.las.depths import Depths
-from mlsroad_pipeline.formats.las.dimensions import bit_field, dimension_names
+from mlsroad_pipeline.formats.las.dimensions import Depths, bit_field, dimension_names, extra_dimension
 from mlsroad_pipeline.formats.las.extra import DESCRIPTOR, DESCRIPTOR_TYPES, ExtraDimension, pack_descriptors
 from mlsroad_pipeline.formats.las.header import (
     EXTRA_BYTES,
@@ -152,17 +151,15 @@ def pack_records(
 
 def _las_columns(cloud: PointCloud, depths: Depths) -> list[tuple[str, NDArray]]:
     columns = [(name, values) for name, values in cloud.columns.items() if name not in DERIVED]
-    columns = [(name, _whole_intensity(v, depths) if name == "intensity" else v) for name, v in columns]
+    if "intensity" in cloud:
+        whole = np.rint(np.nan_to_num(cloud["intensity"].astype(np.float64)) * depths.intensity)
+        columns = [(name, whole if name == "intensity" else values) for name, values in columns]
     colours = cloud.get("rgb16")
     if colours is None and "rgb" in cloud:
         colours = cloud["rgb"].astype(np.uint16) * (1 if depths.colours == 8 else 257)
     if colours is not None:
         columns += [(name, colours[:, axis]) for axis, name in enumerate(("red", "green", "blue"))]
     return columns
-
-
-def _whole_intensity(values: NDArray, depths: Depths) -> NDArray:
-    return np.rint(np.nan_to_num(values.astype(np.float64)) * depths.intensity)
 
 
 def _store(records: NDArray, header: LasHeader, name: str, values: NDArray, source: str) -> None:
@@ -176,7 +173,7 @@ def _store(records: NDArray, header: LasHeader, name: str, values: NDArray, sour
             )
         records[bits.field] |= _fitting(values, np.dtype("u1"), name, source) << bits.shift
         return
-    extra = dict(zip(reversed(records.dtype.names or ()), reversed(header.extra_dimensions), strict=False)).get(name)
+    extra = extra_dimension(header, name)
     values = values if extra is None else extra.stored(values)
     dtype = records.dtype[name].base
     records[name] = values if values.dtype == dtype else _fitting(values, dtype, name, source)

@@ -15,8 +15,7 @@ from laspy.point.dims import ALL_POINT_FORMATS_DTYPE, COMPOSED_FIELDS
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.formats.content import open_content
-from mlsroad_pipeline.formats.files import FileKey, clip_range, file_key
+from mlsroad_pipeline.formats.files import FileKey, clip_range, file_key, open_content
 from mlsroad_pipeline.formats.las.chunks import (
     PointwisePoints,
     VariableChunks,

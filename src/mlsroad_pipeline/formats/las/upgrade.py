@@ -9,8 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.formats.las.crs import WKT, find_wkt, read_crs, with_wkt
-from mlsroad_pipeline.formats.las.header import EXTERNAL, HEADER_SIZES, INTERNAL, RECORD_SIZES, WKT_BIT, LasHeader, Vlr
-from mlsroad_pipeline.formats.las.lookup import LOOKUP
+from mlsroad_pipeline.formats.las.header import (
+    EXTERNAL,
+    HEADER_SIZES,
+    INTERNAL,
+    LOOKUP,
+    RECORD_SIZES,
+    WKT_BIT,
+    LasHeader,
+    Vlr,
+)
 from mlsroad_pipeline.formats.las.records import record_dtype
 
 SUCCESSORS = {0: 6, 1: 6, 2: 7, 3: 7, 4: 9, 5: 10}  # point format to the one of LAS 1.4 that holds all its fields
@@ -54,14 +62,10 @@ def upgraded_header(header: LasHeader) -> LasHeader:
 def _valid(records: Sequence[Vlr], single: Sequence[Vlr | None]) -> tuple[Vlr, ...]:
     """Return records as LAS 1.4 requires them: no second WKT, user ids in ASCII, no mark of LAS 1.0."""
     return tuple(
-        replace(vlr, reserved=0, user_id=vlr.user_id if vlr.user_id.isascii() else _ascii(vlr.user_id))
+        replace(vlr, reserved=0, user_id=bytes(byte if byte < 128 else ord("_") for byte in vlr.user_id))
         for vlr in records
         if vlr.key[0] != COPC and (vlr.key not in SINGLE or any(vlr is record for record in single))
     )
-
-
-def _ascii(user_id: bytes) -> bytes:
-    return bytes(byte if byte < 128 else ord("_") for byte in user_id)
 
 
 def _with_system(new: LasHeader, old: LasHeader) -> LasHeader:

@@ -48,11 +48,7 @@ class RecordWriter:
             self._compressor = kind(stream, laz)
 
     def write(self, records: NDArray) -> None:
-        """Append contiguous records of the header's layout.
-
-        `DataError` if waveform packets of several scanner channels are to be compressed, which lazrs cannot do without
-        loss.
-        """
+        """Append contiguous records of the header's layout."""
         if not len(records):
             return
         self.count_only(records)

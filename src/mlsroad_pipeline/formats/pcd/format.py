@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
-from mlsroad_pipeline.formats.content import open_content, output_file, with_packed
 from mlsroad_pipeline.formats.crs import write_sidecar
-from mlsroad_pipeline.formats.files import FileKey, file_key
+from mlsroad_pipeline.formats.files import FileKey, file_key, open_content, output_file, with_packed
 from mlsroad_pipeline.formats.pcd.header import PcdHeader, read_pcd_header
 from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES, NEAR
 from mlsroad_pipeline.formats.tables import (

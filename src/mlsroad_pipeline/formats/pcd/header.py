@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.formats.content import open_content
+from mlsroad_pipeline.formats.files import open_content
 
 ENCODINGS = ("ascii", "binary", "binary_compressed")
 KINDS = {"I": "i", "U": "u", "F": "f"}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.palette import las_palette
@@ -13,6 +12,7 @@ from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.formats.files import atomic_file
 from mlsroad_pipeline.formats.labelled_names import CLASS, CONFIDENCE, OBJECT, RESULTS
 from mlsroad_pipeline.formats.las.format import LasFormat
+from mlsroad_pipeline.formats.ply.header import ply_head
 
 CHUNK = 1_000_000
 COLOURED = "_classes.ply"  # ending of the name of a coloured copy
@@ -22,7 +22,6 @@ RECORD = np.dtype(
         *((CLASS, "u1"), (CONFIDENCE, "<f4"), (OBJECT, "<u4")),
     ]
 )
-NAMES = {"<f4": "float", "|u1": "uchar", "<u4": "uint"}
 
 
 def coloured_path(path: str) -> str:
@@ -43,29 +42,17 @@ def write_coloured_ply(source: str | Path, target: str | Path) -> None:
     info = form.info(path, ReadOptions())
     wanted = tuple(name for name in RESULTS if name in info.columns)
     options = ReadOptions(only=wanted)
-    head = [
-        *("ply", "format binary_little_endian 1.0", "comment origin " + " ".join(f"{v:.3f}" for v in info.origin)),
-        *(f"element vertex {info.n_points}", *_properties(), "end_header"),
-    ]
+    properties = [(name, RECORD[name].str[1:]) for name in RECORD.names or ()]
+    comment = "origin " + " ".join(f"{value:.3f}" for value in info.origin)
     with atomic_file(target) as stream:
-        stream.write(("\n".join(head) + "\n").encode())
+        stream.write(ply_head(info.n_points, properties, [comment]))
         for start in range(0, info.n_points, CHUNK):
             cloud = form.read(path, options, start=start, stop=start + CHUNK)
             records = np.zeros(len(cloud), dtype=RECORD)
             for axis, name in enumerate("xyz"):
                 records[name] = cloud.xyz[:, axis]
-            codes = _codes(cloud.get(CLASS), len(cloud))
-            records[CLASS] = codes
-            for axis, name in enumerate(("red", "green", "blue")):
-                records[name] = palette[codes, axis]
-            for name in (name for name in (CONFIDENCE, OBJECT) if name in cloud):
+            for name in wanted:
                 records[name] = cloud[name]
+            for axis, name in enumerate(("red", "green", "blue")):
+                records[name] = palette[records[CLASS], axis]
             stream.write(records.tobytes())
-
-
-def _properties() -> list[str]:
-    return [f"property {NAMES[RECORD[name].str]} {name}" for name in RECORD.names or ()]
-
-
-def _codes(values: NDArray | None, n_points: int) -> NDArray[np.uint8]:
-    return np.zeros(n_points, np.uint8) if values is None else values.astype(np.uint8)

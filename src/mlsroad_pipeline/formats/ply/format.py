@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
-from mlsroad_pipeline.formats.content import open_content, output_file, with_packed
-from mlsroad_pipeline.formats.files import FileKey, file_key
-from mlsroad_pipeline.formats.ply.header import TYPES, PlyHeader, read_ply_header
+from mlsroad_pipeline.formats.files import FileKey, file_key, open_content, output_file, with_packed
+from mlsroad_pipeline.formats.ply.header import NAMES, PlyHeader, ply_head, read_ply_header
 from mlsroad_pipeline.formats.ply.vertices import scattered_vertices
 from mlsroad_pipeline.formats.tables import (
     PointTable,
@@ -30,10 +29,6 @@ from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, TextRows, 
 
 # Characters that a comment holds unchanged; the others are percent-encoded.
 PLAIN = "".join(sorted(set(string.printable) - set("%" + string.whitespace))) + " "
-PLY_NAMES = {
-    **{"i1": "char", "u1": "uchar", "i2": "short", "u2": "ushort", "i4": "int", "u4": "uint"},
-    **{"f4": "float", "f8": "double"},
-}
 
 
 class PlyFormat(TableFormat):
@@ -55,7 +50,7 @@ class PlyFormat(TableFormat):
 
         def rows(names: Sequence[str], start: int, stop: int) -> Mapping[str, NDArray]:
             raw = read_vertices(path, header, start, stop, threads=options.n_threads > 1)
-            return {name: _native(raw[name]) for name in names}
+            return {name: np.ascontiguousarray(raw[name], raw[name].dtype.newbyteorder("=")) for name in names}
 
         notes = _left_over(path, header)
         details = {"encoding": header.encoding, "elements": {e.name: e.count for e in header.elements}}
@@ -66,14 +61,12 @@ class PlyFormat(TableFormat):
 
         A CRS goes into a ``comment crs`` line. 64-bit integers are stored as doubles.
         """
-        types = {name: _ply_type(values.dtype) for name, values in scalar_columns(cloud, options.metres).items()}
-        head = ["ply", "format binary_little_endian 1.0"]
-        if cloud.crs:
-            head.append("comment crs " + quote(cloud.crs, safe=PLAIN))
-        head.append(f"element vertex {len(cloud)}")
-        head += [f"property {PLY_NAMES[kind]} {name.replace(' ', '_')}" for name, kind in types.items()]
+        kinds = {name: values.dtype.str[1:] for name, values in scalar_columns(cloud, options.metres).items()}
+        types = {name: {"b1": "u1"}.get(kind, kind if kind in NAMES else "f8") for name, kind in kinds.items()}
+        comments = ["crs " + quote(cloud.crs, safe=PLAIN)] if cloud.crs else []
+        properties = [(name.replace(" ", "_"), kind) for name, kind in types.items()]
         with output_file(Path(path)) as stream:
-            stream.write(("\n".join([*head, "end_header"]) + "\n").encode())
+            stream.write(ply_head(len(cloud), properties, comments))
             for part in parts_of(cloud):
                 records = np.empty(len(part), dtype=[(name, "<" + kind) for name, kind in types.items()])
                 for name, values in scalar_columns(part, options.metres).items():
@@ -92,15 +85,6 @@ def _left_over(path: Path, header: PlyHeader) -> tuple[str, ...]:
     size = header.vertex.dtype(header.order).itemsize
     check_record_size(path, header.begin, stated, size, "property")
     return left_over(stated, file.size - header.begin - stated * size, "bytes")
-
-
-def _ply_type(dtype: np.dtype) -> str:
-    kind = "u1" if dtype == np.bool_ else dtype.str[1:]
-    return kind if kind in TYPES.values() else "f8"
-
-
-def _native(values: NDArray) -> NDArray:
-    return np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
 
 
 def read_vertices(

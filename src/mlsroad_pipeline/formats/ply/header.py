@@ -10,7 +10,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.formats.content import open_content
+from mlsroad_pipeline.formats.files import open_content
 
 TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
@@ -18,6 +18,7 @@ TYPES = {
     **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
     **{"float32": "f4", "float64": "f8"},
 }
+NAMES = {kind: name for name, kind in reversed(TYPES.items()) if not name[-1].isdigit()}  # names that are written
 ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 HEAD = 1 << 20
 
@@ -74,6 +75,13 @@ class PlyHeader:
     def crs(self) -> str | None:
         """Return the CRS of the ``comment crs`` line that this project writes, if any."""
         return next((unquote(text[4:]) for text in self.comments if text.startswith("crs ")), None)
+
+
+def ply_head(count: int, properties: Sequence[tuple[str, str]], comments: Sequence[str]) -> bytes:
+    """Return the header of binary vertices; properties have names and types of numpy, such as ``f4``."""
+    lines = ["ply", "format binary_little_endian 1.0", *(f"comment {text}" for text in comments)]
+    lines += [f"element vertex {count}", *(f"property {NAMES[kind]} {name}" for name, kind in properties)]
+    return "\n".join([*lines, "end_header", ""]).encode()
 
 
 def read_ply_header(path: Path) -> PlyHeader:

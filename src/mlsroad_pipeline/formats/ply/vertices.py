@@ -11,8 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.formats.content import Content, open_content
-from mlsroad_pipeline.formats.files import FileKey
+from mlsroad_pipeline.formats.files import Content, FileKey, open_content
 from mlsroad_pipeline.formats.ply.header import PlyElement, PlyHeader, read_ply_header
 from mlsroad_pipeline.formats.text.values import index_rows, typed_column
 
@@ -21,10 +20,7 @@ SIZE_TYPES = ("i1", "u1", "i2", "u2", "i4", "u4")  # types of the number of item
 
 @lru_cache(maxsize=1)
 def scattered_vertices(key: FileKey) -> Mapping[str, NDArray]:
-    """Return the scalar properties of all vertices of a file, by name.
-
-    Raises ReadError if the file ends early or a list has a negative or fractional number of items.
-    """
+    """Return the scalar properties of all vertices of a file, by name."""
     path = Path(key[0])
     header, file = read_ply_header(path), open_content(path)
     before = header.elements[: header.elements.index(header.vertex)]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import WriteOptions
-from mlsroad_pipeline.formats.content import Content
+from mlsroad_pipeline.formats.files import Content
 from mlsroad_pipeline.formats.standard_columns import COORDINATES
 from mlsroad_pipeline.formats.tables import scalar_columns
 
@@ -156,10 +156,7 @@ def _parse(data: bytes, form: RowForm, threads: bool) -> list[NDArray[np.float64
 
 
 def typed_column(values: NDArray[np.float64], dtype: np.dtype, what: str, path: Path) -> NDArray:
-    """Return a parsed column in the type that the file header states; floats too large for it become infinite.
-
-    `ReadError` if an integer lies outside the type or is missing.
-    """
+    """Return a parsed column in the type that the file header states; floats too large for it become infinite."""
     if dtype.kind == "f":
         with np.errstate(over="ignore"):
             return values.astype(dtype)
@@ -214,15 +211,12 @@ def write_columns(cloud: PointCloud, options: WriteOptions) -> bytes:
     """Return points as rows of text."""
     columns = scalar_columns(cloud, options.metres)
     texts = [
-        fixed_text(values, options.decimals) if name in COORDINATES else number_text(values)
+        pa.array([f"{value:.{options.decimals}f}" for value in values.tolist()], pa.string())
+        if name in COORDINATES
+        else number_text(values)
         for name, values in columns.items()
     ]
     return join_rows(texts, options.delimiter)
-
-
-def fixed_text(values: NDArray[np.float64], decimals: int) -> pa.Array:
-    """Return numbers as text with a fixed number of digits after the point."""
-    return pa.array([f"{value:.{decimals}f}" for value in values.tolist()], pa.string())
 
 
 def number_text(values: NDArray) -> pa.Array:

@@ -17,7 +17,7 @@ from mlsroad_pipeline.algorithms.metrics.scores import ALL, COLUMNS, check_score
 from mlsroad_pipeline.papers.shared.studies.figures import draw_panels, name_axes
 from mlsroad_pipeline.papers.shared.studies.study import paired_interval
 from mlsroad_pipeline.reporting.figures import SERIES
-from mlsroad_pipeline.reporting.html.report import FactsSection, FiguresSection, Section, TableSection
+from mlsroad_pipeline.reporting.html.report import Section, facts_section, figures_section, table_section
 
 MEAN = "mean_of_tests"
 """Split of means over the test streets in a table of scores."""
@@ -186,19 +186,19 @@ def comparison_sections(
     pictures: Mapping[str, Mapping[str, NDArray[np.uint8]]],
 ) -> list[Section]:
     """Return the sections of the report."""
-    sections: list[Section] = [FactsSection("Runs", facts)]
+    sections = [facts_section("Runs", facts)]
     for one in tasks:
         name, metric = one.task.name, one.task.metrics[0].replace("_", " ")
         sections += [
-            TableSection(f"{name.capitalize()}: means over the test streets", one.overview, note=_NOTES[name]),
-            FiguresSection(f"{name.capitalize()}: street by street", {f"{metric} of each test street": one.figure}),
-            TableSection(
+            table_section(f"{name.capitalize()}: means over the test streets", one.overview, _NOTES[name]),
+            figures_section(f"{name.capitalize()}: street by street", {f"{metric} of each test street": one.figure}),
+            table_section(
                 f"{name.capitalize()}: the best against the others", one.differences,
-                note=f"{metric.capitalize()}, paired by street: 95 % t intervals, p values corrected after Holm.",
+                f"{metric.capitalize()}, paired by street: 95 % t intervals, p values corrected after Holm.",
             ),
-            TableSection(f"{name.capitalize()}: {one.task.class_metric} per class", one.classes),
+            table_section(f"{name.capitalize()}: {one.task.class_metric} per class", one.classes),
         ]  # fmt: skip
     note = "Wall and CPU seconds, and peak memory of all processes; stored results that were reused took no time."
-    sections.append(TableSection("Times and memory", costs, note=note))
-    sections += [FiguresSection(heading, each) for heading, each in pictures.items()]
+    sections.append(table_section("Times and memory", costs, note))
+    sections += [figures_section(heading, each) for heading, each in pictures.items()]
     return sections

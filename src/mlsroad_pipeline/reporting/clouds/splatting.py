@@ -6,8 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_column, check_positive, check_xyz
+from mlsroad_pipeline.algorithms.core.validation import check_column, check_xyz
 from mlsroad_pipeline.reporting.clouds.view import View
 
 NEAR = 0.1
@@ -145,6 +144,7 @@ def compose(index, shade, colours, background, factor, picture):  # type: ignore
 
 
 _CHUNK = 1 << 20
+_PAPER = np.full(3, 255, np.float32)
 _STEP = np.float32(0.4)  # depth by which the background of a gap is farther than its surroundings, metres
 
 
@@ -153,9 +153,6 @@ def nearest_points(
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """Return the nearest point and its depth for each pixel of a view."""
     points = check_xyz(xyz)
-    check_positive(splat_metres, "splat_metres")
-    if largest_splat < 1:
-        raise ParameterError(f"largest_splat must be at least 1 pixel, got {largest_splat}")
     width, height = view.size
     depth = np.full((height, width), np.inf, dtype=np.float32)
     winner = np.full((height, width), -1, dtype=np.int64)
@@ -179,8 +176,6 @@ def close_gaps(
     Distant surfaces are sampled sparsely, and the background shows through. A pixel is a gap if three of the four pairs
     of opposite sectors around it contain nearer pixels.
     """
-    if reach < 0:
-        raise ParameterError(f"reach must be at least 0 pixels, got {reach}")
     closed_index, closed_depth = index.copy(), depth.copy()
     if reach:
         close(depth, index, _offsets(reach), reach, _STEP, closed_depth, closed_index)
@@ -221,13 +216,12 @@ def shaded_picture(
     shade: NDArray[np.float32],
     colours: NDArray[np.uint8],
     *,
-    background: tuple[int, int, int] = (255, 255, 255),
     oversampling: int = 1,
 ) -> NDArray[np.uint8]:
     """Return the coloured and shaded picture, down-sampled by `oversampling`."""
     rows, columns = (side // oversampling for side in index.shape)
     picture = np.empty((rows, columns, 3), dtype=np.uint8)
-    compose(index, shade, colours, np.asarray(background, dtype=np.float32), oversampling, picture)
+    compose(index, shade, colours, _PAPER, oversampling, picture)
     return picture
 
 
@@ -238,7 +232,6 @@ def render_points(
     *,
     splat_metres: float = 0.05,
     gap: int = 3,
-    background: tuple[int, int, int] = (255, 255, 255),
     oversampling: int = 2,
 ) -> NDArray[np.uint8]:
     """Render coloured points.
@@ -253,11 +246,8 @@ def render_points(
     """
     points = check_xyz(xyz)
     paint = check_column(colours, len(points), "colours", 3)
-    if paint.dtype != np.uint8:
-        raise DataError(f"colours must be uint8, got {paint.dtype}")
-    check_at_least(oversampling, 1, "oversampling")
     large = view.enlarged(oversampling)
     index, depth = nearest_points(points, large, splat_metres=splat_metres)
     index, depth = close_gaps(index, depth, reach=gap * oversampling)
     shade = depth_shading(depth, large)
-    return shaded_picture(index, shade, paint, background=background, oversampling=oversampling)
+    return shaded_picture(index, shade, paint, oversampling=oversampling)

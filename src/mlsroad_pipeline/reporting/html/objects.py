@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.reporting.clouds.pictures import MapFrame
 from mlsroad_pipeline.reporting.clouds.view import scale_length
-from mlsroad_pipeline.reporting.html.report import cell, data_uri, table_html
+from mlsroad_pipeline.reporting.html.report import Section, cell, data_uri, table_html
 
 SCRIPT = Path(__file__).with_name("objects.js").read_text(encoding="utf-8")
 """Script of the map and the table, which loads nothing; texts of the survey reach the page as text, never as HTML."""
@@ -46,105 +45,89 @@ def kind_colours(kinds: Sequence[str]) -> dict[str, str]:
     return {kind: KIND_COLOURS.get(kind) or OTHER_COLOURS[others.index(kind) % len(OTHER_COLOURS)] for kind in kinds}
 
 
-@dataclass(frozen=True)
-class ObjectMapSection:
-    """Map of the path and the objects."""
+def object_map_section(
+    title: str,
+    objects: pd.DataFrame,
+    frame: MapFrame,
+    counts: dict[str, int],
+    path: NDArray[np.float64] | None = None,
+    background: NDArray[np.uint8] | None = None,
+    lines: Mapping[str, Sequence[NDArray[np.float64]]] | None = None,
+) -> Section:
+    """Return the map of the objects of `shown_objects` with its legend, its buttons and the place for measures.
 
-    title: str  # The heading
-    objects: pd.DataFrame  # Objects with `kind`, `score`, `x`, `y`, as `shown_objects` returns them
-    frame: MapFrame  # Frame of the map
-    counts: dict[str, int]  # Kind to the number of objects of the inventory
-    path: NDArray[np.float64] | None = None  # Positions of the scanner in the order of travel
-    background: NDArray[np.uint8] | None = None  # Picture of the whole frame
-    # Kind of line to the vertices of each
-    lines: Mapping[str, Sequence[NDArray[np.float64]]] = field(default_factory=dict)
-
-    def body(self) -> str:
-        """Return the map with its legend, its buttons and the place for the measures of an object."""
-        width, height = self.frame.size
-        pixels = int(np.clip(_WIDTH * height / width, _LOWEST, _HIGHEST))
-        kinds = sorted(self.counts)
-        colours = kind_colours(kinds)
-        described = ", ".join(f"{count} {kind}{'s' * (count != 1)}" for kind, count in self.counts.items())
-        label = escape(f"Map of the survey: {described or 'no objects'}. Arrow keys move it, plus and minus zoom.")
-        style = "".join(f"#map .k{n}{{stroke:{colours[kind]}}}" for n, kind in enumerate(kinds))
-        return (
-            f"<style>{style}</style>\n{self._legend(kinds, colours)}"
-            '<div class="map"><div class="map-buttons">'
-            '<button type="button" data-zoom="1.6" aria-label="Zoom in">+</button>'
-            '<button type="button" data-zoom="0.625" aria-label="Zoom out">&minus;</button>'
-            '<button type="button" data-zoom="0" aria-label="Show all">All</button></div>'
-            f'<svg id="map" role="img" aria-label="{label}" tabindex="0" viewBox="0 0 {width:.2f} {height:.2f}" '
-            f'style="height:{pixels}px" preserveAspectRatio="xMidYMid meet">{self._background()}{self._lines()}'
-            f"{self._path()}{self._symbols(kinds)}</svg>{self._north()}{_scale_bar(width)}</div>\n"
-            '<div id="object-details" class="details" role="status" aria-live="polite"><p class="none">'
-            f"{_HINT if len(self.objects) else 'No objects were found.'}</p></div>\n"
-        )
-
-    def _legend(self, kinds: Sequence[str], colours: dict[str, str]) -> str:
-        boxes = [
-            f'<label><input type="checkbox" checked data-kind="{n}"><i class="{"square" if kind in SQUARE else "dot"}" '
-            f'style="background:{colours[kind]}"></i>{escape(kind)} <b>{self.counts[kind]}</b></label>'
-            for n, kind in enumerate(kinds)
-        ]
-        if self.path is not None:
-            boxes.append('<label><input type="checkbox" checked data-layer="path"><i class="line"></i>path</label>')
-        for kind in self._drawn_lines():
-            box = f'<input type="checkbox" checked data-layer="{escape(kind)}s">'
-            boxes.append(f'<label>{box}<i class="line {escape(kind)}"></i>{escape(kind.replace("_", " "))}s</label>')
-        if self.background is not None:
-            boxes.append('<label><input type="checkbox" checked data-layer="cloud">cloud by class</label>')
-        return f'<fieldset class="legend"><legend>On the map</legend>{"".join(boxes)}</fieldset>\n'
-
-    def _background(self) -> str:
-        if self.background is None:
-            return ""
-        width, height = self.frame.size
-        return (
+    `counts` has the number of objects of the whole inventory by kind, `path` the positions of the scanner in the order
+    of travel, `background` a picture of the whole frame, `lines` the vertices of each line by kind.
+    """
+    width, height = frame.size
+    pixels = int(np.clip(_WIDTH * height / width, _LOWEST, _HIGHEST))
+    colours = kind_colours(sorted(counts))
+    described = ", ".join(f"{count} {kind}{'s' * (count != 1)}" for kind, count in counts.items())
+    label = escape(f"Map of the survey: {described or 'no objects'}. Arrow keys move it, plus and minus zoom.")
+    style = "".join(f"#map .k{n}{{stroke:{colour}}}" for n, colour in enumerate(colours.values()))
+    boxes = [
+        f'<label><input type="checkbox" checked data-kind="{n}"><i class="{"square" if kind in SQUARE else "dot"}" '
+        f'style="background:{colour}"></i>{escape(kind)} <b>{counts[kind]}</b></label>'
+        for n, (kind, colour) in enumerate(colours.items())
+    ]
+    drawn = ""
+    if background is not None:
+        drawn = (
             f'<image data-layer="cloud" width="{width:.2f}" height="{height:.2f}" preserveAspectRatio="none" '
-            f'opacity="0.5" href="{data_uri(self.background)}"/>'
+            f'opacity="0.5" href="{data_uri(background)}"/>'
         )
+    if path is not None:
+        boxes.append('<label><input type="checkbox" checked data-layer="path"><i class="line"></i>path</label>')
+    for kind, vertices in (lines or {}).items():
+        if len(vertices):
+            layer, moves = f"{escape(kind)}s", "".join(_moves(frame.place(line)) for line in vertices)
+            box = f'<input type="checkbox" checked data-layer="{layer}"><i class="line {escape(kind)}"></i>'
+            boxes.append(f"<label>{box}{escape(kind.replace('_', ' '))}s</label>")
+            drawn += f'<path data-layer="{layer}" class="{layer}" d="{moves}"/>'
+    if background is not None:
+        boxes.append('<label><input type="checkbox" checked data-layer="cloud">cloud by class</label>')
+    if path is not None and len(path) > 1:
+        kept = np.concatenate([path[: -1 : max(1, len(path) // 4000)], path[-1:]])
+        places = " ".join(f"{x:.1f},{y:.1f}" for x, y in frame.place(kept))
+        drawn += f'<polyline data-layer="path" class="path" points="{places}"/>'
+    return Section(
+        title,
+        f'<style>{style}</style>\n<fieldset class="legend"><legend>On the map</legend>{"".join(boxes)}</fieldset>\n'
+        '<div class="map"><div class="map-buttons">'
+        '<button type="button" data-zoom="1.6" aria-label="Zoom in">+</button>'
+        '<button type="button" data-zoom="0.625" aria-label="Zoom out">&minus;</button>'
+        '<button type="button" data-zoom="0" aria-label="Show all">All</button></div>'
+        f'<svg id="map" role="img" aria-label="{label}" tabindex="0" viewBox="0 0 {width:.2f} {height:.2f}" '
+        f'style="height:{pixels}px" preserveAspectRatio="xMidYMid meet">{drawn}{_symbols(objects, frame, colours)}'
+        f"</svg>{_north(frame.north)}{_scale_bar(width)}</div>\n"
+        '<div id="object-details" class="details" role="status" aria-live="polite"><p class="none">'
+        f"{_HINT if len(objects) else 'No objects were found.'}</p></div>\n",
+    )
 
-    def _path(self) -> str:
-        if self.path is None or len(self.path) < 2:
-            return ""
-        step = max(1, len(self.path) // 4000)
-        kept = np.concatenate([self.path[:-1:step], self.path[-1:]])
-        places = " ".join(f"{x:.1f},{y:.1f}" for x, y in self.frame.place(kept))
-        return f'<polyline data-layer="path" class="path" points="{places}"/>'
 
-    def _drawn_lines(self) -> dict[str, Sequence[NDArray[np.float64]]]:
-        return {kind: lines for kind, lines in self.lines.items() if len(lines)}
+def _moves(line: NDArray[np.float64]) -> str:
+    return "M" + "L".join(f"{x:g} {y:g}" for x, y in line.round(2))
 
-    def _lines(self) -> str:
-        return "".join(
-            f'<path data-layer="{escape(kind)}s" class="{escape(kind)}s" d="{self._moves(lines)}"/>'
-            for kind, lines in self._drawn_lines().items()
-        )
 
-    def _moves(self, lines: Sequence[NDArray[np.float64]]) -> str:
-        placed = [self.frame.place(line).round(2) for line in lines]
-        return "".join("M" + "L".join(f"{x:g} {y:g}" for x, y in line) for line in placed)
+def _symbols(objects: pd.DataFrame, frame: MapFrame, kinds: Iterable[str]) -> str:
+    drawn: dict[str, list[str]] = {kind: [] for kind in kinds}
+    places = frame.place(objects[["x", "y"]].to_numpy())
+    for row, (kind, (x, y)) in enumerate(zip(objects["kind"], places, strict=True)):
+        drawn[kind].append(f'<path d="M{x:.2f} {y:.2f}h0" data-i="{row}"/>')
+    return "".join(
+        f'<g class="o k{n}{" square" if kind in SQUARE else ""}" data-kind="{n}">'
+        f"<title>{escape(kind)}</title>{''.join(found)}</g>"
+        for n, (kind, found) in enumerate(drawn.items())
+    )
 
-    def _symbols(self, kinds: Sequence[str]) -> str:
-        places = self.frame.place(self.objects[["x", "y"]].to_numpy())
-        number = {kind: n for n, kind in enumerate(kinds)}
-        drawn = {kind: [] for kind in kinds}  # type: dict[str, list[str]]
-        for row, (kind, (x, y)) in enumerate(zip(self.objects["kind"], places, strict=True)):
-            drawn[kind].append(f'<path d="M{x:.2f} {y:.2f}h0" data-i="{row}"/>')
-        return "".join(
-            f'<g class="o k{number[kind]}{" square" if kind in SQUARE else ""}" data-kind="{number[kind]}">'
-            f"<title>{escape(kind)}</title>{''.join(found)}</g>"
-            for kind, found in drawn.items()
-        )
 
-    def _north(self) -> str:
-        turn = np.radians(self.frame.north)
-        return (
-            '<svg class="north" viewBox="-22 -22 44 44" role="img" aria-label="North arrow">'
-            f'<path d="M0 -11L5 11L0 7L-5 11Z" transform="rotate({self.frame.north:.1f})"/>'
-            f'<text x="{17 * np.sin(turn):.1f}" y="{3 - 17 * np.cos(turn):.1f}" text-anchor="middle">N</text></svg>'
-        )
+def _north(angle: float) -> str:
+    turn = np.radians(angle)
+    return (
+        '<svg class="north" viewBox="-22 -22 44 44" role="img" aria-label="North arrow">'
+        f'<path d="M0 -11L5 11L0 7L-5 11Z" transform="rotate({angle:.1f})"/>'
+        f'<text x="{17 * np.sin(turn):.1f}" y="{3 - 17 * np.cos(turn):.1f}" text-anchor="middle">N</text></svg>'
+    )
 
 
 def _scale_bar(width: float) -> str:
@@ -172,65 +155,61 @@ FIRST_ROWS = 40
 """Rows that a page shows without a script."""
 
 
-@dataclass(frozen=True)
-class ObjectTableSection:
-    """Counts by kind, and all objects with their columns."""
+def object_table_section(
+    title: str,
+    objects: pd.DataFrame,
+    total: pd.DataFrame,
+    names: dict[str, str],
+    places: NDArray[np.float64],
+    geopackage: str = "",
+) -> Section:
+    """Return counts by kind and class, the link, filters, and the objects of `shown_objects` at `places` of the map.
 
-    title: str  # The heading
-    objects: pd.DataFrame  # Objects as `shown_objects` returns them
-    total: pd.DataFrame  # Number of objects by kind and class
-    names: dict[str, str]  # Column to heading, in order
-    places: NDArray[np.float64]  # Positions on the map
-    geopackage: str = ""  # Path or URL of the GeoPackage, relative to the report
+    `names` has the headings of the columns, `geopackage` a path or URL relative to the report.
+    """
+    path = escape(geopackage, quote=True)
+    # URLs such as "javascript:..." must not become links
+    safe = not re.match(r"^[A-Za-z][A-Za-z0-9+.\-]*:", geopackage) or geopackage.startswith("https://")
+    target = f'<a href="{path}">{path}</a>' if safe else path
+    link = f"<p>All objects as map layers: {target}</p>" if geopackage else ""
+    script = f"{object_data(objects, names, places)}<script>{SCRIPT}</script>"
+    if objects.empty:
+        return Section(title, f'{link}<p class="none">No objects were found.</p>{script}')
+    every = int(total["objects"].sum())
+    more = f" The map and the table have {len(objects)} of {every} objects." if len(objects) < every else ""
+    return Section(
+        title,
+        f"{table_html(total)}{link}"
+        f"<p>Sorted by kind and score; a heading sorts by its column, a number shows the object on the map.{more}</p>"
+        f"{_filters(sorted(set(objects['kind'])))}{_table(objects, names)}{script}",
+    )
 
-    def body(self) -> str:
-        """Return counts, the link, filters and the table."""
-        path = escape(self.geopackage, quote=True)
-        # URLs such as "javascript:..." must not become links
-        safe = not re.match(r"^[A-Za-z][A-Za-z0-9+.\-]*:", self.geopackage) or self.geopackage.startswith("https://")
-        target = f'<a href="{path}">{path}</a>' if safe else path
-        link = f"<p>All objects as map layers: {target}</p>" if self.geopackage else ""
-        script = f"{object_data(self.objects, self.names, self.places)}<script>{SCRIPT}</script>"
-        if self.objects.empty:
-            return f'{link}<p class="none">No objects were found.</p>{script}'
-        every = int(self.total["objects"].sum())
-        more = (
-            f" The map and the table have {len(self.objects)} of {every} objects." if len(self.objects) < every else ""
-        )
-        return (
-            f"{table_html(self.total)}{link}"
-            "<p>Sorted by kind and score; a heading sorts by its column, a number shows the object on the map."
-            f"{more}</p>"
-            f"{self._filters()}{self._table()}{script}"
-        )
 
-    def _filters(self) -> str:
-        kinds = "".join(
-            f'<option value="{escape(k, quote=True)}">{escape(k)}</option>' for k in sorted(set(self.objects["kind"]))
-        )
-        return (
-            '<form class="filters" id="object-filters" onsubmit="return false">'
-            f'<label>Kind <select name="kind"><option value="">all</option>{kinds}</select></label>'
-            '<label>Class or number <input name="text" type="search" size="14"></label>'
-            '<label>Score from <input name="low" type="number" min="0" max="1" step="0.05" value="0"></label>'
-            '<label>to <input name="high" type="number" min="0" max="1" step="0.05" value="1"></label>'
-            '<output id="object-count" aria-live="polite"></output></form>'
-        )
+def _filters(kinds: Sequence[str]) -> str:
+    options = "".join(f'<option value="{escape(kind, quote=True)}">{escape(kind)}</option>' for kind in kinds)
+    return (
+        '<form class="filters" id="object-filters" onsubmit="return false">'
+        f'<label>Kind <select name="kind"><option value="">all</option>{options}</select></label>'
+        '<label>Class or number <input name="text" type="search" size="14"></label>'
+        '<label>Score from <input name="low" type="number" min="0" max="1" step="0.05" value="0"></label>'
+        '<label>to <input name="high" type="number" min="0" max="1" step="0.05" value="1"></label>'
+        '<output id="object-count" aria-live="polite"></output></form>'
+    )
 
-    def _table(self) -> str:
-        columns = [name for name in self.names if name in self.objects]
-        heads = "".join(
-            f'<th scope="col" aria-sort="none"><button type="button" data-column="{n}">'
-            f"{escape(self.names[name])}</button></th>"
-            for n, name in enumerate(columns)
-        )
-        rows = "".join(
-            "<tr>" + "".join(f"<td>{cell(value)}</td>" for value in row) + "</tr>"
-            for row in self.objects[columns].head(FIRST_ROWS).to_numpy(dtype=object).tolist()
-        )
-        return (
-            '<div class="scroll objects" tabindex="0" role="region" aria-label="Table of objects"><table id="objects">'
-            f"<thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table></div>"
-            '<p class="paper">Printed with the first sixteen columns; the files have all.</p>'
-            '<p><button type="button" id="object-more" hidden>Show more</button></p>'
-        )
+
+def _table(objects: pd.DataFrame, names: dict[str, str]) -> str:
+    columns = [name for name in names if name in objects]
+    heads = "".join(
+        f'<th scope="col" aria-sort="none"><button type="button" data-column="{n}">{escape(names[name])}</button></th>'
+        for n, name in enumerate(columns)
+    )
+    rows = "".join(
+        "<tr>" + "".join(f"<td>{cell(value)}</td>" for value in row) + "</tr>"
+        for row in objects[columns].head(FIRST_ROWS).to_numpy(dtype=object).tolist()
+    )
+    return (
+        '<div class="scroll objects" tabindex="0" role="region" aria-label="Table of objects"><table id="objects">'
+        f"<thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table></div>"
+        '<p class="paper">Printed with the first sixteen columns; the files have all.</p>'
+        '<p><button type="button" id="object-more" hidden>Show more</button></p>'
+    )

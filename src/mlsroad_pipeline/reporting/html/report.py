@@ -6,10 +6,9 @@ import base64
 import io
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -81,117 +80,80 @@ def figure_pixels(figure: Figure) -> NDArray[np.uint8]:
     return np.frombuffer(buffer.getvalue(), dtype=np.uint8).reshape(height, width, 4)[:, :, :3].copy()
 
 
-@dataclass(frozen=True)
-class FactsSection:
-    """Names and values, such as the model and the data of a run."""
+class Section(NamedTuple):
+    """Section of a report: the heading, and the HTML below it with all inputs escaped."""
 
-    title: str  # The heading
-    facts: Mapping[str, Any]  # Names and values, in order
-
-    def body(self) -> str:
-        """Return a description list."""
-        items = (f"<dt>{escape(str(name))}</dt><dd>{cell(value)}</dd>" for name, value in self.facts.items())
-        return f"<dl>{''.join(items)}</dl>"
+    title: str
+    body: str
 
 
-@dataclass(frozen=True)
-class TableSection:
-    """Table, such as the survey quality per file or the scores."""
-
-    title: str  # The heading
-    table: pd.DataFrame  # The table
-    note: str = ""  # A sentence above it
-    largest: int = 500  # Maximum number of rows; a note gives the number of omitted rows
-
-    def body(self) -> str:
-        """Return the note and the table."""
-        if self.table.empty:
-            return note(self.note) + '<p class="none">Nothing to show.</p>'
-        left_out = len(self.table) - self.largest
-        more = f'<p class="none">{left_out} more rows are omitted.</p>' if left_out > 0 else ""
-        return note(self.note) + table_html(self.table.head(self.largest)) + more
+_NOTHING = '<p class="none">Nothing to show.</p>'
 
 
-@dataclass(frozen=True)
-class FiguresSection:
-    """Figures and pictures with captions."""
+def facts_section(title: str, facts: Mapping[str, Any]) -> Section:
+    """Return names and values, such as the model and the data of a run."""
+    items = (f"<dt>{escape(str(name))}</dt><dd>{cell(value)}</dd>" for name, value in facts.items())
+    return Section(title, f"<dl>{''.join(items)}</dl>")
 
-    title: str  # The heading
-    figures: Mapping[str, Figure | NDArray[np.uint8]]  # Caption to figure or picture
 
-    def body(self) -> str:
-        """Return the figures, embedded."""
-        drawn = self.figures.values()
-        pictures = [figure if isinstance(figure, np.ndarray) else figure_pixels(figure) for figure in drawn]
-        with ThreadPoolExecutor(max_workers=cpu_count()) as pool:  # encoding releases the GIL
-            addresses = list(pool.map(data_uri, pictures))
-        return "".join(
-            f'<figure><img alt="{escape(caption, quote=True)}" src="{address}">'
-            f"<figcaption>{escape(caption)}</figcaption></figure>\n"
-            for caption, address in zip(self.figures, addresses, strict=True)
+def table_section(title: str, table: pd.DataFrame, above: str = "", *, largest: int = 500) -> Section:
+    """Return the first rows of a table, and the number of omitted ones, with a sentence above."""
+    left_out = len(table) - largest
+    more = f'<p class="none">{left_out} more rows are omitted.</p>' if left_out > 0 else ""
+    return Section(title, note(above) + (_NOTHING if table.empty else table_html(table.head(largest)) + more))
+
+
+def figures_section(title: str, figures: Mapping[str, Figure | NDArray[np.uint8]]) -> Section:
+    """Return figures and pictures by their captions, embedded."""
+    pictures = [figure if isinstance(figure, np.ndarray) else figure_pixels(figure) for figure in figures.values()]
+    with ThreadPoolExecutor(max_workers=cpu_count()) as pool:  # encoding releases the GIL
+        addresses = list(pool.map(data_uri, pictures))
+    shown = (
+        f'<figure><img alt="{escape(caption, quote=True)}" src="{address}">'
+        f"<figcaption>{escape(caption)}</figcaption></figure>\n"
+        for caption, address in zip(figures, addresses, strict=True)
+    )
+    return Section(title, "".join(shown))
+
+
+def scene_section(title: str, pictures: Mapping[str, NDArray[np.uint8]], colours: Mapping[str, Any]) -> Section:
+    """Return pictures of a part of the survey by their captions, with the colours of the classes."""
+    if not pictures:
+        return Section(title, _NOTHING)
+    keys = "".join(
+        f'<li><i style="background:{rgb_to_hex(colour)}"></i>{escape(name.replace("_", " "))}</li>'
+        for name, colour in colours.items()
+    )
+    return Section(title, f'<ul class="keys">{keys}</ul>' + figures_section(title, pictures).body)
+
+
+def distribution_section(title: str, counts: Mapping[str, int], scheme: ClassScheme | None = None) -> Section:
+    """Return the numbers of points per class as bars in the colours of the pictures.
+
+    `counts` are in label order and may contain a class ``"unlabelled"``; without a scheme the colours follow the names.
+    """
+    total = sum(counts.values())
+    colours = dict(zip(counts, class_palette(tuple(counts)), strict=False))
+    if scheme is not None:
+        colours |= zip(scheme.classes, class_palette(scheme), strict=False)
+    rows = []
+    for name, count in counts.items():
+        colour = rgb_to_hex(colours[name])
+        share = count / total if total else 0.0
+        rows.append(
+            f'<tr><th scope="row"><i style="background:{colour}"></i>'
+            f'{escape(name.replace("_", " "))}</th><td class="number">{cell(int(count))}</td>'
+            f'<td class="number">{100 * share:.2f} %</td>'
+            f'<td class="bar"><b style="width:{100 * share:.2f}%;background:{colour}"></b></td></tr>\n'
         )
+    head = '<th scope="col">class</th><th class="number">points</th><th class="number">share</th><th></th>'
+    return Section(title, f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>")
 
 
-@dataclass(frozen=True)
-class SceneSection:
-    """Pictures of a part of the survey with the colours of the classes."""
-
-    title: str  # The heading
-    pictures: Mapping[str, NDArray[np.uint8]]  # Caption to picture
-    colours: Mapping[str, Any]  # Class to colour
-
-    def body(self) -> str:
-        """Return the key of the colours and the pictures."""
-        if not self.pictures:
-            return '<p class="none">Nothing to show.</p>'
-        keys = "".join(
-            f'<li><i style="background:{rgb_to_hex(colour)}"></i>{escape(name.replace("_", " "))}</li>'
-            for name, colour in self.colours.items()
-        )
-        return f'<ul class="keys">{keys}</ul>' + FiguresSection(self.title, self.pictures).body()
-
-
-@dataclass(frozen=True)
-class DistributionSection:
-    """Numbers of points per class as bars in the colours of the pictures."""
-
-    title: str  # The heading
-    counts: Mapping[str, int]  # Class to number of points, in label order; may contain a class ``"unlabelled"``
-    note: str = ""  # A sentence above the bars
-    scheme: ClassScheme | None = None  # Scheme of the colours; None derives them from the names
-
-    def body(self) -> str:
-        """Return one bar per class."""
-        total = sum(self.counts.values())
-        colours = dict(zip(self.counts, class_palette(tuple(self.counts)), strict=False))
-        if self.scheme is not None:
-            colours |= zip(self.scheme.classes, class_palette(self.scheme), strict=False)
-        rows = []
-        for name, count in self.counts.items():
-            colour = colours[name]
-            share = count / total if total else 0.0
-            rows.append(
-                f'<tr><th scope="row"><i style="background:{rgb_to_hex(colour)}"></i>'
-                f'{escape(name.replace("_", " "))}</th><td class="number">{cell(int(count))}</td>'
-                f'<td class="number">{100 * share:.2f} %</td>'
-                f'<td class="bar"><b style="width:{100 * share:.2f}%;background:{rgb_to_hex(colour)}"></b></td></tr>\n'
-            )
-        head = '<th scope="col">class</th><th class="number">points</th><th class="number">share</th><th></th>'
-        return note(self.note) + f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
-
-
-@dataclass(frozen=True)
-class WarningsSection:
-    """Warnings on the data or the run."""
-
-    title: str  # The heading
-    messages: Sequence[str] = field(default_factory=tuple)  # Messages; an empty list is reported as "None"
-
-    def body(self) -> str:
-        """Return the messages as a list."""
-        if not self.messages:
-            return '<p class="none">None.</p>'
-        return '<ul class="warnings">' + "".join(f"<li>{escape(m)}</li>" for m in self.messages) + "</ul>"
+def warnings_section(title: str, messages: Sequence[str]) -> Section:
+    """Return warnings on the data or the run."""
+    items = "".join(f"<li>{escape(message)}</li>" for message in messages)
+    return Section(title, f'<ul class="warnings">{items}</ul>' if items else '<p class="none">None.</p>')
 
 
 class Picture(NamedTuple):
@@ -201,19 +163,10 @@ class Picture(NamedTuple):
     caption: str
 
 
-@dataclass(frozen=True)
-class GallerySection:
-    """Small pictures in rows, under a heading per group."""
-
-    title: str  # The heading
-    groups: Mapping[str, Sequence[Picture]]  # Heading to pictures, in order
-    note: str = ""  # A sentence above them
-
-    def body(self) -> str:
-        """Return the pictures, embedded."""
-        if not any(self.groups.values()):
-            return note(self.note) + '<p class="none">Nothing to show.</p>'
-        return note(self.note) + "".join(_group(name, pictures) for name, pictures in self.groups.items() if pictures)
+def gallery_section(title: str, groups: Mapping[str, Sequence[Picture]], above: str = "") -> Section:
+    """Return small pictures in rows, under a heading per group, with a sentence above."""
+    rows = "".join(_group(name, pictures) for name, pictures in groups.items() if pictures)
+    return Section(title, note(above) + (rows or _NOTHING))
 
 
 def _group(name: str, pictures: Sequence[Picture]) -> str:
@@ -226,31 +179,18 @@ def _group(name: str, pictures: Sequence[Picture]) -> str:
     return f'<h3>{escape(name)}</h3>\n<div class="gallery">{shown}</div>\n'
 
 
-class Section(Protocol):
-    """Section of a report."""
-
-    @property
-    def title(self) -> str:
-        """Return the heading."""
-        ...
-
-    def body(self) -> str:
-        """Return the HTML below the heading, with all inputs escaped."""
-        ...
-
-
 def build_report(sections: Sequence[Section], *, title: str = "Survey report", subtitle: str = "") -> str:
     """Return one HTML page of all sections, with embedded style and pictures.
 
     Examples
     --------
-    >>> page = build_report([WarningsSection("Warnings", ["no colour in <a.laz>"])])
+    >>> page = build_report([warnings_section("Warnings", ["no colour in <a.laz>"])])
     >>> "no colour in &lt;a.laz&gt;" in page
     True
     """
     links = "".join(f'<a href="#s{k}">{escape(s.title)}</a>' for k, s in enumerate(sections))
     parts = "".join(
-        f'<section id="s{k}"><h2>{escape(section.title)}</h2>\n{section.body()}</section>\n'
+        f'<section id="s{k}"><h2>{escape(section.title)}</h2>\n{section.body}</section>\n'
         for k, section in enumerate(sections)
     )
     under = f"<p>{escape(subtitle)}</p>" if subtitle else ""

@@ -11,8 +11,7 @@ from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.las_codes import CODE_NAMES
-from mlsroad_pipeline.formats.las.header import read_header
-from mlsroad_pipeline.formats.las.lookup import class_names
+from mlsroad_pipeline.formats.las.header import class_names, read_header
 from mlsroad_pipeline.formats.las.records import RecordReader
 from mlsroad_pipeline.review.corrections.answers import LOOKUP_LENGTH, classes_of_codes
 from mlsroad_pipeline.review.corrections.decisions import Correction, Decision

@@ -31,8 +31,8 @@ from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTre
 from mlsroad_pipeline.algorithms.models.pool.labeller import SLUG as POOL
 from mlsroad_pipeline.algorithms.models.pool.labeller import TREES, members_of, with_trees
 from mlsroad_pipeline.model_store.bundle_files import save_bundle
+from mlsroad_pipeline.model_store.object_classifiers import read_replay
 from mlsroad_pipeline.model_store.registered_models import PREFIX
-from mlsroad_pipeline.model_store.replay import read_replay
 from mlsroad_pipeline.model_store.shipped_models import load_shipped
 from mlsroad_pipeline.review.corrections.object_answers import Tile
 

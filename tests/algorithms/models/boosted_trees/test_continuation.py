@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.models.boosted_trees.segments import find_segme
 from mlsroad_pipeline.algorithms.models.boosted_trees.training import train_trees
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees
-from mlsroad_pipeline.model_store.replay import read_replay
+from mlsroad_pipeline.model_store.object_classifiers import read_replay
 from mlsroad_pipeline.model_store.shipped_models import load_shipped
 
 QUICK = ContinuationParameters(rounds=60, bags=2, min_child_samples=5)

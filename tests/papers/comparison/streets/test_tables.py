@@ -97,4 +97,4 @@ def test_the_page_shows_every_part(scores):
     titles = [section.title for section in sections]
     assert titles[0] == "Runs" and titles[-2:] == ["Times and memory", "Maps"]
     assert len(titles) == 7
-    assert all(section.body() for section in sections)
+    assert all(section.body for section in sections)

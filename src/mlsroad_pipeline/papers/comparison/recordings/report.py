@@ -21,7 +21,7 @@ from mlsroad_pipeline.papers.shared.studies.figures import draw_bars, draw_panel
 from mlsroad_pipeline.papers.shared.studies.study import Shown, Stage, Study, Tables
 from mlsroad_pipeline.reporting.clouds.cloud_figures import cloud_figure, labelling_pictures
 from mlsroad_pipeline.reporting.clouds.view import birds_eye_view, oblique_view
-from mlsroad_pipeline.reporting.html.report import FactsSection, FiguresSection, Section, build_report
+from mlsroad_pipeline.reporting.html.report import build_report, facts_section, figures_section
 
 CAPTIONS = {"mean_iou": "Mean IoU of each run by recording"}
 """Name of each figure to its caption."""
@@ -151,14 +151,12 @@ def source_pages(plan: stages.StudyPlan, scenes: SceneCollection, runs: SceneCol
         stems = list(source.paths(plan.root))
         middle = f"{name}.{stems[len(stems) // 2]}"
         scene = scenes[middle].load()
-        sections: list[Section] = [
-            FactsSection("Recording", {"scanner": source.scanner, "licence": source.licence, "scene": middle})
-        ]
+        sections = [facts_section("Recording", {"scanner": source.scanner, "licence": source.licence, "scene": middle})]
         for key in keys:
             run = stages.Run.parse(key)
             label = runs.part("picture")[key].load()["label"]
             figures = scene_figures(plan, run, scene, label)
-            sections.append(FiguresSection(f"{run.method}, {run.protocol}", figures))
+            sections.append(figures_section(f"{run.method}, {run.protocol}", figures))
         pages[name] = build_report(sections, title=source.title)
     return pages
 

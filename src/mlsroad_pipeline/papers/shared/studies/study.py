@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from mlsroad_pipeline.execution.task import SceneTask
-from mlsroad_pipeline.reporting.html.report import FactsSection, FiguresSection, Section, TableSection, build_report
+from mlsroad_pipeline.reporting.html.report import build_report, facts_section, figures_section, table_section
 
 Tables = Mapping[str, pd.DataFrame]
 """Tables of a study by name."""
@@ -58,9 +58,9 @@ class Study:
 
     def report(self, plan: Any, tables: Tables, figures: Sequence[Figure]) -> str:
         """Return the page: facts, figures and tables."""
-        pictures = FiguresSection("Figures", dict(zip(self.captions.values(), figures, strict=True)))
-        tabled = [TableSection(*shown) for shown in self.page(plan, tables) if len(shown.table)]
-        sections: list[Section] = [FactsSection("Runs", self.facts(plan)), pictures, *tabled]
+        pictures = figures_section("Figures", dict(zip(self.captions.values(), figures, strict=True)))
+        tabled = [table_section(*shown) for shown in self.page(plan, tables) if len(shown.table)]
+        sections = [facts_section("Runs", self.facts(plan)), pictures, *tabled]
         return build_report(sections, title=self.title)
 
 

@@ -12,10 +12,10 @@ from helpers.formats import make_labels, make_las
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.formats import content
+from mlsroad_pipeline.formats import files
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
-from mlsroad_pipeline.formats.content import Content, first_bytes, open_content
 from mlsroad_pipeline.formats.crs import parse_crs
+from mlsroad_pipeline.formats.files import Content, first_bytes, open_content
 from mlsroad_pipeline.formats.las.header import read_header
 from mlsroad_pipeline.formats.ply.format import PlyFormat
 from mlsroad_pipeline.formats.registry import format_of_name, get_format
@@ -182,7 +182,7 @@ def test_streams_have_positions_of_their_own(tmp_path, rng):
 
 
 def test_memory_is_bounded_and_a_full_disk_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr(content, "BLOCK", 1 << 16)
+    monkeypatch.setattr(files, "BLOCK", 1 << 16)
     (tmp_path / "a.txt.gz").write_bytes(gzip.compress(bytes(30_000_000)))  # 30 MB in 30 kB
     tracemalloc.start()
     assert Content(tmp_path / "a.txt.gz").size == 30_000_000
@@ -192,6 +192,6 @@ def test_memory_is_bounded_and_a_full_disk_is_told(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(content, "check_expansion", full)
+    monkeypatch.setattr(files, "check_expansion", full)
     with pytest.raises(ReadError, match=r"a\.txt\.gz: .*TMPDIR"):
         Content(tmp_path / "a.txt.gz")

@@ -1,8 +1,6 @@
 import numpy as np
-import pytest
+from design_sheet import design_sheet, photograph, scan_mesh
 
-from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.reporting.clouds.design_sheet import design_sheet, photograph, scan_mesh
 from mlsroad_pipeline.simulation.model.meshes import Design, Surface
 from mlsroad_pipeline.simulation.model.solids import box
 
@@ -45,21 +43,3 @@ def test_sheets_show_every_individual_once():
         assert [title.startswith("box_") for title in titles] == [True, False] * 3
         pictures = [axes.images[0].get_array() for axes in figure.axes]
         assert all((picture != 255).any() for picture in pictures)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [({"style": "wire"}, "got 'wire'"), ({"designs": []}, "got 0 and 2"), ({"seeds": ()}, "got 1 and 0")],
-)
-def test_sheets_refuse_what_they_cannot_show(change, message):
-    arguments = {"designs": [Design("box", "other_object", _build, 1.0)], "seeds": (1, 2), "style": "points"} | change
-    with pytest.raises(ParameterError, match=message):
-        design_sheet(arguments.pop("designs"), **arguments)
-
-
-@pytest.mark.parametrize("name", ["distance", "spacing", "scanner_height"])
-def test_scans_need_positive_lengths(name):
-    with pytest.raises(ParameterError, match=name):
-        scan_mesh(RED_BOX, **{name: 0.0})
-    with pytest.raises(ParameterError, match="span"):
-        photograph(RED_BOX, span=-1.0)

@@ -11,9 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY_NAMES
-from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.palette import class_palette
-from mlsroad_pipeline.algorithms.core.validation import check_positive
 from mlsroad_pipeline.reporting.clouds.splatting import render_points
 from mlsroad_pipeline.reporting.clouds.view import View
 from mlsroad_pipeline.simulation.model.meshes import BLUE, LABEL, RED, Design, Mesh
@@ -75,7 +73,6 @@ def photograph(
     x, y = shown @ right, shown @ up
     if span is None:
         span = 1.06 * max(float(np.ptp(y)), float(np.ptp(x)) * height / width)
-    check_positive(span, "span")
     pixel = span / height
     across = (np.arange(width) - width / 2 + 0.5) * pixel + (x.min() + x.max()) / 2
     down = y.min() - 0.03 * span + span - (np.arange(height) + 0.5) * pixel
@@ -95,8 +92,6 @@ def scan_mesh(
     mesh: Mesh, *, distance: float = 6.0, spacing: float = 0.03, scanner_height: float = 2.3, slant: float = 0.785
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.int64]]:
     """Scan a mesh from a van driving along x, with one scanner slanted forward and one backward."""
-    for value, name in ((distance, "distance"), (spacing, "spacing"), (scanner_height, "scanner_height")):
-        check_positive(value, name)
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     scene = _ray_scene(mesh)
     places, faces = [], []
@@ -138,11 +133,7 @@ def design_sheet(
     designs: Sequence[Design], *, seeds: Sequence[int] = (1, 2, 3, 4), cell: tuple[int, int] = (220, 220),
     style: str = "photograph", azimuth: float = -0.6, elevation: float = 0.2,
 ) -> Figure:  # fmt: skip
-    """Draw several individuals of every design, one row per design."""
-    if not designs or not seeds:
-        raise ParameterError(f"a sheet needs designs and seeds, got {len(designs)} and {len(seeds)}")
-    if style not in ("photograph", "points", "labels"):
-        raise ParameterError(f"style must be 'photograph', 'points' or 'labels', got {style!r}")
+    """Draw several individuals of every design, one row per design, as ``photograph``, ``points`` or ``labels``."""
     width, height = cell[0] / 100, (cell[1] + 34) / 100
     figure = Figure(figsize=(width * len(seeds), height * len(designs)), dpi=100, facecolor="white")
     FigureCanvasAgg(figure)
