@@ -3,8 +3,6 @@
 `--config` takes a file with options of the command under `run`, or one with parameters alone.
 """
 
-from __future__ import annotations
-
 import copy
 import re
 from difflib import get_close_matches

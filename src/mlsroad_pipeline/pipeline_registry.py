@@ -1,7 +1,5 @@
 """Registry of pipelines."""
 
-from __future__ import annotations
-
 from kedro.framework import project
 from kedro.pipeline import Pipeline
 

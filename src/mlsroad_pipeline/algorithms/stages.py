@@ -7,8 +7,6 @@ calls the same functions in memory.
 Outliers (column `outlier`) are excluded: they are not ground, their height is NaN and their supervoxel is -1.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict
 
 import numpy as np

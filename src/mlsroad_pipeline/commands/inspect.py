@@ -1,7 +1,5 @@
 """Command `mlsroad inspect`: a quality report of a survey, before it is labelled."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Command `mlsroad label`: a labelled survey, an inventory and a report."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path

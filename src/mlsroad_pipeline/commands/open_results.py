@@ -1,7 +1,5 @@
 """Command `mlsroad open`: a labelled survey in the browser, to look at and to correct."""
 
-from __future__ import annotations
-
 import getpass
 import webbrowser
 from pathlib import Path

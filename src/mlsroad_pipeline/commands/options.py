@@ -1,7 +1,5 @@
 """Options that several commands of `mlsroad` share, and the folders that commands write to by default."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Command `mlsroad score`: an inventory against a table of true objects."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 

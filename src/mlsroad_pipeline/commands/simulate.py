@@ -1,7 +1,5 @@
 """Command `mlsroad simulate`: a simulated survey with known labels."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from shlex import quote
 from typing import Annotated, Any

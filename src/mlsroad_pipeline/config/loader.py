@@ -1,7 +1,5 @@
 """Configuration loader: checked names of parameters, catalogs that refer to them, and the layer of each data set."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterable, Mapping

@@ -4,8 +4,6 @@ OmegaConf parses YAML in Python and wraps each value in an object. Here libyaml 
 without ``${`` is used as it stands. Parameters and catalog take 0.4 s of processor time in place of 1.9 s.
 """
 
-from __future__ import annotations
-
 import glob
 import re
 from collections.abc import Iterable, Mapping

@@ -1,7 +1,5 @@
 """Kedro datasets of the road inventory (GeoPackage or GeoParquet), and of the folder of a run of `label`."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """Models in the MLflow registry, as a Kedro dataset."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Mapping
 from typing import Any

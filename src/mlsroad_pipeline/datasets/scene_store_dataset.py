@@ -1,7 +1,5 @@
 """Kedro dataset that runs the per-scene tasks of a node and stores their results."""
 
-from __future__ import annotations
-
 import logging
 import os
 import time

@@ -1,7 +1,5 @@
 """Backends that run scenes: this process, processes of this machine, or a Dask cluster."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Scenes on a Dask cluster that is given by the address of its scheduler, and errors for what is missing."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 import logging

@@ -1,7 +1,5 @@
 """Digests of plain data and of files."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import json

@@ -5,8 +5,6 @@ of the numerical packages. It excludes what cannot change a result, such as the 
 that a copied project keeps its results.
 """
 
-from __future__ import annotations
-
 import ast
 import dataclasses
 import enum

@@ -7,8 +7,6 @@ Measured gain: `mlsroad label` on 30,000 points and two cores takes 12.1 s, and 
 server of the standard library, which is another interpreter, it takes 13.1 s (medians of 4 alternating runs).
 """
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import logging

@@ -4,8 +4,6 @@ The lock is that of `flock`: it ends with its process, also after a kill. It wor
 machines on NFS of Linux and others that pass locks to the server.
 """
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import logging

@@ -1,7 +1,5 @@
 """Parameters that are paths: their text on the command line stays text, whatever YAML makes of it."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping

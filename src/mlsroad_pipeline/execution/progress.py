@@ -1,7 +1,5 @@
 """Progress reports of stages: a bar, lines in the log, or what a command shows in their place."""
 
-from __future__ import annotations
-
 import logging
 import sys
 import time

@@ -4,8 +4,6 @@ A result is a `PointCloud`, a pandas `DataFrame`, a mapping of names to arrays, 
 these, with one file per part. Reading restores number, order, names, dtypes and bits.
 """
 
-from __future__ import annotations
-
 import functools
 import json
 import math

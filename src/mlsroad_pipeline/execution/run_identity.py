@@ -1,7 +1,5 @@
 """Identity of a run of `label`: the settings that change its result, and the folder that is named by their digest."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Folder of this process for temporary files; the next run removes it if this process was killed."""
 
-from __future__ import annotations
-
 import fcntl
 import functools
 import os

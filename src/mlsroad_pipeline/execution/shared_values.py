@@ -3,8 +3,6 @@
 Otherwise the model would be pickled, sent and rebuilt for every scene.
 """
 
-from __future__ import annotations
-
 import pickle
 import threading
 from collections import Counter

@@ -1,7 +1,5 @@
 """Files of a store on any file system of fsspec, written atomically."""
 
-from __future__ import annotations
-
 import errno
 import io
 import json

@@ -1,7 +1,5 @@
 """Tasks of a per-scene stage, and handles of their inputs."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Worker: one scene is read, computed, validated and stored, with one thread."""
 
-from __future__ import annotations
-
 import functools
 import gc
 import importlib

@@ -1,7 +1,5 @@
 """Standard names of a file's columns, and the units that their names state."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path

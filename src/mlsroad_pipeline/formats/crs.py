@@ -1,7 +1,5 @@
 """Coordinate reference systems of files: options, sidecars, reprojection, and units as factors to metres."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Files: opening with clear errors, random access to their bytes, plain or gzip-compressed, and atomic writing."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import glob

@@ -1,7 +1,5 @@
 """KITTI and SemanticKITTI scans: ``.bin`` of four float32 a point, with labels in a sibling ``.label``."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

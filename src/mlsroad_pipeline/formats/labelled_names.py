@@ -1,7 +1,5 @@
 """Column names of labelling results in every format."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

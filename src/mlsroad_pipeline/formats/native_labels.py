@@ -1,7 +1,5 @@
 """Copies of PLY, PCD, text, Parquet, NPZ and KITTI surveys in their own format, with class, confidence and object."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import zipfile

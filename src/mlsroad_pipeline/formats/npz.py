@@ -1,7 +1,5 @@
 """NPZ and NPY: points as arrays of NumPy."""
 
-from __future__ import annotations
-
 import logging
 import struct
 import tokenize

@@ -1,7 +1,5 @@
 """Options of reading and writing, checked on construction."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Parquet tables of points."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Choice of the reader of a file: by content, else by file name."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError

@@ -1,7 +1,5 @@
 """Conversion of a file's columns to the standard ones: units, intensity, colour, labels."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple

@@ -4,8 +4,6 @@ Both forms have the fields t, intensity, id, x, y, z, azimuth, range and pid, wi
 their content identifies them: times of day, and ranges that agree with the coordinates.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from functools import lru_cache

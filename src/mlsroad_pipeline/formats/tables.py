@@ -1,7 +1,5 @@
 """Formats whose files are tables of scalar columns: description, reading by ranges, origin."""
 
-from __future__ import annotations
-
 import logging
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Default pipeline of an environment, run by `kedro run` without a pipeline name."""
 
-from __future__ import annotations
-
 from kedro.framework.context import KedroContext
 from kedro.framework.hooks import hook_impl
 from kedro.framework.project import pipelines

@@ -4,8 +4,6 @@ Measured gain: started when Kedro has read its configuration instead, `mlsroad l
 30,000 points and two cores (medians of 4 alternating runs).
 """
 
-from __future__ import annotations
-
 import gc
 import re
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Status of runs that were interrupted: KILLED, in place of FINISHED after Ctrl-C and RUNNING after a kill."""
 
-from __future__ import annotations
-
 import atexit
 import os
 import signal

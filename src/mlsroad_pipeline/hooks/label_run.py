@@ -1,7 +1,5 @@
 """Records of runs of `label`: a finished run is not repeated, a run that ends is recorded, and its lock is released."""
 
-from __future__ import annotations
-
 import gc
 import logging
 from typing import Any

@@ -1,7 +1,5 @@
 """Child runs of a tracked run, one per method: scores, series, figures, data sets and the registered model."""
 
-from __future__ import annotations
-
 import json
 import os
 import threading

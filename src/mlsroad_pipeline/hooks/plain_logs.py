@@ -3,8 +3,6 @@
 Names of files may hold characters that move the cursor or forge lines.
 """
 
-from __future__ import annotations
-
 import logging
 import warnings
 from pathlib import PurePath

@@ -1,7 +1,5 @@
 """Log of a run: progress with an ETA from the durations of earlier runs, then scores and reports."""
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import Iterator

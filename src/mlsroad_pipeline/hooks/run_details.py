@@ -1,7 +1,5 @@
 """Details of a tracked run: name, flat parameters, commit, software environment and fingerprint of the input data."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import os

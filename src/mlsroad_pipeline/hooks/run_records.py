@@ -1,7 +1,5 @@
 """Records of a tracked run: parameters, scores, figures, data, code and environment. Imports MLflow."""
 
-from __future__ import annotations
-
 import json
 import re
 import tempfile

@@ -1,7 +1,5 @@
 """Costs of each node of a run: wall time, processor time, and memory of the driver and its workers."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Road inventory as a DXF drawing for CAD programs."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Iterator

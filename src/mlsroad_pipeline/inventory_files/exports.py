@@ -1,7 +1,5 @@
 """Formats of an inventory: GeoPackage and GeoParquet by extension, and those that `label` writes on request."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple

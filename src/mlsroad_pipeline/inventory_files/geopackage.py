@@ -1,7 +1,5 @@
 """Road inventory as a GeoPackage: typed layers with field aliases and styles for a GIS."""
 
-from __future__ import annotations
-
 import errno
 import sqlite3
 import warnings

@@ -1,7 +1,5 @@
 """Road inventory as GeoParquet 1.1: one table for databases, notebooks and cloud storage."""
 
-from __future__ import annotations
-
 import json
 from io import BytesIO
 from pathlib import Path

@@ -1,7 +1,5 @@
 """QGIS 3 styles (QML) of the inventory layers."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree as XML
 

@@ -1,7 +1,5 @@
 """Road inventory of a survey: its table, the geometries of its files, and files that are written whole."""
 
-from __future__ import annotations
-
 import errno
 import filecmp
 import shutil

@@ -1,7 +1,5 @@
 """Road inventory as CSV, GeoJSON, FlatGeobuf and Shapefile."""
 
-from __future__ import annotations
-
 import logging
 import warnings
 from pathlib import Path

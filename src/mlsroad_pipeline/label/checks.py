@@ -1,7 +1,5 @@
 """Checks before the labelling that the results of each file can be written."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace

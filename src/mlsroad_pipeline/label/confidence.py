@@ -1,7 +1,5 @@
 """Distribution of the confidences of a labelled survey, and warnings."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

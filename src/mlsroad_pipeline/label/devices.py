@@ -1,7 +1,5 @@
 """Device of the networks of a model, found before the workers use it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from importlib.metadata import version
 from typing import Any

@@ -1,7 +1,5 @@
 """Images of a survey to label: discovery, checks, selection for a scene, labels of a scene with them."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Inventory of a survey to label, and its copies in the formats of `label.export`."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path

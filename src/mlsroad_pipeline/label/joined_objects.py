@@ -1,7 +1,5 @@
 """Objects and lines of all scenes of a survey, joined into one table each."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TypedDict, overload
 

@@ -1,7 +1,5 @@
 """Scores of the inventory of a labelled survey against a table of true objects."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

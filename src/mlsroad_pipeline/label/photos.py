@@ -1,7 +1,5 @@
 """Photos of the objects of an inventory: the crop of one image each, with the outline of the object."""
 
-from __future__ import annotations
-
 import io
 import logging
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Sections, map and pictures of the report of `label`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from shlex import quote

@@ -1,7 +1,5 @@
 """Warnings about the results of `label`, and about surveys that differ from the training data of a model."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

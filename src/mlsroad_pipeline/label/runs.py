@@ -1,7 +1,5 @@
 """Start and end of a run of `label`: files that it writes, what it may replace, what is finished already."""
 
-from __future__ import annotations
-
 import logging
 import os
 from collections.abc import Collection, Iterable, Mapping, Sequence

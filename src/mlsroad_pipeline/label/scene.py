@@ -1,7 +1,5 @@
 """Labels and objects of one scene of a new survey."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NotRequired, TypedDict

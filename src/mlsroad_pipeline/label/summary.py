@@ -1,7 +1,5 @@
 """Summary of a labelled survey: counts, confidences, warnings and paths, printed and logged at the end of a run."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypedDict

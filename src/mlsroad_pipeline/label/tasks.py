@@ -1,7 +1,5 @@
 """Tasks that label the scenes of a survey, and the files to write with the labels of their points."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

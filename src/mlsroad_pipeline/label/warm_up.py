@@ -1,7 +1,5 @@
 """Warm-up of a worker: import the libraries and load the compiled kernels of `label`."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

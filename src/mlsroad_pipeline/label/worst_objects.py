@@ -1,7 +1,5 @@
 """Pictures of the worst objects of a scored inventory, cut out of the labelled clouds."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple

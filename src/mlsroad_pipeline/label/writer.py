@@ -1,7 +1,5 @@
 """Writer of labelled surveys: all points with their original attributes, class and confidence."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Labelled file of a survey: LAS codes, labels of its points by scene and object, writing."""
 
-from __future__ import annotations
-
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Files of model bundles: arrays as NPZ, the rest as JSON. Nothing is pickled."""
 
-from __future__ import annotations
-
 import functools
 import json
 import struct

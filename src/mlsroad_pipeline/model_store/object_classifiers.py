@@ -1,7 +1,5 @@
 """The shipped object classifier, that of a model that has learned, and samples of training data to replay."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """MLflow flavour of a model: a table of points in, a class and a confidence per point out."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import mlflow.pyfunc

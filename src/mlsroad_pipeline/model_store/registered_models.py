@@ -1,7 +1,5 @@
 """Models in an MLflow registry: versions, aliases, loading. MLflow is imported by the functions that need it."""
 
-from __future__ import annotations
-
 import ast
 import os
 import sys

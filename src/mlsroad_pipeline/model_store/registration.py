@@ -1,7 +1,5 @@
 """Registration of models in an MLflow registry with descriptions and aliases, and their loading."""
 
-from __future__ import annotations
-
 import json
 import logging
 import tempfile

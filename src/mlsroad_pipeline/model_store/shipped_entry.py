@@ -1,7 +1,5 @@
 """Registry entry of a model that was trained for the package: its parameters, training data and scores."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any

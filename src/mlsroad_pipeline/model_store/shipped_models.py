@@ -1,7 +1,5 @@
 """Trained models in the package: plain files, a registry with one entry per model, and cards."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Mapping, Sequence

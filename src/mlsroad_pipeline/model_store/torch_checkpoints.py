@@ -1,7 +1,5 @@
 """Checkpoints of a training as PyTorch files. Importing this module imports torch."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Gradient-boosted trees on multi-scale voxel features."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from importlib import import_module

@@ -1,7 +1,5 @@
 """Report that compares all methods over several test streets."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

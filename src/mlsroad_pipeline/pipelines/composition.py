@@ -1,7 +1,5 @@
 """Pipelines by name, and those that are composed of others."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pkgutil import iter_modules

@@ -1,7 +1,5 @@
 """Random forest on detrended supervoxel features (Tomic et al. 2019, section 2.1)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

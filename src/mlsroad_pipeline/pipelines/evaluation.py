@@ -1,7 +1,5 @@
 """Evaluation of all methods by the same code, at full resolution."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Fusion of the labels by features and through images (Tomic et al. 2019, section 2.3)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Pipeline that trains the default model of the package on simulated streets and recordings."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Pipeline that trains the regression by which the shipped pool divides paved from natural ground by colour."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Mapping
 from dataclasses import replace

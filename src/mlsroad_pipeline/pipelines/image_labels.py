@@ -1,7 +1,5 @@
 """Labels of points through camera images (Tomic et al. 2019, section 2.2)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Pipeline that reads a survey and cuts it into scenes."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """Pipeline that trains the object classifier of the package on simulated streets labelled by the shipped pool."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Node functions that create one task per scene."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial, update_wrapper

@@ -1,7 +1,5 @@
 """Recognition of objects from scenes, and scores of all recognisers."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Report of a comparison on one page."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Class schemes by the names in the parameters."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

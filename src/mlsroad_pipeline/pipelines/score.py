@@ -1,7 +1,5 @@
 """Pipeline that scores an inventory against a table of true objects."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pandas as pd

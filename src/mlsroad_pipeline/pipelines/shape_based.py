@@ -1,7 +1,5 @@
 """Shape-based recognition of objects (Golovinskiy et al. 2009, a baseline of Luo et al. 2016)."""
 
-from __future__ import annotations
-
 from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme

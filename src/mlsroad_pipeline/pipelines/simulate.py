@@ -1,7 +1,5 @@
 """Simulated surveys by ray casting, in the files of a recording."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Mapping
 from pathlib import Path

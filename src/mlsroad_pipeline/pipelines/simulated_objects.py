@@ -1,7 +1,5 @@
 """Sets of objects from simulated surveys."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from itertools import chain
 from typing import Any

@@ -1,7 +1,5 @@
 """Stages before the methods: ground, supervoxels, their features, patches and objects, with their scores."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Pipelines of the studies of the papers."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import Any
 

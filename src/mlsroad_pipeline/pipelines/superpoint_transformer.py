@@ -1,7 +1,5 @@
 """Superpoint transformer (Robert et al. 2023)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

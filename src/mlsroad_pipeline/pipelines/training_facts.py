@@ -1,7 +1,5 @@
 """Nodes of all labellers: the facts of the training scenes, which models store, and the labels of the other scenes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

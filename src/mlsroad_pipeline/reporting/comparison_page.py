@@ -1,7 +1,5 @@
 """Sections of the report of a comparison."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

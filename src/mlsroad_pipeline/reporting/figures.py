@@ -1,7 +1,5 @@
 """Figures of scores and of training, with their common style: confusion matrix, bars, importances, errors."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Report on the files of a survey as an HTML page, with maps of density and height."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Page with the scores of an inventory, with its precision-recall curves."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import pandas as pd

@@ -1,7 +1,5 @@
 """Reader of camera calibrations and poses: JSON, CSV tables and KITTI files."""
 
-from __future__ import annotations
-
 import json
 import warnings
 from collections.abc import Callable, Mapping, Sequence

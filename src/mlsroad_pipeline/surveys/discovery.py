@@ -1,7 +1,5 @@
 """Search for point cloud files below a folder or by glob, and files that hold no points."""
 
-from __future__ import annotations
-
 import fnmatch
 import logging
 import os

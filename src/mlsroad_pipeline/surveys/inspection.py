@@ -1,7 +1,5 @@
 """Inspection of the files of a survey in bounded memory."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """Segmented images in files, class numbers (PNG) or probabilities (NPZ), and their class maps."""
 
-from __future__ import annotations
-
 import csv
 import lzma
 import struct

@@ -1,7 +1,5 @@
 """Parameters of the survey of a comparison and of a survey to label."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

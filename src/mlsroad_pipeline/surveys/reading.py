@@ -1,7 +1,5 @@
 """Tasks of the ingest: describe a file, find the corridor of a pass, read and cut a range of rows."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Labelled recordings: their scenes with training and test parts, and those that a model is trained on."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

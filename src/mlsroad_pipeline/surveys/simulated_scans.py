@@ -1,7 +1,5 @@
 """Single scans of a simulated rotating scanner: range images, and KITTI scans with SemanticKITTI labels."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path

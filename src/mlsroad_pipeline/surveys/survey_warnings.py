@@ -1,7 +1,5 @@
 """Warnings on a survey, the same for `inspect` and `label`: one line per cause."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Reader of trajectories (CSV, text, SBET of Applanix), and warnings on their times and places."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Tables of true objects: of simulated streets, of users, and made from instances and boxes of recordings."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Classes of Cityscapes, their mapping to the classes of points, and the scores of segmented images."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

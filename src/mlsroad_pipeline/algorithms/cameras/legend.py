@@ -1,7 +1,5 @@
 """Legend of segmented images: what their class numbers mean, and which classes of points they give."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self

@@ -1,7 +1,5 @@
 """Projection of points into images, and sampling of images at points."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray

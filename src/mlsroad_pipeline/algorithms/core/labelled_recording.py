@@ -1,7 +1,5 @@
 """Description of a recording with labels: name, files, coding and licence."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self

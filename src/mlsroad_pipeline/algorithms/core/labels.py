@@ -1,7 +1,5 @@
 """Predictions for the points of a scene, as stored mappings of arrays."""
 
-from __future__ import annotations
-
 from typing import TypedDict
 
 import numpy as np

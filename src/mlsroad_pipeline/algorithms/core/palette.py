@@ -5,8 +5,6 @@ vehicles red and pink, people yellow. They differ in lightness, so that the main
 red-green colour blindness.
 """
 
-from __future__ import annotations
-
 import colorsys
 
 import numpy as np

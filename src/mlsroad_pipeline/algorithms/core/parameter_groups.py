@@ -1,7 +1,5 @@
 """Parameters that hold groups of parameters, as configuration and stored models give them: mappings."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 

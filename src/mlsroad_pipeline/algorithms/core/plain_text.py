@@ -1,7 +1,5 @@
 """Text of files and of other people on a terminal and in a log."""
 
-from __future__ import annotations
-
 import re
 
 _BREAK = re.compile(r" *[\t\n\r\v\f\x1c-\x1e\x85\u2028\u2029]\s*")

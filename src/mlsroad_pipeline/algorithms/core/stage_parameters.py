@@ -1,7 +1,5 @@
 """Parameters of the stages that all methods share: ground, supervoxels and supervoxel features."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, Self

@@ -1,7 +1,5 @@
 """Results of the stages that all methods share: ground, heights, supervoxels and their features."""
 
-from __future__ import annotations
-
 from typing import TypedDict
 
 import numpy as np

@@ -8,8 +8,6 @@ with the ends i and j of edge e. In an expansion of label alpha every node keeps
 gives the best of these 2**n labellings. The labels are expanded cyclically until no expansion lowers the energy.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

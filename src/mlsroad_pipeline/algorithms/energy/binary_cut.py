@@ -7,8 +7,6 @@ their other ends, which may then be fixed as well. In labelling problems a few p
 cut.
 """
 
-from __future__ import annotations
-
 import maxflow
 import numpy as np
 from numba import njit

@@ -10,8 +10,6 @@ cost of a clique: alpha, and the one label of sufficiently many members. Each ad
 between the cost of that label and the maximum.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

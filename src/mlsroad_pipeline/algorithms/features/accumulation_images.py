@@ -1,7 +1,5 @@
 """Accumulation images of objects, horizontal and vertical, of the whole and of four slices (Luo et al. 2019)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

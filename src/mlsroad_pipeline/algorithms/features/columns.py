@@ -1,7 +1,5 @@
 """Features of the columns around the centroid of a supervoxel: occupied height slices and footprints."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

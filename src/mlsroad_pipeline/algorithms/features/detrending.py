@@ -1,7 +1,5 @@
 """Detrending of supervoxel features by their local tendency (Tomic et al. 2019, equations 2 and 3)."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Eigenvalue features of point neighbourhoods (Weinmann et al. 2015; Tomic et al. 2019, section 2.1)."""
 
-from __future__ import annotations
-
 from math import log, nan
 
 import numpy as np

@@ -5,8 +5,6 @@ to full precision. After deflation by its eigenvector, a 2 x 2 problem with a st
 the trigonometric formula, the error of small eigenvalues is at the rounding error of the largest.
 """
 
-from __future__ import annotations
-
 from math import sqrt
 
 from numba import njit

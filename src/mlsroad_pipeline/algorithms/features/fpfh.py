@@ -1,7 +1,5 @@
 """Fast point feature histograms (Rusu et al. 2009)."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

@@ -5,8 +5,6 @@ copied once into buffers. The following loops run over contiguous memory without
 test distances; storing neighbour lists would cost more.
 """
 
-from __future__ import annotations
-
 from math import sqrt
 from typing import Any
 

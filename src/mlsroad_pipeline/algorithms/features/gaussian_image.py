@@ -1,7 +1,5 @@
 """Extended Gaussian images and their alignment about the vertical (Horn 1984)."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray

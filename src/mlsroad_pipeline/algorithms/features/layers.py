@@ -1,7 +1,5 @@
 """Features of the horizontal layers of an object."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Normals of points with a defined orientation, and features of the orientation of supervoxels."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

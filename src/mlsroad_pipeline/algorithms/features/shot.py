@@ -1,7 +1,5 @@
 """SHOT descriptor: histograms of normals in a local reference frame (Tombari et al. 2010)."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray

@@ -1,7 +1,5 @@
 """Spin images of oriented points (Johnson 1997)."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray

@@ -1,7 +1,5 @@
 """Features of supervoxels: shape, orientation, height and radiometry, with detrending."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal

@@ -1,7 +1,5 @@
 """Moments of coordinates per supervoxel, and features of height, intensity and colour from statistics of columns."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

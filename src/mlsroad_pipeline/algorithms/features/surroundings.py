@@ -5,8 +5,6 @@ Supervoxels far from the scanner have few points, and their moments are unreliab
 independent of scan density.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

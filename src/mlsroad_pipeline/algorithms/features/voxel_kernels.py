@@ -1,7 +1,5 @@
 """Kernels of the multi-scale voxel features; the columns of their results are those of `voxel_scales`."""
 
-from __future__ import annotations
-
 from math import hypot, log2, sqrt
 
 import numpy as np

@@ -4,8 +4,6 @@ A cell of the next level holds eight cells: their indices halve. The cells of a 
 level, and sums of a level add those of the level below.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

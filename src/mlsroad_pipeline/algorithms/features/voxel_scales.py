@@ -4,8 +4,6 @@ Each voxel counts once on every scale, however many points it holds. Intensities
 of the table are those of `voxel_table`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 

@@ -1,7 +1,5 @@
 """One-to-one assignment of places in plan."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment

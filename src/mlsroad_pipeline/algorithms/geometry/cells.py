@@ -3,8 +3,6 @@
 A key is one integer of 64 bits. Points sorted by key lie in runs, one per occupied cell, in their order within a run.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Graphs of points and objects: union-find, connected components, unique edges."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray

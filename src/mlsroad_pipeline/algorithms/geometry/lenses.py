@@ -1,7 +1,5 @@
 """Brown-Conrady lens distortion and its inverse."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

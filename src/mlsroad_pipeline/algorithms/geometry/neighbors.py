@@ -3,8 +3,6 @@
 A CSR pair is (`indices`, `indptr`): the neighbours of query i are ``indices[indptr[i]:indptr[i + 1]]``.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray

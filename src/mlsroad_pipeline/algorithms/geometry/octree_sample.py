@@ -1,7 +1,5 @@
 """Multi-resolution octree: each point belongs to one node, each node holds a sample of its points."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

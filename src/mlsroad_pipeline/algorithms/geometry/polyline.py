@@ -1,7 +1,5 @@
 """Projection of points onto a polyline in plan, with a tree of capsules around its segments."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

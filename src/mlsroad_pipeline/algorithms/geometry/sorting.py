@@ -1,7 +1,5 @@
 """Sorting and ranking in linear time."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Mean distance to the nearest points: points of a block share their candidates."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

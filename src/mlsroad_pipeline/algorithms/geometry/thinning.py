@@ -1,7 +1,5 @@
 """Thinning of a cloud to one point per cell of a grid."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Calls of compiled kernels, which release the GIL, on ranges of items in a thread pool."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any

@@ -5,8 +5,6 @@ the order of their keys, so that results depend neither on the order of the poin
 costs one block, not a large raster. Each pass reads the points in order and caches the block of the previous point.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import TypeAlias
 

@@ -5,8 +5,6 @@ climbs k layers if its voxel is occupied and an upper neighbour climbs k - 1. Fo
 three ORs and a shift.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

@@ -6,8 +6,6 @@ continue the slope of the ground are added again (embankments). The remaining ga
 across block borders and one block beyond the points.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Ground classification by voxel-based upward growing (Yu et al. 2016, section III-A, and its reference [17])."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

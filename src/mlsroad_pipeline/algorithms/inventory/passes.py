@@ -5,8 +5,6 @@ measures of the pass with the higher score, and the points of both. Of a line th
 is kept.
 """
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Mapping, Sequence
 
 import numpy as np

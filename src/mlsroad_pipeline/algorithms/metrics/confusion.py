@@ -1,7 +1,5 @@
 """Confusion matrix and the scores derived from it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

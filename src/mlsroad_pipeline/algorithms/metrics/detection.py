@@ -1,7 +1,5 @@
 """Scores of detections: matching with reference objects, counts, scores of the paper, precision-recall curves."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Scores of ground filters as in the ISPRS filter test (Sithole and Vosselman 2004)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scores of a segmentation into objects: overlaps of segments with reference instances."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Quality of a partition into segments: boundary recall, under-segmentation error, accuracy ceiling."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

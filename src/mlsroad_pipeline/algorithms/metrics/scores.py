@@ -1,7 +1,5 @@
 """Table of scores of all evaluated methods: `method,split,class,metric,value,support`."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import replace

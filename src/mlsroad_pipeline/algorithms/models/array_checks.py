@@ -1,7 +1,5 @@
 """Checks of the arrays of a stored model, before kernels without tests of bounds use them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np

@@ -4,8 +4,6 @@ Nothing is pickled: a model from elsewhere runs no code but this package's own, 
 libraries that trained it.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Collection, Mapping

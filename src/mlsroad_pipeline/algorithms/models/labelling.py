@@ -1,7 +1,5 @@
 """Labelling of points by a trained model with its method, and models that are stored inside another model."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple

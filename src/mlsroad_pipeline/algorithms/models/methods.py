@@ -4,8 +4,6 @@ Classes and functions are named by strings and imported on use: a command loads 
 modules below the methods may read the table.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Literal

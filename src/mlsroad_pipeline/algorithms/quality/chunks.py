@@ -1,7 +1,5 @@
 """Quality of a file, collected chunk by chunk in bounded memory."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Point density of a file from the numbers of points in the cells of a grid, and its number of places."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Exact duplicates of points: exact count within an array, sketch across arrays in bounded memory."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Quality report of a file, as a table row and as warnings."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self

@@ -1,7 +1,5 @@
 """Facts of a scene that a labeller depends on (density, spacing, heights, shapes), against those of training data."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 

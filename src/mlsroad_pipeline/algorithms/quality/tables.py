@@ -1,7 +1,5 @@
 """Storage of chunk qualities as arrays, and the table of all files."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

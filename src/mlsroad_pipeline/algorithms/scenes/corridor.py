@@ -1,7 +1,5 @@
 """Corridor that a survey is cut along: its trajectory or the main axis of its points."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias, TypedDict

@@ -1,7 +1,5 @@
 """Scenes as ranges of bins along the survey, and their joining from slices of ranges of rows."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Parameters of the cutting of a survey into scenes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from typing import Literal, Self
 

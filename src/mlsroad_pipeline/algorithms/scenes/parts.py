@@ -1,7 +1,5 @@
 """Division of a drive into a training part and a test part that share no surroundings."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Splits of one recording: sections of the trajectory, or sectors of azimuth around a single scan."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -10,8 +10,6 @@ eigenvalue of its normal matrix solves it. Ranges cancel: their noise and mixed 
 surfaces other than flat ground.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -7,8 +7,6 @@ second eigenvector of the small dense graph is computed by Lanczos' method and e
 mean of the nodes' values (Nystrom's extension), so that the border is as fine as the voxels.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

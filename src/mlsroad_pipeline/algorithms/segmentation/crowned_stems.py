@@ -5,8 +5,6 @@ pole-like stem is near. The weights of these measures are those of a logistic re
 streets of the study of Yu et al. 2016 (docs/methods/segmentation.md). None of this is in the paper.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

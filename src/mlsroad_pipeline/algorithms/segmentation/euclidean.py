@@ -7,8 +7,6 @@ fastest, the up to five candidates of one (y, z) offset are consecutive, and one
 without a search.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray

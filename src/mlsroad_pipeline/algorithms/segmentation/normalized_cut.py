@@ -3,8 +3,6 @@
 With intensity this is the method of the paper; without, the cut that the paper compares with.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

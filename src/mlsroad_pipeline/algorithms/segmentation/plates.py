@@ -5,8 +5,6 @@ or a lamp of the mast; retroreflective sheeting is brighter. The back of a sign 
 metal and as large as a sign need not be brighter. None of this is in Yu et al. 2016.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -8,8 +8,6 @@ same shape; `find_poles` separates the two by the crown, which surrounds a trunk
 None of this is in Yu et al. 2016. Voxels have an edge of about 0.1 m; lengths are in metres, z is up.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree

@@ -1,7 +1,5 @@
 """Segmentation of a scene into objects, its reference objects, and the scores of the one against the other."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, TypedDict

@@ -1,7 +1,5 @@
 """Detection of stems: upright lines of poles and trunks among voxels of about 0.1 m. Lengths in metres, z up."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

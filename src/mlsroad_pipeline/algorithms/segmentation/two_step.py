@@ -5,8 +5,6 @@ for ordered LiDAR point cloud of large-scale scenes", was not available; docs/me
 assumptions.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

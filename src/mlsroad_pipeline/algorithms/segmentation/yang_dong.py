@@ -4,8 +4,6 @@ Yu et al. 2016 compare their segmentation with it (section V-B). The article, "A
 mobile laser scanning point clouds", was not available; docs/methods/segmentation.md lists the assumptions.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Voxel features (position, normal and colour, one row per voxel) and the kernels of the normals."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray

@@ -1,7 +1,5 @@
 """Voxel cloud connectivity segmentation (VCCS, Papon et al. 2013)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

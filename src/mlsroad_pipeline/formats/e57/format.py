@@ -1,7 +1,5 @@
 """E57 (ASTM E2807): the scans of a file as one cloud."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache, partial

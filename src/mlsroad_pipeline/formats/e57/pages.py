@@ -1,7 +1,5 @@
 """The pages of an E57 file (ASTM E2807): 1,020 bytes of content and a checksum of four (CRC-32C) each."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

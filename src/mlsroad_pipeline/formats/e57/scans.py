@@ -1,7 +1,5 @@
 """Scans of an E57 file: descriptions in its XML and byte offsets of their values."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Writer of E57: one scan in one section of packets, its description in XML."""
 
-from __future__ import annotations
-
 import struct
 import uuid
 from collections.abc import Mapping

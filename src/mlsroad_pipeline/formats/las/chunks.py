@@ -1,7 +1,5 @@
 """Chunks of a LAZ file: chunk table, layers, and ranges of chunks of variable size."""
 
-from __future__ import annotations
-
 import io
 import struct
 from collections.abc import Sequence

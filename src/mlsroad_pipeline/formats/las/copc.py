@@ -1,7 +1,5 @@
 """Cloud-optimised point clouds (COPC 1.0): LAZ whose chunks are the nodes of an octree."""
 
-from __future__ import annotations
-
 import io
 import struct
 import tempfile

@@ -1,7 +1,5 @@
 """Number of points and byte offsets of records that a LAS or LAZ file has, against those that its header states."""
 
-from __future__ import annotations
-
 import struct
 from bisect import bisect_left
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Coordinate reference systems of LAS files: WKT records and GeoTIFF keys."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

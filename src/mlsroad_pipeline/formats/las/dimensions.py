@@ -3,8 +3,6 @@
 A sample shows how many bits the colours and intensities of a file use.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path

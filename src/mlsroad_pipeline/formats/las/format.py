@@ -1,7 +1,5 @@
 """LAS and LAZ, versions 1.0 to 1.5, point formats 0 to 10."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace

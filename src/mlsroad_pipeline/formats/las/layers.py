@@ -7,8 +7,6 @@ the other layers are copied. The file is identical, byte for byte, to one that i
 third of the work.
 """
 
-from __future__ import annotations
-
 import io
 import struct
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Layout of a point cloud as LAS records."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

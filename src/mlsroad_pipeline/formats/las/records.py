@@ -1,7 +1,5 @@
 """Stored point records of LAS and LAZ files, by ranges."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterable, Sequence
 from itertools import chain, count

@@ -1,7 +1,5 @@
 """Lossless conversion of LAS point formats 0 to 5 to formats 6 to 10."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

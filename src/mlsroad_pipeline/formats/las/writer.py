@@ -1,7 +1,5 @@
 """Sequential writer of LAS and LAZ files."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from dataclasses import replace

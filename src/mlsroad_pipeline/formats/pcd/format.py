@@ -1,7 +1,5 @@
 """PCD, the format of the Point Cloud Library: ascii, binary and compressed."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache, partial

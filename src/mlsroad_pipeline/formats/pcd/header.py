@@ -1,7 +1,5 @@
 """Header of a PCD file, up to version 0.7: its fields and the byte offset of the data."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """PLY files with points in the colours of their classes, for viewers without classes, or without those above 31."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """PLY: ascii and binary, of either byte order, with any properties."""
 
-from __future__ import annotations
-
 import string
 from collections.abc import Mapping, Sequence
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Header of a PLY file: its elements and the byte offset of the data."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

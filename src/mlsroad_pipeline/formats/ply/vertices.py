@@ -1,7 +1,5 @@
 """Vertices of PLY files that follow other elements or have lists, so that their byte offsets are not stated."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path

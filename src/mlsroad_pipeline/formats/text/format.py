@@ -3,8 +3,6 @@
 The first rows decide on comments, names, delimiter, decimal mark and numeric columns.
 """
 
-from __future__ import annotations
-
 import logging
 import re
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Separators, names and numbers in rows of text, from a sample of them."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Parser of rows of numbers, whose errors name the line, and writer of such rows."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

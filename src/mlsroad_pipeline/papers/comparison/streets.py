@@ -1,7 +1,5 @@
 """Tables and report that compare all methods over several test streets."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

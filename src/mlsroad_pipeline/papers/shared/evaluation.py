@@ -1,7 +1,5 @@
 """Scores of labelled scenes, of labels through images, of the ground filter and of supervoxels, per split."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any

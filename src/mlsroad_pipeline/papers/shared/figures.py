@@ -1,7 +1,5 @@
 """Figures of labelled scenes, of detections and of their scores."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 

@@ -1,7 +1,5 @@
 """Nodes of `label`: label a new survey with a shipped or a registered model."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Mapping
 from functools import partial

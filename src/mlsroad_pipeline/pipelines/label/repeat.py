@@ -1,7 +1,5 @@
 """Pipeline that replaces `label` where its results are finished, and the end of a run."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Mapping
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Figures of labelled clouds: truth, prediction and errors in one view, with a legend."""
 
-from __future__ import annotations
-
 import hashlib
 import threading
 from collections import OrderedDict

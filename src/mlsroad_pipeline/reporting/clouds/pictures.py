@@ -1,7 +1,5 @@
 """Pictures of a whole survey, one scene and single objects, from above and from the side."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Software rendering of clouds: z-buffered splats with eye-dome lighting."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray

@@ -1,7 +1,5 @@
 """Map and table of the objects of an inventory, linked by a script of the page; drawn without a network."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence

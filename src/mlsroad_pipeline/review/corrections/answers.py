@@ -1,7 +1,5 @@
 """Points that decisions are about, and the classes that each decision allows."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

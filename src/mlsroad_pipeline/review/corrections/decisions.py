@@ -1,7 +1,5 @@
 """Corrections of a labelled survey: the actions, their arguments and their checks."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping, Sequence

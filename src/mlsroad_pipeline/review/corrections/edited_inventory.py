@@ -1,7 +1,5 @@
 """Corrections from a GeoPackage that was edited in another program, such as QGIS."""
 
-from __future__ import annotations
-
 import sqlite3
 from collections import Counter
 from collections.abc import Collection, Sequence

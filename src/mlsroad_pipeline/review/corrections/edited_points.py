@@ -1,7 +1,5 @@
 """Corrections from a labelled LAZ whose classes were edited in another program, such as CloudCompare or QGIS."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

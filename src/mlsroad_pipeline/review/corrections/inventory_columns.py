@@ -1,7 +1,5 @@
 """Columns `status` and `checked_class` of the inventory, from the decisions in its output folder."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Models that learn from corrections (boosted trees, pools, other labellers), and their storage."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Mapping, Sequence

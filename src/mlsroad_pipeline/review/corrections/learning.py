@@ -1,7 +1,5 @@
 """Learning from corrections: voxels of the corrected points, and a model that continues on them."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple

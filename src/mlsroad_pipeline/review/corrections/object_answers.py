@@ -1,7 +1,5 @@
 """Tiles of a labelled cloud and candidate objects that corrections are about."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

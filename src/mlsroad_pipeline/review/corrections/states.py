@@ -1,7 +1,5 @@
 """State and order of review of each object after all decisions in force."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypedDict

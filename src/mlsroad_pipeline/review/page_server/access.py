@@ -1,7 +1,5 @@
 """Access to the page: one-time token, session cookie, checks of host and origin, headers of all answers."""
 
-from __future__ import annotations
-
 import hmac
 import secrets
 from collections.abc import Awaitable, Callable, Mapping

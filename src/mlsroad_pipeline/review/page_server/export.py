@@ -1,7 +1,5 @@
 """Page of a small survey as one self-contained HTML file: to look at only, without a server."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import hashlib

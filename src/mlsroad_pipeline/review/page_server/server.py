@@ -1,7 +1,5 @@
 """Local server of the page: Starlette on a loopback address."""
 
-from __future__ import annotations
-
 import json
 import secrets
 import socket

@@ -1,7 +1,5 @@
 """Tiles of a survey, built out of core: points are sorted into cubes, each cube into levels of detail."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Cache of the page of an output folder: tiles, found or built in a process of their own, and the lock."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import hashlib

@@ -1,7 +1,5 @@
 """Voxel grid: voxels of points, voxel centroids and voxel adjacency."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

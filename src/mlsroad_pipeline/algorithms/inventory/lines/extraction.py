@@ -1,7 +1,5 @@
 """Table of the lines of a road: columns, units, stations, numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Axes of poles and posts, and circles through their cross-sections."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

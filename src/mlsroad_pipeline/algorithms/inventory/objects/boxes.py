@@ -1,7 +1,5 @@
 """Outlines in plan: convex hull, rectangle of minimum area, and box of a vehicle."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Labels of candidates, and the table of all candidates of a scene with their features for training."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Groups of classes whose probabilities are evidence for objects, the same for every class scheme."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -5,8 +5,6 @@ counts one over the number of points in its cell. A scene sums over the points o
 that the sums of the scenes of an object add up to those of the whole object.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from numba import njit

@@ -5,8 +5,6 @@ that extend into a buffer only the voxels of core points are kept; `merging.merg
 voxels and measures the whole. Cores are disjoint, so no point counts twice and objects may span any number of scenes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any

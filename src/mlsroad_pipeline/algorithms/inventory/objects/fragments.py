@@ -1,7 +1,5 @@
 """Fragments of objects that lie in several scenes: clusters of labelled points as voxels, and their joining."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray

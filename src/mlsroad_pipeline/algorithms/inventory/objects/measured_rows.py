@@ -1,7 +1,5 @@
 """Rows of the object table from the voxels of candidates: splitting, measuring, rules, classification."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 

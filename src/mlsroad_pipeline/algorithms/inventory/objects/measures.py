@@ -1,7 +1,5 @@
 """Measures of an object of the inventory from the mean points of its voxels."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import TypedDict, cast
 

@@ -5,8 +5,6 @@ pass sums voxels scene by scene and measures an object after its last scene. Mem
 the objects that are still open.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Features of a candidate object: its measures, its shape and the evidence of the classes within and around it."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

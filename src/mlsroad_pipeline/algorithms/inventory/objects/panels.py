@@ -1,7 +1,5 @@
 """Panels of traffic signs: plane, edges and facing."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ an answer settles, distance from the bulk of the kind, and the diversity of a co
 Savarese 2018), weighted by the uncertainty.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

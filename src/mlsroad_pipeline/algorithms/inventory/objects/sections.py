@@ -1,7 +1,5 @@
 """Sections of a road: numbers of objects by station."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

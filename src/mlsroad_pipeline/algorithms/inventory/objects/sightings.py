@@ -4,8 +4,6 @@ Two points of a place are of different passes if more than `PASS_GAP` seconds li
 the place has a time in between. Without times a pass is a value of `route`, the point source id of LAS, or a file.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 

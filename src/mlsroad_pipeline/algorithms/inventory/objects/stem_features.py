@@ -1,7 +1,5 @@
 """Upright lines among points of poles, signs and trees, and their features."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

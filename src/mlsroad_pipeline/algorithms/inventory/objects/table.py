@@ -1,7 +1,5 @@
 """Table of road objects: columns, units, numbering and links between signs and poles."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple

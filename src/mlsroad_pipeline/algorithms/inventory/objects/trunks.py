@@ -4,8 +4,6 @@ A trunk is a narrow column with points at most heights between 0.3 and 2.1 m abo
 reach few of these heights in any one place.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scores of lines: the length that is found, and the length that is right."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

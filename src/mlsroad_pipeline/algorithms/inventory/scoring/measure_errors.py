@@ -1,7 +1,5 @@
 """Errors of the measures of an inventory against the truth of a simulated survey."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

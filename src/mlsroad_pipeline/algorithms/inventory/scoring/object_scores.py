@@ -1,7 +1,5 @@
 """Matching of objects with a reference: precision, recall, F, curves by score, calibration, errors of measures."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 

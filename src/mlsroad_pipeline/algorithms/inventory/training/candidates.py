@@ -1,7 +1,5 @@
 """Candidates and upright lines of simulated streets, with their features and their truth."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

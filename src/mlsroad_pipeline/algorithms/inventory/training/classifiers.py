@@ -1,7 +1,5 @@
 """Boosted trees of the object classifier, trained and calibrated on candidates of simulated streets."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Mapping
 from typing import Any

@@ -8,8 +8,6 @@ falls to that of recordings that the model did not learn from (docs/results.md):
 from 0.81 to 0.61 on 24 streets without leaning and confused poles. On Oakland poles lean and are labelled tree.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Mapping
 from typing import NamedTuple

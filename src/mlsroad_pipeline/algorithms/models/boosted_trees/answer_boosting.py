@@ -4,8 +4,6 @@ Three sources of equal weight reduce catastrophic forgetting: the answers, a sam
 and voxels of the survey that the model labels with high confidence, the same number of each class (self-training).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -4,8 +4,6 @@ The trees add to the logarithms of the probabilities, as a further round of boos
 function approximation", with the scores of the labeller as the initial function). The labeller stays as it is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Labels of points by trained boosted trees. No LightGBM is needed."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -4,8 +4,6 @@ A label is a row of a table of sets of classes. A row may allow several classes:
 low vegetation, for example.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import TypedDict
 

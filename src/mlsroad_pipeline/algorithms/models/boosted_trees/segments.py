@@ -4,8 +4,6 @@ The order of the questions joins uncertainty (the margin of the two best classes
 features to segments that were asked before, as in the core set (Sener and Savarese 2018).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

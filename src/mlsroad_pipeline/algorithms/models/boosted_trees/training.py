@@ -1,7 +1,5 @@
 """Training of boosted trees. LightGBM is imported on training."""
 
-from __future__ import annotations
-
 import hashlib
 import logging
 from collections.abc import Callable, Mapping, Sequence

@@ -3,8 +3,6 @@
 A group is a supervoxel, a patch or an object.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

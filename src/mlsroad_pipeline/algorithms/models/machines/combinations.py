@@ -1,7 +1,5 @@
 """Combinations of the voxels or superpoints of several models, and decisions by groups of classes."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Training and prediction of a one-against-one support vector machine with a Gaussian kernel, as flat arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from itertools import combinations, pairwise, product

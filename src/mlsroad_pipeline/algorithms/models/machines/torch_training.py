@@ -3,8 +3,6 @@
 This module imports PyTorch; modules that run no network must not import it.
 """
 
-from __future__ import annotations
-
 import functools
 import logging
 import warnings

@@ -5,8 +5,6 @@ down. A classifier is therefore trained on the facts of training scenes and of c
 without the ground or in feet (outlier exposure, Hendrycks et al. 2019). The facts are those of `scene_facts`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 

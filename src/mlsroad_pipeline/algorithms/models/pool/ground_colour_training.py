@@ -4,8 +4,6 @@ The terms of the regression are computed three times for each street: with its o
 of asphalt, paving, dry grass, shade and camera. Each street has the same weight.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ member's weight (Tomic et al. 2019, section 2.3, with one weight per method in p
 points and describe them in different ways, so their errors differ.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple

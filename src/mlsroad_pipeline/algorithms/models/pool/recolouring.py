@@ -1,7 +1,5 @@
 """Colours of the ground of simulated streets, varied as places, lights and cameras vary."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree

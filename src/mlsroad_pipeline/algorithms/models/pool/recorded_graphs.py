@@ -4,8 +4,6 @@ A recording may separate fewer classes than the network: its vegetation is trees
 which learn from such labels directly, choose among the classes that the label of a point allows.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

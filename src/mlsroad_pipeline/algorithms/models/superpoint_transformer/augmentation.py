@@ -1,7 +1,5 @@
 """Changes of training scenes: views of virtual scanners, and changes of the graphs of superpoints in each step."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

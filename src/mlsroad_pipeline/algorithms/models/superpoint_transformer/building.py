@@ -1,7 +1,5 @@
 """Construction of the hierarchy of superpoints of a scene from its ground, supervoxels and supervoxel features."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

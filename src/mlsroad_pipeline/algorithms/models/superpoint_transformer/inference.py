@@ -4,8 +4,6 @@ Linear layers are products of blocks of rows that stay in the cache of the proce
 of a few targets at a time: no array has a row of queries, keys and values for every edge of a level.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 

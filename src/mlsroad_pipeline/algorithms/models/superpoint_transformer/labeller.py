@@ -1,7 +1,5 @@
 """Labels of points and probabilities of superpoints by a trained superpoint transformer, without PyTorch."""
 
-from __future__ import annotations
-
 import functools
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Superpoints of the levels: shape, size, heights, neighbours and merging."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -3,8 +3,6 @@
 `inference.TrainedNetwork` computes the same scores without torch.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Compiled kernels of the network in use: normalisation, pooling and attention in float32."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Training of a superpoint transformer on labelled graphs. Importing this module imports torch."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any

@@ -1,7 +1,5 @@
 """Labelled graphs of training scenes: as they were scanned, and in the views of virtual scanners."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

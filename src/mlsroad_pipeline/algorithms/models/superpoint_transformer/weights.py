@@ -1,7 +1,5 @@
 """Weights of a trained network as arrays: their names, shapes and layout in use, without PyTorch."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise

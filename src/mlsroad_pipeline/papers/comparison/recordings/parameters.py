@@ -1,7 +1,5 @@
 """Parameters of the benchmark of recordings: files, classes, scanner, licence and test part of each."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

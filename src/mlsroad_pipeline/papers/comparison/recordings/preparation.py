@@ -1,7 +1,5 @@
 """Preparation of training scenes for each method, training on prepared scenes, and trained models as arrays."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence

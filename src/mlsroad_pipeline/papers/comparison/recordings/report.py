@@ -1,7 +1,5 @@
 """Benchmark of labellers on recordings as a study: report, summary, text table and pictures."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

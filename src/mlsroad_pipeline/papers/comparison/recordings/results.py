@@ -1,7 +1,5 @@
 """Tables of the benchmark of recordings."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

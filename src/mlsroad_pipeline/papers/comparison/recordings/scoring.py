@@ -1,7 +1,5 @@
 """Scoring of a model on a recording: confusion matrices, calibration and times."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime

@@ -1,7 +1,5 @@
 """Scenes of simulated streets, and labels that are ignored in training."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

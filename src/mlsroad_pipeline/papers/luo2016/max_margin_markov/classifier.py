@@ -3,8 +3,6 @@
 The score of a labelling is the sum of scores of sites, pairs and cliques, which functional gradient boosting learns.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor

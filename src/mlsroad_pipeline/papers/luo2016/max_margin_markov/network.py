@@ -1,7 +1,5 @@
 """Associative Markov network over patches: graph with features, boosted scores, and inference (Munoz et al. 2009)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self

@@ -1,7 +1,5 @@
 """Random forest on patches (Luo et al. 2016, section IV-C: ten trees of depth fifteen)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Self
 

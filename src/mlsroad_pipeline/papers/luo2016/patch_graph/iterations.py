@@ -1,7 +1,5 @@
 """Iterations of the 3-D patch match graph (Luo et al. 2016, section III-B.2)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

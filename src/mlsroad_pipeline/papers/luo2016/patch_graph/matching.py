@@ -1,7 +1,5 @@
 """3-D patch match graph with K matches from different scenes for each patch (Luo et al. 2016, section III-B)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ neither on the number of threads nor on the order of the nodes. Nodes are rows o
 start and end in the same index; in transfer, they start in the unlabelled scene.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

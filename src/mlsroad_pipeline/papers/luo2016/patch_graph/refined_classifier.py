@@ -1,7 +1,5 @@
 """Patch classifier refined by a Markov random field, whose parameters are chosen on held-out training scenes."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterator, Mapping
 from dataclasses import astuple, dataclass, replace

@@ -3,8 +3,6 @@
 Higher-order cliques are the patches of separate objects and of columns around masts (robust P^n Potts model).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product

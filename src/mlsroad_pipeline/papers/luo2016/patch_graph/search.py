@@ -1,7 +1,5 @@
 """Searches over all patches: exhaustive (Luo et al. 2016, section III-B.2), and by clusters of similar descriptors."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import ceil, sqrt
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Support vector machine with a Gaussian kernel on patches (Luo et al. 2016, section IV-C), and its training."""
 
-from __future__ import annotations
-
 import logging
 import warnings
 from collections.abc import Sequence

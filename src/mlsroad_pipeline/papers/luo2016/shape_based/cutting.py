@@ -1,7 +1,5 @@
 """Location, segmentation and features of objects (Golovinskiy, Kim and Funkhouser 2009, sections 4 to 6)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

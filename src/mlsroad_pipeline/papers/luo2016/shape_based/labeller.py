@@ -3,8 +3,6 @@
 Objects are located, segmented, described and classified by a random forest. Points of the ground have no label.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field

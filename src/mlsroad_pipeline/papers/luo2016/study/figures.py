@@ -1,7 +1,5 @@
 """Figures of the study of Luo et al. 2016, with the paper's values as diamonds."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scales, streets, settings and runs of the study of Luo et al. 2016, and their tasks."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Worker functions of the study of Luo et al. 2016: cut streets into patches, count objects, train and score."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any, TypedDict
 

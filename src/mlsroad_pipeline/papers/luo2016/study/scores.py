@@ -1,7 +1,5 @@
 """Tables of Luo et al. 2016, section IV, from confusion matrices: Table III, intervals, Figures 7 to 11."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

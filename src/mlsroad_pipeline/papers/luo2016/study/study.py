@@ -1,7 +1,5 @@
 """Study of Luo et al. 2016: tables from the results of its runs, and its page with the paper's results beside ours."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

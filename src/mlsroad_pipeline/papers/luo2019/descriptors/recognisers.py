@@ -1,7 +1,5 @@
 """Descriptors with a support vector machine, baselines of Luo et al. 2019."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -3,8 +3,6 @@
 Importing this module imports PyTorch.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise

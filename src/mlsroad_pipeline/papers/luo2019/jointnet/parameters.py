@@ -1,7 +1,5 @@
 """Parameters of JointNet: inputs, layers and training."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, Self

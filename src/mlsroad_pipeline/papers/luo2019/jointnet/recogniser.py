@@ -1,7 +1,5 @@
 """JointNet as an estimator."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict

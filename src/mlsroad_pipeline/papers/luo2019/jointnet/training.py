@@ -1,7 +1,5 @@
 """Training of JointNet: resumable, bitwise reproducible stochastic gradient descent."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import asdict
 from typing import Any

@@ -1,7 +1,5 @@
 """Parameters of PointNet, importable without PyTorch."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 

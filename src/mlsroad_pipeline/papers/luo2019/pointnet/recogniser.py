@@ -1,7 +1,5 @@
 """PointNet, a baseline of Luo et al. 2019: features of single points, and their maximum (Qi et al. 2017)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Self
 

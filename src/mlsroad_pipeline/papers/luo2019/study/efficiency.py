@@ -1,7 +1,5 @@
 """Size, memory and time of the networks of the study of Luo et al. 2019: Tables 1 and 4."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any

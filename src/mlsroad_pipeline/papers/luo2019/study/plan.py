@@ -1,7 +1,5 @@
 """Scales, disturbances, settings and runs of the study of Luo et al. 2019, and their tasks."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product

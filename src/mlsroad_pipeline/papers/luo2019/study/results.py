@@ -1,7 +1,5 @@
 """Tables of the study of Luo et al. 2019, made from the results of its runs."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Worker functions of the study of Luo et al. 2019: train recognisers, recognise disturbed objects."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping, Sequence
 from typing import Any, TypedDict

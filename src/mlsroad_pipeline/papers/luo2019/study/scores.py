@@ -1,7 +1,5 @@
 """Metrics of Luo et al. 2019, section 4, from class scores of objects."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

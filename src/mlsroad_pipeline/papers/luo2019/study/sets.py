@@ -1,7 +1,5 @@
 """Simulated sets of objects with the classes, imbalance and split of HDRObject9 and SMDObject6 (Luo et al. 2019)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Study of Luo et al. 2019: its plan, figures, and its page with the paper's results beside ours."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from itertools import product
 from pathlib import Path

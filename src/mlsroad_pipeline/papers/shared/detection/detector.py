@@ -1,7 +1,5 @@
 """Detection of objects by trained models: choice of the variant, and labelling from raw coordinates."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

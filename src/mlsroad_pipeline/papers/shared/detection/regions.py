@@ -1,7 +1,5 @@
 """Feature regions of objects and their structural-spectral descriptors (Yu et al. 2016, III-B and III-C)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

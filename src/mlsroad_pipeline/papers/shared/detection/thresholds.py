@@ -1,7 +1,5 @@
 """Score thresholds of detectors: choice on training objects, choice of queries, and detection."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

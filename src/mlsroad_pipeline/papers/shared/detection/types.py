@@ -1,7 +1,5 @@
 """Described objects and detections."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import TypedDict
 

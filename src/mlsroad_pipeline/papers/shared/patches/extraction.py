@@ -1,7 +1,5 @@
 """Octree patches with shape, colour and height descriptors (Luo et al. 2016, section III-A)."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Feature vectors of patches, and classifiers of single patches with one model per feature set (Luo et al. 2016)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self

@@ -4,8 +4,6 @@ A method provides a class with `fit`, `predict_proba`, `to_arrays` and `from_arr
 module and `models` provide the rest.
 """
 
-from __future__ import annotations
-
 import logging
 from typing import cast
 

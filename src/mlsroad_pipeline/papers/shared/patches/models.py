@@ -4,8 +4,6 @@ Functions of other modules of this package are run as tasks, whose fingerprints 
 table of methods, which reaches all methods, is read here alone.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

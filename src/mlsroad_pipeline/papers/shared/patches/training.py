@@ -1,7 +1,5 @@
 """Labelled patches of the training scenes, and models of classifiers that were trained on them."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass

@@ -1,7 +1,5 @@
 """Patches of a scene and their labels as stored arrays, and the protocol of patch classifiers."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NotRequired, Protocol, Self, TypedDict

@@ -1,7 +1,5 @@
 """Point labels by majority vote of the surrounding patches (Luo et al. 2016, equation 8)."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray

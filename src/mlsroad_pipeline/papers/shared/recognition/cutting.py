@@ -1,7 +1,5 @@
 """Extraction of objects from scenes, and selection of training objects."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Base classes of the baselines of Luo et al. 2019, which use shape alone; most are descriptors with an SVM."""
 
-from __future__ import annotations
-
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence

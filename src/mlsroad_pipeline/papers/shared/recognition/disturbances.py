@@ -3,8 +3,6 @@
 Levels refer to the normalised space of the paper: x, y in [-1, 1] and z in [0, 2] for objects of any size.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,8 +3,6 @@
 A method is imported when it is used; some import PyTorch.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict

@@ -1,7 +1,5 @@
 """Scores of recognised objects per split or fold."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Drawing functions of all studies: panels, grouped bars, lines and curves."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Parameters of a study with named scales, and changes of parameter dataclasses."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, ClassVar, Generic, TypeVar

@@ -1,7 +1,5 @@
 """Simulated streets of all studies, and timing of functions."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar

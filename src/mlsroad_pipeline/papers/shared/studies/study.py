@@ -1,7 +1,5 @@
 """Contents of a study: plan, stages of scene tasks, tables, figures and a page; and tables of several studies."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files

@@ -4,8 +4,6 @@ A model holds one forest for each combination of colour and intensity in the tra
 labelled by a forest trained without colour. Models are trained in `training`.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Mapping
 from typing import Literal

@@ -1,7 +1,5 @@
 """Fusion as a model: fitted on test set 1, applied to scenes that both methods have labelled."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, TypedDict

@@ -5,8 +5,6 @@ rest, in an order that preserves locality. The facet above a point is then one o
 point, and most points are rejected at the first test.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

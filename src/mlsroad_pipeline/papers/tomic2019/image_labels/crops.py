@@ -1,7 +1,5 @@
 """Random crops of labelled images for training."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

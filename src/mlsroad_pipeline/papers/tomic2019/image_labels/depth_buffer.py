@@ -1,7 +1,5 @@
 """Kernels of the depth buffer: discs, and gaps between them."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

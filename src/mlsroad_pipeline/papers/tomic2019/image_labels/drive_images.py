@@ -1,7 +1,5 @@
 """Images of the drives of a comparison: labels for training, and labelling of a scene through them."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass

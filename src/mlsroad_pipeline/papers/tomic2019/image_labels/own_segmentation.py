@@ -1,7 +1,5 @@
 """Models that label through images segmented elsewhere: masks in files, published weights, or ONNX models."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Pyramid Scene Parsing Network in PyTorch, with its backbones. Importing this module imports torch."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise

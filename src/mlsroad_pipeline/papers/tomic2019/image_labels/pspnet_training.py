@@ -1,7 +1,5 @@
 """Training of a PSPNet, and its optimiser Muon. Importing this module imports torch."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace

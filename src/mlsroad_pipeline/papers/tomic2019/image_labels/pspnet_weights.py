@@ -1,7 +1,5 @@
 """Weights of a PSPNet: plain arrays, and published PyTorch files. Importing this module imports torch."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TypeVar

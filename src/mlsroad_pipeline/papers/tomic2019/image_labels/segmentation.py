@@ -1,7 +1,5 @@
 """Segmentation of images of any size by a PSPNet, an ONNX model or masks. Importing this module imports torch."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol

@@ -1,7 +1,5 @@
 """Parameters of the image-based labeller and of its training, importable without torch."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field

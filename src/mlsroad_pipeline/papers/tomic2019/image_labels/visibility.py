@@ -1,7 +1,5 @@
 """Visibility of points from a camera: depth buffer of discs, and hidden point removal."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

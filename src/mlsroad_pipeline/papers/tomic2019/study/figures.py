@@ -1,7 +1,5 @@
 """Figures of the study of Tomic et al. 2019: F1 of all classes, and Figures 10 to 13 for the first survey."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scales, surveys, their division and the forests of the study of Tomic et al. 2019, and its tasks."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import cycle

@@ -1,7 +1,5 @@
 """Worker functions of the study of Tomic et al. 2019: simulate surveys, label them by both methods, fuse."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal

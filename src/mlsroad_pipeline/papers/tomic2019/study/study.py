@@ -1,7 +1,5 @@
 """Study of Tomic et al. 2019: tables from the results of its tasks, and its page beside the paper's results."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, cast
 

@@ -3,8 +3,6 @@
 After Patterson et al. 2008 (ECCV); `docs/methods/detection_baselines.md` lists the assumptions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Self

@@ -1,7 +1,5 @@
 """Surfaces of objects: oriented points, their spin images and Gaussian images."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Kernels of the Hough forest: growth of trees on classes and offsets, and voting."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

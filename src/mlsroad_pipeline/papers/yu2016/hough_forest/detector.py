@@ -4,8 +4,6 @@ After Wang et al. 2015 (JSTARS 8(4)) and Gall and Lempitsky 2009; assumptions:
 `docs/methods/detection_baselines.md`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Self

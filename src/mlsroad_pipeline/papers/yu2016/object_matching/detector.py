@@ -3,8 +3,6 @@
 After Yu et al. 2015 (GRSL 12(3)); `docs/methods/detection_baselines.md` lists the assumptions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Parameters of the study of Yu et al. 2016: scales, surveys, settings of Figure 12, and keys of the stores."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any

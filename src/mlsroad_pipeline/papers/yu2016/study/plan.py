@@ -1,7 +1,5 @@
 """Plan of the study of Yu et al. 2016 and its tasks."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple

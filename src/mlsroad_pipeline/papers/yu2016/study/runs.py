@@ -1,7 +1,5 @@
 """Worker functions of the study of Yu et al. 2016: segment streets, describe objects, train detectors and detect."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any, TypedDict, cast

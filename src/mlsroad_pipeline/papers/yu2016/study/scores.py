@@ -1,7 +1,5 @@
 """Tables and figures of Yu et al. 2016, section V, from counted detections: Tables II to V, Figures 11 and 12."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Simulated streets of the study of Yu et al. 2016, and their reference objects."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -6,8 +6,6 @@ distance are summed for a whole cell in vector registers. Cells whose box is too
 with a small enough partial sum are compared in full.
 """
 
-from __future__ import annotations
-
 from itertools import combinations, permutations
 from typing import NamedTuple
 

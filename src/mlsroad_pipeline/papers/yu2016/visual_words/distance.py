@@ -6,8 +6,6 @@ the sum by the bounding box of their sorted features. Cells that cannot contain 
 equals that of an exhaustive search.
 """
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Profiles of objects: distribution of voxels over height, distance from the axis, local shape and intensity."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray

@@ -1,7 +1,5 @@
 """Vocabulary with a detector, and its training (Yu et al. 2016, sections III to V)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field

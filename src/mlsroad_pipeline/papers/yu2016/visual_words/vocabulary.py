@@ -5,8 +5,6 @@ a matrix is first divided: a sample is clustered into a few parts, every member 
 each part receives its share of the words.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

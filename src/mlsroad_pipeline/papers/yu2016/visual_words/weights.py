@@ -1,7 +1,5 @@
 """Weights of queries for and against a class: support vector machines whose kernel is the similarity."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

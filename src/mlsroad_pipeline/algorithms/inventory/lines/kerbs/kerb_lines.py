@@ -1,7 +1,5 @@
 """Kerbs of a survey: the steps of each scene, and lines through those of all scenes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

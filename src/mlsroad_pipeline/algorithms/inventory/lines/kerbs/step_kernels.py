@@ -1,7 +1,5 @@
 """Cells of the ground, and kernels that fit a plane with a jump around each, see `steps`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

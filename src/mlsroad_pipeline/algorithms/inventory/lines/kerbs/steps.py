@@ -1,7 +1,5 @@
 """Steps in the ground: a plane with a jump, fitted around each cell."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

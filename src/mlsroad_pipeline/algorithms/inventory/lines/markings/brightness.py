@@ -1,7 +1,5 @@
 """Cells of the road, their brightness against the road around them, and the scanner passes of its points."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Bright stripes of the road: a stripe between two darker bands, fitted around each bright cell."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

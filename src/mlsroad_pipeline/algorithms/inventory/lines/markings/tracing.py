@@ -1,7 +1,5 @@
 """Lines through bright stripes."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
