@@ -5,7 +5,7 @@
 
 `--record` replaces the scores of the recordings in the registry of the package and in the cards by those of
 `kedro run --env=recordings --params=recordings_study.protocol=shipped`. `--predictions` writes a part of a simulated
-street with the labels of each model for the tests (FOLDER is tests/datasets/models/predictions).
+street with the labels of each model for the tests (FOLDER is tests/model_store/predictions).
 """
 
 from __future__ import annotations

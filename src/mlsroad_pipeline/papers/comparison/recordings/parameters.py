@@ -28,8 +28,9 @@ class StudyParameters:
     street_weight: float  # Weight of all simulated streets together, for methods that weigh sources; a recording has 1
     scheme: str  # Class scheme of training and scoring. Its class ``other`` is counted, but no part of means.
     # Models of the package to score. ``pool`` has the other protocols too: with trees of the protocol and the network
-    # of the package, which was trained on simulated streets alone.
+    # of the package.
     models: Sequence[str]
+    seen: Sequence[str]  # Recordings that this network learned from; there ``pool`` has the protocol ``shipped`` alone
     method: str | None  # Method or model to run alone; None runs all labellers that need no images
     source: str | None  # Recording to score alone; None scores all
     # Protocol to run alone: ``shipped``, ``simulated``, ``others``, ``own`` or ``own_and_simulated``; None runs all

@@ -94,7 +94,8 @@ class StudyPlan:
             for method, protocols in every.items()
             for protocol in protocols
             for source in self.sources
-            if chosen.method in (None, method)
+            if (method != POOL or protocol == SHIPPED or source not in chosen.seen)
+            and chosen.method in (None, method)
             and chosen.protocol in (None, protocol)
             and chosen.source in (None, source)
         ]
