@@ -27,8 +27,8 @@ CAPTIONS = {"mean_iou": "Mean IoU of each run by recording"}
 NOTE = (
     "Means are over the classes that the recording has, without the class other. Runs whose training data hold a part "
     "of the recording (own, own_and_simulated) are scored on its test part, the others on all points. The pool has "
-    "trees of the protocol and, in all protocols, the network of the package; recordings that this network learned from "
-    "are scored with the shipped model alone."
+    "trees of the protocol and, in all protocols, the network of the package. Recordings that this network has "
+    "learned from are scored with the shipped model alone."
 )
 _FIGURES = {
     "overall_accuracy": "overall accuracy",
