@@ -16,7 +16,7 @@ from _common import markdown, parser
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.pool.familiarity import FAMILIAR, KINDS, changes, kind_probabilities, trust
+from mlsroad_pipeline.algorithms.models.familiarity import FAMILIAR, KINDS, changes, kind_probabilities, trust
 from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.algorithms.models.pool.familiarity import KINDS
+from mlsroad_pipeline.algorithms.models.familiarity import KINDS
 from mlsroad_pipeline.label.confidence import (
     confidence_table,
     confidence_warnings,

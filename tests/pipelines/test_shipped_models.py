@@ -46,9 +46,10 @@ def test_the_object_classifier_is_read_and_scores_candidates(store, monkeypatch)
         assert len(values) == len(true)
         probability = classifier.probabilities(kind, values)
         assert ((probability >= 0) & (probability <= 1)).all()
-    trees = replay["tree"]
-    score = classifier.probabilities("tree", trees.values)[:, 0]
-    assert score[trees.true].mean() > score[~trees.true].mean()
+    # The kind with most true and false candidates: few of a tiny street are too few to split.
+    kind = max(KINDS, key=lambda name: min(replay[name].true.sum(), (~replay[name].true).sum()))
+    score, true = classifier.probabilities(kind, replay[kind].values)[:, 0], replay[kind].true
+    assert score[true].mean() > score[~true].mean()
     card = (folder / CARD).read_text(encoding="utf-8")
     assert "Trained on 2 simulated streets of 2 kinds" in card
     assert "`kedro run --env=general --pipelines=object_classifier`" in card and "| as labelled | tree |" in card

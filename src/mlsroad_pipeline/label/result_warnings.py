@@ -9,8 +9,8 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import ground_classes
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
+from mlsroad_pipeline.algorithms.models.familiarity import KINDS
 from mlsroad_pipeline.algorithms.models.methods import needs_images
-from mlsroad_pipeline.algorithms.models.pool.familiarity import KINDS
 from mlsroad_pipeline.algorithms.quality.scene_facts import median_facts, scene_facts, unusual_facts
 from mlsroad_pipeline.algorithms.scenes.joining import join_pieces
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters, OutlierParameters

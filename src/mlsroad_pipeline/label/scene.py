@@ -29,8 +29,8 @@ from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import Obje
 from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.objects.sightings import sightings_of_scene
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
+from mlsroad_pipeline.algorithms.models.familiarity import kind_probabilities, trust
 from mlsroad_pipeline.algorithms.models.labelling import Labeller, SoftLabels, label_softly
-from mlsroad_pipeline.algorithms.models.pool.familiarity import kind_probabilities, trust
 from mlsroad_pipeline.algorithms.scenes.joining import SceneSpan, join_pieces
 from mlsroad_pipeline.algorithms.scenes.parameters import OutlierParameters
 from mlsroad_pipeline.algorithms.stages import find_ground, inliers

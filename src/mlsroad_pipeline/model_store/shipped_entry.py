@@ -9,7 +9,7 @@ import pandas as pd
 from mlsroad_pipeline import __version__
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.pool.familiarity import familiarity_of
+from mlsroad_pipeline.algorithms.models.familiarity import familiarity_of
 from mlsroad_pipeline.algorithms.models.pool.labeller import NETWORK, TREES, pool_bundle
 from mlsroad_pipeline.algorithms.models.pool.labeller import SLUG as POOL
 from mlsroad_pipeline.model_store.shipped_models import ModelScores, ShippedModel

@@ -20,8 +20,8 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import (
 from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG, BoostedTreesParameters
 from mlsroad_pipeline.algorithms.models.boosted_trees.sampling import coarse_training_voxels, join_voxels
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.familiarity import facts_of_changes, with_familiarity
 from mlsroad_pipeline.algorithms.models.methods import METHODS
-from mlsroad_pipeline.algorithms.models.pool.familiarity import facts_of_changes, with_familiarity
 from mlsroad_pipeline.algorithms.models.pool.recorded_graphs import recorded_graphs
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import SLUG as NETWORK
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import SuperpointTransformerParameters

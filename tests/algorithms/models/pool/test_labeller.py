@@ -118,6 +118,9 @@ def test_other_trees_keep_network_and_weights():
     assert list(members_of(changed)) == [TREES, NETWORK] and members_of(changed)[NETWORK].slug == THIRDS
     assert changed.metadata["weights"] == {TREES: 0.7, NETWORK: 0.3}
     assert changed.metadata["trained_on"] == {"survey": "own"}
+    arrays, told = {**bundle.arrays, "familiarity/leaf": np.ones(2)}, {**bundle.metadata, "familiarity": {"kinds": []}}
+    carried = with_trees(dataclasses.replace(bundle, arrays=arrays, metadata=told), member(HALVES))
+    assert carried.metadata["familiarity"] == {"kinds": []} and "familiarity/leaf" in carried.arrays
 
 
 def test_members_that_do_not_fit_are_refused(cloud, planted):

@@ -26,6 +26,7 @@ from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import (
 )
 from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import describe_scene, softmax
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
+from mlsroad_pipeline.algorithms.models.familiarity import familiarity_of
 from mlsroad_pipeline.algorithms.models.labelling import SoftLabels, label_softly, labels_of_rows, stored_member
 from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees
 from mlsroad_pipeline.algorithms.models.machines.combinations import decide, rank_pairs
@@ -130,7 +131,7 @@ def _with_trees(
         "members": {BASE: {**base.metadata, "slug": base.slug}},
         "learned": list(learned),
     }
-    return ModelBundle(SLUG, arrays, metadata)
+    return familiarity_of(base, ModelBundle(SLUG, arrays, metadata))
 
 
 def labeller_of(bundle: ModelBundle) -> ModelBundle:

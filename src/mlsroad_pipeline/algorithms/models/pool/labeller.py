@@ -18,6 +18,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.labels import unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
+from mlsroad_pipeline.algorithms.models.familiarity import familiarity_of
 from mlsroad_pipeline.algorithms.models.labelling import SoftLabels, label_softly, labels_of_rows, stored_member
 from mlsroad_pipeline.algorithms.models.machines.combinations import decide, largest_of_rows, rank_pairs
 
@@ -156,7 +157,7 @@ def pool_bundle(members: Mapping[str, ModelBundle], weights: Mapping[str, float]
 
 def with_trees(bundle: ModelBundle, trees: ModelBundle) -> ModelBundle:
     """Return a pool of trees and a network with other trees."""
-    pool = pool_bundle({**members_of(bundle), TREES: trees}, bundle.metadata["weights"])
+    pool = familiarity_of(bundle, pool_bundle({**members_of(bundle), TREES: trees}, bundle.metadata["weights"]))
     weights = bundle.metadata.get(METADATA)
     return pool if weights is None else with_ground_colour(pool, weights)
 

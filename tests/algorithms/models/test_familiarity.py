@@ -6,9 +6,9 @@ import pytest
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
+from mlsroad_pipeline.algorithms.models import familiarity
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.pool import familiarity
-from mlsroad_pipeline.algorithms.models.pool.familiarity import (
+from mlsroad_pipeline.algorithms.models.familiarity import (
     FACTS,
     FAMILIAR,
     KINDS,
