@@ -23,7 +23,7 @@ FOLDERS = REPOSITORY / "tests/helpers/methods"
 def line_of_the_page():
     """Return the line that the page adds to the table, for the toy method in place of the example."""
     [block] = [code for code in re.findall(r"```python\n(.*?)```", PAGE, re.S) if code.startswith("Method(")]
-    [method] = eval(block.replace("my_forest", "toy").replace("MyForest", "Toy"), {"Method": Method})
+    method: Method = eval(block.replace("my_forest", "toy").replace("MyForest", "Toy"), {"Method": Method})
     return method
 
 
