@@ -30,8 +30,7 @@ class ShippedParameters:
     recorded_scheme: str = "common"
     weight: float = 3.0  # Weight of all simulated streets together; that of a recording is 1
     recorded_per_class: int = 3000  # Maximum training samples per class and scene of a recording
-    # Weight of the network in the pool with the trees, 0 to 1. Larger follows the network more, which did not learn
-    # from recordings.
+    # Weight of the network in the pool with the trees, 0 to 1. Larger follows the network more.
     network_weight: float = 0.5
     # Streets that train the object classifier, as in `simulation.surveys`
     classifier_streets: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)

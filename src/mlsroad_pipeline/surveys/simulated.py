@@ -208,12 +208,15 @@ class _PointFiles:
         for number, part in self._parts(cloud):
             if number != self._current:
                 self._open(number, part)
-            if self._files.range_image is not None:  # it keeps some points of a scan
-                passed, seconds = self._pieces.pass_of(part["gps_time"][[0, -1]])
-                pose = self._pieces.sensor_pose(int(passed[0]), float(seconds.mean()), self._parameters.devices[0])
-                part = part.select(self._files.range_image.kept((part.xyz - pose[:3, 3]) @ pose[:3, :3]))  # noqa: PLW2901
+            written = part if self._files.range_image is None else self._thinned(part, self._files.range_image)
             assert self._writer is not None
-            self._writer.write(pack_records(part, self._writer.header))
+            self._writer.write(pack_records(written, self._writer.header))
+
+    def _thinned(self, cloud: PointCloud, image: RangeImage) -> PointCloud:
+        """Return the points of a scan that its range image keeps."""
+        passed, seconds = self._pieces.pass_of(cloud["gps_time"][[0, -1]])
+        pose = self._pieces.sensor_pose(int(passed[0]), float(seconds.mean()), self._parameters.devices[0])
+        return cloud.select(image.kept((cloud.xyz - pose[:3, 3]) @ pose[:3, :3]))
 
     def _parts(self, cloud: PointCloud) -> Iterator[tuple[int, PointCloud]]:
         length = self._files.file_length

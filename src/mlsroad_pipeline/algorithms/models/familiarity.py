@@ -29,7 +29,7 @@ KINDS = {
     "no ground": "it has no ground: heights and all classes near the ground are wrong without it",
     "low": "it ends little above the ground: the heights of objects are missing",
     "no lower part": "the lowest metres are missing",
-    "scale": "its unit may not be the metre: set it by `--units`",
+    "scale": "its unit may not be the metre: set label.read.units",
     "squeezed": "heights and distances do not fit each other: check the unit of the heights",
     "turned": "its third coordinate may not be the height, or points down",
     "from above": "it shows surfaces from above, as an airborne scan does: sides of objects are missing",

@@ -47,6 +47,13 @@ def test_every_labeller_that_needs_no_images_is_run_on_every_recording_by_every_
     assert [Run.parse(run.key) for run in runs] == runs
 
 
+def test_recordings_that_the_network_learned_from_have_the_shipped_pool_alone(plan):
+    runs = plan(seen=["first"]).runs()
+    assert {run.protocol for run in runs if (run.method, run.source) == ("pool", "first")} == {SHIPPED}
+    assert {run.protocol for run in runs if (run.method, run.source) == ("pool", "second")} == set(PROTOCOLS)
+    assert len(runs) == len(plan().runs()) - (len(PROTOCOLS) - 1)
+
+
 def test_one_method_recording_and_protocol_can_be_asked_for(plan):
     chosen = plan(method="patch_svm", source="blocks", protocol="own")
     assert chosen.runs() == [Run("patch_svm", "own", "blocks")]
