@@ -21,7 +21,8 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.papers.tomic2019.image_labels.onnx_network import OnnxNetwork
 from mlsroad_pipeline.papers.tomic2019.image_labels.pspnet_weights import load_published
 from mlsroad_pipeline.surveys.camera_files import read_images
-from mlsroad_pipeline.surveys.masks import MaskLegend, read_class_map, read_mask
+from mlsroad_pipeline.surveys.class_map_files import read_class_map
+from mlsroad_pipeline.surveys.masks import MaskLegend, read_mask
 
 N_CASES = int(os.environ.get("MLSROAD_FUZZ", "30"))
 

@@ -13,8 +13,9 @@ from PIL import Image as Picture
 from mlsroad_pipeline.algorithms.cameras.camera import Camera
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError, ParameterError, ReadError
+from mlsroad_pipeline.surveys.class_map_files import read_class_map
 from mlsroad_pipeline.surveys.images import PosedImage, SurveyImages
-from mlsroad_pipeline.surveys.masks import MaskLegend, masks_of_passes, read_class_map, read_mask
+from mlsroad_pipeline.surveys.masks import MaskLegend, masks_of_passes, read_mask
 
 CAMERA = Camera([[5.0, 0, 2], [0, 5.0, 1.5], [0, 0, 1]], None, np.eye(3), np.zeros(3), 5, 4)
 NUMBERS = np.array([[0, 13, 5, 255, 10]] * 4, dtype=np.uint8)
@@ -217,7 +218,7 @@ def test_class_maps_are_read_from_csv_and_yaml(tmp_path, scheme):
         ("a.yml", "0: road\n1: car\n0: tree\n", r"a\.yml: class number 0 is repeated"),
         ("a.yml", "1: road\n0x1: tree\n", r"a\.yml: class number 1 is repeated"),
         ("a.csv", "number,class\n0,road\n0,tree\n", r"a\.csv: class number 0 is repeated"),
-        ("a.txt", "", r"name cityscapes, scheme, or a file"),
+        ("a.txt", "", r"name asprs, cityscapes, mlsroad, scheme, or a file"),
     ],
 )
 def test_class_maps_that_are_wrong_are_named(tmp_path, scheme, name, text, told):

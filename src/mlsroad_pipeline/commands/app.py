@@ -11,7 +11,7 @@ import typer
 from mlsroad_pipeline import __version__
 from mlsroad_pipeline.commands.corrections import corrections
 from mlsroad_pipeline.commands.inspect import inspect
-from mlsroad_pipeline.commands.label import label
+from mlsroad_pipeline.commands.label import inventory, label
 from mlsroad_pipeline.commands.learn import learn
 from mlsroad_pipeline.commands.models import models
 from mlsroad_pipeline.commands.open_results import open_results
@@ -25,7 +25,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["--help", "-h"]},
 )
-for command in (label, learn, inspect, simulate, models, score):
+for command in (label, inventory, learn, inspect, simulate, models, score):
     app.command()(command)
 app.command("open")(open_results)
 app.add_typer(corrections, name="corrections")

@@ -46,6 +46,28 @@ STAGES = {
 }
 """Stage to its description and its share of the time on two cores, from a survey of 5 million points."""
 
+Crs = Annotated[str | None, typer.Option(metavar="EPSG:...", help="Coordinate system of the survey.")]
+Export = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--export",
+        metavar="FORMAT",
+        help="Also write the inventory as csv, geojson, flatgeobuf, shapefile or dxf; may be repeated, or a list "
+        "separated by commas.",
+    ),
+]
+KeepClasses = Annotated[bool, typer.Option("--keep-classes", help="Keep the classes of the input; label the others.")]
+ClassMap = Annotated[
+    str | None,
+    typer.Option("--class-map", metavar="MAP", help="Meaning of these classes: asprs, semantickitti, ..., or a file."),
+]
+Overwrite = Annotated[
+    bool, typer.Option("--overwrite", help="Replace results of another survey or other settings, and edited ones.")
+]
+
+GIVEN_LABELS = "given_labels"
+"""Method that takes the given classes alone."""
+
 REPEATED = "repeat_label_summary"
 """Node that runs in place of all others where the results of the same run are there and unchanged."""
 
@@ -62,23 +84,24 @@ def label(  # typer reads the options from the signature
     model: Annotated[
         str | None, typer.Option(help="Shipped model by name, or version or alias of a registered one.")
     ] = None,
-    crs: Annotated[str | None, typer.Option(metavar="EPSG:...", help="Coordinate system of the survey.")] = None,
+    crs: Crs = None,
     copc: Annotated[bool, typer.Option("--copc", help="Also write a cloud-optimised copy (.copc.laz).")] = False,
-    export: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--export",
-            metavar="FORMAT",
-            help="Also write the inventory as csv, geojson, flatgeobuf, shapefile or dxf; may be repeated, or a list "
-            "separated by commas.",
-        ),
-    ] = None,
+    export: Export = None,
     photos: Annotated[
         bool, typer.Option("--photos", help="Also write a photo of each object that images beside the points show.")
     ] = False,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace results of another survey or other settings, and edited ones.")
-    ] = False,
+    keep_classes: KeepClasses = False,
+    keep: Annotated[
+        str | None, typer.Option("--keep", metavar="CODES", help="Keep these class numbers alone, such as 2,6,7.")
+    ] = None,
+    class_map: ClassMap = None,
+    labels: Annotated[
+        str | None, typer.Option("--labels", metavar="FOLDER", help="Take predictions in files with the clouds' names.")
+    ] = None,
+    labels_map: Annotated[
+        str | None, typer.Option("--labels-map", metavar="MAP", help="Class map of these predictions.")
+    ] = None,
+    overwrite: Overwrite = False,
     params: Params = None,
     workers: Workers = None,
     verbose: Verbose = False,
@@ -88,10 +111,47 @@ def label(  # typer reads the options from the signature
     Writes every point with a classification and a confidence as LAZ, the objects as GeoPackage and GeoParquet, and a
     report. A killed run continues with the same command.
     """
-    begin = time.perf_counter()
     options: dict[str, Any] = {"method": method, "model": model, "crs": crs, "copc": copc or None}
     options |= {"export": export or None, "photos": photos or None, "overwrite": overwrite or None}
+    folder = None if labels is None else literal(expanded([labels])[0])
+    given = {"keep_classes": keep_classes or None, "keep": keep, "labels": folder, "labels_classes": labels_map}
+    options["given"] = given | {"classes": class_map}
+    label_files(files, output, options, params=params, workers=workers, verbose=verbose)
+
+
+def inventory(
+    files: Surveys,
+    output: Output = None,
+    class_map: ClassMap = None,
+    crs: Crs = None,
+    export: Export = None,
+    overwrite: Overwrite = False,
+    params: Params = None,
+    workers: Workers = None,
+    verbose: Verbose = False,
+) -> None:
+    """Map the poles, signs, vehicles, trees and lines of point clouds that are classified already.
+
+    Writes what `label` writes. No model labels: points without a class stay without one.
+    """
+    options: dict[str, Any] = {"method": GIVEN_LABELS, "crs": crs, "export": export or None}
+    options |= {"overwrite": overwrite or None, "given": {"keep_classes": True, "classes": class_map}}
+    label_files(files, output, options, params=params, workers=workers, verbose=verbose)
+
+
+def label_files(
+    files: Sequence[str],
+    output: str | None,
+    options: Mapping[str, Any],
+    *,
+    params: Sequence[str] | None,
+    workers: int | None,
+    verbose: bool,
+) -> None:
+    """Run `label` with parameters, of which those that are None have their defaults, and print the summary."""
+    begin = time.perf_counter()
     chosen = {name: value for name, value in options.items() if value is not None}
+    chosen["given"] = {name: value for name, value in options["given"].items() if value is not None}
     changed = nested(params or [], given={"label.survey": "FILE", "label.output": "--output"})
     with one_line_errors(verbose=verbose):
         places = expanded(files)
@@ -158,6 +218,8 @@ def _main_exports(paths: Sequence[str], output: str) -> list[str]:
 def _model(summary: Mapping[str, Any]) -> str:
     """Return the name and the method of the model, with the version of a registered one."""
     model = summary["model"]
+    if summary["method"] == GIVEN_LABELS:
+        return "the given classes"
     if not isinstance(model, Mapping):
         return f"a model of {summary['method']}"
     version = f" version {model['version']}" if "run_id" in model else ""

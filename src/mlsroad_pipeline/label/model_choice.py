@@ -11,6 +11,7 @@ from typing import Any
 from mlsroad_pipeline.algorithms.core.classes import find_scheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.given_labels import SLUG as GIVEN_LABELS
 from mlsroad_pipeline.algorithms.models.labelling import method_of
 from mlsroad_pipeline.algorithms.models.methods import METHODS, trained_methods
 from mlsroad_pipeline.model_store.bundle_files import load_bundle
@@ -187,6 +188,8 @@ class ModelRequest:
 
     def bundle(self) -> tuple[ModelBundle, str]:
         """Return the model and a line for the log."""
+        if self.own is not None and self.own.slug == GIVEN_LABELS:
+            return self.own, "Labelling with the given classes alone (label.given)"
         if self.own is not None:
             source = self.own.metadata["segmentation"]["name"]
             return self.own, f"Labelling with image_labels ({source}): image_labels.masks or .weights names it"

@@ -33,8 +33,16 @@ from mlsroad_pipeline.algorithms.models.familiarity import kind_probabilities, t
 from mlsroad_pipeline.algorithms.models.labelling import Labeller, SoftLabels, label_softly
 from mlsroad_pipeline.algorithms.scenes.joining import SceneSpan, join_pieces
 from mlsroad_pipeline.algorithms.scenes.parameters import OutlierParameters
-from mlsroad_pipeline.algorithms.stages import find_ground, inliers
+from mlsroad_pipeline.algorithms.stages import inliers
 from mlsroad_pipeline.label.confidence import count_confidences
+from mlsroad_pipeline.label.given_classes import (
+    GivenClasses,
+    contradictions,
+    ground_of_scene,
+    kept_codes,
+    labels_with_given,
+    with_given,
+)
 from mlsroad_pipeline.model_store.object_classifiers import classifier_of
 
 VOXEL = 0.1
@@ -82,13 +90,14 @@ class LabelSettings:
     kerbs: StepLimits | None = None  # Limits of a kerb's step; None finds no kerbs
     # Least contrast of a marking, standard deviations of the road; None finds no markings
     least_contrast: float | None = None
+    given: GivenClasses | None = None  # Class maps of the classes that the survey comes with
 
 
 class CoreLabels(TypedDict):
     """Labels of the points in the core of a scene, ordered by file and row.
 
     `label` is the class of the model; the number of classes stands for no class, and one more for an outlier. `part` is
-    the object as in `SceneObjects`.
+    the object as in `SceneObjects`, `kept` the class number of a point that keeps its class, else 0.
     """
 
     file: NDArray[np.integer]
@@ -96,6 +105,7 @@ class CoreLabels(TypedDict):
     label: NDArray[np.uint8]
     confidence: NDArray[np.float32]
     part: NDArray[np.int32]
+    kept: NotRequired[NDArray[np.uint8]]
 
 
 class FileSpans(TypedDict):
@@ -107,13 +117,14 @@ class FileSpans(TypedDict):
 class LabelCounts(TypedDict):
     """Point counts of a scene: per class and unlabelled, per class and confidence bin, in an image.
 
-    `kinds` are the probabilities of the kinds of scenes, for models that can tell.
+    `kinds` are the probabilities of the kinds of scenes, for models that can tell; `given` as of `contradictions`.
     """
 
     counts: NDArray[np.int64]
     confidences: NDArray[np.int64]
     kinds: NotRequired[NDArray[np.float64]]
     seen: NotRequired[NDArray[np.int64]]
+    given: NotRequired[NDArray[np.int64]]
 
 
 class LabelledScene(TypedDict):
@@ -146,12 +157,15 @@ def label_new_scene(
 ) -> LabelledScene:
     """Label the points of a scene and extract the objects; ground parameters of the model take precedence."""
     trained = bundle.metadata.get("parameters", {}).get("ground")
-    ground = find_ground(scene, settings.ground if trained is None else GroundParameters(**trained))
+    scheme = bundle_scheme(bundle)
+    scene = with_given(scene, settings.given, scheme)
+    ground = ground_of_scene(scene, settings.ground if trained is None else GroundParameters(**trained))
     soft = label_softly(bundle, scene.with_columns(**ground), labeller=labeller)
     kinds = kind_probabilities(bundle, scene)
     soft = soft._replace(confidence=soft.confidence * np.float32(trust(kinds)))
+    soft = labels_with_given(soft, scene, settings.given, scheme)
     scene, ground, soft = _without_context(scene, ground, soft)
-    label, height, core, scheme = soft.labels, ground["height"], scene["core"], bundle_scheme(bundle)
+    label, height, core = soft.labels, ground["height"], scene["core"]
     evidence = evidence_of_soft_labels(*soft, scheme=scheme)
     classifier = classifier_of(bundle) if settings.classifier else None
     extracted = _objects(scene, soft, evidence, settings.rules, classifier, height=height, name=name)
@@ -159,7 +173,7 @@ def label_new_scene(
     return {
         "labels": _core_labels(scene, soft, extracted.part, n_classes),
         "spans": _spans(scene["file"][core], scene["row"][core]),
-        "counts": _counts(label[core], soft.confidence[core], n_classes, kinds),
+        "counts": _counts(label[core], soft.confidence[core], n_classes, kinds, contradictions(scene, height)),
         "objects": extracted.objects,
         "fragments": extracted.fragments,
         "evidence": extracted.evidence,
@@ -176,23 +190,33 @@ def _core_labels(scene: PointCloud, soft: SoftLabels, part: NDArray[np.int32], n
     core = scene["core"]
     label = np.where(soft.labels < 0, n_classes, soft.labels).astype(np.uint8)
     label[~inliers(scene)] = n_classes + 1
-    return {
+    kept = kept_codes(scene)
+    labels: CoreLabels = {
         "file": scene["file"][core],
         "row": scene["row"][core],
         "label": label[core],
         "confidence": soft.confidence[core],
         "part": part,
     }
+    return labels if kept is None else {**labels, "kept": kept[core]}
 
 
 def _counts(
-    label: NDArray[np.int16], confidence: NDArray[np.float32], n_classes: int, kinds: NDArray[np.float64] | None
+    label: NDArray[np.int16],
+    confidence: NDArray[np.float32],
+    n_classes: int,
+    kinds: NDArray[np.float64] | None,
+    given: NDArray[np.int64] | None,
 ) -> LabelCounts:
     counts: LabelCounts = {
         "counts": np.bincount(np.where(label < 0, n_classes, label), minlength=n_classes + 1),
         "confidences": count_confidences(label, confidence, n_classes),
     }
-    return counts if kinds is None else {**counts, "kinds": kinds}
+    if kinds is not None:
+        counts["kinds"] = kinds
+    if given is not None:
+        counts["given"] = given
+    return counts
 
 
 def _without_context(scene: PointCloud, ground: Ground, soft: SoftLabels) -> tuple[PointCloud, Ground, SoftLabels]:

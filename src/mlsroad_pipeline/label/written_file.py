@@ -18,6 +18,7 @@ from mlsroad_pipeline.formats.labelled_names import PointLabels
 from mlsroad_pipeline.formats.las.copc import copc_path, write_copc
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.ply.coloured_ply import coloured_path, write_coloured_ply
+from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.label.confidence import N_BINS, count_confidences
 from mlsroad_pipeline.label.scene import LabelCounts
 from mlsroad_pipeline.label.writer import write_labelled
@@ -74,7 +75,7 @@ class SceneLabels:
     """Labels of a file by row, loaded from the scenes that hold its points, and their counts.
 
     Withheld points are in no scene: their confidence is NaN. A point has the class of its object. Where that differs
-    from its label, its confidence is the score of the object.
+    from its label, its confidence is the score of the object. Kept points of LAS files have their codes of before.
     """
 
     def __init__(
@@ -87,7 +88,9 @@ class SceneLabels:
         codes: NDArray[np.uint8],
         numbers: Mapping[str, NDArray[np.uint32]],
         classes: ObjectClasses,
+        keeps_codes: bool = False,
     ) -> None:
+        self._keeps_codes = keeps_codes
         self._scenes = list(scenes)
         self._rows = rows
         self._file = file
@@ -104,7 +107,8 @@ class SceneLabels:
             handle = self._scenes[number]
             stored = handle.load()
             own = slice(*np.searchsorted(stored["file"], [self._file, self._file + 1]))
-            labels = {key: stored[key][own] for key in ("row", "label", "confidence")}
+            labels = {key: stored[key][own] for key in ("row", "label", "confidence", "kept") if key in stored}
+            labels.setdefault("kept", np.zeros(len(labels["row"]), dtype=np.uint8))
             self._loaded[number] = labels | self._of_objects(labels, self._numbers[handle.key][stored["part"][own]])
             while len(self._loaded) > SCENES_IN_MEMORY:
                 self._loaded.popitem(last=False)
@@ -114,7 +118,8 @@ class SceneLabels:
     def _of_objects(self, labels: Mapping[str, NDArray], object_id: NDArray[np.uint32]) -> dict[str, NDArray]:
         """Return the labels with the classes of the objects."""
         label, confidence = labels["label"].copy(), labels["confidence"].copy()
-        changed = np.flatnonzero((object_id > 0) & (self._classes["label"][object_id] != label))
+        differs = (object_id > 0) & (self._classes["label"][object_id] != label)
+        changed = np.flatnonzero(differs & (labels["kept"] == 0))
         label[changed] = self._classes["label"][object_id[changed]]
         confidence[changed] = self._classes["score"][object_id[changed]]
         return {"label": label, "confidence": confidence, "object_id": object_id}
@@ -124,6 +129,7 @@ class SceneLabels:
         label = np.zeros(stop - start, dtype=np.uint8)
         confidence = np.full(stop - start, np.nan, dtype=np.float32)
         object_id = np.zeros(stop - start, dtype=np.uint32)
+        kept = np.zeros(stop - start, dtype=np.uint8)
         for number in np.flatnonzero((self._rows[:, 0] < stop) & (self._rows[:, 1] >= start)):
             scene = self._open(int(number))
             part = slice(*np.searchsorted(scene["row"], [start, stop]))
@@ -131,9 +137,11 @@ class SceneLabels:
             label[rows] = scene["label"][part]
             confidence[rows] = scene["confidence"][part]
             object_id[rows] = scene["object_id"][part]
+            kept[rows] = scene["kept"][part]
         labelled = np.isfinite(confidence)
         self._count(label[labelled], confidence[labelled])
-        return PointLabels(self._codes[label], confidence, object_id)
+        codes = self._codes[label]
+        return PointLabels(np.where(kept > 0, kept, codes) if self._keeps_codes else codes, confidence, object_id)
 
     def _count(self, label: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
         known = np.where(label < self._n_classes, label.astype(np.int32), -1)
@@ -171,7 +179,10 @@ def write_file(
     """Write a file of a survey with the labels of its points, and move the results to their places."""
     run.check_input(path)
     staged = str(run.staged(target))
-    labels = SceneLabels(scenes, rows, file, path, codes=codes, numbers=numbers, classes=classes)
+    keeps_codes = get_format(path).name == "LAS"
+    labels = SceneLabels(
+        *(scenes, rows, file, path), codes=codes, numbers=numbers, classes=classes, keeps_codes=keeps_codes
+    )
     written = write_labelled(
         *(path, staged, labels),
         options=options,

@@ -80,7 +80,8 @@ def cut_files(
     return {
         cut.key: SceneTask(
             read_and_cut,
-            {"path": SourceFile(cut.file.source.path), "corridor": corridors[cut.file.pass_key]},
+            {"path": SourceFile(cut.file.source.path), "corridor": corridors[cut.file.pass_key]}
+            | ({"predictions": SourceFile(plan.predictions[cut.file.key])} if plan.predictions else {}),
             cut.parameters(plan, ingest),
         )
         for cut in cut_ranges(plan, info, ingest)

@@ -1,6 +1,5 @@
-"""Segmented images in files, class numbers (PNG) or probabilities (NPZ), and their class maps."""
+"""Segmented images in files: class numbers (PNG) or probabilities (NPZ)."""
 
-import csv
 import lzma
 import struct
 import tokenize
@@ -8,12 +7,9 @@ import zipfile
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.cameras.camera import Camera
@@ -23,90 +19,6 @@ from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.surveys.images import PICTURES, PosedImage, SurveyImages, opened_picture
 
-OF_SCHEME = "scheme"
-"""Name of the map of a network of this package: the classes of the scheme, then the sky."""
-
-
-def read_class_map(given: str, scheme: ClassScheme) -> Legend:
-    """Return the legend of a shipped class map, of a CSV or YAML file, or of the scheme itself."""
-    if given == OF_SCHEME:
-        return Legend.of_scheme(scheme)
-    shipped = files("mlsroad_pipeline.surveys").joinpath("class_maps", f"{given}.csv")
-    if "/" not in given and shipped.is_file():
-        return _legend(_csv_rows(shipped.read_text(encoding="utf-8"), given), given, scheme)
-    path = Path(given).expanduser()
-    if path.suffix.lower() not in (".csv", ".yml", ".yaml"):
-        raise ReadError(f"image_labels.classes is {given!r}: name cityscapes, scheme, or a file .csv or .yml")
-    if not path.is_file():
-        raise ReadError(f"{path}: no such class map (image_labels.classes)")
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ReadError(f"{path}: cannot be read as a class map: {error}") from error
-    rows = _csv_rows(text, str(path)) if path.suffix.lower() == ".csv" else _yaml_rows(text, str(path))
-    return _legend(rows, str(path), scheme)
-
-
-def _legend(rows: list[tuple[Any, Any, Any]], source: str, scheme: ClassScheme) -> Legend:
-    checked = []
-    for number, name, target in rows:
-        try:
-            value = int(str(number))
-        except ValueError:
-            raise ReadError(f"{source}: class number {number!r} is not a whole number") from None
-        text = "" if target is None else str(target).strip()
-        checked.append((value, str(name or text or value).strip(), text or None))
-    legend = Legend.of_rows(checked, source)
-    legend.labels(scheme)  # every class is known
-    return legend
-
-
-def _csv_rows(text: str, source: str) -> list[tuple[Any, Any, Any]]:
-    table = csv.DictReader(text.splitlines(), skipinitialspace=True)
-    columns = [name.strip() for name in table.fieldnames or []]
-    for needed in ("number", "class"):
-        if needed not in columns:
-            raise ReadError(f"{source}: no column {needed!r} among {columns}; a class map has number, name, class")
-    table.fieldnames = columns
-    rows = []
-    for row in table:
-        if row["class"] is None or None in row:
-            raise ReadError(f"{source}: line {table.line_num} has not the {len(columns)} columns {', '.join(columns)}")
-        rows.append((row["number"], row.get("name"), row["class"]))
-    return rows
-
-
-def _yaml_rows(text: str, source: str) -> list[tuple[Any, Any, Any]]:
-    try:
-        keys, given = _keys_and_content(text)
-    except (yaml.YAMLError, ValueError) as error:
-        raise ReadError(f"{source}: not YAML: {' '.join(str(error).split())}") from error
-    if not isinstance(given, dict):
-        raise ReadError(f"{source}: must map class numbers to classes, such as `0: road`, not {given!r:.60}")
-    repeated = next((key for k, key in enumerate(keys) if key in keys[:k]), None)
-    if repeated is not None:
-        raise ReadError(f"{source}: class number {repeated} is repeated")
-    rows = []
-    for number, value in given.items():
-        if isinstance(value, dict) and set(value) <= {"name", "class"}:
-            rows.append((number, value.get("name"), value.get("class")))
-        elif value is None or isinstance(value, str):
-            rows.append((number, value, value))
-        else:
-            raise ReadError(f"{source}: class number {number} has {value!r:.60}, not a class or {{name, class}}")
-    return rows
-
-
-def _keys_and_content(text: str) -> tuple[list[Any], Any]:
-    """Return the keys of a YAML mapping, of which PyYAML keeps the last of equal ones, and its content."""
-    loader = yaml.SafeLoader(text)
-    node = loader.get_single_node()
-    if not isinstance(node, yaml.MappingNode):
-        return [], None if node is None else loader.construct_document(node)
-    keys = [loader.construct_object(key) for key, _ in node.value if key.tag != "tag:yaml.org,2002:merge"]
-    return keys, loader.construct_document(node)
-
-
 SUFFIXES = (".npz", ".png")
 PROBABILITIES = "probabilities"
 """Array of an NPZ mask."""
@@ -115,7 +27,7 @@ _MODES = ("L", "P", "I;16", "I;16B", "I")
 _TOLERANCE = 0.01
 _HEADER = 26
 """Bytes of a PNG up to its bit depth and colour type."""
-_DAMAGED = (
+DAMAGED = (
     OSError, EOFError, ValueError, SyntaxError, RuntimeError, zipfile.BadZipFile, zlib.error, lzma.LZMAError,
     struct.error, tokenize.TokenError,
 )  # fmt: skip
@@ -232,7 +144,7 @@ def _shape_of(path: Path, camera: Camera) -> tuple[int, ...]:
             shape, _, dtype = reader(member)
     except KeyError:
         raise ReadError(f"{path}: holds no array {PROBABILITIES!r}") from None
-    except _DAMAGED as error:
+    except DAMAGED as error:
         raise _no_npz(path, error) from error
     size = (camera.height, camera.width)
     if dtype.kind != "f" or len(shape) != 3 or size not in (shape[:2], shape[1:]):
@@ -252,7 +164,7 @@ def _probabilities(path: Path, camera: Camera) -> NDArray[np.floating]:
     try:
         with np.load(path, allow_pickle=False) as archive:
             values: NDArray[np.floating] = archive[PROBABILITIES]
-    except _DAMAGED as error:
+    except DAMAGED as error:
         raise _no_npz(path, error) from error
     if shape[:2] != (camera.height, camera.width):  # channels first
         values = np.moveaxis(values, 0, 2)

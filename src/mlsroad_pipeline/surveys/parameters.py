@@ -12,8 +12,10 @@ from mlsroad_pipeline.algorithms.core.validation import check_positive
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import LEAST_LENGTH
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.steps import StepLimits
 from mlsroad_pipeline.algorithms.inventory.lines.markings import marking_lines
+from mlsroad_pipeline.algorithms.models.given_labels import SLUG as GIVEN_LABELS
 from mlsroad_pipeline.formats.crs import parse_crs
 from mlsroad_pipeline.formats.options import NEW_SURVEY, TAXONOMY_CODING, ReadOptions
+from mlsroad_pipeline.surveys.given_classes import GivenParameters
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,7 @@ _KINDS: dict[str, tuple[Any, str]] = {
     **dict.fromkeys(("copc", "coloured_ply", "photos", "overwrite", "keep_state"), (bool, "be true or false")),
     "join_drives": (bool | None, "be true, false or null"),
     **dict.fromkeys(("trajectory", "images", "sections"), (str | Path | None, "be the name of a file")),
-    **dict.fromkeys(("read", "inventory"), (Mapping, "have parameters below it")),
+    **dict.fromkeys(("read", "inventory", "given"), (Mapping, "have parameters below it")),
 }
 """Parameter of `label` to its type and what a message says of it."""
 
@@ -90,6 +92,7 @@ class LabelParameters:
     trajectory: str | None = "trajectory.csv"  # Name of the trajectory file beside the points
     read: Mapping[str, Any] = field(default_factory=dict)  # Arguments of `ReadOptions`
     inventory: Mapping[str, Any] = field(default_factory=dict)  # Changes of the object rules, by kind or class
+    given: Mapping[str, Any] = field(default_factory=dict)  # Arguments of `GivenParameters`
     # Least score of a listed object, 0 to 1. Larger lists fewer objects, of which more are right; 0 lists all
     # candidates.
     least_score: float = 0.4
@@ -127,7 +130,7 @@ class LabelParameters:
             if isinstance(getattr(self, name), list | Mapping):
                 raise ParameterError(f"label.{name} must be a single value, got {getattr(self, name)!r}")
         self.kerb_limits()
-        _ = self.least_contrast, self.least_marking
+        _ = self.least_contrast, self.least_marking, self.given_classes
         object.__setattr__(self, "export", _formats(self.export))
         if self.photos and self.images is None:
             raise ParameterError("label.photos needs images: set label.images to the name of their camera file")
@@ -152,6 +155,20 @@ class LabelParameters:
         """Return the options of the readers."""
         given = {} if self.crs is None else {"crs": str(self.crs)}
         return ReadOptions.from_config({**NEW_SURVEY, **self.read, **given})
+
+    @property
+    def given_classes(self) -> GivenParameters:
+        """Classes that the survey comes with."""
+        return GivenParameters.from_config(self.given)
+
+    @property
+    def needs_no_model(self) -> bool:
+        """Whether the classes that the survey comes with are the only ones."""
+        given = self.given_classes
+        if self.method == GIVEN_LABELS and not given.in_use:
+            raise ParameterError(f"label.method {self.method} needs label.given.keep_classes or label.given.labels")
+        alone = given.labels is not None and given.weight is None and self.method is None
+        return (self.method == GIVEN_LABELS or alone) and self.model is None
 
     @property
     def least_kerb(self) -> float:

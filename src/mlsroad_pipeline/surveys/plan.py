@@ -20,6 +20,7 @@ from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart, split_config
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.surveys.files import Survey, SurveyFile, check_name, files_to_label
+from mlsroad_pipeline.surveys.given_classes import GivenParameters, prediction_file
 from mlsroad_pipeline.surveys.parameters import LabelParameters, SurveyParameters
 
 if TYPE_CHECKING:
@@ -49,6 +50,8 @@ class SurveyPlan:
     options: ReadOptions  # Options of the readers
     labels: bool  # Whether labels are read
     skipped: Mapping[str, str] = field(default_factory=dict)  # Name of each file that is left out to the reason
+    given: GivenParameters = field(default_factory=GivenParameters)  # Classes that the survey comes with
+    predictions: Mapping[str, str] = field(default_factory=dict)  # Key of each file to the file with its predictions
 
     def passes(self) -> dict[str, list[PlannedFile]]:
         """Return the files of each pass by its key."""
@@ -126,7 +129,9 @@ def plan_labelling(parameters: LabelParameters, ingest: IngestParameters) -> Sur
     )
     _check_named_trajectory(parameters.trajectory, listing.files)
     plan = plan_survey({"survey": listing.files}, {}, options=options, labels=False, ingest=ingest)
-    return replace(plan, skipped=listing.skipped)
+    given = parameters.given_classes
+    named = {} if given.labels is None else {f.key: prediction_file(given.labels, f.source.name) for f in plan.files}
+    return replace(plan, skipped=listing.skipped, given=given, predictions=named)
 
 
 def _check_named_trajectory(name: str | None, files: Sequence[SurveyFile]) -> None:
@@ -191,6 +196,7 @@ class RangeOfRows:
             "bin_length": ingest.bin_length,
             "time_gap": ingest.time_gap,
             "constant": self.constant,
+            **({"given": plan.given} if plan.given.in_use else {}),
         }
 
 

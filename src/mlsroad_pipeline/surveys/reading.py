@@ -28,6 +28,7 @@ from mlsroad_pipeline.formats.crs import is_same_crs, parse_crs, with_units
 from mlsroad_pipeline.formats.files import spread_starts
 from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
+from mlsroad_pipeline.surveys.given_classes import GivenParameters, given_columns
 from mlsroad_pipeline.surveys.trajectory_files import coverage_note, distance_note, in_weeks_of, read_trajectory
 
 SAMPLE_RUNS, SAMPLE_SIZE = 16, 256
@@ -292,6 +293,8 @@ def read_and_cut(
     bin_length: float,
     time_gap: float,
     constant: Sequence[str] = (),
+    given: GivenParameters | None = None,
+    predictions: str | None = None,
 ) -> CutRange:
     """Read a range of rows, inspect its quality and sort it into bins of the corridor."""
     added = (*VISIT_COLUMNS, *LABEL_COLUMNS)  # labels are read, so that a wrong one is an error before the labelling
@@ -299,6 +302,8 @@ def read_and_cut(
     cloud = get_format(path).read(Path(path), chosen, start=start, stop=stop)
     has_classes = np.array([cloud[CLASS].any()] if CLASS in cloud else [], dtype=np.bool_)
     visits = {} if labels else visit_columns(cloud)
+    if given is not None:
+        visits |= given_columns(cloud, given, predictions, path=path, start=start, n_total=n_total)
     cloud = cloud.without_columns([CLASS, *VISIT_COLUMNS, *(() if labels else LABEL_COLUMNS)])
     quality = chunk_to_arrays(inspect_chunk(cloud, max_gap=time_gap, n_total=n_total))
     used = np.ones(len(cloud), dtype=np.bool_) if WITHHELD not in cloud else cloud[WITHHELD] == 0

@@ -1,4 +1,4 @@
-"""Legend of segmented images: what their class numbers mean, and which classes of points they give."""
+"""Legend of segmented images or labelled points: what class numbers mean, and which classes of points they give."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ LARGEST_NUMBER = 65535
 
 @dataclass(frozen=True)
 class Legend:
-    """Classes of segmented images."""
+    """Classes of segmented images, or of labelled points from elsewhere."""
 
     # Class numbers, ascending. Score k of a network or of a file of probabilities belongs to the number k.
     numbers: tuple[int, ...]
@@ -29,7 +29,7 @@ class Legend:
 
     def __post_init__(self) -> None:
         if not self.numbers:
-            raise ParameterError(f"{self.source}: names no classes of images")
+            raise ParameterError(f"{self.source}: names no classes")
         for number in self.numbers:
             if not 0 <= number <= LARGEST_NUMBER:
                 raise ParameterError(f"{self.source}: class number {number} is not in 0 to {LARGEST_NUMBER}")
@@ -79,16 +79,19 @@ class Legend:
             )
         return int(scheme.encode([TAXONOMY[name]], source=self.source)[0])
 
-    def of_numbers(self, numbers: NDArray[np.integer], scheme: ClassScheme, *, source: str) -> NDArray[np.float32]:
-        """Return the class probabilities of pixels with class numbers."""
+    def places(self, numbers: NDArray[np.integer], *, source: str, unit: str = "points") -> NDArray[np.intp]:
+        """Return the index of each class number in the legend; DataError names the least one that it lacks."""
         place = np.searchsorted(self.numbers, numbers).clip(max=len(self.numbers) - 1)
         wrong = np.asarray(self.numbers)[place] != numbers
         if wrong.any():
             first = int(np.asarray(numbers)[wrong].min())
-            raise DataError(
-                f"{source}: class number {first} ({int((numbers == first).sum())} pixels) is not in {self.source}"
-            )
-        return self._rows_of(scheme)[place]
+            count = int((numbers == first).sum())
+            raise DataError(f"{source}: class number {first} ({count} {unit}) is not in {self.source}")
+        return place
+
+    def of_numbers(self, numbers: NDArray[np.integer], scheme: ClassScheme, *, source: str) -> NDArray[np.float32]:
+        """Return the class probabilities of pixels with class numbers."""
+        return self._rows_of(scheme)[self.places(numbers, source=source, unit="pixels")]
 
     def _rows_of(self, scheme: ClassScheme) -> NDArray[np.float32]:
         labels = self.labels(scheme)
@@ -98,7 +101,7 @@ class Legend:
         return rows
 
     def of_scores(self, scores: NDArray[np.floating], scheme: ClassScheme, *, source: str) -> NDArray[np.float32]:
-        """Return the class probabilities of pixels with a probability for each class of the legend."""
+        """Return the class probabilities of rows of pixels with a probability for each class of the legend."""
         count = scores.shape[2]
         if count != self.n_scores:
             raise DataError(f"{source}: has {count} classes, {self.source} names {self.n_scores} from 0")

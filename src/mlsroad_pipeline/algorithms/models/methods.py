@@ -273,6 +273,10 @@ _TABLE = (
         "corrected", "labelling", "algorithms.models.boosted_trees", label_cloud=".corrected:label_cloud",
         label_softly=".corrected:label_cloud_softly", composed=True,
     ),
+    Method(
+        "given_labels", "labelling", "algorithms.models", label_cloud=".given_labels:label_cloud",
+        label_softly=".given_labels:label_cloud_softly", composed=True,
+    ),
 )  # fmt: skip
 
 METHODS = {method.slug: method for method in _TABLE}

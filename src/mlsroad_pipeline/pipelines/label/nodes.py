@@ -7,9 +7,12 @@ from typing import Any
 
 import pandas as pd
 
+from mlsroad_pipeline.algorithms.core.classes import find_scheme
 from mlsroad_pipeline.algorithms.core.palette import class_palette
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, missing_attributes
+from mlsroad_pipeline.algorithms.models.given_labels import SLUG as GIVEN_LABELS
+from mlsroad_pipeline.algorithms.models.given_labels import given_bundle
 from mlsroad_pipeline.algorithms.models.labelling import context_of
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
@@ -18,6 +21,7 @@ from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.label.checks import check_headers, check_outputs
 from mlsroad_pipeline.label.devices import check_device
+from mlsroad_pipeline.label.given_classes import GIVEN_SCHEME, given_classes
 from mlsroad_pipeline.label.images import LabelImages, images_of_survey, images_to_label
 from mlsroad_pipeline.label.inventory import (
     OBJECTS,
@@ -69,6 +73,9 @@ def find_named_model(
     parameters: LabelParameters, image_labels: ImageLabelsParameters, classes: Mapping[str, Any]
 ) -> ModelRequest:
     """Return the request for the model, before the survey is read."""
+    if parameters.needs_no_model:
+        scheme = find_scheme(classes["schemes"], GIVEN_SCHEME)
+        return ModelRequest(GIVEN_LABELS, own=given_bundle(scheme))
     choice = None
     if parameters.method != "image_labels" or parameters.model is not None or not image_labels.own_segmentation:
         choice = choose_model(method=parameters.method, model=parameters.model, store=configured_store())
@@ -133,7 +140,8 @@ def label_new_scenes(
     codes = output_codes(bundle, parameters.scheme, classes["schemes"])
     rules = object_rules(bundle, parameters.inventory)
     limits, contrast = parameters.kerb_limits(), parameters.least_contrast
-    settings = LabelSettings(codes, rules, ground, ingest.outliers, classifier_digest(), limits, contrast)
+    given = given_classes(plan, bundle, codes, classes["codings"])
+    settings = LabelSettings(codes, rules, ground, ingest.outliers, classifier_digest(), limits, contrast, given)
     cut = ingest.with_context(context_of(bundle))
     return label_tasks(plan, pieces, corridors, model, images, cut, settings)
 
@@ -164,6 +172,8 @@ def write_labelled_files(
     bundle = model.load()
     codes = output_codes(bundle, parameters.scheme, classes["schemes"])
     names = code_names(bundle, parameters.scheme, classes["schemes"])
+    given = given_classes(plan, bundle, codes, classes["codings"])
+    names = names if given is None else given.code_names(names)
     tasks = {}
     for output in planned_outputs(plan, pieces, results, joined, run, parameters):
         settings = output.parameters(plan.options, run, parameters, codes=codes, class_names=names)

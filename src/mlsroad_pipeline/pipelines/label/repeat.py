@@ -8,6 +8,7 @@ from typing import Any
 from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
+from mlsroad_pipeline.algorithms.models.given_labels import SLUG as GIVEN_LABELS
 from mlsroad_pipeline.algorithms.models.methods import METHODS, needs_images
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.execution.output_lock import OutputInUseError, lock_output
@@ -39,7 +40,8 @@ def is_finished(
         summary = record["summary"]
         if needs_images(summary["method"]) and not _is_segmented(images, summary.get("segmentation") or {}):
             return False
-        if images.own_segmentation and parameters.method == summary["method"] == "image_labels":
+        own_images = images.own_segmentation and parameters.method == summary["method"] == "image_labels"
+        if own_images or (parameters.needs_no_model and summary["method"] == GIVEN_LABELS):
             return parameters.model is None  # no registered model takes part
         chosen = choose_model(method=parameters.method, model=parameters.model, store=configured_store())
     except MlsRoadError:  # the run itself reports it

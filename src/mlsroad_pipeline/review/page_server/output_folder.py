@@ -72,7 +72,8 @@ class OutputFolder:
     def class_names(self) -> dict[int, str]:
         """Return the names of the class codes: those of the scheme of the run, else those in the files."""
         found = self.clouds.class_names()
-        scheme = _scheme_of(self.run)
+        is_standard = self.run.get("settings", {}).get("label", {}).get("scheme", "asprs") == "asprs"
+        scheme = _scheme_of(self.run) if is_standard else {}
         return found | {int(spec["asprs"]): name for name, spec in scheme.items()}
 
     def objects(self) -> dict[str, Any]:

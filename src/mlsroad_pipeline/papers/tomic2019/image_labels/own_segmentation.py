@@ -13,7 +13,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.labelling import member, with_members
 from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import ImageLabelsParameters
-from mlsroad_pipeline.surveys.masks import read_class_map
+from mlsroad_pipeline.surveys.class_map_files import read_class_map
 
 _LARGEST = 2**31 - 1
 
