@@ -218,7 +218,7 @@ def test_class_maps_are_read_from_csv_and_yaml(tmp_path, scheme):
         ("a.yml", "0: road\n1: car\n0: tree\n", r"a\.yml: class number 0 is repeated"),
         ("a.yml", "1: road\n0x1: tree\n", r"a\.yml: class number 1 is repeated"),
         ("a.csv", "number,class\n0,road\n0,tree\n", r"a\.csv: class number 0 is repeated"),
-        ("a.txt", "", r"name asprs, cityscapes, mlsroad, scheme, or a file"),
+        ("a.txt", "", r"name asprs, cityscapes, mlsroad, paris_lille3d, scheme, toronto3d, or a file"),
     ],
 )
 def test_class_maps_that_are_wrong_are_named(tmp_path, scheme, name, text, told):

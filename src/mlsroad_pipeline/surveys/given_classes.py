@@ -108,8 +108,9 @@ def prediction_file(folder: str, name: str) -> str:
         raise ReadError(f"{root} is not a folder (label.given.labels)")
     whole = PurePosixPath(name)
     stem = PurePosixPath(whole.name.removesuffix(".gz")).stem.removesuffix(".copc")
-    places = [place / f"{stem}{end}{suffix}" for place in (root / whole.parent, root)
-              for end in ("", "_pred") for suffix in SUFFIXES]  # fmt: skip
+    names = (stem, f"{stem}_pred", whole.name)
+    folders = (root / whole.parent, root)
+    places = [place / f"{own}{suffix}" for place in folders for own in names for suffix in SUFFIXES]
     found = next((place for place in places if place.is_file()), None)
     if found is None:
         raise ReadError(f"{root}: no labels of {name}: neither {stem}.npy nor one with {', '.join(SUFFIXES)}")

@@ -83,7 +83,7 @@ def _described(
     parameters: GroundParameters,
     voxel_size: float,
 ) -> Tile:
-    plain = part.without_columns(set(part.columns) - {"intensity", "rgb"})
+    plain = part.without_columns(set(part.columns) - {"intensity", "rgb", "classification", "confidence"})
     ground = find_ground(plain, parameters)
     found = describe_scene(plain, ground, voxel_size=voxel_size)
     return Tile(cell, rows, core, ground["ground"], ground["height"], found, plain)

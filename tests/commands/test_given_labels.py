@@ -1,0 +1,96 @@
+"""Commands on a survey that comes with classes: kept, listed without a model, predicted by others."""
+
+import os
+import shutil
+
+import geopandas
+import laspy
+import numpy as np
+import pytest
+from helpers.forking import forked_commands
+from helpers.labelled import scheme as configured_scheme
+
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+
+SCHEME = ClassScheme.from_config("road_inventory", configured_scheme())
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    place = tmp_path_factory.mktemp("printed")
+    variables = {k: v for k, v in os.environ.items() if not k.startswith(("MLFLOW_", "KEDRO_", "COV_"))}
+    with forked_commands(place, variables) as commands:
+        yield lambda *arguments, cwd: commands.run([*map(str, arguments)], cwd)
+
+
+@pytest.fixture(scope="module")
+def folder(run, tmp_path_factory):
+    """A simulated street whose file has the LAS codes of its true classes, and predictions of these."""
+    place = tmp_path_factory.mktemp("given")
+    done = run(
+        *("simulate", "--preset", "tiny", "--seed", "3", "--length", "20", "--params", "with_images=false"), cwd=place
+    )
+    assert done.returncode == 0, done.stderr
+    las = laspy.read(place / "street/survey.laz")
+    label = SCHEME.encode(np.asarray(las["label"]))
+    las.classification = np.where(label < 0, 1, SCHEME.codes()[label])
+    las.write(place / "classified.laz")
+    shutil.copy(place / "street/trajectory.csv", place)
+    (place / "predictions").mkdir()
+    p = np.full((len(label), len(SCHEME)), 0.01, np.float32)
+    p[np.arange(len(label)), label] = 1 - 0.01 * (len(SCHEME) - 1)
+    np.save(place / "predictions/classified.npy", p)
+    return place
+
+
+def test_an_inventory_needs_no_model_and_changes_no_class(run, folder):
+    done = run("inventory", "classified.laz", "--workers", 1, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert "with the given classes" in done.stdout
+    before, after = laspy.read(folder / "classified.laz"), laspy.read(folder / "classified_mlsroad/classified.laz")
+    assert np.array_equal(before.classification, after.classification)
+    known = np.asarray(before.classification) != 1
+    assert (np.asarray(after["confidence"])[known] == 1).all()
+    objects = geopandas.read_parquet(folder / "classified_mlsroad/inventory.parquet")
+    assert len(objects) and set(objects["kind"]) <= {"pole", "sign", "tree", "vehicle"}
+    again = run("inventory", "classified.laz", cwd=folder)
+    assert again.stdout.startswith("Already labelled")
+
+
+def test_chosen_classes_are_kept_and_the_others_labelled(run, folder):
+    done = run("label", "classified.laz", "-o", "kept", "--keep-classes", "--keep", "6,11", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    before, after = laspy.read(folder / "classified.laz"), laspy.read(folder / "kept/classified.laz")
+    kept = np.isin(before.classification, (6, 11))
+    assert np.array_equal(before.classification[kept], after.classification[kept])
+    assert not np.array_equal(before.classification[~kept], after.classification[~kept])
+    assert (np.asarray(after["confidence"])[kept] == 1).all() and np.asarray(after["confidence"])[~kept].max() < 1
+
+
+def test_probabilities_of_another_network_are_the_labels(run, folder):
+    options = ("--labels", "predictions", "--labels-map", "own.csv")
+    rows = [f"{k},{name},{name}" for k, name in enumerate(SCHEME.classes)]
+    (folder / "own.csv").write_text("\n".join(["number,name,class", *rows]))
+    done = run("label", "classified.laz", "-o", "predicted", *options, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    before, after = laspy.read(folder / "classified.laz"), laspy.read(folder / "predicted/classified.laz")
+    free = (np.asarray(before.classification) != 1) & (np.asarray(after["object_id"]) == 0)
+    assert np.array_equal(before.classification[free], after.classification[free])
+    assert np.asarray(after["confidence"])[free] == pytest.approx(0.88)
+    scored = run("score", "predicted", "--truth", "street", cwd=folder)
+    assert scored.returncode == 0 and "precision" in scored.stdout
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--labels", "nowhere"), "nowhere is not a folder (label.given.labels)"),
+        (("--labels", "predictions"), "label.given.labels_classes is not set"),
+        (("--labels", "predictions", "--labels-map", "none.csv"), "none.csv: no such class map"),
+        (("--keep-classes", "--keep", "2,200"), "label.given.keep: class number 200 is not in class map asprs"),
+        (("--method", "given_labels"), "label.method given_labels needs label.given.keep_classes"),
+    ],
+)
+def test_errors_are_one_line(run, folder, options, message):
+    done = run("label", "classified.laz", "-o", "wrong", *options, cwd=folder)
+    assert done.returncode == 1 and message in done.stderr and done.stderr.count("\n") == 1
