@@ -37,7 +37,7 @@ def test_a_table_of_a_user(tmp_path):
         ("kind,x,y\npole,1,2\nlamp,3,4\n", "column kind has 'lamp' in row 2: kinds are pole, sign, vehicle, tree"),
         ("kind;x;y\npole;1,5;2\nsign;x;3\n", "column x has 'x' in row 2: it is not a number"),
         ("kind,x,y\n", "the table has no true objects"),
-        ("", "not a table of true objects"),
+        ("", "not a table of objects"),
     ],
 )
 def test_a_wrong_table_is_one_error_with_file_and_value(tmp_path, text, said):

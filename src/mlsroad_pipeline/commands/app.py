@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from mlsroad_pipeline import __version__
+from mlsroad_pipeline.commands.compare import compare
 from mlsroad_pipeline.commands.corrections import corrections
 from mlsroad_pipeline.commands.inspect import inspect
 from mlsroad_pipeline.commands.label import inventory, label
@@ -25,7 +26,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["--help", "-h"]},
 )
-for command in (label, inventory, learn, inspect, simulate, models, score):
+for command in (label, inventory, learn, inspect, simulate, models, score, compare):
     app.command()(command)
 app.command("open")(open_results)
 app.add_typer(corrections, name="corrections")

@@ -61,27 +61,32 @@ def _read_truth(place: Path) -> Truth:
         return Truth(_semantickitti(place), None, "semantickitti")
     if place.suffix == ".txt":
         objects, region = _kitti_boxes(place)
-        return Truth(_typed(objects, place), region, "kitti")
-    try:
-        with place.open(encoding="utf-8-sig") as stream:
-            header = stream.readline()
-        spreadsheet = ";" in header and "," not in header
-        table = pd.read_csv(place, sep=";" if spreadsheet else ",")
-        commas = [name for name in _NUMBERS if spreadsheet and name in table and is_string_dtype(table[name])]
-        table = table.assign(**{name: table[name].str.replace(",", ".", regex=False) for name in commas})
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
-        raise ReadError(f"{place}: not a table of true objects: {' '.join(str(error).split())}") from error
+        return Truth(typed_objects(objects, place), region, "kitti")
+    table = read_csv(place)
     if {"instance", "label", "box_x", "moving"} <= set(table):
-        return Truth(_typed(_simulated(table), place), None, "simulated")
+        return Truth(typed_objects(_simulated(table), place), None, "simulated")
     if {"position.x", "dimensions.x", "yaw"} <= set(table):
-        return Truth(_typed(_pandaset(table), place), None, "pandaset")
-    typed = _typed(table, place)
+        return Truth(typed_objects(_pandaset(table), place), None, "pandaset")
+    typed = typed_objects(table, place)
     if typed.empty:
         raise DataError(f"{place}: the table has no true objects")
     return Truth(typed, None, "table")
 
 
-def _typed(table: pd.DataFrame, place: Path) -> pd.DataFrame:
+def read_csv(place: Path) -> pd.DataFrame:
+    """Return a table separated by commas, or by semicolons with decimal commas as spreadsheets write it."""
+    try:
+        with place.open(encoding="utf-8-sig") as stream:
+            header = stream.readline()
+        spreadsheet = ";" in header and "," not in header
+        table = pd.read_csv(place, sep=";" if spreadsheet else ",", encoding="utf-8-sig")
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
+        raise ReadError(f"{place}: not a table of objects: {' '.join(str(error).split())}") from error
+    commas = [name for name in _NUMBERS if spreadsheet and name in table and is_string_dtype(table[name])]
+    return table.assign(**{name: table[name].str.replace(",", ".", regex=False) for name in commas})
+
+
+def typed_objects(table: pd.DataFrame, place: Path) -> pd.DataFrame:
     """Return a table with numbers and without objects of no kind, or raise an error that names file and column."""
     missing = [name for name in ("kind", "x", "y") if name not in table]
     if missing:

@@ -1,0 +1,1 @@
+"""Registers of objects against an inventory and what the scanner has seen."""

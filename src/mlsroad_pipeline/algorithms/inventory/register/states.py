@@ -1,0 +1,168 @@
+"""States of the entries of a register: confirmed, moved, of another kind, gone, not visible; objects that are new."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.geometry.assignment import assign_one_to_one
+from mlsroad_pipeline.algorithms.inventory.register.seen_space import CELL, HALF, LOW, SIDE, SLICE, SLICES, SeenSpace
+
+CONFIRMED, MOVED, OTHER_KIND = "confirmed", "moved", "different kind"
+NOT_FOUND, NOT_VISIBLE, NEW = "not found", "not visible", "new"
+STATES = (CONFIRMED, MOVED, OTHER_KIND, NOT_FOUND, NOT_VISIBLE, NEW)
+"""States of entries; the last is that of objects without an entry."""
+BY_OBJECT, BY_POINTS, BY_OTHERS, BY_RAYS = "object", "points", "points of other classes", "rays"
+"""Evidence of a state."""
+
+REACH = {"pole": 1.0, "sign": 1.0, "tree": 1.5, "vehicle": 2.0}
+"""Largest distance in plan of an entry and the object that confirms it, metres."""
+MOVED_REACH = 5.0
+"""Largest distance of an entry that moved, metres."""
+RADIUS = {"pole": 0.5, "sign": 0.5, "tree": 0.7, "vehicle": 0.7}
+"""Radius around the place of an entry in which it is searched for, metres."""
+TOP = 3.0
+"""Height up to which a shaft or trunk is searched for, metres."""
+LEAST_OWN = {"pole": 8, "sign": 8, "tree": 15, "vehicle": 50}
+"""Fewest points of its kind that confirm an entry without an object."""
+LEAST_SLICES, LEAST_OTHERS = 0.3, 0.6
+"""Least share of the slices with points of its kind (of signs: any), and of other upright kinds, that confirm an entry.
+
+Poles, signs, trees and street furniture are often taken for each other, and most entries of a register are right.
+"""
+FEWEST_SLICES = 3
+"""Fewest slices that prove that nothing stands at a place."""
+FREE_SLICES = 0.25
+"""Share of the slices of a column that must be free for the column to hold no shaft."""
+EMPTY = 0.8
+"""Share of the columns without a shaft from which nothing stands at a place."""
+
+
+class Matches(NamedTuple):
+    """State of each entry so far (empty: none), row of its object or -1, and which objects have an entry."""
+
+    state: NDArray[np.object_]
+    row: NDArray[np.int64]
+    used: NDArray[np.bool_]
+
+
+def confirm(entries: pd.DataFrame, objects: pd.DataFrame) -> Matches:
+    """Match entries with objects of their kind within `REACH`, one to one."""
+    state, row = np.full(len(entries), "", dtype=object), np.full(len(entries), -1, dtype=np.int64)
+    used = np.zeros(len(objects), dtype=np.bool_)
+    _match(entries, objects, Matches(state, row, used), CONFIRMED, REACH)
+    return Matches(state, row, used)
+
+
+def _match(
+    entries: pd.DataFrame, objects: pd.DataFrame, matches: Matches, state: str, reach: dict[str, float] | float
+) -> None:
+    """Match free entries with free objects of the same kind, in place."""
+    places, found = (table[["x", "y"]].to_numpy(dtype=np.float64) for table in (entries, objects))
+    for kind in sorted(set(entries["kind"]) & set(objects["kind"])):
+        own = np.flatnonzero(
+            (entries["kind"] == kind).to_numpy() & np.isin(matches.state, ("", NOT_FOUND, NOT_VISIBLE))
+        )
+        free = np.flatnonzero((objects["kind"] == kind).to_numpy() & ~matches.used)
+        limit = reach[kind] if isinstance(reach, dict) else reach
+        a, b = assign_one_to_one(places[own], found[free], limit)
+        matches.state[own[a]], matches.row[own[a]], matches.used[free[b]] = state, free[b], True
+
+
+class Evidence(NamedTuple):
+    """What points and rays say about places."""
+
+    own_points: NDArray[np.int64]  # Points of the kind of the entry
+    own: NDArray[np.bool_]  # Whether they confirm it
+    other: NDArray[np.bool_]  # Whether points of other upright kinds do
+    empty_share: NDArray[np.float64]  # Share of the columns of voxels that hold no shaft; 0 where something stands
+
+
+def evidence_of(seen: SeenSpace, kind: NDArray[np.str_], height: NDArray[np.float64]) -> Evidence:
+    """Return the evidence about places.
+
+    A shaft or trunk fills all slices of a column of voxels. A column holds none where rays crossed at least a quarter
+    of its slices below the top and these have no points. No place is empty where points of any class fill the slices.
+    """
+    middle = (np.arange(SIDE) + 0.5) * CELL - HALF
+    distance = np.hypot(middle[:, None], middle[None, :])
+    radius = np.array([RADIUS[name] for name in kind])
+    disc = distance[None] <= radius[:, None, None]
+    top = np.clip(np.where(np.isnan(height), TOP, height), LOW + SLICE, TOP)
+    lower = (np.arange(SLICES) + 1) * SLICE + LOW <= top[:, None] + 1e-9
+    inside = disc[:, None] & np.ones((1, SLICES, 1, 1), dtype=np.bool_)
+    own_slices = np.where(inside, seen.own, 0).sum(axis=(2, 3)) > 0
+    other_slices = np.where(inside, seen.other, 0).sum(axis=(2, 3)) > 0
+    n_lower = lower.sum(axis=1)
+    own_points = np.where(inside, seen.own, 0).sum(axis=(1, 2, 3)).astype(np.int64)
+    other_points = np.where(inside, seen.other, 0).sum(axis=(1, 2, 3))
+    upright = (own_slices & lower).sum(axis=1) >= LEAST_SLICES * n_lower
+    least = np.array([LEAST_OWN[name] for name in kind])
+    own = (own_points >= least) & (upright | (kind == "sign"))
+    other = ~own & (other_points >= least) & ((other_slices & lower).sum(axis=1) >= LEAST_OTHERS * n_lower)
+    free = (seen.free > 0) & (seen.hit == 0) & lower[:, :, None, None]
+    any_points = np.where(inside, seen.hit, 0)
+    filled = (any_points.sum(axis=(2, 3)) > 0) & lower
+    occupied = (any_points.sum(axis=(1, 2, 3)) >= least) & (
+        (filled.sum(axis=1) >= LEAST_OTHERS * n_lower) | (kind == "sign")
+    )
+    no_shaft = free.sum(axis=1) >= np.maximum(2, FREE_SLICES * n_lower)[:, None, None]
+    empty = np.where(
+        occupied | (n_lower < FEWEST_SLICES), 0.0, (no_shaft & disc).sum(axis=(1, 2)) / disc.sum(axis=(1, 2))
+    )
+    return Evidence(own_points, own, other, empty)
+
+
+def decide(
+    entries: pd.DataFrame, objects: pd.DataFrame, matches: Matches, evidence: Evidence, rays: NDArray[np.int64]
+) -> pd.DataFrame:
+    """Return the entries with their states, then the objects without an entry.
+
+    `evidence` and `rays` (their number at each place) are about the entries without a state, in their order.
+    """
+    found = Matches(matches.state.copy(), matches.row.copy(), matches.used.copy())
+    state, by = found.state, np.full(len(entries), BY_OBJECT, dtype=object)
+    rows = np.flatnonzero(state == "")
+    state[rows] = np.where(evidence.empty_share >= EMPTY, NOT_FOUND, NOT_VISIBLE)
+    by[rows] = BY_RAYS
+    state[rows[evidence.own]], by[rows[evidence.own]] = CONFIRMED, BY_POINTS
+    _match_other_kinds(entries, objects, found)
+    standing = rows[evidence.other & np.isin(state[rows], (NOT_FOUND, NOT_VISIBLE))]
+    state[standing], by[standing] = CONFIRMED, BY_OTHERS
+    _match(entries, objects, found, MOVED, MOVED_REACH)
+    by[found.row >= 0] = BY_OBJECT
+    numbers = {"empty_share": np.full(len(state), np.nan), "points": np.zeros(len(state)), "rays": np.zeros(len(state))}
+    for name, values in zip(numbers, (evidence.empty_share, evidence.own_points, rays), strict=True):
+        numbers[name][rows] = values
+    table = _with_objects(entries.assign(state=state, evidence=by, **numbers), objects, found.row)
+    new = objects[~found.used & objects["kind"].isin(set(entries["kind"])).to_numpy()]
+    columns = {"kind": new["kind"], "x": new["x"], "y": new["y"], "state": NEW, "evidence": BY_OBJECT}
+    columns |= {"object_id": new["object_id"], "object_kind": new["kind"], "object_height": new["height"]}
+    joined = pd.concat([table, pd.DataFrame(columns)], ignore_index=True)
+    return joined.assign(**{name: joined[name].fillna(0).astype(np.int64) for name in ("points", "rays")})
+
+
+def _match_other_kinds(entries: pd.DataFrame, objects: pd.DataFrame, matches: Matches) -> None:
+    """Match entries that are gone or not visible with free objects of another kind within the least `REACH`."""
+    own = np.flatnonzero(np.isin(matches.state, (NOT_FOUND, NOT_VISIBLE)))
+    free = np.flatnonzero(~matches.used)
+    places, found = (table[["x", "y"]].to_numpy(dtype=np.float64) for table in (entries, objects))
+    a, b = assign_one_to_one(places[own], found[free], min(REACH.values()))
+    matches.state[own[a]], matches.row[own[a]], matches.used[free[b]] = OTHER_KIND, free[b], True
+
+
+def _with_objects(table: pd.DataFrame, objects: pd.DataFrame, row: NDArray[np.int64]) -> pd.DataFrame:
+    """Return entries with number, kind, distance and height of their objects."""
+    there = objects.reindex(pd.Index(row)).reset_index(drop=True)  # -1 is no row
+    table = table.reset_index(drop=True)
+    dx, dy = there["x"] - table["x"], there["y"] - table["y"]
+    return table.assign(
+        object_id=there["object_id"].fillna(0).astype(np.int64),
+        object_kind=there["kind"].fillna(""),
+        object_height=there["height"],
+        distance=np.hypot(dx, dy),
+        dx=dx,
+        dy=dy,
+        height_difference=there["height"] - table["height"],
+    )

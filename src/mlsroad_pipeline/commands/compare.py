@@ -1,0 +1,100 @@
+"""Command `mlsroad compare`: a register against a labelled survey."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.commands.console import (
+    collected_warnings,
+    count_table,
+    one_line_errors,
+    output_console,
+    print_warnings,
+    shown_path,
+)
+from mlsroad_pipeline.commands.options import Verbose, check_exist, expanded, results_folder
+from mlsroad_pipeline.commands.session import configure, find_place
+
+if TYPE_CHECKING:
+    from mlsroad_pipeline.label.register import ComparedRegister
+
+
+def compare(  # typer reads the options from the signature
+    register: Annotated[
+        str, typer.Argument(metavar="REGISTER", help="Register: CSV, GeoPackage, Shapefile or GeoJSON.")
+    ],
+    survey: Annotated[str, typer.Argument(metavar="FOLDER", help="Folder of results of label.")],
+    column: Annotated[
+        list[str] | None,
+        typer.Option("--column", metavar="COLUMN=NAME", help="Name of id, kind, x, y or height in the register."),
+    ] = None,
+    value: Annotated[
+        list[str] | None,
+        typer.Option("--value", metavar="VALUE=KIND", help="Kind of a value: pole, sign, tree, vehicle; - leaves out."),
+    ] = None,
+    kind: Annotated[str | None, typer.Option("--kind", metavar="KIND", help="Kind of all entries.")] = None,
+    layer: Annotated[str | None, typer.Option("--layer", metavar="NAME", help="Layer of the register.")] = None,
+    crs: Annotated[
+        str | None, typer.Option("--crs", metavar="EPSG:...", help="Coordinate system of the register.")
+    ] = None,
+    output: Annotated[
+        str | None, typer.Option("--output", "-o", metavar="FOLDER", help="Folder of the states. Default: register.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace earlier states in the folder.")] = False,
+    verbose: Verbose = False,
+) -> None:
+    """Say which entries of a register are confirmed, moved, of another kind, gone or not visible, and what is new."""
+    with one_line_errors(verbose=verbose):
+        places = expanded([register, survey])
+        folder = results_folder(places[1])
+        check_exist([places[0], folder])
+        target = Path(folder) / "register" if output is None else Path(expanded([output])[0])
+        configure(find_place())
+        from mlsroad_pipeline.label.register import LAYER, TABLE, compare_register, write_compared
+        from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
+        from mlsroad_pipeline.surveys.register_files import RegisterFile
+
+        if any((target / name).exists() for name in (TABLE, LAYER)) and not overwrite:
+            raise ParameterError(
+                f"{target} holds the states of a register: name another folder with --output, or replace them with "
+                "--overwrite"
+            )
+        named = RegisterFile(Path(places[0]), _pairs(column, "--column"), _pairs(value, "--value"), kind, layer, crs)
+        with collected_warnings(verbose=verbose) as logged:
+            compared = compare_register(named, LabelledOutput.at(folder))
+            written = write_compared(compared, target)
+        print_compared(output_console(), compared)
+        print_warnings(output_console(), logged)
+        for path in written:
+            output_console().print(f"  {shown_path(path)}", markup=False)
+
+
+def _pairs(given: list[str] | None, option: str) -> dict[str, str]:
+    pairs = [item.partition("=") for item in given or ()]
+    wrong = next((name for name, sign, text in pairs if not (name and sign and text)), None)
+    if wrong is not None:
+        raise typer.BadParameter(f"{wrong!r} must have the form NAME=VALUE", param_hint=option)
+    return {name: text for name, _, text in pairs}
+
+
+def print_compared(console: Any, compared: "ComparedRegister") -> None:
+    """Print the number of entries by kind and state, and the offset of the register."""
+    from mlsroad_pipeline.algorithms.inventory.register.states import STATES
+
+    table = compared.table
+    rows = [
+        (str(name), *(f"{(part['state'] == state).sum():,}" for state in STATES))
+        for name, part in table.groupby("kind", sort=True)
+    ]
+    console.print(count_table(rows, ("kind", *STATES)))
+    offset = compared.offset
+    if offset.pairs:
+        (x, y), (error_x, error_y) = offset.shift, offset.error
+        console.print(
+            f"\nThe register was moved by {x:+.2f} m in x and {y:+.2f} m in y (standard errors {error_x:.2f} and "
+            f"{error_y:.2f} m, {offset.pairs} pairs)."
+        )
+    else:
+        console.print("\nToo few entries have an object of their kind for an offset of the register: it was not moved.")

@@ -1,0 +1,224 @@
+"""Comparison of a register with a labelled survey: its inventory, and what its scanner has seen."""
+
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+from typing import Any, NamedTuple
+
+import geopandas as gpd
+import numpy as np
+import pandas as pd
+import pyogrio
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import ground_classes
+from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import candidate_rules
+from mlsroad_pipeline.algorithms.inventory.objects.class_groups import GROUPS, group_shares
+from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
+from mlsroad_pipeline.algorithms.inventory.register.offset import Offset, register_offset
+from mlsroad_pipeline.algorithms.inventory.register.seen_space import (
+    FURNITURE,
+    LOW_VEGETATION,
+    NO_KIND,
+    SeenSpace,
+    add_rays,
+    index_places,
+)
+from mlsroad_pipeline.algorithms.inventory.register.states import confirm, decide, evidence_of
+from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+from mlsroad_pipeline.formats.files import write_atomic
+from mlsroad_pipeline.formats.las.header import class_names, read_header
+from mlsroad_pipeline.formats.registry import get_format
+from mlsroad_pipeline.inventory_files.exports import read_inventory
+from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, write_whole
+from mlsroad_pipeline.inventory_files.vector_files import without_formulas
+from mlsroad_pipeline.label.object_scoring import inventory_file
+from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
+from mlsroad_pipeline.surveys.reading import options_in_use
+from mlsroad_pipeline.surveys.register_files import RegisterFile
+from mlsroad_pipeline.surveys.trajectory_files import in_weeks_of, read_trajectory
+
+logger = logging.getLogger(__name__)
+
+TABLE, LAYER = "register.csv", "register.gpkg"
+"""Files of a comparison."""
+CHUNK = 2_000_000
+"""Points that are read at once."""
+GROUND_REACH = 2.0
+"""Distance in plan up to which ground points give the height of the ground at an entry, metres."""
+_FURNITURE = ("bus_shelter", "bin", "bench", "bollard", "hydrant", "mail_box", "parking_meter", "other_object")
+_FEET = 25  # ground points that are kept for each entry
+
+
+class ComparedRegister(NamedTuple):
+    """States of all entries and of the objects without one, and the offset of the register."""
+
+    table: pd.DataFrame
+    offset: Offset
+    crs: str | None
+
+
+@dataclass(frozen=True)
+class _Cloud:
+    """A labelled cloud, its trajectory, and the meaning of its codes."""
+
+    path: Path
+    trajectory: Trajectory
+    output: LabelledOutput
+    is_ground: NDArray[np.bool_]  # By class code
+    kind: NDArray[np.uint8]  # Number of the kind of each class code, or `NO_KIND`
+
+    def chunks(self) -> Iterator[Any]:
+        """Yield world coordinates, codes and the positions of the scanner of a part of the points."""
+        form, options = get_format(self.path), self.output.read_options()
+        info = form.info(self.path, options)
+        names = tuple(name for name in ("classification", "gps_time") if name in info.columns)
+        for start in range(0, info.n_points, CHUNK):
+            cloud = form.read(self.path, replace(options, only=names), start=start, stop=start + CHUNK)
+            xyz = cloud.world_xyz()
+            scanner = scanner_positions(self.trajectory, xyz, cloud.get("gps_time"))
+            yield xyz, cloud["classification"].astype(np.uint8), scanner
+
+
+def scanner_positions(
+    trajectory: Trajectory, xyz: NDArray[np.float64], time: NDArray[np.float64] | None
+) -> NDArray[np.float64]:
+    """Return the position of the trajectory at each point: at its time, or the nearest one without times."""
+    if trajectory.time is not None and time is not None and len(time):
+        path = in_weeks_of(trajectory, float(time.min()), float(time.max()))
+        clock = np.asarray(path.time)
+        if ((time >= clock[0]) & (time <= clock[-1])).mean() > 0.5:
+            return np.column_stack([np.interp(time, clock, axis) for axis in path.xyz.T])
+    _, row = cKDTree(trajectory.xyz[:, :2]).query(xyz[:, :2])
+    nearest: NDArray[np.float64] = trajectory.xyz[row]
+    return nearest
+
+
+def compare_register(register: RegisterFile, output: LabelledOutput) -> ComparedRegister:
+    """Return the states of the entries of a register in a labelled survey."""
+    inventory = read_inventory(inventory_file(str(output.path)))
+    objects = inventory.objects[["object_id", "kind", "x", "y", "z", "height"]].reset_index(drop=True)
+    entries = register.read(inventory.crs).reset_index(drop=True)
+    offset = register_offset(*_places(entries), *_places(objects))
+    moved = entries.assign(x=entries["x"] + offset.shift[0], y=entries["y"] + offset.shift[1])
+    matches = confirm(moved, objects)
+    rows = np.flatnonzero(matches.state == "")
+    unmatched = moved.iloc[rows]
+    seen = seen_space(unmatched, _clouds(output, inventory))
+    kind, height = unmatched["kind"].to_numpy(dtype=str), unmatched["height"].to_numpy(dtype=np.float64)
+    table = decide(moved, objects, matches, evidence_of(seen, kind, height), seen.rays)
+    return ComparedRegister(table, offset, inventory.crs)
+
+
+def _places(table: pd.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.str_]]:
+    return table[["x", "y"]].to_numpy(dtype=np.float64), table["kind"].to_numpy(dtype=str)
+
+
+def seen_space(entries: pd.DataFrame, clouds: Sequence[_Cloud]) -> SeenSpace:
+    """Return what the rays of all clouds say about the places of entries; those far from all ground are unseen."""
+    xy = entries[["x", "y"]].to_numpy(dtype=np.float64)
+    ground = _ground_at(xy, clouds)
+    known = np.isfinite(ground)
+    seen = SeenSpace.unseen(len(xy))
+    if not known.any():
+        return seen
+    # Places without ground lie below all points.
+    index = index_places(np.column_stack([xy, np.where(known, ground, -1e9)]))
+    kind = np.array([KINDS.index(name) for name in entries["kind"]], dtype=np.uint8)
+    for cloud in clouds:
+        for xyz, code, scanner in cloud.chunks():
+            add_rays(seen, index, kind, scanner, xyz, cloud.kind[code])
+    return seen
+
+
+def _ground_at(xy: NDArray[np.float64], clouds: Sequence[_Cloud]) -> NDArray[np.float64]:
+    """Return the median height of the nearest ground points of each place; NaN without one within `GROUND_REACH`."""
+    places, heights = [np.zeros(0, np.int64)], [np.zeros(0)]
+    for cloud in clouds if len(xy) else ():
+        for xyz, code, _ in cloud.chunks():
+            ground = xyz[cloud.is_ground[code]]
+            if not len(ground):
+                continue
+            distance, row = cKDTree(ground[:, :2]).query(xy, k=_FEET, distance_upper_bound=GROUND_REACH)
+            known = np.isfinite(distance)
+            places.append(np.nonzero(known)[0])
+            heights.append(ground[row[known], 2])
+    table = pd.Series(np.concatenate(heights)).groupby(np.concatenate(places)).median()
+    return np.asarray(table.reindex(np.arange(len(xy))), dtype=np.float64)
+
+
+def _clouds(output: LabelledOutput, inventory: RoadInventory) -> list[_Cloud]:
+    """Return the labelled clouds with their trajectories; DataError where there is none."""
+    files = output.clouds()
+    paths = _trajectories(output, inventory.crs)
+    found = []
+    for name, path in files.items():
+        scheme = output.model_scheme(class_names(read_header(path)))
+        if scheme is None:
+            raise DataError(f"{path}: the classes of its codes are unknown: label the survey again with this version")
+        trajectory = _of_folder(PurePosixPath(name).parent.parts, paths) or inventory.trajectory
+        if trajectory is None:
+            raise DataError(
+                f"{output.path} has no trajectory, from which rays are cast: label the survey with one beside it "
+                "(label.trajectory)"
+            )
+        found.append(_Cloud(path, trajectory, output, *_of_codes(output, scheme)))
+    return found
+
+
+def _of_folder(folder: tuple[str, ...], paths: Mapping[Path, Trajectory]) -> Trajectory | None:
+    """Return the trajectory of a folder of the survey, or the only one."""
+    own = [found for path, found in paths.items() if path.parent.parts[-len(folder) or None :] == folder]
+    return (own or [*paths.values()])[0] if own or len(paths) == 1 else None
+
+
+def _trajectories(output: LabelledOutput, crs: str | None) -> dict[Path, Trajectory]:
+    """Return the trajectories of the survey in metres; those that are gone are left out."""
+    named = Path(str(output.record["settings"]["label"].get("trajectory") or "")).name
+    inputs = dict.fromkeys(Path(entry["path"]) for entry in output.record.get("inputs", ()))
+    paths = [path for path in inputs if path.name == named]
+    missing = [path for path in paths if not path.is_file()]
+    if missing or not paths:
+        what = f"{missing[0]} is missing" if missing else "The survey has no file of a trajectory"
+        logger.warning("%s: rays begin at the nearest place of the path of the inventory", what)
+    cloud = next(iter(output.clouds().values()))
+    factors = options_in_use(get_format(cloud), str(cloud), output.read_options()).factors
+    return {path: read_trajectory(path, crs=crs, factors=factors) for path in paths if path.is_file()}
+
+
+def _of_codes(output: LabelledOutput, scheme: ClassScheme) -> tuple[NDArray[np.bool_], NDArray[np.uint8]]:
+    """Return which class codes are ground, and the number of the kind of each."""
+    codes = scheme.codes(output.written_scheme)
+    is_ground, kind = np.zeros(256, dtype=np.bool_), np.full(256, NO_KIND, dtype=np.uint8)
+    is_ground[codes[ground_classes(scheme)]] = True
+    for name, rule in candidate_rules(scheme, {}).items():
+        if rule.kind in ("pole", "sign", "tree"):
+            kind[codes[scheme.classes.index(name)]] = KINDS.index(rule.kind)
+    furniture = [any(member in _FURNITURE for member in members) for members in scheme.members]
+    kind[codes[furniture]] = FURNITURE
+    kind[codes[group_shares(scheme)[:, GROUPS.index("low vegetation")] > 0.5]] = LOW_VEGETATION
+    return is_ground, kind
+
+
+def write_compared(compared: ComparedRegister, folder: Path) -> list[Path]:
+    """Write the states as a CSV table and a layer of a GeoPackage, each whole or not at all."""
+    table = compared.table
+    write_atomic(folder / TABLE, without_formulas(table).to_csv(index=False, lineterminator="\n").encode())
+    frame = gpd.GeoDataFrame(table, geometry=shapely.points(table[["x", "y"]].to_numpy()), crs=compared.crs)
+
+    def write(place: Path) -> None:
+        pyogrio.write_dataframe(
+            frame, place / LAYER, layer="register", driver="GPKG", dataset_options={"VERSION": "1.2"}
+        )
+
+    before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
+    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": "2000-01-01T00:00:00.000Z"})
+    try:
+        return [folder / TABLE, *write_whole(folder, write)]
+    finally:
+        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})

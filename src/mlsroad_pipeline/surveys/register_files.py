@@ -1,0 +1,117 @@
+"""Registers of road objects: CSV tables, GeoPackage, Shapefile, GeoJSON and other vector files."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import geopandas as gpd
+import numpy as np
+import pandas as pd
+import pyogrio
+import shapely
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
+from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
+from mlsroad_pipeline.formats.crs import parse_crs
+from mlsroad_pipeline.surveys.truth_tables import read_csv, typed_objects
+
+COLUMNS = ("id", "kind", "x", "y", "height")
+"""Columns of a register that are used."""
+TABLES = (".csv", ".txt")
+IGNORED = "-"
+"""Kind of values that are left out."""
+
+
+@dataclass(frozen=True)
+class RegisterFile:
+    """A file with a register, and the meaning of its columns and values."""
+
+    path: Path
+    columns: Mapping[str, str] = field(default_factory=dict)  # Column of `COLUMNS` to its name in the file
+    kinds: Mapping[str, str] = field(default_factory=dict)  # Value of the column of kinds to a kind, or `IGNORED`
+    kind: str | None = None  # Kind of all entries, for a file without a column of kinds
+    layer: str | None = None  # Layer of a vector file
+    crs: str | None = None  # Coordinate reference system in place of that of the file
+
+    def __post_init__(self) -> None:
+        for name in self.columns:
+            if name not in COLUMNS:
+                raise ParameterError(f"--column {name}: unknown column (known: {', '.join(COLUMNS)})")
+        for value, kind in (*self.kinds.items(), ("--kind", self.kind or IGNORED)):
+            if kind not in (*KINDS, IGNORED):
+                raise ParameterError(f"kind {kind!r} of {value}: unknown kind (known: {', '.join(KINDS)}, {IGNORED})")
+
+    def read(self, crs: str | None) -> pd.DataFrame:
+        """Return the entries with `id`, `kind`, `x`, `y`, `height`, in a system; None is the file's own.
+
+        Raises ReadError or DataError, which names the file and the value.
+        """
+        if not self.path.is_file():
+            raise ReadError(f"{self.path} does not exist: name a register (CSV, GeoPackage, Shapefile, GeoJSON)")
+        table = read_csv(self.path) if self.path.suffix.lower() in TABLES else self._features()
+        table = self._named(table)
+        places, table = self._placed(table, crs)
+        typed = typed_objects(table.assign(x=places[:, 0], y=places[:, 1]), self.path)
+        if typed.empty:
+            raise DataError(f"{self.path}: the register has no entries")
+        return typed[list(COLUMNS)]
+
+    def _features(self) -> gpd.GeoDataFrame:
+        try:
+            layers = [str(name) for name in pyogrio.list_layers(self.path)[:, 0]]
+            if self.layer is None and len(layers) > 1:
+                raise ReadError(f"{self.path} has layers {', '.join(layers)}: name one with --layer")
+            frame = gpd.read_file(self.path, layer=self.layer)
+        except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError) as error:
+            raise ReadError(f"{self.path}: cannot be read: {' '.join(str(error).split())}") from error
+        if not isinstance(frame, gpd.GeoDataFrame):
+            raise ReadError(f"{self.path}: the features have no places")
+        return frame
+
+    def _named(self, table: pd.DataFrame) -> pd.DataFrame:
+        """Return a table with columns of this module's names and kinds."""
+        missing = [name for name in self.columns.values() if name not in table]
+        if missing:
+            raise DataError(f"{self.path}: no column {missing[0]!r} (has {', '.join(map(str, table))})")
+        table = table.assign(**{name: table[given] for name, given in self.columns.items()})
+        if self.kind is not None:
+            table = table.assign(kind=self.kind)
+        if "kind" not in table:
+            raise DataError(
+                f"{self.path}: no column 'kind' (has {', '.join(map(str, table))}): name it with --column kind=NAME, "
+                "or give all entries one with --kind"
+            )
+        kinds = table["kind"].astype(str).str.strip()
+        mapped = kinds.map(lambda value: self.kinds.get(value, value.lower()))
+        unknown = sorted(set(kinds[~mapped.isin((*KINDS, IGNORED))]))
+        if unknown:
+            more = f" and {len(unknown) - 5} more" if len(unknown) > 5 else ""
+            raise DataError(
+                f"{self.path}: unknown kinds {', '.join(unknown[:5])}{more}: give each a kind, such as "
+                f"--value '{unknown[0]}=pole' ({', '.join(KINDS)}, {IGNORED} leaves out)"
+            )
+        table = table.assign(kind=mapped)[(mapped != IGNORED).to_numpy()]
+        if "id" not in table:
+            table = table.assign(id=np.arange(1, len(table) + 1))
+        return table if "height" in table else table.assign(height=np.nan)
+
+    def _placed(self, table: pd.DataFrame, crs: str | None) -> tuple[np.ndarray, pd.DataFrame]:
+        """Return the places of entries in a system; lines and areas have their middle."""
+        if isinstance(table, gpd.GeoDataFrame):
+            shapes, own = table.geometry, table.crs
+            table = table[~(shapes.is_empty | shapes.isna())]
+            places = shapely.centroid(table.geometry.to_numpy())
+        else:
+            for name in ("x", "y"):
+                if name not in table:
+                    columns = ", ".join(map(str, table))
+                    raise DataError(
+                        f"{self.path}: no column {name!r} (has {columns}): name it with --column {name}=NAME"
+                    )
+            numbers = typed_objects(table, self.path)
+            places, own = shapely.points(numbers["x"], numbers["y"]), None
+        known = own if self.crs is None else parse_crs(self.crs, option="--crs")
+        moved = gpd.GeoSeries(places, crs=known)
+        if known is not None and crs is not None:
+            moved = moved.to_crs(crs)
+        return shapely.get_coordinates(moved.to_numpy()), pd.DataFrame(table)
