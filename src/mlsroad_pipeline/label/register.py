@@ -34,10 +34,9 @@ from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.formats.files import write_atomic
 from mlsroad_pipeline.formats.las.header import class_names, read_header
 from mlsroad_pipeline.formats.registry import get_format
-from mlsroad_pipeline.inventory_files.exports import read_inventory
+from mlsroad_pipeline.inventory_files.geopackage import read_geopackage
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, write_whole
 from mlsroad_pipeline.inventory_files.vector_files import without_formulas
-from mlsroad_pipeline.label.object_scoring import inventory_file
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 from mlsroad_pipeline.surveys.reading import options_in_use
 from mlsroad_pipeline.surveys.register_files import RegisterFile
@@ -45,6 +44,8 @@ from mlsroad_pipeline.surveys.trajectory_files import in_weeks_of, read_trajecto
 
 logger = logging.getLogger(__name__)
 
+INVENTORY = "inventory.gpkg"
+"""Inventory of a survey; it has the path of the scanner too."""
 TABLE, LAYER = "register.csv", "register.gpkg"
 """Files of a comparison."""
 CHUNK = 2_000_000
@@ -52,6 +53,7 @@ CHUNK = 2_000_000
 GROUND_REACH = 2.0
 """Distance in plan up to which ground points give the height of the ground at an entry, metres."""
 _FURNITURE = ("bus_shelter", "bin", "bench", "bollard", "hydrant", "mail_box", "parking_meter", "other_object")
+_NOISE = (7, 18)  # LAS codes of points that no ray ends at
 _FEET = 25  # ground points that are kept for each entry
 
 
@@ -80,6 +82,7 @@ class _Cloud:
         names = tuple(name for name in ("classification", "gps_time") if name in info.columns)
         for start in range(0, info.n_points, CHUNK):
             cloud = form.read(self.path, replace(options, only=names), start=start, stop=start + CHUNK)
+            cloud = cloud.select(~np.isin(cloud["classification"], _NOISE))
             xyz = cloud.world_xyz()
             scanner = scanner_positions(self.trajectory, xyz, cloud.get("gps_time"))
             yield xyz, cloud["classification"].astype(np.uint8), scanner
@@ -101,17 +104,19 @@ def scanner_positions(
 
 def compare_register(register: RegisterFile, output: LabelledOutput) -> ComparedRegister:
     """Return the states of the entries of a register in a labelled survey."""
-    inventory = read_inventory(inventory_file(str(output.path)))
+    inventory = read_geopackage(output.path / INVENTORY)
     objects = inventory.objects[["object_id", "kind", "x", "y", "z", "height"]].reset_index(drop=True)
     entries = register.read(inventory.crs).reset_index(drop=True)
     offset = register_offset(*_places(entries), *_places(objects))
     moved = entries.assign(x=entries["x"] + offset.shift[0], y=entries["y"] + offset.shift[1])
     matches = confirm(moved, objects)
-    rows = np.flatnonzero(matches.state == "")
-    unmatched = moved.iloc[rows]
-    seen = seen_space(unmatched, _clouds(output, inventory))
-    kind, height = unmatched["kind"].to_numpy(dtype=str), unmatched["height"].to_numpy(dtype=np.float64)
-    table = decide(moved, objects, matches, evidence_of(seen, kind, height), seen.rays)
+    clouds, rows = _clouds(output, inventory), np.flatnonzero(matches.state == "")
+    places = _on_ground(moved[["x", "y"]].to_numpy(dtype=np.float64)[rows], clouds)
+    rows, places = rows[np.isfinite(places[:, 2])], places[np.isfinite(places[:, 2])]
+    kind = moved["kind"].to_numpy(dtype=str)[rows]
+    seen = seen_space(places, kind, clouds)
+    evidence = evidence_of(seen, kind, moved["height"].to_numpy(dtype=np.float64)[rows])
+    table = decide(moved, objects, matches, rows, evidence, seen.rays)
     return ComparedRegister(table, offset, inventory.crs)
 
 
@@ -119,37 +124,32 @@ def _places(table: pd.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.str_]]
     return table[["x", "y"]].to_numpy(dtype=np.float64), table["kind"].to_numpy(dtype=str)
 
 
-def seen_space(entries: pd.DataFrame, clouds: Sequence[_Cloud]) -> SeenSpace:
-    """Return what the rays of all clouds say about the places of entries; those far from all ground are unseen."""
-    xy = entries[["x", "y"]].to_numpy(dtype=np.float64)
-    ground = _ground_at(xy, clouds)
-    known = np.isfinite(ground)
-    seen = SeenSpace.unseen(len(xy))
-    if not known.any():
+def seen_space(places: NDArray[np.float64], kind: NDArray[np.str_], clouds: Sequence[_Cloud]) -> SeenSpace:
+    """Return what the rays of all clouds say about places on the ground."""
+    seen = SeenSpace.unseen(len(places))
+    if not len(places):
         return seen
-    # Places without ground lie below all points.
-    index = index_places(np.column_stack([xy, np.where(known, ground, -1e9)]))
-    kind = np.array([KINDS.index(name) for name in entries["kind"]], dtype=np.uint8)
+    index, number = index_places(places), np.array([KINDS.index(name) for name in kind], dtype=np.uint8)
     for cloud in clouds:
         for xyz, code, scanner in cloud.chunks():
-            add_rays(seen, index, kind, scanner, xyz, cloud.kind[code])
+            add_rays(seen, index, number, scanner, xyz, cloud.kind[code])
     return seen
 
 
-def _ground_at(xy: NDArray[np.float64], clouds: Sequence[_Cloud]) -> NDArray[np.float64]:
-    """Return the median height of the nearest ground points of each place; NaN without one within `GROUND_REACH`."""
-    places, heights = [np.zeros(0, np.int64)], [np.zeros(0)]
+def _on_ground(xy: NDArray[np.float64], clouds: Sequence[_Cloud]) -> NDArray[np.float64]:
+    """Return places with the median height of their nearest ground points; NaN without one within `GROUND_REACH`."""
+    rows, heights = [np.zeros(0, np.int64)], [np.zeros(0)]
     for cloud in clouds if len(xy) else ():
         for xyz, code, _ in cloud.chunks():
             ground = xyz[cloud.is_ground[code]]
             if not len(ground):
                 continue
-            distance, row = cKDTree(ground[:, :2]).query(xy, k=_FEET, distance_upper_bound=GROUND_REACH)
+            distance, near = cKDTree(ground[:, :2]).query(xy, k=_FEET, distance_upper_bound=GROUND_REACH)
             known = np.isfinite(distance)
-            places.append(np.nonzero(known)[0])
-            heights.append(ground[row[known], 2])
-    table = pd.Series(np.concatenate(heights)).groupby(np.concatenate(places)).median()
-    return np.asarray(table.reindex(np.arange(len(xy))), dtype=np.float64)
+            rows.append(np.nonzero(known)[0])
+            heights.append(ground[near[known], 2])
+    median = pd.Series(np.concatenate(heights)).groupby(np.concatenate(rows)).median()
+    return np.column_stack([xy, median.reindex(np.arange(len(xy)))])
 
 
 def _clouds(output: LabelledOutput, inventory: RoadInventory) -> list[_Cloud]:

@@ -48,7 +48,9 @@ class RegisterFile:
         """
         if not self.path.is_file():
             raise ReadError(f"{self.path} does not exist: name a register (CSV, GeoPackage, Shapefile, GeoJSON)")
-        table = read_csv(self.path) if self.path.suffix.lower() in TABLES else self._features()
+        numbers = [self.columns[name] for name in ("x", "y", "height") if name in self.columns]
+        is_table = self.path.suffix.lower() in TABLES
+        table = read_csv(self.path, numbers) if is_table else self._features()
         table = self._named(table)
         places, table = self._placed(table, crs)
         typed = typed_objects(table.assign(x=places[:, 0], y=places[:, 1]), self.path)

@@ -1,6 +1,6 @@
 """Tables of true objects: of simulated streets, of users, and made from instances and boxes of recordings."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -73,8 +73,11 @@ def _read_truth(place: Path) -> Truth:
     return Truth(typed, None, "table")
 
 
-def read_csv(place: Path) -> pd.DataFrame:
-    """Return a table separated by commas, or by semicolons with decimal commas as spreadsheets write it."""
+def read_csv(place: Path, numbers: Collection[str] = ()) -> pd.DataFrame:
+    """Return a table separated by commas, or by semicolons with decimal commas as spreadsheets write it.
+
+    Columns of `numbers` and those of this module are numeric.
+    """
     try:
         with place.open(encoding="utf-8-sig") as stream:
             header = stream.readline()
@@ -82,7 +85,7 @@ def read_csv(place: Path) -> pd.DataFrame:
         table = pd.read_csv(place, sep=";" if spreadsheet else ",", encoding="utf-8-sig")
     except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
         raise ReadError(f"{place}: not a table of objects: {' '.join(str(error).split())}") from error
-    commas = [name for name in _NUMBERS if spreadsheet and name in table and is_string_dtype(table[name])]
+    commas = [name for name in {*_NUMBERS, *numbers} if spreadsheet and name in table and is_string_dtype(table[name])]
     return table.assign(**{name: table[name].str.replace(",", ".", regex=False) for name in commas})
 
 

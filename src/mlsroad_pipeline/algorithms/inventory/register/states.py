@@ -91,41 +91,45 @@ def evidence_of(seen: SeenSpace, kind: NDArray[np.str_], height: NDArray[np.floa
     disc = distance[None] <= radius[:, None, None]
     top = np.clip(np.where(np.isnan(height), TOP, height), LOW + SLICE, TOP)
     lower = (np.arange(SLICES) + 1) * SLICE + LOW <= top[:, None] + 1e-9
-    inside = disc[:, None] & np.ones((1, SLICES, 1, 1), dtype=np.bool_)
-    own_slices = np.where(inside, seen.own, 0).sum(axis=(2, 3)) > 0
-    other_slices = np.where(inside, seen.other, 0).sum(axis=(2, 3)) > 0
-    n_lower = lower.sum(axis=1)
-    own_points = np.where(inside, seen.own, 0).sum(axis=(1, 2, 3)).astype(np.int64)
-    other_points = np.where(inside, seen.other, 0).sum(axis=(1, 2, 3))
-    upright = (own_slices & lower).sum(axis=1) >= LEAST_SLICES * n_lower
-    least = np.array([LEAST_OWN[name] for name in kind])
-    own = (own_points >= least) & (upright | (kind == "sign"))
-    other = ~own & (other_points >= least) & ((other_slices & lower).sum(axis=1) >= LEAST_OTHERS * n_lower)
+    n_lower, least = lower.sum(axis=1), np.array([LEAST_OWN[name] for name in kind])
+    own_points, own_slices = _in_disc(seen.own, disc, lower)
+    other_points, other_slices = _in_disc(seen.other, disc, lower)
+    all_points, all_slices = _in_disc(seen.hit, disc, lower)
+    own = (own_points >= least) & ((own_slices >= LEAST_SLICES * n_lower) | (kind == "sign"))
+    other = ~own & (other_points >= least) & (other_slices >= LEAST_OTHERS * n_lower)
+    occupied = (all_points >= least) & ((all_slices >= LEAST_OTHERS * n_lower) | (kind == "sign"))
     free = (seen.free > 0) & (seen.hit == 0) & lower[:, :, None, None]
-    any_points = np.where(inside, seen.hit, 0)
-    filled = (any_points.sum(axis=(2, 3)) > 0) & lower
-    occupied = (any_points.sum(axis=(1, 2, 3)) >= least) & (
-        (filled.sum(axis=1) >= LEAST_OTHERS * n_lower) | (kind == "sign")
-    )
     no_shaft = free.sum(axis=1) >= np.maximum(2, FREE_SLICES * n_lower)[:, None, None]
-    empty = np.where(
-        occupied | (n_lower < FEWEST_SLICES), 0.0, (no_shaft & disc).sum(axis=(1, 2)) / disc.sum(axis=(1, 2))
-    )
+    share = (no_shaft & disc).sum(axis=(1, 2)) / disc.sum(axis=(1, 2))
+    empty = np.where(occupied | (n_lower < FEWEST_SLICES), 0.0, share)
     return Evidence(own_points, own, other, empty)
 
 
+def _in_disc(
+    counts: NDArray[np.uint16], disc: NDArray[np.bool_], lower: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the points of each place, and the number of its lower slices with any."""
+    of_slice = (counts * disc[:, None]).sum(axis=(2, 3), dtype=np.int64)
+    return of_slice.sum(axis=1), ((of_slice > 0) & lower).sum(axis=1)
+
+
 def decide(
-    entries: pd.DataFrame, objects: pd.DataFrame, matches: Matches, evidence: Evidence, rays: NDArray[np.int64]
+    entries: pd.DataFrame,
+    objects: pd.DataFrame,
+    matches: Matches,
+    rows: NDArray[np.int64],
+    evidence: Evidence,
+    rays: NDArray[np.int64],
 ) -> pd.DataFrame:
     """Return the entries with their states, then the objects without an entry.
 
-    `evidence` and `rays` (their number at each place) are about the entries without a state, in their order.
+    `evidence` and `rays` (their number at each place) are about the entries of `rows`; others without a state are not
+    visible.
     """
     found = Matches(matches.state.copy(), matches.row.copy(), matches.used.copy())
     state, by = found.state, np.full(len(entries), BY_OBJECT, dtype=object)
-    rows = np.flatnonzero(state == "")
-    state[rows] = np.where(evidence.empty_share >= EMPTY, NOT_FOUND, NOT_VISIBLE)
-    by[rows] = BY_RAYS
+    by[state == ""], state[state == ""] = BY_RAYS, NOT_VISIBLE
+    state[rows[evidence.empty_share >= EMPTY]] = NOT_FOUND
     state[rows[evidence.own]], by[rows[evidence.own]] = CONFIRMED, BY_POINTS
     _match_other_kinds(entries, objects, found)
     standing = rows[evidence.other & np.isin(state[rows], (NOT_FOUND, NOT_VISIBLE))]
@@ -156,13 +160,14 @@ def _with_objects(table: pd.DataFrame, objects: pd.DataFrame, row: NDArray[np.in
     """Return entries with number, kind, distance and height of their objects."""
     there = objects.reindex(pd.Index(row)).reset_index(drop=True)  # -1 is no row
     table = table.reset_index(drop=True)
-    dx, dy = there["x"] - table["x"], there["y"] - table["y"]
+    x, y, height = (there[name].astype(np.float64) for name in ("x", "y", "height"))
+    dx, dy = x - table["x"], y - table["y"]
     return table.assign(
         object_id=there["object_id"].fillna(0).astype(np.int64),
         object_kind=there["kind"].fillna(""),
-        object_height=there["height"],
+        object_height=height,
         distance=np.hypot(dx, dy),
         dx=dx,
         dy=dy,
-        height_difference=there["height"] - table["height"],
+        height_difference=height - table["height"],
     )

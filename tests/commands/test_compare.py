@@ -1,0 +1,97 @@
+"""The command `mlsroad compare` on a labelled street: planted errors of a register are found."""
+
+import os
+import shutil
+
+import geopandas as gpd
+import numpy as np
+import pandas as pd
+import pytest
+from helpers.forking import forked_commands
+
+SHIFT = np.array([1.2, -0.7])
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    place = tmp_path_factory.mktemp("printed")
+    variables = {k: v for k, v in os.environ.items() if not k.startswith(("MLFLOW_", "KEDRO_", "COV_"))}
+    with forked_commands(place, variables) as commands:
+        yield lambda *arguments, cwd: commands.run([*map(str, arguments)], cwd)
+
+
+@pytest.fixture(scope="module")
+def folder(run, tmp_path_factory):
+    """A labelled street, and its own inventory as a register with another origin and planted errors."""
+    place = tmp_path_factory.mktemp("compared")
+    street = ("simulate", "--preset", "small", "--seed", "31", "--length", "60", "--params", "with_images=false")
+    for arguments in (street, ("label", "street", "--workers", 2)):
+        done = run(*arguments, cwd=place)
+        assert done.returncode == 0, done.stderr
+    objects = gpd.read_parquet(place / "street_mlsroad/inventory.parquet")
+    upright = objects[objects["kind"] != "vehicle"].reset_index(drop=True)
+    assert len(upright) > 15
+    register = pd.DataFrame(upright[["object_id", "kind", "x", "y", "height"]]).iloc[1:]  # the first is new
+    path = pd.read_csv(place / "street/trajectory.csv").iloc[lambda t: [len(t) // 2]][["x", "y"]].to_numpy()[0]
+    planted = [(901, "pole", *path, 4.0), (902, "tree", *(path + [0, 5000]), 6.0)]  # on the road, and far away
+    register = pd.concat([register, pd.DataFrame(planted, columns=register.columns)])
+    register["x"], register["y"] = register["x"] - SHIFT[0], register["y"] - SHIFT[1]
+    register = register.rename(columns={"object_id": "nr", "kind": "sort"})
+    register.to_csv(place / "register.csv", index=False)
+    return place
+
+
+OPTIONS = ("--column", "id=nr", "--column", "kind=sort")
+
+
+@pytest.fixture(scope="module")
+def compared(run, folder):
+    return run("compare", "register.csv", "street_mlsroad", *OPTIONS, cwd=folder)
+
+
+def test_states_are_written_and_printed(folder, compared):
+    assert compared.returncode == 0, compared.stderr
+    assert "The register was moved by +1.20 m in x and -0.70 m in y" in compared.stdout
+    table = pd.read_csv(folder / "street_mlsroad/register/register.csv")
+    entries = table[table["state"] != "new"].set_index("id")
+    assert entries.loc[901, "state"] == "not found" and entries.loc[901, "rays"] > 100
+    assert entries.loc[902, "state"] == "not visible" and entries.loc[902, "rays"] == 0
+    others = entries.drop([901, 902])
+    assert (others["state"] == "confirmed").all() and others["distance"].max() < 0.02
+    assert (others["object_id"] == others.index).all()
+    assert len(table[table["state"] == "new"]) == 1
+    layer = gpd.read_file(folder / "street_mlsroad/register/register.gpkg", layer="register")
+    assert layer["state"].tolist() == table["state"].tolist() and layer.crs is not None
+
+
+def test_states_are_not_replaced_unasked(run, folder, compared):
+    assert compared.returncode == 0
+    again = run("compare", "register.csv", "street_mlsroad", *OPTIONS, cwd=folder)
+    assert again.returncode == 1 and "holds the states of a register" in again.stderr
+    other = run("compare", "register.csv", "street", *OPTIONS, "-o", "other", cwd=folder)
+    assert other.returncode == 0, other.stderr  # the survey names its results
+    first, second = (folder / place / "register.gpkg" for place in ("street_mlsroad/register", "other"))
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_without_the_file_of_the_trajectory_the_path_of_the_inventory_serves(run, folder, compared):
+    assert compared.returncode == 0
+    shutil.move(folder / "street/trajectory.csv", folder / "moved.csv")
+    done = run("compare", "register.csv", "street_mlsroad", *OPTIONS, "-o", "without", cwd=folder)
+    shutil.move(folder / "moved.csv", folder / "street/trajectory.csv")
+    assert done.returncode == 0 and "trajectory.csv is missing: rays begin at" in " ".join(done.stdout.split())
+    table = pd.read_csv(folder / "without/register.csv").set_index("id")
+    assert table.loc[901, "state"] == "not found"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("none.csv", "street_mlsroad"), "none.csv does not exist"),
+        (("register.csv", "."), "holds no finished results of label"),
+        (("register.csv", "street_mlsroad", "-o", "x"), "no column 'kind'"),
+    ],
+)
+def test_errors_are_one_line(run, folder, arguments, message):
+    done = run("compare", *arguments, cwd=folder)
+    assert done.returncode == 1 and message in done.stderr and done.stderr.count("\n") == 1
