@@ -130,10 +130,10 @@ def decide(
     state, by = found.state, np.full(len(entries), BY_OBJECT, dtype=object)
     by[state == ""], state[state == ""] = BY_RAYS, NOT_VISIBLE
     state[rows[evidence.empty_share >= EMPTY]] = NOT_FOUND
-    state[rows[evidence.own]], by[rows[evidence.own]] = CONFIRMED, BY_POINTS
     _match_other_kinds(entries, objects, found)
-    standing = rows[evidence.other & np.isin(state[rows], (NOT_FOUND, NOT_VISIBLE))]
-    state[standing], by[standing] = CONFIRMED, BY_OTHERS
+    for standing, points in ((evidence.own, BY_POINTS), (evidence.other, BY_OTHERS)):
+        confirmed = rows[standing & np.isin(state[rows], (NOT_FOUND, NOT_VISIBLE))]
+        state[confirmed], by[confirmed] = CONFIRMED, points
     _match(entries, objects, found, MOVED, MOVED_REACH)
     by[found.row >= 0] = BY_OBJECT
     numbers = {"empty_share": np.full(len(state), np.nan), "points": np.zeros(len(state)), "rays": np.zeros(len(state))}
