@@ -69,7 +69,7 @@ def test_lifted_ground_is_counted_and_no_ground_of_heights(scene):
     assert ground["height"][-200:] == pytest.approx(5, abs=0.05)
     warning = "200 points of given ground lie more than 2 m above the ground around them"
     assert given_warnings(np.array([9, 200, 0]))[0].startswith(warning)
-    assert "No point has a class to keep" in given_warnings(np.zeros(3, np.int64))[0] and given_warnings(0.0) == []
+    assert "No point has a class to keep" in given_warnings(np.zeros(3, np.int64))[0] and given_warnings(None) == []
 
 
 def test_ground_of_the_filter_fills_what_the_given_ground_does_not_cover(scene):

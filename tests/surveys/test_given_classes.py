@@ -24,8 +24,11 @@ SCHEME = ClassScheme.from_config("road_inventory", configured_scheme())
         ({"keep_classes": "yes"}, r"label\.given\.keep_classes must be true or false, got 'yes'"),
         ({"keep": "2"}, r"label\.given\.keep chooses among kept classes"),
         ({"keep_classes": True, "keep": "2,x"}, r"label\.given\.keep must list class numbers.*got '2,x'"),
+        ({"classes": "oakland"}, r"label\.given\.classes has no effect: set label\.given\.keep_classes too"),
+        ({"labels_classes": "a.csv"}, r"label\.given\.labels_classes has no effect: set label\.given\.labels too"),
         ({"labels": 3}, r"label\.given\.labels must be a text, got 3"),
         ({"labels": "f", "weight": 1.5}, r"label\.given\.weight must be a number between 0 and 1, got 1\.5"),
+        ({"labels": "f", "weight": "half"}, r"label\.given\.weight must be a number between 0 and 1, got 'half'"),
         ({"weight": 0.5}, r"label\.given\.weight is that of predictions"),
     ],
 )

@@ -32,7 +32,9 @@ def compare(  # typer reads the options from the signature
     ] = None,
     value: Annotated[
         list[str] | None,
-        typer.Option("--value", metavar="VALUE=KIND", help="Kind of a value: pole, sign, tree, vehicle; - leaves out."),
+        typer.Option(
+            "--value", metavar="VALUE=KIND", help="Kind of a value: pole, sign or tree; - leaves its entries out."
+        ),
     ] = None,
     kind: Annotated[str | None, typer.Option("--kind", metavar="KIND", help="Kind of all entries.")] = None,
     layer: Annotated[str | None, typer.Option("--layer", metavar="NAME", help="Layer of the register.")] = None,

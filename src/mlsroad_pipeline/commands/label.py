@@ -114,7 +114,8 @@ def label(  # typer reads the options from the signature
     options: dict[str, Any] = {"method": method, "model": model, "crs": crs, "copc": copc or None}
     options |= {"export": export or None, "photos": photos or None, "overwrite": overwrite or None}
     folder = None if labels is None else literal(expanded([labels])[0])
-    given = {"keep_classes": keep_classes or None, "keep": keep, "labels": folder, "labels_classes": labels_map}
+    kept = keep_classes or keep is not None
+    given = {"keep_classes": kept or None, "keep": keep, "labels": folder, "labels_classes": labels_map}
     options["given"] = given | {"classes": class_map}
     label_files(files, output, options, params=params, workers=workers, verbose=verbose)
 
@@ -180,6 +181,8 @@ def print_summary(console: Console, summary: Mapping[str, Any], logged: list[str
     begin = "Already labelled:" if seconds is None else "Labelled"
     duration = "" if seconds is None else f" in {seconds:.1f} s"
     console.print(f"{begin} {n_points:,} points of {files}{duration} with {_model(summary)}{median}.\n")
+    if summary.get("kept"):
+        console.print(f"{summary['kept']:,} points keep their class.\n")
     rows = [
         (name, f"{count:,}", f"{100 * count / max(n_points, 1):.1f} %", _median(confidence["class_medians"], name))
         for name, count in sorted(summary["classes"].items(), key=lambda item: -item[1])

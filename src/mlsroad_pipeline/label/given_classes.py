@@ -1,6 +1,6 @@
 """Classes that a survey comes with, in a scene: resolved by their class maps, as ground, and in the labels."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
@@ -196,9 +196,15 @@ def contradictions(scene: PointCloud, height: NDArray[np.float32]) -> NDArray[np
     return np.array([(part & core).sum() for part in (label != NOT_KEPT, scene[LIFTED], sunk)], dtype=np.int64)
 
 
-def given_warnings(counts: NDArray[np.int64] | float) -> list[str]:
-    """Return the warnings about kept classes; `counts` as of `contradictions`, of the whole survey, or 0."""
-    if not isinstance(counts, np.ndarray):
+def given_counts(scenes: Iterable[Mapping[str, Any]]) -> NDArray[np.int64] | None:
+    """Return the counts of `contradictions` of the whole survey; None where no class was to be kept."""
+    counts = [scene["given"] for scene in scenes if "given" in scene]
+    return np.sum(counts, axis=0) if counts else None
+
+
+def given_warnings(counts: NDArray[np.int64] | None) -> list[str]:
+    """Return the warnings about kept classes; `counts` as of `given_counts`."""
+    if counts is None:
         return []
     kept, lifted, sunk = (int(count) for count in counts)
     if not kept:

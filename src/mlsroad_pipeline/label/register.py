@@ -39,6 +39,7 @@ from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, write
 from mlsroad_pipeline.inventory_files.vector_files import without_formulas
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 from mlsroad_pipeline.surveys.reading import options_in_use
+from mlsroad_pipeline.surveys.register_files import KINDS as REGISTERED
 from mlsroad_pipeline.surveys.register_files import RegisterFile
 from mlsroad_pipeline.surveys.trajectory_files import in_weeks_of, read_trajectory
 
@@ -105,7 +106,7 @@ def scanner_positions(
 def compare_register(register: RegisterFile, output: LabelledOutput) -> ComparedRegister:
     """Return the states of the entries of a register in a labelled survey."""
     inventory = read_geopackage(output.path / INVENTORY)
-    objects = inventory.objects[["object_id", "kind", "x", "y", "z", "height"]].reset_index(drop=True)
+    objects = inventory.objects[inventory.objects["kind"].isin(REGISTERED)].reset_index(drop=True)
     entries = register.read(inventory.crs).reset_index(drop=True)
     offset = register_offset(*_places(entries), *_places(objects))
     moved = entries.assign(x=entries["x"] + offset.shift[0], y=entries["y"] + offset.shift[1])
@@ -197,7 +198,7 @@ def _of_codes(output: LabelledOutput, scheme: ClassScheme) -> tuple[NDArray[np.b
     is_ground, kind = np.zeros(256, dtype=np.bool_), np.full(256, NO_KIND, dtype=np.uint8)
     is_ground[codes[ground_classes(scheme)]] = True
     for name, rule in candidate_rules(scheme, {}).items():
-        if rule.kind in ("pole", "sign", "tree"):
+        if rule.kind in REGISTERED:
             kind[codes[scheme.classes.index(name)]] = KINDS.index(rule.kind)
     furniture = [any(member in _FURNITURE for member in members) for members in scheme.members]
     kind[codes[furniture]] = FURNITURE

@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.scenes.joining import join_pieces
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters, OutlierParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.label.confidence import confidence_table, confidence_warnings, ground_warnings
-from mlsroad_pipeline.label.given_classes import given_warnings
+from mlsroad_pipeline.label.given_classes import given_counts, given_warnings
 from mlsroad_pipeline.label.images import effect_without_images
 from mlsroad_pipeline.label.scene import LabelCounts
 from mlsroad_pipeline.label.summary import summed_counts
@@ -35,7 +35,7 @@ def label_warnings(
         *no_ground,
         *unfamiliar_warnings(counts, explained=bool(no_ground)),
         *image_warnings(bundle, counts),
-        *given_warnings(np.sum([scene["given"] for scene in counts.values() if "given" in scene], axis=0)),
+        *given_warnings(given_counts(counts.values())),
     ]
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any, NotRequired, TypedDict
 
 import numpy as np
 import pandas as pd
@@ -57,6 +57,7 @@ class LabelSummary(TypedDict):
     unusual: list[str]
     warnings: list[str]
     outputs: OutputPaths
+    kept: NotRequired[int]  # points that keep their class
 
 
 def written_clouds(written: Mapping[str, WrittenFile]) -> list[str]:
@@ -98,10 +99,12 @@ def summarise_labels(
     *,
     unusual: Sequence[str] = (),
     exports: Sequence[str] = (),
+    kept: int = 0,
 ) -> LabelSummary:
     """Return the summary of a labelled survey; `unusual` are its properties outside the range of the training data.
 
-    `exports` are the files of `label.export`; `lines` has the metres of line of each kind.
+    `exports` are the files of `label.export`; `lines` has the metres of line of each kind. `kept` are the points that
+    keep their class.
     """
     total, objects = summed_counts(written), inventory.objects
     output = Path(str(parameters.output))
@@ -127,6 +130,7 @@ def summarise_labels(
             "exports": list(exports),
             "report": str(output / "report.html"),
         },
+        "kept": kept,
     }
 
 

@@ -1,6 +1,7 @@
 """Classes that a survey comes with: kept classes of its own files, and predictions in files beside them."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, Self
@@ -50,6 +51,9 @@ class GivenParameters:
         if unknown:
             known = ", ".join(cls.__dataclass_fields__)
             raise ParameterError(f"label.given has no parameter {unknown[0]!r} (parameters: {known})")
+        for name, needed in (("classes", "keep_classes"), ("labels_classes", "labels")):
+            if given.get(name) is not None and not given.get(needed):
+                raise ParameterError(f"label.given.{name} has no effect: set label.given.{needed} too")
         keep = given.get("keep")
         return cls(**{**given, "keep": None if keep is None else _codes(keep)})
 
@@ -61,7 +65,8 @@ class GivenParameters:
         for name in ("classes", "labels", "labels_classes"):
             if not isinstance(getattr(self, name), str | None):
                 raise ParameterError(f"label.given.{name} must be a text, got {getattr(self, name)!r}")
-        if self.weight is not None and (isinstance(self.weight, bool) or not 0 < self.weight < 1):
+        weight = 0.5 if self.weight is None else self.weight
+        if isinstance(weight, bool) or not isinstance(weight, int | float) or not 0 < weight < 1:
             raise ParameterError(f"label.given.weight must be a number between 0 and 1, got {self.weight!r}")
         if self.weight is not None and self.labels is None:
             raise ParameterError("label.given.weight is that of predictions: set label.given.labels to their folder")
@@ -70,6 +75,13 @@ class GivenParameters:
     def in_use(self) -> bool:
         """Whether the survey comes with any classes."""
         return self.keep_classes or self.labels is not None
+
+    def check_class_maps(self, scheme: ClassScheme, codings: Mapping[str, Any]) -> None:
+        """Raise ReadError for a class map that cannot be read, before the survey is."""
+        for name, given in (("classes", self.classes), ("labels_classes", self.labels_classes)):
+            if given is not None and (self.keep_classes or name != "classes"):
+                with suppress(ParameterError):  # it may name classes of the scheme of a model, which is not known yet
+                    read_class_map(given, scheme, option=f"label.given.{name}", codings=codings)
 
     def kept_legend(self, scheme: ClassScheme, codings: Mapping[str, Any]) -> Legend | None:
         """Return the class map of the kept classes; None where none is kept."""

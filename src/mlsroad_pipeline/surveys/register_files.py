@@ -11,10 +11,11 @@ import pyogrio
 import shapely
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
-from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.formats.crs import parse_crs
 from mlsroad_pipeline.surveys.truth_tables import read_csv, typed_objects
 
+KINDS = ("pole", "sign", "tree")
+"""Kinds of entries."""
 COLUMNS = ("id", "kind", "x", "y", "height")
 """Columns of a register that are used."""
 TABLES = (".csv", ".txt")

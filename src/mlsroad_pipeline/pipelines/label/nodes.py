@@ -21,7 +21,7 @@ from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.label.checks import check_headers, check_outputs
 from mlsroad_pipeline.label.devices import check_device
-from mlsroad_pipeline.label.given_classes import GIVEN_SCHEME, given_classes
+from mlsroad_pipeline.label.given_classes import GIVEN_SCHEME, given_classes, given_counts
 from mlsroad_pipeline.label.images import LabelImages, images_of_survey, images_to_label
 from mlsroad_pipeline.label.inventory import (
     OBJECTS,
@@ -73,8 +73,9 @@ def find_named_model(
     parameters: LabelParameters, image_labels: ImageLabelsParameters, classes: Mapping[str, Any]
 ) -> ModelRequest:
     """Return the request for the model, before the survey is read."""
+    scheme = find_scheme(classes["schemes"], GIVEN_SCHEME)
+    parameters.given_classes.check_class_maps(scheme, classes["codings"])
     if parameters.needs_no_model:
-        scheme = find_scheme(classes["schemes"], GIVEN_SCHEME)
         return ModelRequest(GIVEN_LABELS, own=given_bundle(scheme))
     choice = None
     if parameters.method != "image_labels" or parameters.model is not None or not image_labels.own_segmentation:
@@ -224,6 +225,11 @@ def write_report(
     warnings += survey_warnings
     pictures = report_pictures(results, inventory, class_palette(bundle_scheme(bundle)))
     sections = label_report_sections(bundle, parameters, quality, counts, files, inventory, pictures, warnings)
-    more = {"unusual": unusual_properties(bundle, facts), "exports": exports}
-    summary = summarise_labels(bundle, parameters, quality, files, inventory, warnings, **more)
+    given = given_counts(counts.values())
+    summary = summarise_labels(
+        *(bundle, parameters, quality, files, inventory, warnings),
+        unusual=unusual_properties(bundle, facts),
+        exports=exports,
+        kept=0 if given is None else int(given[0]),
+    )
     return build_report(sections, title="Labelled survey", subtitle=summary["survey"]), summary

@@ -56,7 +56,6 @@ def test_each_state_is_that_of_its_planted_case():
         ("pole", 23, 0, 5.0),
         ("pole", 40, 0.5, 3.0),
         ("sign", 100, 0, 2.0),
-        ("vehicle", 50, 0, 1.0),
     )
     table = decided(entries, objects, free_everywhere)
     assert table["state"].tolist() == [CONFIRMED, MOVED, OTHER_KIND, NOT_FOUND, NOT_FOUND, NEW]

@@ -16,15 +16,15 @@ STATES = (CONFIRMED, MOVED, OTHER_KIND, NOT_FOUND, NOT_VISIBLE, NEW)
 BY_OBJECT, BY_POINTS, BY_OTHERS, BY_RAYS = "object", "points", "points of other classes", "rays"
 """Evidence of a state."""
 
-REACH = {"pole": 1.0, "sign": 1.0, "tree": 1.5, "vehicle": 2.0}
+REACH = {"pole": 1.0, "sign": 1.0, "tree": 1.5}
 """Largest distance in plan of an entry and the object that confirms it, metres."""
 MOVED_REACH = 5.0
 """Largest distance of an entry that moved, metres."""
-RADIUS = {"pole": 0.5, "sign": 0.5, "tree": 0.7, "vehicle": 0.7}
+RADIUS = {"pole": 0.5, "sign": 0.5, "tree": 0.7}
 """Radius around the place of an entry in which it is searched for, metres."""
 TOP = 3.0
 """Height up to which a shaft or trunk is searched for, metres."""
-LEAST_OWN = {"pole": 8, "sign": 8, "tree": 15, "vehicle": 50}
+LEAST_OWN = {"pole": 8, "sign": 8, "tree": 15}
 """Fewest points of its kind that confirm an entry without an object."""
 LEAST_SLICES, LEAST_OTHERS = 0.3, 0.6
 """Least share of the slices with points of its kind (of signs: any), and of other upright kinds, that confirm an entry.
