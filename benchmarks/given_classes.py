@@ -48,6 +48,20 @@ def classified(folder: Path) -> Iterator[Case]:
         yield Case(place.name, [place], street)
 
 
+def labelled_scans(folder: Path) -> Iterator[Case]:
+    """Yield the scans of SemanticKITTI with their labels beside them."""
+    for case in SETS["semantickitti"](folder):
+        place = folder / f"{case.name}_scan"
+        place.mkdir(parents=True, exist_ok=True)
+        copy(case.files[0], place / "000000.bin")
+        copy(case.truth, place / "000000.label")
+        yield case._replace(files=[place])
+
+
+OWN = {"simulated": classified, "semantickitti": labelled_scans}
+"""Data sets whose files are made."""
+
+
 def scores_of(name: str, case: Case, folder: Path, *, given: bool) -> object:
     """Return the scored inventory of a survey."""
     results = folder / f"{case.name}_{'given' if given else 'label'}"
@@ -69,7 +83,7 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     rows = []
     for name in options.only:
-        cases = list(classified(folder) if name == "simulated" else SETS[name](folder))
+        cases = list(OWN.get(name, SETS[name])(folder))
         partial = sorted({kind for case in cases for kind in case.recall_only})
         for given in (False, True):
             parts = [scores_of(name, case, folder, given=given) for case in cases]

@@ -202,6 +202,12 @@ def given_counts(scenes: Iterable[Mapping[str, Any]]) -> NDArray[np.int64] | Non
     return np.sum(counts, axis=0) if counts else None
 
 
+def check_any_kept(counts: NDArray[np.int64] | None, survey: str) -> None:
+    """Raise DataError if no point of a survey without a model has a class; `counts` as of `given_counts`."""
+    if counts is None or not counts[0]:
+        raise DataError(f"{survey}: no point has a class (codes 0 and 1 are none): label it with mlsroad label")
+
+
 def given_warnings(counts: NDArray[np.int64] | None) -> list[str]:
     """Return the warnings about kept classes; `counts` as of `given_counts`."""
     if counts is None:

@@ -21,7 +21,7 @@ from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.label.checks import check_headers, check_outputs
 from mlsroad_pipeline.label.devices import check_device
-from mlsroad_pipeline.label.given_classes import GIVEN_SCHEME, given_classes, given_counts
+from mlsroad_pipeline.label.given_classes import GIVEN_SCHEME, check_any_kept, given_classes, given_counts
 from mlsroad_pipeline.label.images import LabelImages, images_of_survey, images_to_label
 from mlsroad_pipeline.label.inventory import (
     OBJECTS,
@@ -155,7 +155,10 @@ def join_label_objects(
     parameters: LabelParameters,
 ) -> dict[str, SceneTask]:
     """Create the task that joins the objects of all scenes and numbers them."""
-    rules = object_rules(model.load(), parameters.inventory)
+    bundle = model.load()
+    if bundle.slug == GIVEN_LABELS and parameters.given_classes.labels is None:
+        check_any_kept(given_counts(results.load_all("counts").values()), parameters.survey_name)
+    rules = object_rules(bundle, parameters.inventory)
     return {OBJECTS: objects_task(plan, corridors, results, rules, model, parameters)}
 
 
