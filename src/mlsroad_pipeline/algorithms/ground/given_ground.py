@@ -4,11 +4,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mlsroad_pipeline.algorithms.geometry.sorting import rank_integers
+
 CELL, AROUND, REACH = 1.0, 10.0, 5.0
 """Edge of the cells whose lowest ground point counts; radius of the surroundings, and farthest ground, in plan, m."""
 MOST_ABOVE = 2.0
 """Height above the surrounding ground from which a ground point contradicts itself, metres."""
 _NEIGHBOURS = 330  # at least the number of cells within `AROUND`
+
+
+def _columns(xyz: NDArray[np.floating]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the occupied cells in plan, counted from the first ones, and the cell of each point."""
+    ij = [np.floor(axis / CELL).astype(np.int64) for axis in xyz[:, :2].T]
+    i, j = (part - part.min() for part in ij)
+    width = int(j.max()) + 1
+    key, cell = rank_integers(i * width + j)
+    return np.column_stack(np.divmod(key, width)), cell
 
 
 def lifted_ground(xyz: NDArray[np.floating], ground: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -30,8 +41,7 @@ def lifted_ground(xyz: NDArray[np.floating], ground: NDArray[np.bool_]) -> NDArr
     if not len(rows):
         return lifted
     z = xyz[rows, 2].astype(np.float64)
-    column, cell = np.unique(np.floor(xyz[rows, :2] / CELL).astype(np.int64), axis=0, return_inverse=True)
-    cell = cell.reshape(-1)
+    column, cell = _columns(xyz[rows])
     lowest = np.full(len(column), np.inf)
     np.minimum.at(lowest, cell, z)
     k = min(_NEIGHBOURS, len(column))
@@ -49,10 +59,9 @@ def beyond_ground(xyz: NDArray[np.floating], ground: NDArray[np.bool_]) -> NDArr
     >>> beyond_ground(np.array([[0.0, 0, 0], [4, 0, 0], [7, 0, 0]]), np.array([True, False, False])).tolist()
     [False, False, True]
     """
-    column, cell = np.unique(np.floor(xyz[:, :2] / CELL).astype(np.int64), axis=0, return_inverse=True)
-    cell = cell.reshape(-1)
     if not ground.any():
         return np.ones(len(xyz), dtype=np.bool_)
+    column, cell = _columns(xyz)
     covered = np.zeros(len(column), dtype=np.bool_)
     covered[cell[ground]] = True
     distance, _ = cKDTree(column[covered] * CELL).query(column * CELL)
