@@ -110,7 +110,8 @@ def _one_model(outputs: list[LabelledOutput], place: Place) -> tuple[ModelBundle
             )
     used, store = first.model, model_store(place)
     if first.method == GIVEN_LABELS:  # a method without weights
-        return given_bundle(find_scheme(first.schemes, GIVEN_SCHEME)), dict(used)
+        scheme = find_scheme(first.schemes, GIVEN_SCHEME)
+        return given_bundle(scheme, scheme.codes(first.written_scheme)), dict(used)
     registered = used.get("source") == "registered"
     method = first.method if registered else None
     wanted = used["version"] if registered else used.get("folder", used["name"])

@@ -125,7 +125,7 @@ def _check_clashes(scene: PointCloud, clashes: Mapping[int, str]) -> None:
     if found:
         raise DataError(
             f"{scene.source}: class number {found[0]} is {clashes[found[0]]}: keep others (label.given.keep), or write "
-            "other codes from 64 (label.scheme=road_inventory)"
+            "other codes (label.scheme=asprs, or road_inventory for codes from 64)"
         )
 
 

@@ -38,6 +38,7 @@ from mlsroad_pipeline.inventory_files.geopackage import read_geopackage
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, write_whole
 from mlsroad_pipeline.inventory_files.vector_files import without_formulas
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
+from mlsroad_pipeline.surveys.given_classes import GivenParameters
 from mlsroad_pipeline.surveys.reading import options_in_use
 from mlsroad_pipeline.surveys.register_files import KINDS as REGISTERED
 from mlsroad_pipeline.surveys.register_files import RegisterFile
@@ -161,7 +162,9 @@ def _clouds(output: LabelledOutput, inventory: RoadInventory) -> list[_Cloud]:
     for name, path in files.items():
         scheme = output.model_scheme(class_names(read_header(path)))
         if scheme is None:
-            raise DataError(f"{path}: the classes of its codes are unknown: label the survey again with this version")
+            raise DataError(
+                f"{path}: the class scheme of its model is not configured (classes.schemes), so its codes have no meaning"
+            )
         trajectory = _of_folder(PurePosixPath(name).parent.parts, paths) or inventory.trajectory
         if trajectory is None:
             raise DataError(
@@ -203,6 +206,13 @@ def _of_codes(output: LabelledOutput, scheme: ClassScheme) -> tuple[NDArray[np.b
     furniture = [any(member in _FURNITURE for member in members) for members in scheme.members]
     kind[codes[furniture]] = FURNITURE
     kind[codes[group_shares(scheme)[:, GROUPS.index("low vegetation")] > 0.5]] = LOW_VEGETATION
+    settings = output.record["settings"]
+    given = GivenParameters.from_config(settings["label"].get("given") or {})
+    kept = given.kept_legend(scheme, (settings.get("classes") or {}).get("codings") or {})
+    if kept is not None:
+        for number, label in zip(kept.numbers, kept.labels(scheme).tolist(), strict=True):
+            if label >= 0 and number < len(kind) and number not in codes:
+                is_ground[number], kind[number] = is_ground[codes[label]], kind[codes[label]]
     return is_ground, kind
 
 

@@ -45,6 +45,14 @@ def test_a_labelled_file_gives_the_labels_that_were_written():
     assert soft.confidence.tolist() == pytest.approx([0.8, 0, 0.8, 0.8])
 
 
+def test_a_file_with_other_codes_is_read_by_them():
+    bundle = given_bundle(SCHEME, np.array([64, 65, 66], np.uint8))
+    codes = np.array([64, 66, 2], np.uint8)
+    assert label_cloud_softly(
+        cloud(3, classification=codes, confidence=np.ones(3, np.float32)), bundle
+    ).labels.tolist() == [0, 2, -1]
+
+
 def test_a_pool_is_the_normalised_product_of_powers():
     own = np.array([[0.5, 0.3, 0.2]], np.float32)
     given = np.array([[0.1, 0.8, 0.1], [np.nan] * 3, [0.1, 0.8, 0.1]], np.float32)

@@ -9,7 +9,7 @@ from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.labels import unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.labelling import SoftLabels
 
 SLUG = "given_labels"
@@ -25,9 +25,14 @@ FLOOR = 1e-4
 """Least probability of a class in a pool."""
 
 
-def given_bundle(scheme: ClassScheme) -> ModelBundle:
-    """Return the model without weights that takes the labels of the columns."""
-    return ModelBundle(SLUG, {}, {"classes": list(scheme.classes), "scheme": asdict(scheme), "attributes": []})
+def given_bundle(scheme: ClassScheme, codes: NDArray[np.uint8] | None = None) -> ModelBundle:
+    """Return the model without weights that takes the labels of the columns.
+
+    `codes` are those of the classes in labelled files; None is those of the scheme.
+    """
+    written = (scheme.codes() if codes is None else codes).tolist()
+    metadata = {"classes": list(scheme.classes), "scheme": asdict(scheme), "attributes": [], "codes": written}
+    return ModelBundle(SLUG, {}, metadata)
 
 
 def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
@@ -43,7 +48,7 @@ def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
         return SoftLabels(cloud[LABEL], cloud[CONFIDENCE])
     if "classification" in cloud and "confidence" in cloud:  # a labelled file, which `learn` reads
         label = np.full(256, IGNORE, dtype=np.int16)
-        codes = bundle_scheme(bundle).codes()
+        codes = np.array(bundle.metadata["codes"])
         label[codes[::-1]] = np.arange(len(codes), dtype=np.int16)[::-1]
         found = label[cloud["classification"].astype(np.uint8)]
         return SoftLabels(found, np.where(found < 0, 0, cloud["confidence"]).astype(np.float32))
