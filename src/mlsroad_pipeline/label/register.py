@@ -163,7 +163,7 @@ def _clouds(output: LabelledOutput, inventory: RoadInventory) -> list[_Cloud]:
         scheme = output.model_scheme(class_names(read_header(path)))
         if scheme is None:
             raise DataError(
-                f"{path}: the class scheme of its model is not configured (classes.schemes), so its codes have no meaning"
+                f"{path}: the scheme of its model is not configured (classes.schemes), so its codes have no meaning"
             )
         trajectory = _of_folder(PurePosixPath(name).parent.parts, paths) or inventory.trajectory
         if trajectory is None:
