@@ -84,6 +84,18 @@ def test_without_the_file_of_the_trajectory_the_path_of_the_inventory_serves(run
     assert table.loc[901, "state"] == "not found"
 
 
+def test_without_any_trajectory_nothing_is_not_found(run, folder, compared):
+    assert compared.returncode == 0
+    (folder / "still").mkdir()
+    shutil.copy(folder / "street/survey.laz", folder / "still")
+    done = run("label", "still", "--workers", 2, "--params", "ingest.estimate_trajectory=false", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    done = run("compare", "register.csv", "still_mlsroad", *OPTIONS, cwd=folder)
+    assert done.returncode == 0 and "has no trajectory, from which rays begin" in " ".join(done.stdout.split())
+    states = pd.read_csv(folder / "still_mlsroad/register/register.csv")["state"]
+    assert (states == "confirmed").sum() > 10 and "not found" not in set(states) and "not visible" in set(states)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -3,7 +3,7 @@
 import errno
 import sqlite3
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -132,11 +132,28 @@ def write_geopackage(inventory: RoadInventory, path: str | Path) -> None:
     styles = {
         layer: qgis_styles.qml(layer, scaled=crs is not None, drawn=layer != "objects") for layer in qgis_styles.LAYERS
     }
+
+    def write(path: Path) -> None:
+        _write_layers(path, layers)
+        add_tables(path, styles, date=_FIXED_DATE)
+
+    _write_whole(target, write)
+
+
+def write_points(table: pd.DataFrame, path: str | Path, *, layer: str, crs: str | None) -> None:
+    """Write a table with `x` and `y` as a layer of points of a GeoPackage."""
+    points = np.asarray(shapely.points(table[["x", "y"]].to_numpy()))
+    system = None if crs is None else CRS.from_user_input(crs)
+    written = _layer(layer, table, geometry=points, kind="Point", crs=system)
+    _write_whole(Path(path), lambda place: _write_layers(place, [written]))
+
+
+def _write_whole(target: Path, fill: Callable[[Path], None]) -> None:
+    """Write a GeoPackage by a function of its path, whole or not at all; equal content gives equal bytes."""
     before = {name: pyogrio.get_gdal_config_option(name) for name in _OPTIONS}
 
     def write(folder: Path) -> None:
-        _write_layers(folder / target.name, layers)
-        add_tables(folder / target.name, styles, date=_FIXED_DATE)
+        fill(folder / target.name)
         _check_whole(folder / target.name, target)
 
     pyogrio.set_gdal_config_options(_OPTIONS)

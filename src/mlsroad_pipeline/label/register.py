@@ -6,11 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
-import geopandas as gpd
 import numpy as np
 import pandas as pd
-import pyogrio
-import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -29,13 +26,13 @@ from mlsroad_pipeline.algorithms.inventory.register.seen_space import (
     add_rays,
     index_places,
 )
-from mlsroad_pipeline.algorithms.inventory.register.states import confirm, decide, evidence_of
+from mlsroad_pipeline.algorithms.inventory.register.states import NOT_FOUND, confirm, decide, evidence_of
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.formats.files import write_atomic
 from mlsroad_pipeline.formats.las.header import class_names, read_header
 from mlsroad_pipeline.formats.registry import get_format
-from mlsroad_pipeline.inventory_files.geopackage import read_geopackage
-from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, write_whole
+from mlsroad_pipeline.inventory_files.geopackage import read_geopackage, write_points
+from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
 from mlsroad_pipeline.inventory_files.vector_files import without_formulas
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 from mlsroad_pipeline.surveys.given_classes import GivenParameters
@@ -72,7 +69,7 @@ class _Cloud:
     """A labelled cloud, its trajectory, and the meaning of its codes."""
 
     path: Path
-    trajectory: Trajectory
+    trajectory: Trajectory | None  # Where rays begin; None: points alone are counted
     output: LabelledOutput
     is_ground: NDArray[np.bool_]  # By class code
     kind: NDArray[np.uint8]  # Number of the kind of each class code, or `NO_KIND`
@@ -86,7 +83,8 @@ class _Cloud:
             cloud = form.read(self.path, replace(options, only=names), start=start, stop=start + CHUNK)
             cloud = cloud.select(~np.isin(cloud["classification"], _NOISE))
             xyz = cloud.world_xyz()
-            scanner = scanner_positions(self.trajectory, xyz, cloud.get("gps_time"))
+            path = self.trajectory  # a ray without length crosses nothing
+            scanner = xyz if path is None else scanner_positions(path, xyz, cloud.get("gps_time"))
             yield xyz, cloud["classification"].astype(np.uint8), scanner
 
 
@@ -157,7 +155,7 @@ def _on_ground(xy: NDArray[np.float64], clouds: Sequence[_Cloud]) -> NDArray[np.
 def _clouds(output: LabelledOutput, inventory: RoadInventory) -> list[_Cloud]:
     """Return the labelled clouds with their trajectories; DataError where there is none."""
     files = output.clouds()
-    paths = _trajectories(output, inventory.crs)
+    paths = _trajectories(output, inventory)
     found = []
     for name, path in files.items():
         scheme = output.model_scheme(class_names(read_header(path)))
@@ -166,12 +164,11 @@ def _clouds(output: LabelledOutput, inventory: RoadInventory) -> list[_Cloud]:
                 f"{path}: the scheme of its model is not configured (classes.schemes), so its codes have no meaning"
             )
         trajectory = _of_folder(PurePosixPath(name).parent.parts, paths) or inventory.trajectory
-        if trajectory is None:
-            raise DataError(
-                f"{output.path} has no trajectory, from which rays are cast: label the survey with one beside it "
-                "(label.trajectory)"
-            )
         found.append(_Cloud(path, trajectory, output, *_of_codes(output, scheme)))
+    without = [cloud.path for cloud in found if cloud.trajectory is None]
+    if without:
+        more = f" and {len(without) - 1} more files have" if len(without) > 1 else " has"
+        logger.warning("%s%s no trajectory, from which rays begin: no entry there is %r", without[0], more, NOT_FOUND)
     return found
 
 
@@ -181,18 +178,18 @@ def _of_folder(folder: tuple[str, ...], paths: Mapping[Path, Trajectory]) -> Tra
     return (own or [*paths.values()])[0] if own or len(paths) == 1 else None
 
 
-def _trajectories(output: LabelledOutput, crs: str | None) -> dict[Path, Trajectory]:
+def _trajectories(output: LabelledOutput, inventory: RoadInventory) -> dict[Path, Trajectory]:
     """Return the trajectories of the survey in metres; those that are gone are left out."""
     named = Path(str(output.record["settings"]["label"].get("trajectory") or "")).name
     inputs = dict.fromkeys(Path(entry["path"]) for entry in output.record.get("inputs", ()))
     paths = [path for path in inputs if path.name == named]
     missing = [path for path in paths if not path.is_file()]
-    if missing or not paths:
+    if inventory.trajectory is not None and (missing or not paths):
         what = f"{missing[0]} is missing" if missing else "The survey has no file of a trajectory"
         logger.warning("%s: rays begin at the nearest place of the path of the inventory", what)
     cloud = next(iter(output.clouds().values()))
     factors = options_in_use(get_format(cloud), str(cloud), output.read_options()).factors
-    return {path: read_trajectory(path, crs=crs, factors=factors) for path in paths if path.is_file()}
+    return {path: read_trajectory(path, crs=inventory.crs, factors=factors) for path in paths if path.is_file()}
 
 
 def _of_codes(output: LabelledOutput, scheme: ClassScheme) -> tuple[NDArray[np.bool_], NDArray[np.uint8]]:
@@ -220,16 +217,5 @@ def write_compared(compared: ComparedRegister, folder: Path) -> list[Path]:
     """Write the states as a CSV table and a layer of a GeoPackage, each whole or not at all."""
     table = compared.table
     write_atomic(folder / TABLE, without_formulas(table).to_csv(index=False, lineterminator="\n").encode())
-    frame = gpd.GeoDataFrame(table, geometry=shapely.points(table[["x", "y"]].to_numpy()), crs=compared.crs)
-
-    def write(place: Path) -> None:
-        pyogrio.write_dataframe(
-            frame, place / LAYER, layer="register", driver="GPKG", dataset_options={"VERSION": "1.2"}
-        )
-
-    before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
-    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": "2000-01-01T00:00:00.000Z"})
-    try:
-        return [folder / TABLE, *write_whole(folder, write)]
-    finally:
-        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
+    write_points(table, folder / LAYER, layer="register", crs=compared.crs)
+    return [folder / TABLE, folder / LAYER]

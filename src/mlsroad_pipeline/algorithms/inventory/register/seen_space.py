@@ -137,8 +137,6 @@ def _cross(places, place, place_kind, scanner, points, point_kind, ray, free, hi
     ox, oy, oz = scanner[ray, 0] - cx, scanner[ray, 1] - cy, scanner[ray, 2] - cz
     dx, dy, dz = points[ray, 0] - cx - ox, points[ray, 1] - cy - oy, points[ray, 2] - cz - oz
     length = np.sqrt(dx * dx + dy * dy + dz * dz)
-    if length < 1e-6:
-        return
     side, top = SIDE * CELL, SLICES * SLICE
     x, y, z = ox + dx, oy + dy, oz + dz
     if 0 <= x < side and 0 <= y < side and 0 <= z < top:
@@ -152,6 +150,8 @@ def _cross(places, place, place_kind, scanner, points, point_kind, ray, free, hi
             or (point_kind[ray] == LOW_VEGETATION and place_kind[place] == TREE)
         ):
             other[place, k, i, j] = min(other[place, k, i, j] + 1, _MOST)
+    if length <= BEHIND:
+        return
     # Part of the ray in the box of the voxels.
     near, far = 0.0, 1.0 - BEHIND / length
     for o, d, size in ((ox, dx, side), (oy, dy, side), (oz, dz, top)):
