@@ -24,10 +24,12 @@ from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.inventory_files import qgis_styles
 from mlsroad_pipeline.inventory_files.road_inventory import (
     DECIDED,
+    LAYERS,
     RoadInventory,
     attributes,
     base_points,
     checked,
+    fields_of_layer,
     footprint_text,
     hulls,
     line_attributes,
@@ -99,9 +101,6 @@ def add_tables(path: Path, styles: Mapping[str, str], *, date: str) -> None:
             (date,),
         )
 
-
-LAYERS = {"poles": "pole", "signs": "sign", "trees": "tree", "vehicles": "vehicle"}
-"""Layer name to kind of object."""
 
 _FIXED_DATE = "2000-01-01T00:00:00.000Z"
 _OPTIONS = {"OGR_CURRENT_DATE": _FIXED_DATE, "OGR_SQLITE_SYNCHRONOUS": "OFF", "OGR_SQLITE_JOURNAL": "MEMORY"}
@@ -182,13 +181,15 @@ def _layers(inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> l
         rows = (table["kind"] == kind).to_numpy()
         shapes = vehicle_boxes(table[rows]) if kind == "vehicle" else points[rows]
         shape = _POLYGON if kind == "vehicle" else _POINT
-        layers.append(_layer(name, columns[rows], geometry=shapes, kind=shape, crs=crs))
+        own = columns.loc[rows, list(fields_of_layer(name))]
+        layers.append(_layer(name, own, geometry=shapes, kind=shape, crs=crs))
     layers.append(_footprints(table, crs))
     for name, kind in LINE_LAYERS.items():
         if inventory.lines is None:
             break
         of_kind = inventory.lines[inventory.lines["kind"] == kind]
-        layers.append(_layer(name, line_attributes(of_kind), geometry=line_shapes(of_kind), kind=_LINE, crs=crs))
+        own = line_attributes(of_kind)[list(fields_of_layer(name))]
+        layers.append(_layer(name, own, geometry=line_shapes(of_kind), kind=_LINE, crs=crs))
     if inventory.trajectory is not None:
         length, line = path_of(inventory.trajectory)
         layers.append(_layer("trajectory", length, geometry=line, kind=_LINE, crs=crs))
@@ -245,10 +246,11 @@ def read_geopackage(path: str | Path) -> RoadInventory:
 
 def _lines_of(source: Path, layer: str) -> pd.DataFrame:
     frame = gpd.read_file(source, layer=layer)
-    frame = frame.assign(**{name: value for name, value in ADDED_FIELDS.items() if name not in frame})
-    missing = [name for name in LINE_FIELDS if name != "line" and name not in frame]
+    missing = [name for name in fields_of_layer(layer) if name not in frame and name not in ADDED_FIELDS]
     if missing:
         raise ReadError(f"{source}: layer {layer!r} has no field {missing[0]!r}")
+    blank = {n: "" if field.dtype == "str" else np.nan for n, field in LINE_FIELDS.items()}
+    frame = frame.assign(**{name: value for name, value in blank.items() if name not in frame})
     text = shapely.to_wkt(frame.geometry.to_numpy(), rounding_precision=3, trim=False)
     table = pd.DataFrame(frame.drop(columns="geometry")).assign(line=text, pattern=frame["pattern"].fillna(""))
     return table[list(LINE_FIELDS)].astype({name: field.dtype for name, field in LINE_FIELDS.items()})

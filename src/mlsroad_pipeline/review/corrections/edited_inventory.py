@@ -18,7 +18,7 @@ from pyproj.exceptions import CRSError
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.formats.las.header import class_names, read_header
-from mlsroad_pipeline.inventory_files.geopackage import LAYERS
+from mlsroad_pipeline.inventory_files.road_inventory import LAYERS
 from mlsroad_pipeline.review.corrections.answers import NamedClasses
 from mlsroad_pipeline.review.corrections.decisions import Correction
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput

@@ -98,6 +98,39 @@ FIELDS: dict[str, Field] = {
 OBJECT_FIELDS = {name: field.dtype for name, field in FIELDS.items()}
 """Columns of an object table and their types."""
 
+FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(("length", "heading"), ("vehicle",)),
+    **dict.fromkeys(("tilt", "lean_azimuth"), ("pole", "sign")),
+    "diameter": ("pole", "tree"),
+    "crown_diameter": ("tree",),
+    **dict.fromkeys(
+        ("panel_bottom", "panel_centre", "panel_height", "panel_width", "facing", "facing_from", "pole_id"), ("sign",)
+    ),
+}
+"""Column to the kinds that have it; all kinds have the others."""
+
+
+def fields_of_kind(kind: str) -> list[str]:
+    """Return the columns that objects of a kind have.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of object.
+
+    Returns
+    -------
+    list of str
+        Names in the order of `FIELDS`.
+
+    Examples
+    --------
+    >>> [name for name in fields_of_kind("vehicle") if name in FIELDS_OF_KINDS]
+    ['length', 'heading']
+    """
+    return [name for name in FIELDS if kind in FIELDS_OF_KINDS.get(name, (kind,))]
+
+
 SEEN_BY = ("file_count", "passes", "passes_there", "scanners", "scanners_there")
 """Counts of files, passes and scanners; 0 is unknown."""
 
