@@ -16,6 +16,7 @@ from PIL import Image
 
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import line_row, line_table
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+from mlsroad_pipeline.execution.run_folder import entries_of
 from mlsroad_pipeline.inventory_files.geopackage import write_geopackage
 from mlsroad_pipeline.inventory_files.geoparquet import write_geoparquet
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
@@ -82,7 +83,11 @@ def write_output(folder):
         "state": "finished",
         "settings": {"classes": {"schemes": {"own": {"classes": {n: {"members": [], "asprs": c} for n, c in classes.items()}}}}},
         "summary": {"survey": "/far/<i>survey.laz", "classes": {"road": 1, "pole": 1, EVIL: 1}, "warnings": []},
-        "outputs": [{"path": name} for name in (*FILES, "inventory.gpkg", "report.html")],
+        "outputs": [
+            {**entry, "path": name}
+            for name in (*FILES, "inventory.gpkg", "report.html")
+            for entry in entries_of([str(folder / name)])
+        ],
     }  # fmt: skip
     record = folder / ".mlsroad/0123456789ab/run.json"
     record.parent.mkdir(parents=True)

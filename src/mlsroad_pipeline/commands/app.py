@@ -10,6 +10,7 @@ import typer
 
 from mlsroad_pipeline import __version__
 from mlsroad_pipeline.commands.corrections import corrections
+from mlsroad_pipeline.commands.export import export
 from mlsroad_pipeline.commands.inspect import inspect
 from mlsroad_pipeline.commands.label import label
 from mlsroad_pipeline.commands.learn import learn
@@ -25,7 +26,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["--help", "-h"]},
 )
-for command in (label, learn, inspect, simulate, models, score):
+for command in (label, learn, export, inspect, simulate, models, score):
     app.command()(command)
 app.command("open")(open_results)
 app.add_typer(corrections, name="corrections")

@@ -8,9 +8,9 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.review.page_server import point_groups
 from mlsroad_pipeline.review.page_server.cloud_files import CloudFiles
 from mlsroad_pipeline.review.page_server.point_groups import PointGroups
-from mlsroad_pipeline.review.page_server.selection import NONE, Painted
 from mlsroad_pipeline.review.page_server.tile_building import build_tiles
 from mlsroad_pipeline.review.page_server.tile_format import TileIndex
+from mlsroad_pipeline.review.painted import NONE, Painted
 
 ROAD, WALL, HEDGE, CAR = 11, 6, 3, 67
 PLACES = {WALL: (10.0, 6.0), HEDGE: (30.0, 6.0), CAR: (20.0, -5.0)}

@@ -37,6 +37,10 @@ class ObjectState(TypedDict, total=False):
     y: float
     z: float
     merged_into: int  # Number of the object that it belongs to
+    merged: list[int]  # Numbers of the objects that were merged into it
+    # bases, split_by: base points of its parts, x, y, z each, and the decision that gave them; missing if not split
+    bases: list[list[float]]
+    split_by: int
     decision: int  # Identifier of the last decision
     # who, made: user and time of the last decision
     who: str
@@ -77,6 +81,9 @@ def fold_states(decisions: Sequence[Decision], objects: ListedObjects) -> States
                 if other is not None and other != own:
                     _apply(states.of_objects, decision, other, (kinds.get(other, ""), names.get(other, "")))
                     states.of_objects[other]["merged_into"] = own
+    for number, state in states.of_objects.items():
+        if "merged_into" in state:
+            states.of_objects[state["merged_into"]].setdefault("merged", []).append(number)
     return states
 
 
@@ -90,6 +97,9 @@ def _apply(states: dict[int, ObjectState], decision: Decision, number: int, list
         return
     state["status"] = STATUS[action]
     state.pop("merged_into", None)
+    if action == "split":
+        state["bases"] = [[float(value) for value in base] for base in given.payload["bases"]]
+        state["split_by"] = decision.identifier
     if action == "reject":
         state["checked_class"] = str(given.payload.get("class", ""))
     elif action == "other_kind":

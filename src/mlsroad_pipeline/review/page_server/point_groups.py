@@ -20,8 +20,9 @@ from mlsroad_pipeline.algorithms.models.boosted_trees.segments import (
     find_segments,
     order_of_questions,
 )
-from mlsroad_pipeline.review.page_server.selection import NONE, Painted, TooManyPointsError, cluster
+from mlsroad_pipeline.review.page_server.selection import TooManyPointsError, cluster
 from mlsroad_pipeline.review.page_server.tile_format import TileIndex, depth, spacing
+from mlsroad_pipeline.review.painted import NONE, Painted
 
 SAMPLED = 250_000
 """Largest number of points of the sample, which bounds memory; of larger surveys cubes at equal steps are used."""

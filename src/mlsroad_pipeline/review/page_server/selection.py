@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.review.page_server.tile_format import TileIndex
+from mlsroad_pipeline.review.painted import NONE, Painted
 
 MOST_POINTS = 400_000
 """Largest number of points of one stroke."""
@@ -29,33 +29,6 @@ class Near(NamedTuple):
     classes: NDArray[np.uint8]
 
 
-class Painted(NamedTuple):
-    """Points that strokes in force have painted: rows in ascending order, and their class codes."""
-
-    rows: NDArray[np.uint32] = np.empty(0, np.uint32)
-    codes: NDArray[np.uint8] = np.empty(0, np.uint8)
-
-    @classmethod
-    def of(cls, strokes: Iterable[tuple[NDArray[np.int64], int]]) -> Painted:
-        """Return the points of strokes in order, each with the class of its last stroke."""
-        parts = [(rows, np.full(len(rows), code)) for rows, code in strokes]
-        if not parts:
-            return cls()
-        rows, codes = (np.concatenate(columns)[::-1] for columns in zip(*parts, strict=True))
-        found, last = np.unique(rows, return_index=True)
-        return cls(found.astype(np.uint32), codes[last].astype(np.uint8))
-
-    def on(self, near: Near) -> Near:
-        """Return points with the painted classes in place of those of the tiles."""
-        if not len(self.rows):
-            return near
-        at = np.minimum(np.searchsorted(self.rows, near.rows), len(self.rows) - 1)
-        return near._replace(classes=np.where(self.rows[at] == near.rows, self.codes[at], near.classes))
-
-
-NONE = Painted()
-
-
 def points_in_box(
     tiles: TileIndex, low: NDArray[np.float64], high: NDArray[np.float64], painted: Painted = NONE
 ) -> Near:
@@ -67,7 +40,8 @@ def points_in_box(
         parts.append(Near(xyz[inside], chunk.rows[inside], chunk.codes[inside, 0]))
     if not parts:
         return Near(np.empty((0, 3), np.float32), np.empty(0, np.uint32), np.empty(0, np.uint8))
-    return painted.on(Near(*(np.concatenate(columns) for columns in zip(*parts, strict=True))))
+    near = Near(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    return near._replace(classes=painted.on(near.rows, near.classes))
 
 
 def brushed(

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.review.page_server.output_folder import REPORT, OutputFolder
-from mlsroad_pipeline.review.page_server.selection import Painted, brushed, cluster
+from mlsroad_pipeline.review.page_server.selection import brushed, cluster
 from mlsroad_pipeline.review.page_server.tile_cache import TileCache
 from mlsroad_pipeline.review.page_server.tile_format import FirstPicture, first_picture
+from mlsroad_pipeline.review.painted import Painted
 
 if TYPE_CHECKING:
     from mlsroad_pipeline.review.corrections import Correction, CorrectionStore
