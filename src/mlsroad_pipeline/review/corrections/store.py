@@ -164,6 +164,12 @@ class CorrectionStore:
             rows = self._connection.execute(f"{_READ} ORDER BY id").fetchall()
             return [_decision(row) for row in rows]
 
+    def mark(self) -> str:
+        """Return a text that changes with every decision, also those of other processes."""
+        with self._errors():
+            query = "SELECT count(*), coalesce(sum(undone != ''), 0) FROM decisions"
+            return "-".join(map(str, self._connection.execute(query).fetchone()))
+
     def object_states(self) -> dict[int, ObjectState]:
         """Return the state of each object of the present inventory that a decision in force is about."""
         return self.states().of_objects

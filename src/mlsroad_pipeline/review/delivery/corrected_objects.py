@@ -75,7 +75,24 @@ def corrected_inventory(
     return _measured_along(replace(inventory, objects=objects, lines=lines))
 
 
-def new_rows(objects: pd.DataFrame, states: States, *, kinds: KindsOf | None = None) -> list[dict[str, Any]]:
+def changed_rows(
+    objects: pd.DataFrame, states: States, *, kinds: KindsOf | None = None, last: int
+) -> list[dict[str, Any]]:
+    """Return the objects that decisions have changed, and those of `new_rows`; `objects` may be the changed ones alone.
+
+    `last` is the largest number of the inventory. Objects that are not delivered keep their rows.
+    """
+    rows = {int(row["object_id"]): row for row in _records(with_states(objects, states))}
+    for number, state in states.of_objects.items():
+        if number in rows:
+            _apply(rows, number, state, kinds or {})
+    new = {row["object_id"]: row for row in new_rows(objects, states, kinds=kinds, last=last)}
+    return [*({**rows, **new}).values()]
+
+
+def new_rows(
+    objects: pd.DataFrame, states: States, *, kinds: KindsOf | None = None, last: int = 0
+) -> list[dict[str, Any]]:
     """Return the objects that decisions have made: all parts of split objects, and added ones.
 
     The first part keeps the number of its object. Further parts and added objects are numbered after all others in the
@@ -90,7 +107,7 @@ def new_rows(objects: pd.DataFrame, states: States, *, kinds: KindsOf | None = N
         if "bases" in state and number in listed and "merged_into" not in state:
             _apply(listed, number, {**state, "x": np.nan}, kinds or {})
             made.append((state["split_by"], [part | {"of": number} for part in _parts(listed[number], state)]))
-    last = max(listed, default=0)
+    last = max(last, max(listed, default=0))
     rows = []
     for decision, group in sorted(made, key=lambda item: item[0]):
         for row in group:

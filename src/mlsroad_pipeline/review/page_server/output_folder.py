@@ -15,6 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.palette import (
+    KIND_COLOURS,
+    LINE_COLOURS,
+    class_palette,
+    las_palette,
+    rgb_to_hex,
+)
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_LAYERS
 from mlsroad_pipeline.execution.run_identity import finished_record
 from mlsroad_pipeline.review.page_server.cloud_files import CloudFiles
@@ -31,6 +38,9 @@ def resolved(folder: Path, name: str) -> Path | None:
         return None
     return path if path.is_file() and path.is_relative_to(root) else None
 
+
+PRIVATE = 64
+"""First LAS code that producers of data may define."""
 
 INVENTORY, REPORT, PHOTOS = "inventory.gpkg", "report.html", "photos"
 _HIDDEN = ("fid", "geom", "geometry", "footprint", "method", "model_version")
@@ -74,6 +84,20 @@ class OutputFolder:
         found = self.clouds.class_names()
         scheme = _scheme_of(self.run)
         return found | {int(spec["asprs"]): name for name, spec in scheme.items()}
+
+    def colours(self) -> dict[str, dict[str, str]]:
+        """Return the colours of class codes, kinds and lines: those of the report."""
+        label = (self.run.get("settings") or {}).get("label") or {}
+        names = self.class_names()
+        by_code = dict(enumerate(map(rgb_to_hex, las_palette())))
+        if label.get("scheme", "asprs") != "asprs":
+            private = {code: name for code, name in names.items() if code >= PRIVATE}
+            by_code |= dict(zip(private, map(rgb_to_hex, class_palette(tuple(private.values()))), strict=False))
+        return {
+            "classes": {str(code): by_code[code] for code in sorted({*names, *range(256)})},
+            "kinds": KIND_COLOURS,
+            "lines": LINE_COLOURS,
+        }
 
     def objects(self) -> dict[str, Any]:
         """Return the objects of the inventory: names and headings of the columns, and rows of JSON values."""
