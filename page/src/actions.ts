@@ -2,8 +2,8 @@
 
 import type { Cloud } from "./cloud";
 import { el } from "./dom";
-import { KINDS, type Model, type Place, type Tool } from "./model";
-import type { PointGroup } from "./types";
+import { KINDS, type List, type Model, type Place, type Tool } from "./model";
+import type { PointGroup, Wanted } from "./types";
 
 const UNCLASSED = new Set([0, 1, 7, 18]); // last in lists of classes
 
@@ -11,11 +11,20 @@ export class Actions {
   /** Places that a tool has collected. */
   places: Place[] = [];
   onPlaces: () => void = () => {};
+  /** Step that waits for the list. */
+  private awaited: number | null = null;
 
   constructor(
     readonly model: Model,
     readonly cloud: Cloud,
-  ) {}
+  ) {
+    model.on(["queue"], () => {
+      const step = this.awaited;
+      if (step === null || !model.queued) return;
+      this.awaited = null;
+      if (model.selected === null) this.next(step);
+    });
+  }
 
   go(id: number): void {
     this.tool("look");
@@ -31,15 +40,23 @@ export class Actions {
 
   /** Show the objects or the uncertain places in the list. */
   toggleList(): void {
+    this.showList(this.model.list === "groups" ? "objects" : "groups");
+  }
+
+  showList(list: List): void {
     const { model } = this;
-    model.set("queue", "list", model.list === "objects" ? "groups" : "objects");
-    if (model.list === "groups" && !model.groups.length) void model.loadGroups();
+    model.set("queue", "list", list);
+    if (list === "groups" && !model.groups.length) void model.loadGroups();
   }
 
   /** Go to the next object or place of the list, or to the one before. */
   next(step = 1): void {
     const { model } = this;
     if (model.list === "groups") return this.nextGroup(step);
+    if (!model.queued) {
+      this.awaited = step;
+      return this.hint("The list is being read.", () => !model.queued);
+    }
     const ids = model.queue.map((item) => item.object_id).filter((id) => model.byId.has(id) && model.shown(model.byId.get(id)!));
     if (!ids.length) return;
     const here = ids.indexOf(model.selected ?? -1);
@@ -71,36 +88,56 @@ export class Actions {
     if (following && this.model.group === null) this.goGroup(following);
   }
 
+  /** Number of the chosen object that can be decided about; a hint where there is none. */
   private chosen(): number | null {
-    if (this.model.selected === null) this.hint("Choose an object first: click it, or press N for the next one.");
-    return this.model.selected;
+    const { model } = this;
+    const { selected } = model;
+    const object = model.byId.get(selected ?? 0);
+    if (selected === null) this.hint("Choose an object first: click it, or press N for the next one.", () => model.selected === null);
+    else if (object?.made) this.hint(`A decision made ${object.kind} ${selected}: take it back to change it.`, () => model.selected === selected);
+    return object && !object.made ? selected : null;
   }
 
-  hint(text: string): void {
-    this.model.set("saved", "saved", { text, kind: "" });
+  /** Show a message while it holds. */
+  hint(text: string, holds: () => boolean): void {
+    this.model.set("saved", "saved", { text, kind: "", holds });
   }
 
-  private async decideAndGoOn(action: string): Promise<void> {
+  /** Say that a click of a tool hit nothing. */
+  missed(text: string): void {
+    const { model, places } = this;
+    const { tool } = model;
+    this.hint(text, () => model.tool === tool && this.places === places);
+  }
+
+  private async decideAndGoOn(wanted: Wanted & { object_id: number }): Promise<void> {
     if (this.model.busy) return; // a second key is for the object that is shown next
-    const id = this.chosen();
-    if (id === null) return;
+    const id = wanted.object_id;
     const ids = this.model.queue.map((item) => item.object_id);
     const following = ids[ids.indexOf(id) + 1];
     const inList = ids.includes(id);
-    if ((await this.model.decide({ action, object_id: id })) && inList && following !== undefined && this.model.selected === id) {
+    if ((await this.model.decide(wanted)) && inList && following !== undefined && this.model.selected === id) {
       this.go(following);
     }
+  }
+
+  /** Take a decision back, by default the last one of this tab, and return to its object. */
+  async undo(decision?: number): Promise<void> {
+    const undone = await this.model.undo(decision);
+    if (undone?.object_id && this.model.byId.has(undone.object_id)) this.go(undone.object_id);
   }
 
   accept(): void {
     const { group } = this.model;
     if (group) return void this.answer(group, this.model.className(group.code));
-    void this.decideAndGoOn("accept");
+    const id = this.chosen();
+    if (id !== null) void this.decideAndGoOn({ action: "accept", object_id: id });
   }
 
   reject(): void {
     if (this.model.group) return void this.leaveOut(this.model.group);
-    void this.decideAndGoOn("reject");
+    const id = this.chosen();
+    if (id !== null) void this.decideAndGoOn({ action: "reject", object_id: id });
   }
 
   otherKind(): void {
@@ -113,10 +150,10 @@ export class Actions {
     }
     const id = this.chosen();
     if (id === null) return;
-    const own = this.model.kindOf(this.model.byId.get(id)!);
+    const own = this.model.byId.get(id)!.kind;
     this.ask(`What is ${own} ${id}?`, KINDS.filter((kind) => kind !== own), (kind, name) => {
       const payload = name ? { class: name } : {};
-      void this.model.decide({ action: "other_kind", object_id: id, ...(kind ? { kind } : {}), payload });
+      void this.decideAndGoOn({ action: "other_kind", object_id: id, ...(kind ? { kind } : {}), payload });
     });
   }
 
@@ -150,11 +187,11 @@ export class Actions {
     const { model } = this;
     if (["base", "merge", "split"].includes(tool) && this.chosen() === null) return;
     if (["base", "merge", "split", "paint", "add"].includes(tool) && model.source.readOnly) {
-      this.hint("This page is a copy to look at: it saves nothing.");
+      this.hint("This page is a copy to look at: it saves nothing.", () => true);
       return;
     }
     if (tool === "paint" && model.tiles.state !== "ready") {
-      this.hint("The points are still being prepared; paint when that is finished.");
+      this.hint("The points are still being prepared; paint when that is finished.", () => model.tiles.state !== "ready");
       return;
     }
     this.places = [];
@@ -197,7 +234,10 @@ export class Actions {
       const id = this.model.selected;
       this.tool("look");
       if (id !== null) void this.model.decide({ action: "split", object_id: id, payload: { bases } });
-    } else if (this.model.tool === "split") this.hint("A split needs two bases or more: click each.");
+    } else if (this.model.tool === "split") {
+      const { model } = this;
+      this.hint("A split needs two bases or more: click each.", () => model.tool === "split" && this.places.length < 2);
+    }
   }
 
   // Section across the road

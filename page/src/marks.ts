@@ -2,7 +2,7 @@
 
 import * as THREE from "three";
 
-import { kindColour, LINE_COLOURS, STATUS_COLOURS } from "./colours";
+import { kindColour, lineColour, STATUS_COLOURS } from "./colours";
 import type { Model, Place, RoadObject } from "./model";
 
 export class Marks {
@@ -41,7 +41,7 @@ export class Marks {
     this.path.visible = path.length > 1;
     for (const [kind, lines] of Object.entries(model.survey.lines)) {
       const ends = lines.flatMap((line) => line.slice(1).flatMap((end, i) => [line[i], end]));
-      const drawn = new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: LINE_COLOURS[kind] ?? "#ffffff" }));
+      const drawn = new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: lineColour(kind) }));
       setPositions(drawn.geometry, ends.flatMap((end) => end.map((value, axis) => value - origin[axis])));
       drawn.frustumCulled = false;
       this.surveyed.add(drawn);
@@ -69,14 +69,10 @@ export class Marks {
       section !== null &&
       Math.abs((x - section.place[0]) * Math.sin(section.heading) + (y - section.place[1]) * Math.cos(section.heading)) > section.thickness / 2 + 1;
     for (const object of model.objects) {
-      if (!model.shown(object) || beside(model.placeOf(object))) continue;
+      if (!model.shown(object) || beside(object.place)) continue;
       const status = model.status(object.id);
-      const name = model.view === "status" || status === "rejected" ? STATUS_COLOURS[status] : kindColour(model.kindOf(object), model.kinds);
-      this.tops.push({ id: object.id, place: add(model.placeOf(object), object.height, name) });
-    }
-    const { origin } = model.survey;
-    for (const item of model.added) {
-      add([item.x - origin[0], item.y - origin[1], item.z - origin[2]], 2, kindColour(item.kind, model.kinds));
+      const name = model.view === "status" || status === "rejected" ? STATUS_COLOURS[status] : kindColour(object.kind, model.kinds);
+      this.tops.push({ id: object.id, place: add(object.place, object.height || 2, name) });
     }
     setPositions(this.dots.geometry, dots, colours);
     const doubled = Array.from({ length: colours.length / 3 }, (_, i) => [...colours.slice(3 * i, 3 * i + 3), ...colours.slice(3 * i, 3 * i + 3)]).flat();

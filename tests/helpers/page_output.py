@@ -11,6 +11,7 @@ from pathlib import Path
 
 import laspy
 import numpy as np
+import shapely
 from helpers.corrected import object_rows
 from PIL import Image
 
@@ -67,6 +68,13 @@ def write_output(folder):
         parts.append((xyz + [shift, 0, 0] + ORIGIN, codes))
     table = object_rows()
     table["reasons"] = "reaches the ground; <b>bold</b>"
+    reach = np.where(table["kind"] == "tree", 4.0, 1.0)
+    for axis in "xy":
+        table[f"{axis}_min"], table[f"{axis}_max"] = table[axis] - reach, table[axis] + reach
+    table["z_min"], table["z_max"] = table["z"] - 1, table["z"] + 9
+    table["footprint"] = [
+        shapely.box(*row).wkt for row in table[["x_min", "y_min", "x_max", "y_max"]].to_numpy().tolist()
+    ]
     path = Trajectory.from_positions(
         np.column_stack([np.linspace(495, 595, 50), np.full(50, 897.0), np.full(50, 14.0)])
     )
