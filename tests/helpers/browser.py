@@ -23,12 +23,18 @@ class Page:
         self._loop, self._socket, self._number, self._port = loop, socket, 0, port
         self.messages, self.addresses = [], []
 
+    @contextmanager
     def another(self):
-        """Return a further tab of the same browser, with the same cookies."""
+        """Yield a further tab in front, with the same cookies; this one draws nothing until it is closed."""
         wanted = urllib.request.Request(f"http://127.0.0.1:{self._port}/json/new?about:blank", method="PUT")
         with urllib.request.urlopen(wanted) as answer:
             address = json.load(answer)["webSocketDebuggerUrl"]
-        return Page(self._loop, self._loop.run_until_complete(_connect(address)), self._port)
+        socket = self._loop.run_until_complete(_connect(address))
+        tab = Page(self._loop, socket, self._port)
+        yield tab
+        tab.send("Page.close")
+        socket.close()
+        self.send("Page.bringToFront")
 
     def send(self, method, **params):
         """Send a command and return its result; events that arrive before are kept."""

@@ -99,7 +99,8 @@ def new_rows(
     order of the decisions. A part has the share of the outline that is nearest to its base. Beside the columns of the
     inventory, rows have `decision`, that which made them, and `of`, the number of the split object (0 if added).
     """
-    listed = {int(row["object_id"]): row for row in _records(with_states(objects, states))}
+    decided = objects[objects["object_id"].isin(list(states.of_objects))]
+    listed = {int(row["object_id"]): row for row in _records(with_states(decided, states))}
     made: list[tuple[int, list[dict[str, Any]]]] = [
         (decision.identifier, [_added_row(decision.correction) | {"of": 0}]) for decision in states.added
     ]
@@ -107,7 +108,7 @@ def new_rows(
         if "bases" in state and number in listed and "merged_into" not in state:
             _apply(listed, number, {**state, "x": np.nan}, kinds or {})
             made.append((state["split_by"], [part | {"of": number} for part in _parts(listed[number], state)]))
-    last = max(last, max(listed, default=0))
+    last = max(last, int(objects["object_id"].max()) if len(objects) else 0)
     rows = []
     for decision, group in sorted(made, key=lambda item: item[0]):
         for row in group:

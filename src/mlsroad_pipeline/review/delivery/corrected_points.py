@@ -53,6 +53,26 @@ class ClassCodes:
         return codes.pop() if len(codes) == 1 else None
 
 
+def object_codes(objects: pd.DataFrame, states: States, codes: ClassCodes) -> tuple[NDArray[np.int16], set[str]]:
+    """Return the class code that decisions give to each object, by number, -1 without one.
+
+    The second value are classes that the labelled files have no code for.
+    """
+    given = np.full(int(objects["object_id"].max()) + 1 if len(objects) else 1, -1, np.int16)
+    listed = dict(zip(objects["object_id"].tolist(), objects["class"].astype(str), strict=True))
+    unknown = set()
+    for number, state in states.of_objects.items():
+        owner = states.of_objects[state.get("merged_into", number)]
+        final = owner["checked_class"]
+        if final and final != listed[number]:
+            code = codes.code(final)
+            given[number] = -1 if code is None else code
+            unknown |= {final} if code is None else set()
+        elif owner["status"] == "rejected" and not final:
+            given[number] = UNCLASSIFIED
+    return given, unknown
+
+
 @dataclass
 class PointChanges:
     """Changes of the points of objects, by the number of the object in the labelled files."""
@@ -65,21 +85,14 @@ class PointChanges:
     @classmethod
     def of(cls, objects: pd.DataFrame, states: States, codes: ClassCodes, listed: Sequence[int]) -> PointChanges:
         """Return the changes of decisions; `listed` are the numbers of the objects that are delivered."""
-        most = int(objects["object_id"].max()) if len(objects) else 0
-        kept = np.isin(np.arange(most + 1), listed)
-        changes = cls(np.where(kept, np.arange(most + 1), 0).astype(np.uint32), np.full(most + 1, -1, np.int16))
-        listed_class = dict(zip(objects["object_id"].tolist(), objects["class"].astype(str), strict=True))
+        given, unknown = object_codes(objects, states, codes)
+        every = np.arange(len(given))
+        kept = np.isin(every, listed)
+        changes = cls(np.where(kept, every, 0).astype(np.uint32), given, unknown=unknown)
         for number, state in states.of_objects.items():
             owner = state.get("merged_into", number)
-            final = states.of_objects[owner]["checked_class"] if owner != number else state["checked_class"]
             if owner != number:
                 changes.numbers[number] = owner if kept[owner] else 0
-            if final and final != listed_class[number]:
-                code = codes.code(final)
-                changes.codes[number] = -1 if code is None else code
-                changes.unknown |= {final} if code is None else set()
-            elif state["status"] == "rejected" and not final:
-                changes.codes[number] = UNCLASSIFIED
         changes._split(objects, states, set(listed))
         return changes
 

@@ -14,7 +14,7 @@ from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 from mlsroad_pipeline.review.corrections.listed_objects import ListedObjects
 from mlsroad_pipeline.review.corrections.states import States
 from mlsroad_pipeline.review.delivery.corrected_objects import changed_rows, kind_of, kinds_of_classes
-from mlsroad_pipeline.review.delivery.corrected_points import ClassCodes, PointChanges
+from mlsroad_pipeline.review.delivery.corrected_points import ClassCodes, object_codes
 from mlsroad_pipeline.review.page_server.class_counts import Box, ClassCounts
 from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
 from mlsroad_pipeline.review.page_server.tile_format import TileIndex
@@ -64,8 +64,7 @@ class Decided:
 
     def in_force(self, states: States, strokes: Iterator[tuple[NDArray[np.int64], str]]) -> Painted:
         """Return the classes that decisions give to points."""
-        every = self._table["object_id"].tolist()
-        of_objects = PointChanges.of(self._table, states, self._codes, every).codes
+        of_objects, _ = object_codes(self._table, states, self._codes)
         named = ((rows, self._codes.code(name)) for rows, name in strokes)
         return Painted.of(((rows, code) for rows, code in named if code is not None), of_objects)
 
