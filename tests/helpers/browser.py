@@ -31,10 +31,12 @@ class Page:
             address = json.load(answer)["webSocketDebuggerUrl"]
         socket = self._loop.run_until_complete(_connect(address))
         tab = Page(self._loop, socket, self._port)
-        yield tab
-        tab.send("Page.close")
-        socket.close()
-        self.send("Page.bringToFront")
+        try:
+            yield tab
+        finally:
+            tab.send("Page.close")
+            socket.close()
+            self.send("Page.bringToFront")
 
     def send(self, method, **params):
         """Send a command and return its result; events that arrive before are kept."""

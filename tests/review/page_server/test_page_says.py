@@ -2,6 +2,7 @@
 
 import io
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -283,7 +284,9 @@ def test_a_sample_is_marked_and_its_counts_are_estimates(tab, folder, tmp_path):
     from mlsroad_pipeline.review.page_server.export import export_page
     from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
 
-    target = export_page(OutputFolder.find(folder), tmp_path / "page.html", most=50_000)
+    whole = tmp_path / "without_tiles"
+    shutil.copytree(folder, whole, ignore=shutil.ignore_patterns(".page"))
+    target = export_page(OutputFolder.find(whole), tmp_path / "page.html", most=50_000)
     with tab.another() as sample:
         sample.open(target, width=1200, height=800)
         sample.until("window.page?.cloud.shown > 40000")

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.review.page_server.output_folder import REPORT, OutputFolder
 from mlsroad_pipeline.review.page_server.selection import Near, brushed, cluster
 from mlsroad_pipeline.review.page_server.tile_cache import TileCache
 from mlsroad_pipeline.review.page_server.tile_format import FirstPicture, first_picture
+from mlsroad_pipeline.review.page_server.wanted import only_of, places_of, radius_of
 from mlsroad_pipeline.review.painted import Painted
 
 if TYPE_CHECKING:
@@ -198,7 +199,7 @@ class ServedSurvey:
 
     def leave_out(self, wanted: dict[str, Any]) -> dict[str, Any]:
         """Leave a group out of the list while the page is open, or take it back."""
-        self._point_groups().leave_out(_places(wanted.get("places"))[0], back=bool(wanted.get("back")))
+        self._point_groups().leave_out(places_of(wanted.get("places"))[0], back=bool(wanted.get("back")))
         return {}
 
     def group(self, wanted: dict[str, Any]) -> dict[str, Any]:
@@ -248,9 +249,9 @@ class ServedSurvey:
         if index is None:
             raise ReadError("the points are still being prepared: paint when that is finished")
         self._check_current()
-        places, only, painted = _places(wanted.get("places")), _only(wanted.get("only")), self._in_force()
+        places, only, painted = places_of(wanted.get("places")), only_of(wanted.get("only")), self._in_force()
         if not (wanted.get("cluster") or wanted.get("group")):
-            return brushed(index, places, _radius(wanted.get("radius")), only, painted)
+            return brushed(index, places, radius_of(wanted.get("radius")), only, painted)
         if only is None:
             raise ParameterError("a cluster needs the class of its points (only)")
         if wanted.get("group"):
@@ -287,28 +288,6 @@ class ServedSurvey:
                 payload = {"file": file.name, "points": points, "class": name, "n_points": file.header.n_points}
                 corrections.append(Correction("paint", payload=payload))
         return corrections
-
-
-def _places(value: object) -> np.ndarray:
-    try:
-        places = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise DataError("places must be numbers x, y, z") from error
-    if places.ndim != 2 or places.shape[1] != 3 or not 1 <= len(places) <= 200 or not np.isfinite(places).all():
-        raise DataError("places must be 1 to 200 finite x, y, z")
-    return places
-
-
-def _radius(value: object) -> float:
-    if not isinstance(value, int | float) or isinstance(value, bool) or not 0.01 <= value <= 5.0:
-        raise ParameterError(f"the radius of the brush must be 0.01 m to 5 m, got {value!r}")
-    return float(value)
-
-
-def _only(value: object) -> int | None:
-    if value is not None and (not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= 255):
-        raise ParameterError(f"only must be a class code from 0 to 255, got {value!r}")
-    return value
 
 
 def _described(correction: Correction) -> str:
