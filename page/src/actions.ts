@@ -3,7 +3,7 @@
 import type { Cloud } from "./cloud";
 import { el } from "./dom";
 import { KINDS, type List, type Model, type Place, type Tool } from "./model";
-import type { PointGroup, Wanted } from "./types";
+import type { PointGroup, RoadLine, Wanted } from "./types";
 
 const UNCLASSED = new Set([0, 1, 7, 18]); // last in lists of classes
 
@@ -53,6 +53,7 @@ export class Actions {
   next(step = 1): void {
     const { model } = this;
     if (model.list === "groups") return this.nextGroup(step);
+    if (model.list === "lines") return this.nextLine(step);
     if (!model.queued) {
       this.awaited = step;
       return this.hint("The list is being read.", () => !model.queued);
@@ -61,6 +62,31 @@ export class Actions {
     if (!ids.length) return;
     const here = ids.indexOf(model.selected ?? -1);
     this.go(ids[here < 0 ? 0 : (here + step + ids.length) % ids.length]);
+  }
+
+  goLine(line: RoadLine): void {
+    this.tool("look");
+    this.model.selectLine(line);
+    const { origin } = this.model.survey;
+    const [x, y, z] = line.vertices[Math.floor(line.vertices.length / 2)];
+    this.cloud.look([x - origin[0], y - origin[1], z - origin[2]], Math.min(40, 8 + line.length), undefined, 0.8);
+  }
+
+  private nextLine(step = 1): void {
+    const lines = this.model.lineOrder();
+    if (!lines.length) return;
+    const here = this.model.line === null ? -1 : lines.indexOf(this.model.line);
+    this.goLine(lines[here < 0 ? 0 : (here + step + lines.length) % lines.length]);
+  }
+
+  private async decideLine(line: RoadLine, action: string): Promise<void> {
+    const { model } = this;
+    if (model.busy) return;
+    const { line_id, kind, x, y } = line;
+    const lines = model.lineOrder();
+    const following = lines[lines.indexOf(line) + 1];
+    const done = await model.decide({ action, kind, payload: { line: line_id, x, y } });
+    if (done && following && model.line === line) this.goLine(following);
   }
 
   private nextGroup(step = 1): void {
@@ -125,16 +151,20 @@ export class Actions {
   async undo(decision?: number): Promise<void> {
     const undone = await this.model.undo(decision);
     if (undone?.object_id && this.model.byId.has(undone.object_id)) this.go(undone.object_id);
+    const line = undone?.action.endsWith("_line") && this.model.survey.lines.find(({ kind, line_id }) => `${kind} ${line_id}` === undone.what);
+    if (line) this.goLine(line);
   }
 
   accept(): void {
-    const { group } = this.model;
+    const { group, line } = this.model;
+    if (line) return void this.decideLine(line, "accept_line");
     if (group) return void this.answer(group, this.model.className(group.code));
     const id = this.chosen();
     if (id !== null) void this.decideAndGoOn({ action: "accept", object_id: id });
   }
 
   reject(): void {
+    if (this.model.line) return void this.decideLine(this.model.line, "reject_line");
     if (this.model.group) return void this.leaveOut(this.model.group);
     const id = this.chosen();
     if (id !== null) void this.decideAndGoOn({ action: "reject", object_id: id });

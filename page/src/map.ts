@@ -141,8 +141,10 @@ export class SurveyMap {
     }
     this.line(context, model.survey.path.map(([x, y]) => this.at(x - model.survey.origin[0], y - model.survey.origin[1])), "#2b8be0", 2);
     const { origin } = model.survey;
-    for (const [kind, lines] of Object.entries(model.survey.lines)) {
-      for (const line of lines) this.line(context, line.map(([x, y]) => this.at(x - origin[0], y - origin[1])), lineColour(kind), 1);
+    for (const line of model.survey.lines) {
+      if (model.lineStates[line.line_id] === "rejected" && line !== model.line) continue;
+      const chosen = line === model.line;
+      this.line(context, line.vertices.map(([x, y]) => this.at(x - origin[0], y - origin[1])), chosen ? "#ffd21f" : lineColour(line.kind), chosen ? 3 : 1);
     }
     this.objects(context, ink);
     this.camera(context);

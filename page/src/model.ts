@@ -141,6 +141,7 @@ export class Model extends State {
       const object = this.byId.get(wanted.object_id ?? 0);
       const { ids } = await this.source.decide(wanted);
       this.keep([...this.own, ids]);
+      if (wanted.action.endsWith("_line")) return `${wanted.kind} ${wanted.payload?.line} ${wanted.action === "accept_line" ? "accepted" : "rejected"}`;
       const given = String(wanted.payload?.class ?? wanted.kind ?? "");
       if (!object) return `${given} added`;
       return `${title(object)} ${wanted.action === "other_kind" ? `is ${given} now` : DONE[wanted.action]}`;

@@ -1,13 +1,14 @@
 // Right side: the chosen object or point, its decisions, and the list of what to look at first.
 
-import { classColour, kindColour, STATUS_COLOURS } from "./colours";
+import { classColour, kindColour, lineColour, STATUS_COLOURS } from "./colours";
 import { clear, count, el, swatch } from "./dom";
 import type { Actions } from "./actions";
 import type { List, Model, RoadObject } from "./model";
-import type { PointGroup } from "./types";
+import type { PointGroup, RoadLine } from "./types";
 
 const LISTS: [List, string, string][] = [
   ["objects", "Objects", "Objects to look at first"],
+  ["lines", "Lines", "Kerbs, wires and markings: uncertain and long ones first"],
   ["decided", "Decided", "Objects that were decided, the last ones first"],
   ["groups", "Places", "Points of no object to look at first: uncertain, many, unlike the places that were answered"],
 ];
@@ -92,6 +93,29 @@ export function review(model: Model, actions: Actions): HTMLElement {
     ];
   }
 
+  function linePart(line: RoadLine): (Node | string)[] {
+    const buttons: [string, string, () => void][] = [["Accept", "A", () => actions.accept()], ["Reject", "R", () => actions.reject()]];
+    const status = model.lineStates[line.line_id];
+    const rows: [string, string | number | null | undefined][] = [["Length [m]", line.length], ["Score", line.score], ["Offset [m]", line.offset]];
+    return [
+      el("h2", { class: "title" }, swatch(lineColour(line.kind), "dot"), `${line.kind.replace("_", " ")} ${line.line_id}`),
+      ...(status ? [el("p", { class: "state" }, swatch(STATUS_COLOURS[status], "dot"), status)] : []),
+      ...(readOnly ? [] : [el("div", { class: "buttons" }, ...buttons.map(([text, key, act]) => el("button", { type: "button", "data-action": text, click: act }, text, el("kbd", {}, key))))]),
+      el("table", { class: "measures" }, el("tbody", {}, ...rows.filter(([, value]) => typeof value === "number").map(([name, value]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", {}, number(value as number)))))),
+    ];
+  }
+
+  function showLines(): void {
+    clear(list);
+    const lines = model.lineOrder();
+    for (const line of lines.slice(0, 500)) {
+      const parts = [swatch(lineColour(line.kind), "dot"), el("span", { class: "name" }, `${line.kind.replace("_", " ")} ${line.line_id}`), el("span", { class: "reason" }, model.lineStates[line.line_id] ?? ""), el("span", { class: "after" }, `${line.length.toFixed(0)} m`)];
+      list.append(el("li", { "data-id": line.line_id }, el("button", { type: "button", click: () => actions.goLine(line) }, ...parts)));
+    }
+    progress.textContent = lines.length ? `${count(Object.keys(model.lineStates).length)} of ${count(lines.length)} lines looked at.` : "The survey has no lines.";
+    showChosen();
+  }
+
   function pointPart(): (Node | string)[] {
     const { point } = model;
     if (!point) return [el("p", { class: "none" }, "Click an object or a point. The key ? lists all keys.")];
@@ -112,8 +136,8 @@ export function review(model: Model, actions: Actions): HTMLElement {
 
   function showChosen(): void {
     const object = model.selected === null ? undefined : model.byId.get(model.selected);
-    chosen.replaceChildren(...(model.group ? groupPart(model.group) : object ? objectPart(object) : pointPart()));
-    for (const item of list.children) item.classList.toggle("here", (item as HTMLElement).dataset.id === (model.group ? String(model.group.place) : String(model.selected)));
+    chosen.replaceChildren(...(model.line ? linePart(model.line) : model.group ? groupPart(model.group) : object ? objectPart(object) : pointPart()));
+    for (const item of list.children) item.classList.toggle("here", (item as HTMLElement).dataset.id === String(model.group?.place ?? model.line?.line_id ?? model.selected));
   }
 
   function showGroups(): void {
@@ -134,6 +158,7 @@ export function review(model: Model, actions: Actions): HTMLElement {
   function showList(): void {
     for (const button of lists.querySelectorAll("button")) button.setAttribute("aria-checked", String(button.dataset.list === model.list));
     if (model.list === "groups") showGroups();
+    else if (model.list === "lines") showLines();
     else if (model.list === "decided") showDecided();
     else showQueue();
   }
@@ -190,7 +215,7 @@ export function review(model: Model, actions: Actions): HTMLElement {
   lists.append(el("kbd", { title: "The other list" }, "J"));
   model.on(["selection"], () => {
     showChosen();
-    if (model.selected !== null || model.group) panel.scrollTop = 0; // to the buttons
+    if (model.selected !== null || model.group || model.line) panel.scrollTop = 0; // to the buttons
   });
   model.on(["queue", "filter"], showList);
   model.on(["decisions"], showHistory);

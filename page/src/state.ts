@@ -2,12 +2,12 @@
 
 import { setColours } from "./colours";
 import type { Source } from "./source";
-import type { Cell, Corrections, Decision, ObjectState, PointGroup, QueueItem, Status, Survey } from "./types";
+import type { Cell, Corrections, Decision, ObjectState, PointGroup, QueueItem, RoadLine, Status, Survey } from "./types";
 
 export const VIEWS = ["class", "confidence", "intensity", "height", "colour", "object", "status", "error"] as const;
 export type View = (typeof VIEWS)[number];
 export type Tool = "look" | "measure" | "section" | "paint" | "base" | "merge" | "split" | "add";
-export type List = "objects" | "groups" | "decided";
+export type List = "objects" | "lines" | "groups" | "decided";
 export type Change = "view" | "filter" | "selection" | "decisions" | "queue" | "tool" | "status" | "saved" | "paint" | "theme";
 export type Place = [number, number, number];
 
@@ -42,6 +42,9 @@ export interface Message {
   holds?: () => boolean;
 }
 
+/** Distance from the path beyond which objects and lines come last, metres. */
+const FAR = 25;
+
 export const STATUSES = ["", "accepted", "rejected", "changed", "moved", "merged", "split", "added"];
 export const KINDS = ["pole", "sign", "tree", "vehicle"];
 
@@ -73,6 +76,9 @@ export class State {
   list: List = "objects";
   groups: PointGroup[] = [];
   group: PointGroup | null = null;
+  /** Chosen line, and the status of decided ones. */
+  line: RoadLine | null = null;
+  lineStates: Record<string, string> = {};
   /** Rows of the points of the chosen group. */
   highlighted = new Set<number>();
   painted = new Map<number, number>();
@@ -129,6 +135,7 @@ export class State {
   protected accept(found: Corrections): boolean {
     this.states = found.states;
     this.decisions = found.decisions;
+    this.lineStates = found.lines;
     this.arrange(found.objects);
     if (found.counts) {
       this.classCounts = new Map(Object.entries(found.counts).map(([code, n]) => [Number(code), n]));
@@ -218,9 +225,31 @@ export class State {
     return status === "" ? object.score : status === "rejected" ? 0 : 1;
   }
 
+  /** Lines to look at: undecided ones first, uncertain and long ones before others, those far from the path last. */
+  lineOrder(): RoadLine[] {
+    const rank = (line: RoadLine) => [
+      Number(this.lineStates[line.line_id] !== undefined),
+      Number(Math.abs(line.offset ?? 0) > FAR),
+      (line.score ?? 1) - Math.log10(1 + line.length) / 10,
+    ];
+    const ranks = new Map(this.survey.lines.map((line) => [line, rank(line)]));
+    return [...this.survey.lines].sort((a, b) => {
+      const [one, other] = [ranks.get(a)!, ranks.get(b)!];
+      const i = one.findIndex((value, k) => value !== other[k]);
+      return i < 0 ? a.line_id - b.line_id : one[i] - other[i];
+    });
+  }
+
+  selectLine(line: RoadLine): void {
+    this.select(null);
+    this.line = line;
+    this.emit("selection");
+  }
+
   select(id: number | null, point: PickedPoint | null = null): void {
     this.selected = id;
     this.point = point;
+    this.line = null;
     this.leaveGroup();
     this.emit("selection");
   }

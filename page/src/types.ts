@@ -14,6 +14,18 @@ export interface FirstFacts {
   classes: Record<string, number>;
 }
 
+/** A kerb, a wire or a marking. */
+export interface RoadLine {
+  line_id: number;
+  kind: string;
+  length: number;
+  score?: number | null;
+  offset?: number | null;
+  x: number;
+  y: number;
+  vertices: [number, number, number][];
+}
+
 export interface Survey {
   name: string;
   folder: string;
@@ -25,7 +37,7 @@ export interface Survey {
   objects: { columns: string[]; headings: Record<string, string>; rows: Cell[][] };
   footprints: Record<string, [number, number][]>;
   path: [number, number, number][];
-  lines: Record<string, [number, number, number][][]>;
+  lines: RoadLine[];
   photos: number[];
   colours: { classes: Record<string, string>; kinds: Record<string, string>; lines: Record<string, string> };
   report: boolean;
@@ -80,6 +92,8 @@ export interface Corrections {
   decisions: Decision[];
   /** Rows of objects that decisions have changed or made. */
   objects: Record<string, Cell>[];
+  /** Status of decided lines by number. */
+  lines: Record<string, string>;
   /** Class codes of the points of objects of another class. */
   codes: Record<string, number>;
   /** Points per class code; null while the tiles are not finished. */

@@ -30,6 +30,9 @@ def export(
         ),
     ] = None,
     checked: Annotated[bool, typer.Option("--checked", help="Leave out what nobody looked at.")] = False,
+    within: Annotated[
+        float | None, typer.Option(min=0.0, metavar="METRES", help="Leave out what is farther from the path.")
+    ] = None,
     keep_rejected: Annotated[
         bool, typer.Option("--keep-rejected", help="Keep rejected and merged objects, with their status.")
     ] = False,
@@ -50,7 +53,7 @@ def export(
 
         targets = [_target(name) for name in names] or [folder / "corrected.gpkg"]
         with collected_warnings(verbose=verbose) as logged:
-            delivery = Delivery(folder, keep_rejected=keep_rejected, checked=checked)
+            delivery = Delivery(folder, keep_rejected=keep_rejected, checked=checked, within=within)
             written = delivery.write(targets, overwrite=overwrite)
         console = output_console()
         states = delivery.states

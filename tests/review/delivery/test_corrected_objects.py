@@ -8,9 +8,15 @@ import shapely
 from helpers.corrected import object_rows, write_inventory
 from helpers.inventories import planted_inventory
 
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.inventory_files.geopackage import read_geopackage, write_geopackage
 from mlsroad_pipeline.review.corrections import Correction, open_corrections
-from mlsroad_pipeline.review.delivery.corrected_objects import corrected_inventory, kind_of, kinds_of_classes
+from mlsroad_pipeline.review.delivery.corrected_objects import (
+    corrected_inventory,
+    kind_of,
+    kinds_of_classes,
+    within_reach,
+)
 
 SCHEMES = {"own": {"classes": {"palms": {"members": ["palm"]}, "wall": {"members": ["wall"]}, "green": {"members": [
     "tree", "hedge"]}, "post or plate": {"members": ["post", "traffic_sign"]}}}}  # fmt: skip
@@ -117,6 +123,24 @@ def test_checked_leaves_out_what_nobody_looked_at(decided):
     assert found.objects["object_id"].tolist() == [2] and found.objects["pole_id"].tolist() == [0]
     kept = corrected_inventory(inventory, states, checked=True, keep_rejected=True)
     assert kept.objects["status"].tolist() == ["accepted", "rejected"]
+
+
+def test_rejected_lines_are_left_out_and_a_corridor_limits_objects_and_lines(decided):
+    inventory = planted_inventory()
+    kerb = inventory.lines[inventory.lines["kind"] == "kerb"].iloc[0]
+    place = {"line": int(kerb["line_id"]), "x": float(kerb["x"]), "y": float(kerb["y"])}
+    states = decided(inventory, Correction("reject_line", kind="kerb", payload=place))
+    found = corrected_inventory(inventory, states)
+    assert (
+        set(found.lines["kind"]) == {*inventory.lines["kind"]} - {"kerb"} and found.sections["kerb_length"].sum() == 0
+    )
+    assert found.sections["wire_length"].sum() == 5.0
+    assert len(corrected_inventory(inventory, states, checked=True).lines) == 0
+    near = within_reach(found, 5.0)
+    assert near.objects["offset"].abs().max() <= 5.0 and 0 < len(near.objects) < len(found.objects)
+    assert near.sections["objects"].sum() == len(near.objects)
+    with pytest.raises(DataError, match="no path"):
+        within_reach(replace(inventory, trajectory=None), 5.0)
 
 
 def test_without_measures_a_split_object_has_parts_at_its_bases(decided):

@@ -278,6 +278,29 @@ def follow_each_other(tab, other, folder):
     assert errors(other) == ([], [])
 
 
+def test_lines_are_listed_accepted_and_rejected(tab, server, folder):
+    tab.click("[data-list='lines']")
+    assert entries(tab) == ["kerb 1 95 m"]
+    drawn = "page.cloud.marks.surveyed.children.length"
+    tab.press("n")
+    assert "kerb 1" in tab.js("document.querySelector('#chosen').innerText") and tab.js(drawn) == 1
+    tab.press("r")
+    assert saved(tab).startswith("kerb 1 rejected.")
+    for again in (False, True):
+        tab.until("page.model.lineStates[1] === 'rejected' && !page.model.busy")
+        tab.js("page.model.select(null)")
+        assert tab.js(drawn) == 0
+        tab.click("[data-list='lines']")
+        assert entries(tab) == ["kerb 1 rejected 95 m"]
+        if not again:
+            reload(tab, server)
+    with open_corrections(folder) as store:
+        assert [decision.correction.action for decision in store.current()] == ["reject_line"]
+    decide(tab, "u")
+    tab.until("page.model.line?.line_id === 1 && page.model.lineStates[1] === undefined")
+    assert tab.js(drawn) == 1
+
+
 def test_a_sample_is_marked_and_its_counts_are_estimates(tab, folder, tmp_path):
     assert tab.js("document.querySelector('#estimated').hidden")
     tab.until("!document.querySelector('#shown').textContent.includes('(a sample)')", seconds=5)
@@ -319,7 +342,7 @@ def test_page_map_pictures_and_report_have_one_legend(tab):
     assert {name: page["classes"][str(code)] for name, code in codes.items()} == pictures
     inventory = planted_inventory()
     frame = map_frame(np.zeros((0, 2)), inventory.objects[["x", "y"]].to_numpy())
-    lines = {kind: [np.zeros((2, 3))] for kind in LINE_COLOURS}
+    lines = {kind: [np.zeros((2, 2))] for kind in LINE_COLOURS}
     report = object_map_section("Map", inventory.objects, frame, {kind: 1 for kind in KIND_COLOURS}, lines=lines).body
     for kind, colour in KIND_COLOURS.items():
         assert f'style="background:{colour}"></i>{kind}' in report

@@ -9,7 +9,7 @@ import pandas as pd
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.inventory.objects.review import order_of_review
-from mlsroad_pipeline.review.corrections.decisions import Anchor, Decision, named_objects
+from mlsroad_pipeline.review.corrections.decisions import LINE_ACTIONS, Anchor, Decision, named_objects
 from mlsroad_pipeline.review.corrections.listed_objects import ListedObjects
 
 STATUS = {
@@ -56,6 +56,7 @@ class States:
     unmatched: list[Decision] = field(default_factory=list)
     painted: list[Decision] = field(default_factory=list)  # Painted points, in order
     added: list[Decision] = field(default_factory=list)  # Objects that were missing
+    lines: list[Decision] = field(default_factory=list)  # Decisions about lines, in order
 
 
 def fold_states(decisions: Sequence[Decision], objects: ListedObjects) -> States:
@@ -70,6 +71,8 @@ def fold_states(decisions: Sequence[Decision], objects: ListedObjects) -> States
             states.painted.append(decision)
         elif action == "add":
             states.added.append(decision)
+        elif action in LINE_ACTIONS:
+            states.lines.append(decision)
         else:
             numbers = [present.get((decision.identifier, number)) for number in named_objects(decision.correction)]
             own = numbers[0]
@@ -85,6 +88,26 @@ def fold_states(decisions: Sequence[Decision], objects: ListedObjects) -> States
         if "merged_into" in state:
             states.of_objects[state["merged_into"]].setdefault("merged", []).append(number)
     return states
+
+
+_LINE_MOVED = 0.5  # largest distance of the first vertex of a line that was found again, metres
+
+
+def line_states(decisions: Sequence[Decision], lines: pd.DataFrame) -> dict[int, str]:
+    """Return the status of lines by number, `accepted` or `rejected`; they are found by kind and first vertex.
+
+    `lines` has at least `line_id`, `kind`, `x` and `y`.
+    """
+    found: dict[int, str] = {}
+    places = lines[["x", "y"]].to_numpy(np.float64)
+    numbers, kinds = lines["line_id"].to_numpy(np.int64), lines["kind"].astype(str).to_numpy()
+    for decision in decisions:
+        given = decision.correction
+        apart = np.hypot(*(places - (given.payload["x"], given.payload["y"])).T)
+        apart = np.where(kinds == given.kind, apart, np.inf)
+        if len(apart) and apart.min() <= _LINE_MOVED:
+            found[int(numbers[int(apart.argmin())])] = f"{given.action.removesuffix('_line')}ed"
+    return found
 
 
 def _apply(states: dict[int, ObjectState], decision: Decision, number: int, listed: tuple[str, str]) -> None:

@@ -8,15 +8,17 @@ import numpy as np
 import pandas as pd
 import shapely
 
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.boxes import oriented_box
 from mlsroad_pipeline.algorithms.inventory.objects.measures import EXTENT, MEASURES
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, KINDS
-from mlsroad_pipeline.algorithms.inventory.objects.sections import equal_sections, section_table
+from mlsroad_pipeline.algorithms.inventory.objects.sections import equal_sections, line_lengths, section_table
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS_OF_KINDS, OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
-from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, footprint_text
+from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, footprint_text, line_vertices
 from mlsroad_pipeline.review.corrections.inventory_columns import with_states
-from mlsroad_pipeline.review.corrections.states import ObjectState, States
+from mlsroad_pipeline.review.corrections.states import ObjectState, States, line_states
 
 KindsOf = Mapping[str, Collection[str]]
 """Class name to the kinds of objects that its members have; none for classes of no object."""
@@ -71,8 +73,27 @@ def corrected_inventory(
     objects = _typed([row for row in kept if row["status"] or not checked])
     lost = ~objects["pole_id"].isin(objects.loc[objects["kind"] == "pole", "object_id"])
     objects["pole_id"] = objects["pole_id"].mask(lost, 0)
-    lines = None if inventory.lines is None else inventory.lines[: 0 if checked else None]
+    lines = None if inventory.lines is None else _kept_lines(inventory.lines, states, keep_rejected, checked)
     return _measured_along(replace(inventory, objects=objects, lines=lines))
+
+
+def _kept_lines(lines: pd.DataFrame, states: States, keep_rejected: bool, checked: bool) -> pd.DataFrame:
+    found = line_states(states.lines, lines)
+    status = [found.get(number, "") for number in lines["line_id"].tolist()]
+    kept = [(s != "rejected" or keep_rejected) and (s != "" or not checked) for s in status]
+    return lines[np.array(kept, dtype=np.bool_)].reset_index(drop=True)
+
+
+def within_reach(inventory: RoadInventory, reach: float) -> RoadInventory:
+    """Return the objects and lines at most `reach` metres from the path; DataError without a path."""
+    if inventory.trajectory is None:
+        raise DataError("the survey has no path: distances from it are unknown (--within)")
+    objects, lines = _near(inventory.objects, reach), inventory.lines
+    return _measured_along(replace(inventory, objects=objects, lines=None if lines is None else _near(lines, reach)))
+
+
+def _near(table: pd.DataFrame, reach: float) -> pd.DataFrame:
+    return table[table["offset"].abs() <= reach].reset_index(drop=True)
 
 
 def changed_rows(
@@ -230,12 +251,14 @@ def _measured_along(inventory: RoadInventory) -> RoadInventory:
 
 
 def _sections(inventory: RoadInventory, objects: pd.DataFrame, path: Trajectory) -> pd.DataFrame | None:
-    """Return the sections with the present numbers of objects; lengths of lines stay."""
+    """Return the sections with the present numbers of objects and lengths of lines."""
     before = inventory.sections
     if before is None:
         return None
     ends, usual = ["from_station", "to_station"], equal_sections(path.length)
     is_usual = len(usual) == len(before) and np.allclose(usual[ends], before[ends], atol=0.01)
     counted = section_table(objects, path.length, sections=None if is_usual else before)
-    kept = [name for name in before if str(name).endswith("_length")]
-    return pd.concat([counted, before[kept].reset_index(drop=True)], axis=1)
+    if (lines := inventory.lines) is not None:
+        for kind in LINE_KINDS:
+            counted[f"{kind}_length"] = line_lengths(line_vertices(lines[lines["kind"] == kind]), path, counted)
+    return counted

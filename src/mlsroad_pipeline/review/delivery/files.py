@@ -23,7 +23,7 @@ from mlsroad_pipeline.inventory_files.vector_files import without_formulas
 from mlsroad_pipeline.review.corrections import Decision, open_corrections
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 from mlsroad_pipeline.review.corrections.states import States
-from mlsroad_pipeline.review.delivery.corrected_objects import corrected_inventory, kinds_of_classes
+from mlsroad_pipeline.review.delivery.corrected_objects import corrected_inventory, kinds_of_classes, within_reach
 from mlsroad_pipeline.review.delivery.corrected_points import (
     ClassCodes,
     PointChanges,
@@ -56,14 +56,18 @@ class Delivery:
         Whether rejected and merged objects stay, with their status.
     checked : bool
         Whether objects that nobody looked at are left out.
+    within : float, optional
+        Largest distance of objects and lines from the path, metres. None delivers all.
     """
 
-    def __init__(self, folder: Path, *, keep_rejected: bool = False, checked: bool = False) -> None:
+    def __init__(
+        self, folder: Path, *, keep_rejected: bool = False, checked: bool = False, within: float | None = None
+    ) -> None:
         if not (folder / INVENTORY).is_file():
             raise ReadError(f"{folder} holds no results of label: label the survey first (mlsroad label FILE)")
         # An inventory alone, such as that of a copied folder, has no record of its run.
         self.output = OutputFolder.find(folder) or OutputFolder(folder, {"outputs": (), "summary": {"survey": folder}})
-        self._keep, self._checked = keep_rejected, checked
+        self._keep, self._checked, self._within = keep_rejected, checked, within
         self._labelled = LabelledOutput(folder, {"settings": {}, **self.output.run})
         self.kinds = kinds_of_classes(self._labelled.schemes)
         with open_corrections(folder) as store:
@@ -79,9 +83,10 @@ class Delivery:
     @cached_property
     def corrected(self) -> RoadInventory:
         """Inventory after the decisions."""
-        return corrected_inventory(
+        found = corrected_inventory(
             self.listed, self.states, kinds=self.kinds, keep_rejected=self._keep, checked=self._checked
         )
+        return found if self._within is None else within_reach(found, self._within)
 
     def write(self, targets: Sequence[Path], *, overwrite: bool = False) -> list[Path]:
         """Write files and return the paths of all, the targets first.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 from mlsroad_pipeline.review.corrections.listed_objects import ListedObjects
-from mlsroad_pipeline.review.corrections.states import States
+from mlsroad_pipeline.review.corrections.states import States, line_states
 from mlsroad_pipeline.review.delivery.corrected_objects import changed_rows, kind_of, kinds_of_classes
 from mlsroad_pipeline.review.delivery.corrected_points import ClassCodes, object_codes
 from mlsroad_pipeline.review.page_server.class_counts import Box, ClassCounts
@@ -61,6 +61,16 @@ class Decided:
         last = int(self._table["object_id"].max()) if len(self._table) else 0
         rows = changed_rows(chosen.assign(footprint=texts), states, kinds=self._kinds, last=last)
         return [{name: _plain(value) for name, value in row.items() if name != "footprint"} for row in rows]
+
+    def lines(self, states: States) -> dict[str, str]:
+        """Return the status of decided lines by number."""
+        names = ("line_id", "kind", "x", "y")
+        table = pd.DataFrame([{n: line[n] for n in names} for line in self._lines], columns=list(names))
+        return {str(number): status for number, status in line_states(states.lines, table).items()}
+
+    @cached_property
+    def _lines(self) -> list[dict[str, Any]]:
+        return self._output.lines()
 
     def in_force(self, states: States, strokes: Iterator[tuple[NDArray[np.int64], str]]) -> Painted:
         """Return the classes that decisions give to points."""

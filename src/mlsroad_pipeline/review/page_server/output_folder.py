@@ -135,17 +135,20 @@ class OutputFolder:
         rounded: list[list[float]] = np.round(kept, 3).tolist()
         return rounded
 
-    def lines(self) -> dict[str, list[list[list[float]]]]:
-        """Return the lines of the inventory by kind, each as x, y, z."""
+    def lines(self) -> list[dict[str, Any]]:
+        """Return the lines of the inventory: their fields as JSON values, and `vertices` as x, y, z."""
         path = self.path / INVENTORY
         if not path.is_file():
-            return {}
+            return []
         with _reading(path) as base:
-            found = {kind: _rows(base, f"SELECT geom FROM {layer}") for layer, kind in LINE_LAYERS.items()}
-            return {
-                kind: [np.round(_vertices(blob), 2).tolist() for (blob,) in rows if blob]
-                for kind, rows in found.items()
-            }
+            found: list[dict[str, Any]] = []
+            for layer in LINE_LAYERS:
+                names = [row[1] for row in base.execute(f'PRAGMA table_info("{layer}")')]
+                rows = (dict(zip(names, row, strict=True)) for row in _rows(base, f"SELECT * FROM {layer}"))
+                for row in rows:
+                    vertices = np.round(_vertices(row.pop("geom")), 2).tolist()
+                    found.append({**{n: v for n, v in row.items() if n != "fid"}, "vertices": vertices})
+            return found
 
     def photos(self) -> list[int]:
         """Return the numbers of the objects that have a photo."""

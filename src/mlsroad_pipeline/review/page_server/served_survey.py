@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -147,6 +147,7 @@ class ServedSurvey:
             "painted": painted,
             "decisions": decisions,
             "objects": decided.objects(states),
+            "lines": decided.lines(states),
             "codes": {str(n): int(painting.of_objects[n]) for n in np.flatnonzero(painting.of_objects >= 0)},
             "counts": decided.counts(self.tiles.index(), painting),
             "mark": mark,
@@ -183,7 +184,16 @@ class ServedSurvey:
         if self.tiles.index() is None:
             return []
         self._check_current()
-        return [dict(group) for group in self._point_groups().first(number, self._in_force())]
+        groups = self._point_groups().first(number, self._in_force())
+        return sorted((dict(group) for group in groups), key=self._is_far)
+
+    def _is_far(self, group: Mapping[str, Any]) -> bool:
+        """Return whether a group is so far from the path that it comes last."""
+        from mlsroad_pipeline.algorithms.inventory.objects.review import FAR  # noqa: PLC0415  # pandas
+
+        path = np.array(self.output.path_vertices()).reshape(-1, 3)
+        away = path[:, :2] - self.output.clouds.origin[:2] - group["place"][:2]
+        return bool(len(away)) and float(np.hypot(*away.T).min()) > FAR
 
     def _point_groups(self) -> PointGroups:
         """Return the groups of the points, found at the first request."""
@@ -292,8 +302,12 @@ class ServedSurvey:
 
 def _described(correction: Correction) -> str:
     """Return what a decision is about, in a few words."""
+    from mlsroad_pipeline.review.corrections.decisions import LINE_ACTIONS  # noqa: PLC0415
+
     if correction.action == "paint":
         return f"{len(correction.payload['points']):,} points: {correction.payload['class']}"
+    if correction.action in LINE_ACTIONS:
+        return f"{correction.kind} {correction.payload['line']}"
     if correction.action == "merge":
         return "with " + ", ".join(map(str, correction.payload["objects"]))
     return correction.checked_class
