@@ -106,6 +106,7 @@ def test_the_protocol_names_decisions_users_and_what_is_left(folder, tmp_path):
     # listed, looked at, right, wrong, other kind, added, left, delivered
     assert "pole 2 2 1 1 0 2 0 3 0.50 (0.50 to 0.50) 1.00 (1.00 to 1.00)" in text
     assert "sign 1 0 0 0 0 0 1 1 – – –" in text and "tree 1 1 0 0 1 1 0 1" in text
+    assert "kerb 1 95" in text
     assert "&lt;i&gt;survey.laz" in page and "http" not in page.replace("http-equiv", "")
     with (tmp_path / "check_decisions.csv").open() as stream:
         rows = list(csv.DictReader(stream))

@@ -30,7 +30,7 @@ from mlsroad_pipeline.review.delivery.corrected_points import (
     painted_points,
     write_corrected_cloud,
 )
-from mlsroad_pipeline.review.delivery.protocol import decision_table, kind_table, protocol_page
+from mlsroad_pipeline.review.delivery.protocol import decision_table, kind_table, line_table, protocol_page
 from mlsroad_pipeline.review.page_server.output_folder import INVENTORY, OutputFolder
 
 logger = logging.getLogger(__name__)
@@ -189,7 +189,9 @@ class Delivery:
         facts: dict[str, Any] = {"survey": self.output.name, "folder": str(self.output.path.name), "model": name}
         table = kind_table(self.listed.objects, self.states, self.kinds)
         page, decisions = folder / "page.html", folder / "decisions.csv"
-        write_atomic(page, protocol_page(facts, self.history, table).encode())
+        write_atomic(
+            page, protocol_page(facts, self.history, table, line_table(self.listed.lines, self.states)).encode()
+        )
         text = without_formulas(decision_table(self.history)).to_csv(index=False, lineterminator="\n")
         write_atomic(decisions, text.encode())
         return [(page, target), (decisions, target.with_name(f"{target.stem}_decisions.csv"))]

@@ -10,7 +10,7 @@ import pandas as pd
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.reporting.html.report import build_report, facts_section, table_section
 from mlsroad_pipeline.review.corrections.decisions import Decision
-from mlsroad_pipeline.review.corrections.states import ObjectState, States
+from mlsroad_pipeline.review.corrections.states import ObjectState, States, line_states
 from mlsroad_pipeline.review.delivery.corrected_objects import KindsOf, kind_of, new_rows
 from mlsroad_pipeline.review.delivery.estimates import UNKNOWN, Estimate, strata_of, wilson
 
@@ -85,8 +85,19 @@ def _estimated(score: np.ndarray, outcome: Sequence[str], missing: int) -> dict[
     return dict(zip(_ESTIMATES, map(str, (listed, delivered, recall)), strict=True))
 
 
-def protocol_page(facts: dict[str, Any], history: Sequence[Decision], kinds: pd.DataFrame) -> str:
-    """Return the protocol as one HTML page."""
+def line_table(lines: pd.DataFrame | None, states: States) -> pd.DataFrame:
+    """Return for each kind the lines and metres that are listed, the decisions about them, and what is left."""
+    rows = []
+    for kind, own in () if lines is None else lines.groupby("kind", sort=True):
+        found = line_states(states.lines, own)
+        status = Counter(found.values())
+        row = {"kind": kind, "listed": len(own), "length, m": round(float(own["length"].sum()), 1)}
+        rows.append(row | {"right": status["accepted"], "wrong": status["rejected"], "left": len(own) - len(found)})
+    return pd.DataFrame(rows)
+
+
+def protocol_page(facts: dict[str, Any], history: Sequence[Decision], kinds: pd.DataFrame, lines: pd.DataFrame) -> str:
+    """Return the protocol as one HTML page; the tables are those of `kind_table` and `line_table`."""
     decisions = decision_table(history)
     valid = decisions[decisions["taken_back_utc"] == ""]
     made = valid["made_utc"]
@@ -96,6 +107,7 @@ def protocol_page(facts: dict[str, Any], history: Sequence[Decision], kinds: pd.
     sections = [
         facts_section("Survey", facts),
         table_section("Objects by kind", kinds, _HOW),
+        table_section("Lines by kind", lines),
         table_section("Decisions by user", by_user.rename_axis(columns=None)),
         table_section("Decisions", decisions, "Times are UTC. The table beside this page has all of them."),
     ]
