@@ -1,7 +1,7 @@
 // What buttons and keys do.
 
 import type { Cloud } from "./cloud";
-import { el } from "./dom";
+import { ask } from "./ask";
 import { KINDS, type List, type Model, type Place, type Tool } from "./model";
 import type { PointGroup, RoadLine, Wanted } from "./types";
 
@@ -176,41 +176,15 @@ export class Actions {
       const own = this.model.className(group.code);
       const codes = [...this.model.classNames.keys()].sort((a, b) => Number(UNCLASSED.has(a)) - Number(UNCLASSED.has(b)) || a - b);
       const names = [...new Set(codes.map((code) => this.model.className(code)))].filter((name) => name !== own);
-      return this.ask("What are the marked points?", names, (name, other) => void this.answer(group, name || other));
+      return ask(this.model, "What are the marked points?", names, (name, other) => void this.answer(group, name || other));
     }
     const id = this.chosen();
     if (id === null) return;
     const own = this.model.byId.get(id)!.kind;
-    this.ask(`What is ${own} ${id}?`, KINDS.filter((kind) => kind !== own), (kind, name) => {
+    ask(this.model, `What is ${own} ${id}?`, KINDS.filter((kind) => kind !== own), (kind, name) => {
       const payload = name ? { class: name } : {};
       void this.decideAndGoOn({ action: "other_kind", object_id: id, ...(kind ? { kind } : {}), payload });
     });
-  }
-
-  /** Ask for a kind by number keys, or for a class. */
-  private ask(question: string, kinds: string[], answer: (kind: string, name: string) => void): void {
-    const dialog = el("dialog", { class: "ask", "aria-label": question });
-    const finish = (kind: string, name: string) => {
-      dialog.close();
-      answer(kind, name);
-    };
-    const names = [...this.model.classNames.values()];
-    const select = el("select", { "aria-label": "Class" }, el("option", { value: "" }, "another class"), ...names.map((name) => el("option", { value: name }, name)));
-    select.addEventListener("change", () => select.value && finish("", select.value));
-    dialog.append(
-      el("h2", {}, question),
-      el("div", { class: "buttons" }, ...kinds.map((kind, i) => el("button", { type: "button", click: () => finish(kind, "") }, kind, i < 9 && el("kbd", {}, String(i + 1))))),
-      ...(this.model.group === null ? [el("p", {}, "It is no object of these kinds, but of ", select)] : []),
-      el("button", { type: "button", click: () => dialog.close() }, "Cancel", el("kbd", {}, "Esc")),
-    );
-    dialog.addEventListener("keydown", (event) => {
-      event.stopPropagation();
-      const kind = kinds[Number(event.key) - 1];
-      if (kind) finish(kind, "");
-    });
-    dialog.addEventListener("close", () => dialog.remove());
-    document.body.append(dialog);
-    dialog.showModal();
   }
 
   tool(tool: Tool): void {
@@ -251,7 +225,7 @@ export class Actions {
 
   add(place: Place): void {
     this.tool("look");
-    this.ask("What is missing here?", KINDS, (kind, name) => {
+    ask(this.model, "What is missing here?", KINDS, (kind, name) => {
       const payload = { ...this.world(place), ...(name ? { class: name } : {}) };
       void this.model.decide({ action: "add", kind: kind || name, payload });
     });

@@ -20,6 +20,9 @@ from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
 from mlsroad_pipeline.review.page_server.tile_format import TileIndex
 from mlsroad_pipeline.review.painted import Painted
 
+_PLACED = {"x", "merged", "bases"}
+"""Entries of states of objects with another place or outline; accepted and rejected ones have the rows of before."""
+
 
 class Decided:
     """An inventory with decisions, as the page shows it.
@@ -55,7 +58,11 @@ class Decided:
 
     def objects(self, states: States) -> list[dict[str, Any]]:
         """Return the rows of changed and new objects as JSON values."""
-        chosen = self._table[self._table["object_id"].isin(list(states.of_objects))]
+        numbers = {
+            n for n, state in states.of_objects.items() if state["status"] == "changed" or _PLACED & state.keys()
+        }
+        numbers |= {other for n in numbers for other in states.of_objects[n].get("merged", ())}
+        chosen = self._table[self._table["object_id"].isin(numbers)]
         rings = [self._outlines.get(str(number), []) for number in chosen["object_id"]]
         texts = [f"POLYGON (({', '.join(f'{x} {y}' for x, y in ring)}))" if ring else "" for ring in rings]
         last = int(self._table["object_id"].max()) if len(self._table) else 0
