@@ -33,6 +33,9 @@ def export(
     within: Annotated[
         float | None, typer.Option(min=0.0, metavar="METRES", help="Leave out what is farther from the path.")
     ] = None,
+    schema: Annotated[
+        str | None, typer.Option(metavar="FILE.yml", help="Layers, fields and codes of your own for inventories.")
+    ] = None,
     keep_rejected: Annotated[
         bool, typer.Option("--keep-rejected", help="Keep rejected and merged objects, with their status.")
     ] = False,
@@ -53,7 +56,8 @@ def export(
 
         targets = [_target(name) for name in names] or [folder / "corrected.gpkg"]
         with collected_warnings(verbose=verbose) as logged:
-            delivery = Delivery(folder, keep_rejected=keep_rejected, checked=checked, within=within)
+            own = None if schema is None else Path(expanded([schema])[0])
+            delivery = Delivery(folder, keep_rejected=keep_rejected, checked=checked, within=within, schema=own)
             written = delivery.write(targets, overwrite=overwrite)
         console = output_console()
         states = delivery.states

@@ -3,8 +3,8 @@
 import errno
 import sqlite3
 import warnings
-from collections.abc import Mapping, Sequence
-from contextlib import closing
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -122,6 +122,17 @@ def _layer(name: str, table: pd.DataFrame, *, geometry: np.ndarray, kind: str, c
     return _Layer(name, gpd.GeoDataFrame(table.reset_index(drop=True), geometry=shapes, crs=crs), kind)
 
 
+@contextmanager
+def without_times() -> Iterator[None]:
+    """Write GeoPackages without the time of writing: equal content gives equal bytes."""
+    before = {name: pyogrio.get_gdal_config_option(name) for name in _OPTIONS}
+    pyogrio.set_gdal_config_options(_OPTIONS)
+    try:
+        yield
+    finally:
+        pyogrio.set_gdal_config_options(before)
+
+
 def write_geopackage(inventory: RoadInventory, path: str | Path) -> None:
     """Write an inventory as layers of a GeoPackage."""
     target = Path(path)
@@ -131,18 +142,14 @@ def write_geopackage(inventory: RoadInventory, path: str | Path) -> None:
     styles = {
         layer: qgis_styles.qml(layer, scaled=crs is not None, drawn=layer != "objects") for layer in qgis_styles.LAYERS
     }
-    before = {name: pyogrio.get_gdal_config_option(name) for name in _OPTIONS}
 
     def write(folder: Path) -> None:
         _write_layers(folder / target.name, layers)
         add_tables(folder / target.name, styles, date=_FIXED_DATE)
         _check_whole(folder / target.name, target)
 
-    pyogrio.set_gdal_config_options(_OPTIONS)
-    try:
+    with without_times():
         write_whole(target.parent, write)
-    finally:
-        pyogrio.set_gdal_config_options(before)
 
 
 def _check_whole(path: Path, target: Path) -> None:

@@ -18,6 +18,7 @@ from mlsroad_pipeline.formats.las.copc import write_copc
 from mlsroad_pipeline.inventory_files.exports import EXPORTS
 from mlsroad_pipeline.inventory_files.geopackage import read_geopackage, write_geopackage
 from mlsroad_pipeline.inventory_files.geoparquet import write_geoparquet
+from mlsroad_pipeline.inventory_files.own_schema import read_schema, write_own_schema
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
 from mlsroad_pipeline.inventory_files.vector_files import without_formulas
 from mlsroad_pipeline.review.corrections import Decision, open_corrections
@@ -58,16 +59,25 @@ class Delivery:
         Whether objects that nobody looked at are left out.
     within : float, optional
         Largest distance of objects and lines from the path, metres. None delivers all.
+    schema : Path, optional
+        YAML file with the layers, fields and codes of inventories. None writes those of `label`.
     """
 
     def __init__(
-        self, folder: Path, *, keep_rejected: bool = False, checked: bool = False, within: float | None = None
+        self,
+        folder: Path,
+        *,
+        keep_rejected: bool = False,
+        checked: bool = False,
+        within: float | None = None,
+        schema: Path | None = None,
     ) -> None:
         if not (folder / INVENTORY).is_file():
             raise ReadError(f"{folder} holds no results of label: label the survey first (mlsroad label FILE)")
         # An inventory alone, such as that of a copied folder, has no record of its run.
         self.output = OutputFolder.find(folder) or OutputFolder(folder, {"outputs": (), "summary": {"survey": folder}})
         self._keep, self._checked, self._within = keep_rejected, checked, within
+        self._schema = None if schema is None else read_schema(schema)
         self._labelled = LabelledOutput(folder, {"settings": {}, **self.output.run})
         self.kinds = kinds_of_classes(self._labelled.schemes)
         with open_corrections(folder) as store:
@@ -146,6 +156,9 @@ class Delivery:
         if suffix == ".html":
             return self._protocol(target, folder)
         own = folder / target.name
+        if self._schema is not None:
+            written = write_own_schema(self.corrected, self._schema, own)
+            return [(path, target.with_name(path.name)) for path in written]
         if suffix in _EXPORTED:
             try:
                 written = EXPORTS[_EXPORTED[suffix]].write(self.corrected, folder)
