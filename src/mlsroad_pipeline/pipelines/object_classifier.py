@@ -12,13 +12,14 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import evidence_of_soft_labels
-from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectClassifier
-from mlsroad_pipeline.algorithms.inventory.training.candidates import candidates_of_street, stems_of_street
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import STEM, ObjectClassifier
+from mlsroad_pipeline.algorithms.inventory.objects.plates import PLATE
+from mlsroad_pipeline.algorithms.inventory.training.candidates import candidates_of_street, parts_of_street
 from mlsroad_pipeline.algorithms.inventory.training.classifiers import (
     Figures,
     kind_classifiers,
+    part_classifier,
     replay_of,
-    stem_classifier,
 )
 from mlsroad_pipeline.algorithms.inventory.training.streets import variants_of
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
@@ -88,29 +89,29 @@ def _tasks_of_variants(
     }
 
 
-def describe_stems(
+def describe_parts(
     shipped: ShippedParameters, streets: SceneCollection, labels: SceneCollection
 ) -> dict[str, SceneTask]:
-    """Create one task per street that describes its upright lines."""
-    return _tasks_of_variants(stems_of_street, shipped, streets, labels)
+    """Create one task per street that describes its upright lines and the pieces that may be plates."""
+    return _tasks_of_variants(parts_of_street, shipped, streets, labels)
 
 
 def find_candidates(
-    shipped: ShippedParameters, streets: SceneCollection, labels: SceneCollection, stems: SceneCollection
+    shipped: ShippedParameters, streets: SceneCollection, labels: SceneCollection, parts: SceneCollection
 ) -> dict[str, SceneTask]:
-    """Train the classifier of stems, and create one task per street that finds its candidates with it."""
-    return _tasks_of_variants(candidates_of_street, shipped, streets, labels, classifier=_train_stems(shipped, stems))
+    """Train the classifiers of stems and plates, and create one task per street that finds its candidates with them."""
+    return _tasks_of_variants(candidates_of_street, shipped, streets, labels, classifier=_train_parts(shipped, parts))
 
 
 def train_object_classifier(
-    shipped: ShippedParameters, stems: SceneCollection, candidates: SceneCollection
+    shipped: ShippedParameters, parts: SceneCollection, candidates: SceneCollection
 ) -> dict[str, Mapping[str, NDArray] | str]:
     """Train the classifier; return its file, the candidates to replay and its card."""
     names = list(classifier_streets(shipped))
     found, true = candidates.load_all("candidates"), pd.concat(candidates.load_all("true").values())
     table = pd.concat([found[name] for name in names if len(found[name])], ignore_index=True)
     n_true = {key: int(number) for key, number in true.groupby(["variant", "kind"])["objects"].sum().items()}
-    classifier, figures = kind_classifiers(table, _train_stems(shipped, stems), n_true)
+    classifier, figures = kind_classifiers(table, _train_parts(shipped, parts), n_true)
     return {
         CLASSIFIER: classifier.to_arrays(),
         REPLAY: candidate_replay_arrays(replay_of(table)),
@@ -118,11 +119,12 @@ def train_object_classifier(
     }
 
 
-def _train_stems(shipped: ShippedParameters, stems: SceneCollection) -> ObjectClassifier:
+def _train_parts(shipped: ShippedParameters, parts: SceneCollection) -> ObjectClassifier:
     load_lightgbm()
-    tables = stems.load_all()
-    used = [tables[name] for name in classifier_streets(shipped) if len(tables[name])]
-    return stem_classifier(pd.concat(used, ignore_index=True))
+    used = [name for name in classifier_streets(shipped)]
+    tables = {part: parts.load_all(part) for part in (STEM, PLATE)}
+    filled = {part: [found[name] for name in used if len(found[name])] for part, found in tables.items()}
+    return part_classifier(*(pd.concat(filled[part], ignore_index=True) for part in (STEM, PLATE)))
 
 
 def _card(figures: Figures, n_streets: int, n_simulated: int, shipped: ShippedParameters) -> str:
@@ -131,7 +133,8 @@ def _card(figures: Figures, n_streets: int, n_simulated: int, shipped: ShippedPa
     lines = [
         "# Object classifier",
         "",
-        "Boosted trees that score the objects of an inventory and separate trunks from poles. MIT licence.",
+        "Boosted trees that score the objects of an inventory and separate trunks from poles, and plates from other",
+        "surfaces. MIT licence.",
         f"Trained on {n_streets} simulated streets of {len(kinds)} kinds (of {n_simulated}: those with at most",
         f"{MOST_POINTS:,} points), labelled by the shipped model `{SLUG}`, which was not trained on them.",
         "Each street was used three times: as labelled, and twice with noise in its class probabilities, sheared, with",
@@ -157,12 +160,12 @@ def _card(figures: Figures, n_streets: int, n_simulated: int, shipped: ShippedPa
 
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: parameters to the files of the object classifier."""
-    own = {name: f".{name}" for name in ("streets", "labels", "stems", "candidates")} | {"slug": "object_classifier"}
+    own = {name: f".{name}" for name in ("streets", "labels", "parts", "candidates")} | {"slug": "object_classifier"}
     return Pipeline(
         [
             named_node(simulate_classifier_streets, ".streets", **own),
             named_node(label_classifier_streets, ".labels", **own),
-            named_node(describe_stems, ".stems", "describe_classifier_stems", **own),
+            named_node(describe_parts, ".parts", "describe_classifier_parts", **own),
             named_node(find_candidates, ".candidates", "find_classifier_candidates", **own),
             named_node(train_object_classifier, "shipped_object_classifier", **own),
         ]

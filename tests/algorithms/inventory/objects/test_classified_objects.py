@@ -28,6 +28,7 @@ from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import (
     ObjectClassifier,
 )
 from mlsroad_pipeline.algorithms.inventory.objects.object_features import FEATURES
+from mlsroad_pipeline.algorithms.inventory.objects.plates import PLATE, PLATE_FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS, rules_for_scheme
 from mlsroad_pipeline.algorithms.inventory.objects.stem_features import STEM_FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.trunks import find_trunks, split_trees
@@ -52,6 +53,8 @@ class Planted:
         if classifier == STEM:
             own = features[:, [STEM_FEATURES.index("own tree"), STEM_FEATURES.index("own pole")]]
             return np.eye(3)[np.where(own[:, 0] > 0.6, TRUNK, np.where(own[:, 1] > 0.6, POLE, NEITHER))]
+        if classifier == PLATE:
+            return (features[:, [PLATE_FEATURES.index("wide")]] > 0.4).astype(np.float64)
         return features[:, [FEATURES.index(f"own {classifier}")]].astype(np.float64)
 
     def reasons(self, classifier, features):

@@ -47,6 +47,7 @@ FIELDS: dict[str, Field] = {
     "heading": Field(
         "float64", "Heading [deg]", "Direction of a vehicle's length, clockwise from grid north, 0 to 180."
     ),
+    "complete": Field("str", "Box", "Of a vehicle: measured, or which sides of its box are assumed to be a car's."),
     "tilt": Field("float64", "Tilt [deg]", "Angle between the axis of a pole or post and the vertical."),
     "lean_azimuth": Field(
         "float64", "Leans towards [deg]", "Where its top leans, clockwise from grid north, 0 to 360."

@@ -46,6 +46,7 @@ metres. Recorded poles lean by up to 6 degrees, simulated ones hardly."""
 CONFUSED = 0.25
 """Share of the poles that a model labels tree, and of the trunks that it labels pole: on Oakland thick wooden poles."""
 
+SIGNS = [TAXONOMY[name] for name, kind in KIND_OF_CLASS.items() if kind == "sign"]
 TRUE_KINDS = {name: kind for name, kind in KIND_OF_CLASS.items() if name != "cycas"}  # low vegetation of the scheme
 
 
@@ -173,18 +174,22 @@ def lean_poles(street: Street, rng: np.random.Generator) -> NDArray[np.float64]:
 def true_objects(street: Street) -> pd.DataFrame:
     """Return the true objects of the kinds with their places, and whether they count: not moving, enough points.
 
-    `enough` is true for moving ones with enough points too.
+    `enough` is true for moving ones with enough points too. A plate on a mast of another kind is a sign of its own.
     """
-    table = street.objects
-    counts = np.bincount(np.maximum(street.instance, 0), minlength=int(table["instance"].max()) + 1)
+    table, most = street.objects, int(street.objects["instance"].max()) + 1
+    number = np.maximum(street.instance, 0)
+    counts, on_plates = (np.bincount(rows, minlength=most) for rows in (number, number[np.isin(street.truth, SIGNS)]))
     kind = table["label"].map(lambda code: TRUE_KINDS.get(TAXONOMY_NAMES[code]))
-    vehicle, panel = (kind == "vehicle").to_numpy(), ((kind == "sign") & table["panel_x"].notna()).to_numpy()
-    x = np.where(vehicle, table["box_x"], np.where(panel, table["panel_x"], table["x"]))
-    y = np.where(vehicle, table["box_y"], np.where(panel, table["panel_y"], table["y"]))
-    n_points = counts[table["instance"].to_numpy()]
-    enough = n_points >= kind.map(LEAST_POINTS).fillna(np.inf).to_numpy()
-    counted = enough & ~table["moving"].to_numpy(bool)
+    held = (table["panel_x"].notna() & kind.notna() & (kind != "sign")).to_numpy()
+    own = table[kind.notna().to_numpy()].assign(kind=kind, n_points=lambda t: counts[t["instance"]])
+    plates = table[held].assign(kind="sign", n_points=lambda t: on_plates[t["instance"]])
+    found = pd.concat([own, plates], ignore_index=True)
+    vehicle, panel = found["kind"] == "vehicle", (found["kind"] == "sign") & found["panel_x"].notna()
+    enough = found["n_points"] >= found["kind"].map(LEAST_POINTS)
     return pd.DataFrame({
-        "kind": kind, "x": x, "y": y, "counted": counted, "instance": table["instance"], "length": table["length"],
+        "kind": found["kind"],
+        "x": found["x"].where(~vehicle, found["box_x"]).where(~panel, found["panel_x"]),
+        "y": found["y"].where(~vehicle, found["box_y"]).where(~panel, found["panel_y"]),
+        "counted": enough & ~found["moving"].astype(bool), "instance": found["instance"], "length": found["length"],
         "enough": enough,
-    })[kind.notna().to_numpy()].reset_index(drop=True)  # fmt: skip
+    })  # fmt: skip
