@@ -1,6 +1,6 @@
 """Candidates and upright lines of simulated streets, with their features and their truth."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -22,7 +22,15 @@ from mlsroad_pipeline.algorithms.inventory.objects.plates import PLATE, PLATE_FE
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.stem_features import STEM_FEATURES, find_scene_stems
 from mlsroad_pipeline.algorithms.inventory.scoring.object_scores import REACH
-from mlsroad_pipeline.algorithms.inventory.training.streets import CUT, SIGNS, Street, true_objects, variant_of_street
+from mlsroad_pipeline.algorithms.inventory.training.streets import (
+    CUT,
+    LEAST_POINTS,
+    RECORDED,
+    SIGNS,
+    Street,
+    true_objects,
+    variant_of_street,
+)
 
 SHORTEST, STRETCHED = 0.4, 1.2
 """Least length of a vehicle seen in part, and largest one of a moving vehicle, as multiples of its true length."""
@@ -74,6 +82,24 @@ def candidates_of_street(
         counts += [(variant, kind, int((truth["kind"] == kind)[there].sum())) for kind in KINDS]
     found = pd.concat(tables[1:] or tables, ignore_index=True)
     return {"candidates": found, "true": pd.DataFrame(counts, columns=["variant", "kind", "objects"])}
+
+
+def candidates_of_boxes(
+    street: Street, boxes: pd.DataFrame, members: Sequence[NDArray[np.int64]], classifier: ObjectClassifier
+) -> dict[str, pd.DataFrame]:
+    """Return the vehicles among the candidates of a scan, and the number of true ones; `members` are rows of points."""
+    instance = np.zeros(len(street.local), np.int64)
+    for k, rows in enumerate(members):
+        instance[rows] = k + 1
+    enough = np.array([len(rows) >= LEAST_POINTS["vehicle"] for rows in members], bool)
+    truth = pd.DataFrame({
+        "kind": "vehicle", "x": boxes["x"], "y": boxes["y"], "length": boxes["length"], "enough": enough,
+        "counted": enough & boxes["counted"].to_numpy(bool), "instance": np.arange(1, len(boxes) + 1),
+    })  # fmt: skip
+    found = find_candidate_rows(street._replace(instance=instance), classifier)
+    found = with_truth(found[found["kind"] == "vehicle"].reset_index(drop=True), truth).assign(variant=RECORDED)
+    true = pd.DataFrame({"variant": [RECORDED], "kind": ["vehicle"], "objects": [int(enough.sum())]})
+    return {"candidates": found, "true": true}
 
 
 def stem_table(street: Street, cells: SceneCells) -> pd.DataFrame:

@@ -22,7 +22,7 @@ from mlsroad_pipeline.algorithms.inventory.objects.object_features import FEATUR
 from mlsroad_pipeline.algorithms.inventory.objects.plates import PLATE, PLATE_FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.stem_features import STEM_FEATURES
-from mlsroad_pipeline.algorithms.inventory.training.streets import CLEAN, CUT, DISTURBED, LABELS
+from mlsroad_pipeline.algorithms.inventory.training.streets import CLEAN, CUT, DISTURBED, LABELS, RECORDED
 from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees
 
 log = logging.getLogger(__name__)
@@ -39,7 +39,13 @@ REPLAYED = 1500
 """Candidates of each kind that `mlsroad learn` trains on beside the answers."""
 
 ROUNDS = {STEM: 120, PLATE: 120, "pole": 200, "sign": 200, "vehicle": 200, "tree": 200}
-GROUPS_OF_VARIANTS = {"as labelled": (CLEAN,), "disturbed": DISTURBED, "labels alone": (LABELS,), "with gaps": (CUT,)}
+GROUPS_OF_VARIANTS = {
+    "as labelled": (CLEAN,),
+    "disturbed": DISTURBED,
+    "labels alone": (LABELS,),
+    "with gaps": (CUT,),
+    "recordings": (RECORDED,),
+}
 CUT_KIND = "vehicle"
 
 Figures = dict[str, dict[str, dict[str, float]]]

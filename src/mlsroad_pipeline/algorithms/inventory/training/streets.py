@@ -26,6 +26,9 @@ LEAST_POINTS = {"pole": 20, "sign": 10, "vehicle": 50, "tree": 100}
 CLEAN, LABELS, DISTURBED, CUT = "clean", "labels", ("disturbed_1", "disturbed_2"), "cut"
 """Variants of a street: as labelled; with classes and confidences alone; disturbed; with gaps that cut vehicles."""
 
+RECORDED = "recorded"
+"""Variant of the vehicles of a recording, whose boxes are known."""
+
 PERIOD, GAP = (8.0, 16.0), (0.2, 0.5)
 """Of the gaps: distance of their middles, metres, and width as a share of it."""
 
