@@ -21,10 +21,10 @@ from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.execution.scratch import scratch_folder
 from mlsroad_pipeline.formats.files import atomic_file
 
-MAY_LACK = ("complete", "facing_from", "status", "checked_class", "reasons", "method", "model_version")
+MAY_LACK = ("complete", "motion", "facing_from", "status", "checked_class", "reasons", "method", "model_version")
 """Text columns whose empty values are NULL in files."""
 
-DECIDED = ("complete", "status", "checked_class")
+DECIDED = ("complete", "motion", "status", "checked_class")
 """Columns that files of earlier versions lack; they are read as empty."""
 
 

@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.inventory.objects.extraction import SceneObject
 from mlsroad_pipeline.algorithms.inventory.objects.merging import MergedObjects, merge_scenes
 from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectClassifier
 from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
-from mlsroad_pipeline.algorithms.inventory.objects.sightings import Sightings, with_sightings
+from mlsroad_pipeline.algorithms.inventory.objects.sightings import Sightings, mark_moving, with_sightings
 from mlsroad_pipeline.algorithms.inventory.passes import are_comparable, join_pass_lines, join_pass_objects
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.scenes.corridor import CorridorArrays, corridor_from_arrays
@@ -107,7 +107,7 @@ def join_objects(
     joined, numbers = join_inventories(
         passes, rules, classifier=scorer, least_score=least_score, join_drives=join_drives
     )
-    table = with_sightings(joined, numbers, _sightings(sightings, list(corridors)))
+    table = mark_moving(with_sightings(joined, numbers, _sightings(sightings, list(corridors))))
     classes: ObjectClasses = {
         "label": np.append(0, table["class"].map(labels)).astype(np.uint8),
         "score": np.append(0.0, table["score"]).astype(np.float32),

@@ -48,6 +48,7 @@ FIELDS: dict[str, Field] = {
         "float64", "Heading [deg]", "Direction of a vehicle's length, clockwise from grid north, 0 to 180."
     ),
     "complete": Field("str", "Box", "Of a vehicle: measured, or which sides of its box are assumed to be a car's."),
+    "motion": Field("str", "Motion", "moving: a vehicle seen more briefly than what stands beside it; else empty."),
     "tilt": Field("float64", "Tilt [deg]", "Angle between the axis of a pole or post and the vertical."),
     "lean_azimuth": Field(
         "float64", "Leans towards [deg]", "Where its top leans, clockwise from grid north, 0 to 360."
@@ -151,7 +152,7 @@ def object_table(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
     unknown: dict[str, Any] = {
         **dict.fromkeys(("object_id", "pole_id", *SEEN_BY), 0),
         **dict.fromkeys(("station", "offset", "first_time", "last_time"), np.nan),
-        **dict.fromkeys(("method", "model_version", "status", "checked_class", "reasons"), ""),
+        **dict.fromkeys(("method", "model_version", "status", "checked_class", "reasons", "motion"), ""),
     }
     known = pd.DataFrame(list(rows))
     missing = {name: value for name, value in unknown.items() if name not in known}
