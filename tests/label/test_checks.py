@@ -1,5 +1,6 @@
 """Checks before the labelling: paths of results, and what LAZ and copies cannot hold."""
 
+import re
 from contextlib import nullcontext
 
 import laspy
@@ -144,3 +145,17 @@ def test_a_confidence_that_cannot_be_kept_is_named(tmp_path):
     data.write(str(path))
     with pytest.raises(DataError, match=r"both confidence \(int16\) and original_confidence"):
         check(path)
+
+
+def test_least_scores_by_kind():
+    assert LabelParameters("in", "out").least_scores == dict.fromkeys(("pole", "sign", "vehicle", "tree"), 0.4)
+    found = LabelParameters("in", "out", least_score={"pole": 0.2}).least_scores
+    assert found == {"pole": 0.2, "sign": 0.4, "vehicle": 0.4, "tree": 0.4}
+
+
+@pytest.mark.parametrize(
+    ("given", "told"), [(1.5, "1.5"), ("x", "'x'"), ({"lamp": 0.2}, "unknown kind 'lamp'"), ({"pole": True}, "True")]
+)
+def test_wrong_least_scores_are_named(given, told):
+    with pytest.raises(ParameterError, match=re.escape(told)):
+        LabelParameters("in", "out", least_score=given)

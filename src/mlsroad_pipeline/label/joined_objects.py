@@ -87,7 +87,7 @@ def join_objects(
     rules: Mapping[str, ObjectRule],
     labels: Mapping[str, int],
     classifier: str,
-    least_score: float,
+    least_score: Mapping[str, float],
     least_kerb: float,
     least_marking: float,
     method: str,
@@ -144,7 +144,7 @@ def join_inventories(
     rules: Mapping[str, ObjectRule],
     *,
     classifier: ObjectClassifier | None = None,
-    least_score: float = 0.0,
+    least_score: Mapping[str, float] | float = 0.0,
     join_drives: bool | None = None,
 ) -> MergedObjects:
     """Merge the objects of all scenes of several passes into one table; objects of a lower score are left out.

@@ -216,7 +216,7 @@ def merge_scenes(
     classes: Mapping[str, ObjectRule],
     trajectory: Trajectory | None = None,
     classifier: Classifier | None = None,
-    least_score: float = 0.0,
+    least_score: Mapping[str, float] | float = 0.0,
 ) -> MergedObjects:
     """Merge the objects of all scenes into the inventory of a survey.
 
@@ -233,7 +233,8 @@ def merge_scenes(
     for joiner in joiners.values():
         joiner.measure(len(scenes), numbers)
     listed = numbers.joined()
-    listed = listed[listed["score"] >= least_score]
+    least = listed["kind"].map(least_score) if isinstance(least_score, Mapping) else least_score
+    listed = listed[listed["score"] >= least]
     objects, provisional = finish_table(listed, list(classes), trajectory)
     final = numbers.final(provisional, objects["object_id"].to_numpy())
     return MergedObjects(objects, dict(zip(scenes, final, strict=True)))
