@@ -123,9 +123,9 @@ def test_evidence_of_labels_alone():
 
 
 def test_classes_of_objects_are_raised():
-    probabilities = np.array([[0.55, 0.3, 0.0, 0.0, 0.15, 0.0], [0.7, 0.0, 0.2, 0.0, 0.1, 0.0]], np.float32)
+    probabilities = np.array([[0.55, 0.3, 0.0, 0.0, 0.15, 0.0], [0.78, 0.0, 0.12, 0.0, 0.1, 0.0]], np.float32)
     evidence = ClassEvidence(probabilities, np.array([0, 1, -1]), group_shares(SCHEME))
-    assert 0.3 * WEIGHTS["pole"] > 0.55 and 0.2 * WEIGHTS["sign"] < 0.7
+    assert 0.3 * WEIGHTS["pole"] > 0.55 and 0.12 * WEIGHTS["sign"] < 0.78
     assert raised_labels(evidence, RULES).tolist() == [1, 0, -1]
 
 
