@@ -19,7 +19,7 @@ from mlsroad_pipeline.algorithms.inventory.objects.plates import PLATE, SIGN, ch
 from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule, rules_for_scheme
 from mlsroad_pipeline.algorithms.inventory.objects.stem_features import Stems, find_scene_stems
 
-WEIGHTS = {"pole": 4.0, "sign": 5.0, "vehicle": 2.0, "tree": 1.0}
+WEIGHTS = {"pole": 4.0, "sign": 5.0, "vehicle": 1.5, "tree": 1.0}
 """Factors of the class probabilities by kind of object; wires have that of poles."""
 
 CANDIDATE_LIMITS: dict[str, dict[str, float]] = {
@@ -31,7 +31,7 @@ CANDIDATE_LIMITS: dict[str, dict[str, float]] = {
 """Rules of candidates for an object classifier, where they differ from those of objects."""
 
 _LEAST_TRUNK, _LEAST_POLE = 0.7, 0.5  # probabilities from which a stem changes the class of its points
-_LEAST_PLATE = 0.3  # probability from which a plate changes the class of its points
+_LEAST_PLATE = 0.15  # probability from which a plate changes the class of its points
 _NEVER_STEMS = ("paved ground", "natural ground", "vehicle", "wire")  # groups of classes without upright lines
 
 
