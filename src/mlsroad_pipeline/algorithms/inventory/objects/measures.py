@@ -29,9 +29,9 @@ _STEEL, _BARK = 0.015, 0.03  # largest distance of points from the circle of a p
 _TRUNK_OFFSET = 0.6  # distance from the mean of the foot at which a trunk needs the following share, metres
 _TRUNK_SHARE, _LOW = 0.12, 2.1  # least share of a trunk in the voxels up to a height in metres
 _CLEAR = 0.45  # largest distance of points of the slab from the axis, metres
-_CAR_LENGTH, _CAR_WIDTH = 4.4, 1.8  # of a car that is seen in part, metres
+_CAR_LENGTH, _CAR_WIDTH = 4.2, 1.75  # of a car that is seen in part, metres
 _CAR_HEIGHT = 2.2  # above which a vehicle is a van, lorry or bus, metres
-_END = 2.3  # length below which only an end is seen, metres
+_END = (1.4, 2.3)  # range of the longer side where only an end is seen, metres
 _SIDE_LENGTH, _CAR_SIDE = 3.3, 1.45  # least length of a side, and width of an end, of a car, metres
 _ONE_SIDED = 1.2  # least ratio of the voxels at opposite sides that tells the side of the scanner
 _SIDE_STEP = 0.25  # length of the segments of a vehicle's sides, metres
@@ -222,14 +222,15 @@ def _vehicle(geometry: _Geometry) -> ObjectMeasures:
 def complete_vehicle(row: ObjectMeasures, voxels: Voxels) -> ObjectMeasures:
     """Return length, width, heading, place and `complete` of a vehicle seen in part, with the size of a car assumed.
 
-    A side shorter than that of a car is extended away from the scanner: from the side of the box with most voxels. Of
-    what is at most as long as a car is wide, an end is seen, and its longer side is the width. Higher vehicles than
-    cars keep their box.
+    What is narrower than a car is extended away from the scanner: from the side of the box with most voxels. So is a
+    piece of a side as wide as a car. Of what is hardly longer than a car is wide, an end is seen: its longer side is
+    the width. Vehicles higher than cars keep their box.
     """
     length, width, heading = row["length"], row["width"], row["heading"]
-    end = length < _END
-    car = row["height"] < _CAR_HEIGHT and (end or width >= _CAR_SIDE or length >= _SIDE_LENGTH)
-    if not car or (length >= _CAR_LENGTH and width >= _CAR_WIDTH):
+    end = _END[0] <= length < _END[1]
+    side = length >= _SIDE_LENGTH
+    car = row["height"] < _CAR_HEIGHT and (end or side or width >= _CAR_SIDE)
+    if not car or (side and width >= _CAR_WIDTH):
         return {"complete": "measured"}
     if end:
         length, width, heading = width, length, (heading + 90.0) % 180.0
@@ -238,7 +239,7 @@ def complete_vehicle(row: ObjectMeasures, voxels: Voxels) -> ObjectMeasures:
     centre = np.array([row["x"], row["y"]])
     local = (voxels.xyz[:, :2] - centre) @ axes.T
     sizes = (length, width)
-    wanted = (max(length, _CAR_LENGTH), max(width, _CAR_WIDTH))
+    wanted = (length if side else max(length, _CAR_LENGTH), max(width, _CAR_WIDTH))
     for k, (size, whole) in enumerate(zip(sizes, wanted, strict=True)):
         first, last = (np.count_nonzero(side * local[:, k] > size / 2 - _SIDE_STEP) for side in (-1, 1))
         if max(first, last) > _ONE_SIDED * min(first, last):
