@@ -32,6 +32,7 @@ CANDIDATE_LIMITS: dict[str, dict[str, float]] = {
 
 _LEAST_TRUNK, _LEAST_POLE = 0.7, 0.5  # probabilities from which a stem changes the class of its points
 _LEAST_PLATE = 0.15  # probability from which a plate changes the class of its points
+_SURE_WALL = 0.9  # probability of a building or wall from which a point is of no upright line, which halves their time
 _NEVER_STEMS = ("paved ground", "natural ground", "vehicle", "wire")  # groups of classes without upright lines
 
 
@@ -74,9 +75,10 @@ def forming_labels(
 
 
 def stem_points(evidence: ClassEvidence, labels: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Return the points that may belong to poles, posts and trunks: all but ground, vehicles and wires."""
+    """Return the points that may belong to poles, posts and trunks: no ground, vehicles, wires or sure walls."""
     never = evidence.groups[:, [GROUPS.index(name) for name in _NEVER_STEMS]].sum(axis=1) > 0.5
-    return np.flatnonzero(np.append(~never, False)[labels])
+    wall = evidence.of_groups[:, [GROUPS.index(name) for name in ("building", "wall")]].sum(axis=1) > _SURE_WALL
+    return np.flatnonzero(np.append(~never, False)[labels] & ~np.append(wall, True)[evidence.owner])
 
 
 def sign_probability(evidence: ClassEvidence) -> NDArray[np.float32]:
