@@ -16,7 +16,7 @@ from mlsroad_pipeline.label.checks import _check_exports, check_file, check_whol
 from mlsroad_pipeline.label.runs import planned_paths
 from mlsroad_pipeline.label.writer import write_labelled
 from mlsroad_pipeline.surveys.files import Survey
-from mlsroad_pipeline.surveys.parameters import LabelParameters
+from mlsroad_pipeline.surveys.parameters import LEAST_SCORES, LabelParameters
 from mlsroad_pipeline.surveys.plan import plan_survey
 
 
@@ -148,7 +148,8 @@ def test_a_confidence_that_cannot_be_kept_is_named(tmp_path):
 
 
 def test_least_scores_by_kind():
-    assert LabelParameters("in", "out").least_scores == dict.fromkeys(("pole", "sign", "vehicle", "tree"), 0.4)
+    assert LabelParameters("in", "out").least_scores == {"pole": 0.3, "sign": 0.4, "vehicle": 0.4, "tree": 0.4}
+    assert LabelParameters("in", "out", least_score=0.2).least_scores == dict.fromkeys(LEAST_SCORES, 0.2)
     found = LabelParameters("in", "out", least_score={"pole": 0.2}).least_scores
     assert found == {"pole": 0.2, "sign": 0.4, "vehicle": 0.4, "tree": 0.4}
 

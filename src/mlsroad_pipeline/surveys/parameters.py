@@ -52,8 +52,9 @@ class SurveyParameters:
         return ReadOptions.from_config({**self.read, "coding": coding})
 
 
-LEAST_SCORE = 0.4
-"""Least score of a listed object of a kind that `label.least_score` does not name."""
+LEAST_SCORES = {"pole": 0.3, "sign": 0.4, "vehicle": 0.4, "tree": 0.4}
+"""Least score of a listed object of a kind that `label.least_score` does not name: best F on simulated streets and
+known blocks of Oakland."""
 
 EXPORT_FORMATS = ("csv", "geojson", "flatgeobuf", "shapefile", "dxf")
 """Formats of `label.export`."""
@@ -95,8 +96,8 @@ class LabelParameters:
     read: Mapping[str, Any] = field(default_factory=dict)  # Arguments of `ReadOptions`
     inventory: Mapping[str, Any] = field(default_factory=dict)  # Changes of the object rules, by kind or class
     # Least score of a listed object, 0 to 1, or one per kind. Larger lists fewer objects, of which more are right; 0
-    # lists all candidates. A kind that is not named has 0.4.
-    least_score: float | Mapping[str, float] = LEAST_SCORE
+    # lists all candidates. A kind that is not named has that of `LEAST_SCORES`.
+    least_score: float | Mapping[str, float] = field(default_factory=LEAST_SCORES.copy)
     # Whether an object or a line that several passes (folders of files) recorded is listed once. None does so where all
     # coordinates are farther than 10 km from the origin; those of single scans are of the scanner.
     join_drives: bool | None = None
@@ -179,7 +180,7 @@ class LabelParameters:
         unknown = [kind for kind in named if kind not in KINDS]
         if unknown:
             raise ParameterError(f"unknown kind {unknown[0]!r} in label.least_score (known: {', '.join(KINDS)})")
-        scores = {**dict.fromkeys(KINDS, LEAST_SCORE), **named}
+        scores = {**LEAST_SCORES, **named}
         for score in scores.values():
             if isinstance(score, bool) or not isinstance(score, int | float) or not 0 <= score <= 1:
                 raise ParameterError(f"label.least_score must be a number from 0 to 1, or one per kind, got {given!r}")

@@ -7,6 +7,7 @@ from references.inventory import planted_box
 
 from mlsroad_pipeline.algorithms.inventory.objects.fragments import join_voxels
 from mlsroad_pipeline.algorithms.inventory.objects.measures import complete_vehicle, measure
+from mlsroad_pipeline.algorithms.inventory.objects.merging import _without_pieces
 from mlsroad_pipeline.algorithms.inventory.objects.pieces import join_sparse_pieces
 from mlsroad_pipeline.algorithms.inventory.objects.voxel_sums import voxelise
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
@@ -89,3 +90,15 @@ def test_whole_cars_and_vans_keep_their_box():
     assert complete_vehicle(row, voxels) == {"complete": "measured"}
     row, voxels = measured(planted_box((0.0, 0.0, 1.4), 6.0, 0.3, 2.6))
     assert complete_vehicle(row, voxels) == {"complete": "measured"}
+
+
+def test_pieces_within_the_box_of_a_vehicle_are_not_listed():
+    """Beside a car: a piece with an assumed box in it, one beside it, one with a measured box, and a pole."""
+    table = pd.DataFrame({
+        "kind": ["vehicle"] * 4 + ["pole"], "x": [0.0, 0.5, 2.5, 0.2, 0.1], "y": [0.0, 1.5, 0.0, -1.0, 0.0],
+        "length": 4.4, "width": 1.8, "heading": [0.0, 5.0, 0.0, 0.0, 0.0], "score": [0.9, 0.7, 0.8, 0.6, 0.9],
+        "point_count": [900, 60, 80, 70, 50],
+        "complete": ["measured", "length assumed", "width assumed", "measured", ""],
+    })  # fmt: skip
+    assert _without_pieces(table).index.tolist() == [0, 2, 3, 4]
+    assert _without_pieces(table.assign(score=[0.3, 0.7, 0.8, 0.6, 0.9])).index.tolist() == [0, 1, 2, 3, 4]
