@@ -24,10 +24,10 @@ from mlsroad_pipeline.formats.files import atomic_file
 LAYERS = {"poles": "pole", "signs": "sign", "trees": "tree", "vehicles": "vehicle"}
 """Layer name to kind of object."""
 
-MAY_LACK = ("facing_from", "status", "checked_class", "reasons", "method", "model_version")
+MAY_LACK = ("complete", "motion", "facing_from", "status", "checked_class", "reasons", "method", "model_version")
 """Text columns whose empty values are NULL in files."""
 
-DECIDED = ("status", "checked_class")
+DECIDED = ("complete", "motion", "status", "checked_class")
 """Columns that files of earlier versions lack; they are read as empty."""
 
 
