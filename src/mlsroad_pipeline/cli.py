@@ -14,6 +14,8 @@ from kedro.framework.cli.project import run as kedro_run
 from omegaconf import OmegaConf
 from yaml import YAMLError
 
+from mlsroad_pipeline.execution.path_parameters import merged
+
 _KEDRO_PARAMS: Any = next(parameter.callback for parameter in kedro_run.params if parameter.name == "params")
 _PATH = re.compile(r"(label|inspect|score|survey)\.(survey|output|trajectory|images|inventory|truth|root)")
 _OPTIONS = [parameter.name for parameter in kedro_run.params if parameter.name and parameter.name != "config"]
@@ -59,8 +61,11 @@ def _read_options(context: click.Context, parameter: click.Parameter, value: str
 
 
 def _read_parameters(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
-    """Return the parameters as Kedro reads them, with paths as they were given."""
+    """Return the parameters as Kedro reads them, with paths as they were given; they replace those of `--config`."""
     read = _KEDRO_PARAMS(context, parameter, value)
+    of_file = (context.default_map or {}).get("params")
+    if isinstance(value, str) and of_file and value != of_file:
+        read = merged(_KEDRO_PARAMS(context, parameter, of_file), read)
     for pair in value.split(",") if isinstance(value, str) else ():
         name, _, text = pair.partition("=")
         section, _, key = name.strip().partition(".")
@@ -69,15 +74,26 @@ def _read_parameters(context: click.Context, parameter: click.Parameter, value: 
     return read
 
 
+def _check_environment(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
+    """Check that an environment has a folder of configuration."""
+    place = Path(context.params.get("conf_source") or "conf")
+    known = sorted(path.name for path in place.iterdir() if path.is_dir()) if place.is_dir() else []
+    if value and known and value not in known:
+        raise click.BadParameter(f"unknown environment {value!r} (known: {', '.join(known)})", context, parameter)
+    return value
+
+
 def _with_checked_config(command: click.Command) -> click.Command:
-    """Return a copy of a command that reads `--config` and `--params` by the functions above."""
+    """Return a copy of a command that reads `--config`, `--params` and `--env` by the functions above."""
     changed = copy.copy(command)
     changed.params = [copy.copy(parameter) for parameter in command.params]
     for parameter in changed.params:
         if parameter.name == "config":
-            parameter.callback = _read_options
+            parameter.callback, parameter.is_eager = _read_options, True  # before the parameters that it is merged with
         if parameter.name == "params":
             parameter.callback = _read_parameters
+        if parameter.name == "env":
+            parameter.callback = _check_environment
     return changed
 
 
