@@ -14,7 +14,7 @@ from kedro.framework.cli.project import run as kedro_run
 from omegaconf import OmegaConf
 from yaml import YAMLError
 
-from mlsroad_pipeline.execution.path_parameters import merged
+from mlsroad_pipeline.execution.parameter_checks import merged
 
 _KEDRO_PARAMS: Any = next(parameter.callback for parameter in kedro_run.params if parameter.name == "params")
 _PATH = re.compile(r"(label|inspect|score|survey)\.(survey|output|trajectory|images|inventory|truth|root)")
