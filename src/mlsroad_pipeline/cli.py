@@ -14,8 +14,6 @@ from kedro.framework.cli.project import run as kedro_run
 from omegaconf import OmegaConf
 from yaml import YAMLError
 
-from mlsroad_pipeline.execution.parameter_checks import merged
-
 _KEDRO_PARAMS: Any = next(parameter.callback for parameter in kedro_run.params if parameter.name == "params")
 _PATH = re.compile(r"(label|inspect|score|survey)\.(survey|output|trajectory|images|inventory|truth|root)")
 _OPTIONS = [parameter.name for parameter in kedro_run.params if parameter.name and parameter.name != "config"]
@@ -65,7 +63,7 @@ def _read_parameters(context: click.Context, parameter: click.Parameter, value: 
     read = _KEDRO_PARAMS(context, parameter, value)
     of_file = (context.default_map or {}).get("params")
     if isinstance(value, str) and of_file and value != of_file:
-        read = merged(_KEDRO_PARAMS(context, parameter, of_file), read)
+        read = OmegaConf.to_container(OmegaConf.merge(_KEDRO_PARAMS(context, parameter, of_file), read))
     for pair in value.split(",") if isinstance(value, str) else ():
         name, _, text = pair.partition("=")
         section, _, key = name.strip().partition(".")
