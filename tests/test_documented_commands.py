@@ -19,7 +19,7 @@ from helpers.yaml_files import read_yaml
 
 from mlsroad_pipeline import cli
 from mlsroad_pipeline.commands.app import app
-from mlsroad_pipeline.config import check_names
+from mlsroad_pipeline.execution.parameter_checks import check_names
 from mlsroad_pipeline.formats.las.header import class_names, read_header
 from mlsroad_pipeline.pipelines.composition import pipeline_names
 

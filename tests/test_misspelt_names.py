@@ -62,3 +62,20 @@ def test_configurations_of_the_project_are_options_of_the_command(project, name)
     options = cli.options_of((REPOSITORY / f"conf/{name}.yml").read_text(encoding="utf-8"))
     assert set(options) <= {parameter.name for parameter in cli.run.params}
     assert parameters_of(project, **options["params"])["detrended_forest"].n_trees > 0
+
+
+def test_unknown_environment_is_an_error_that_names_those_there_are(project, monkeypatch):
+    monkeypatch.chdir(project)
+    result = CliRunner().invoke(cli.run, ["--env=semantikitti"])
+    assert result.exit_code == 2 and "unknown environment 'semantikitti' (known: base, " in result.output
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_parameters_of_the_command_replace_those_of_the_file_and_keep_the_rest(tmp_path, order):
+    file = tmp_path / "mine.yml"
+    file.write_text("ingest: {scene_length: 15.0, buffer: 2.0}\nlabel: {copc: true}", encoding="utf-8")
+    given = [f"--config={file}", "--params=ingest.scene_length=20.0,label.survey=007"]
+    with cli.run.make_context("run", given[::order]) as context:
+        assert context.params["params"] == {
+            "ingest": {"scene_length": 20.0, "buffer": 2.0}, "label": {"copc": True, "survey": "007"},
+        }  # fmt: skip

@@ -1,9 +1,9 @@
 // What buttons and keys do.
 
 import type { Cloud } from "./cloud";
-import { el } from "./dom";
-import { KINDS, type Model, type Place, type Tool } from "./model";
-import type { PointGroup } from "./types";
+import { ask } from "./ask";
+import { KINDS, type List, type Model, type Place, type Tool } from "./model";
+import type { PointGroup, RoadLine, Wanted } from "./types";
 
 const UNCLASSED = new Set([0, 1, 7, 18]); // last in lists of classes
 
@@ -11,11 +11,20 @@ export class Actions {
   /** Places that a tool has collected. */
   places: Place[] = [];
   onPlaces: () => void = () => {};
+  /** Step that waits for the list. */
+  private awaited: number | null = null;
 
   constructor(
     readonly model: Model,
     readonly cloud: Cloud,
-  ) {}
+  ) {
+    model.on(["queue"], () => {
+      const step = this.awaited;
+      if (step === null || !model.queued) return;
+      this.awaited = null;
+      if (model.selected === null) this.next(step);
+    });
+  }
 
   go(id: number): void {
     this.tool("look");
@@ -31,19 +40,53 @@ export class Actions {
 
   /** Show the objects or the uncertain places in the list. */
   toggleList(): void {
+    this.showList(this.model.list === "groups" ? "objects" : "groups");
+  }
+
+  showList(list: List): void {
     const { model } = this;
-    model.set("queue", "list", model.list === "objects" ? "groups" : "objects");
-    if (model.list === "groups" && !model.groups.length) void model.loadGroups();
+    model.set("queue", "list", list);
+    if (list === "groups" && !model.groups.length) void model.loadGroups();
   }
 
   /** Go to the next object or place of the list, or to the one before. */
   next(step = 1): void {
     const { model } = this;
     if (model.list === "groups") return this.nextGroup(step);
+    if (model.list === "lines") return this.nextLine(step);
+    if (!model.queued) {
+      this.awaited = step;
+      return this.hint("The list is being read.", () => !model.queued);
+    }
     const ids = model.queue.map((item) => item.object_id).filter((id) => model.byId.has(id) && model.shown(model.byId.get(id)!));
     if (!ids.length) return;
     const here = ids.indexOf(model.selected ?? -1);
     this.go(ids[here < 0 ? 0 : (here + step + ids.length) % ids.length]);
+  }
+
+  goLine(line: RoadLine): void {
+    this.tool("look");
+    this.model.selectLine(line);
+    const { origin } = this.model.survey;
+    const [x, y, z] = line.vertices[Math.floor(line.vertices.length / 2)];
+    this.cloud.look([x - origin[0], y - origin[1], z - origin[2]], Math.min(40, 8 + line.length), undefined, 0.8);
+  }
+
+  private nextLine(step = 1): void {
+    const lines = this.model.lineOrder();
+    if (!lines.length) return;
+    const here = this.model.line === null ? -1 : lines.indexOf(this.model.line);
+    this.goLine(lines[here < 0 ? 0 : (here + step + lines.length) % lines.length]);
+  }
+
+  private async decideLine(line: RoadLine, action: string): Promise<void> {
+    const { model } = this;
+    if (model.busy) return;
+    const { line_id, kind, x, y } = line;
+    const lines = model.lineOrder();
+    const following = lines[lines.indexOf(line) + 1];
+    const done = await model.decide({ action, kind, payload: { line: line_id, x, y } });
+    if (done && following && model.line === line) this.goLine(following);
   }
 
   private nextGroup(step = 1): void {
@@ -71,36 +114,60 @@ export class Actions {
     if (following && this.model.group === null) this.goGroup(following);
   }
 
+  /** Number of the chosen object that can be decided about; a hint where there is none. */
   private chosen(): number | null {
-    if (this.model.selected === null) this.hint("Choose an object first: click it, or press N for the next one.");
-    return this.model.selected;
+    const { model } = this;
+    const { selected } = model;
+    const object = model.byId.get(selected ?? 0);
+    if (selected === null) this.hint("Choose an object first: click it, or press N for the next one.", () => model.selected === null);
+    else if (object?.made) this.hint(`A decision made ${object.kind} ${selected}: take it back to change it.`, () => model.selected === selected);
+    return object && !object.made ? selected : null;
   }
 
-  hint(text: string): void {
-    this.model.set("saved", "saved", { text, kind: "" });
+  /** Show a message while it holds. */
+  hint(text: string, holds: () => boolean): void {
+    this.model.set("saved", "saved", { text, kind: "", holds });
   }
 
-  private async decideAndGoOn(action: string): Promise<void> {
+  /** Say that a click of a tool hit nothing. */
+  missed(text: string): void {
+    const { model, places } = this;
+    const { tool } = model;
+    this.hint(text, () => model.tool === tool && this.places === places);
+  }
+
+  private async decideAndGoOn(wanted: Wanted & { object_id: number }): Promise<void> {
     if (this.model.busy) return; // a second key is for the object that is shown next
-    const id = this.chosen();
-    if (id === null) return;
+    const id = wanted.object_id;
     const ids = this.model.queue.map((item) => item.object_id);
     const following = ids[ids.indexOf(id) + 1];
     const inList = ids.includes(id);
-    if ((await this.model.decide({ action, object_id: id })) && inList && following !== undefined && this.model.selected === id) {
+    if ((await this.model.decide(wanted)) && inList && following !== undefined && this.model.selected === id) {
       this.go(following);
     }
   }
 
+  /** Take a decision back, by default the last one of this tab, and return to its object. */
+  async undo(decision?: number): Promise<void> {
+    const undone = await this.model.undo(decision);
+    if (undone?.object_id && this.model.byId.has(undone.object_id)) this.go(undone.object_id);
+    const line = undone?.action.endsWith("_line") && this.model.survey.lines.find(({ kind, line_id }) => `${kind} ${line_id}` === undone.what);
+    if (line) this.goLine(line);
+  }
+
   accept(): void {
-    const { group } = this.model;
+    const { group, line } = this.model;
+    if (line) return void this.decideLine(line, "accept_line");
     if (group) return void this.answer(group, this.model.className(group.code));
-    void this.decideAndGoOn("accept");
+    const id = this.chosen();
+    if (id !== null) void this.decideAndGoOn({ action: "accept", object_id: id });
   }
 
   reject(): void {
+    if (this.model.line) return void this.decideLine(this.model.line, "reject_line");
     if (this.model.group) return void this.leaveOut(this.model.group);
-    void this.decideAndGoOn("reject");
+    const id = this.chosen();
+    if (id !== null) void this.decideAndGoOn({ action: "reject", object_id: id });
   }
 
   otherKind(): void {
@@ -109,52 +176,26 @@ export class Actions {
       const own = this.model.className(group.code);
       const codes = [...this.model.classNames.keys()].sort((a, b) => Number(UNCLASSED.has(a)) - Number(UNCLASSED.has(b)) || a - b);
       const names = [...new Set(codes.map((code) => this.model.className(code)))].filter((name) => name !== own);
-      return this.ask("What are the marked points?", names, (name, other) => void this.answer(group, name || other));
+      return ask(this.model, "What are the marked points?", names, (name, other) => void this.answer(group, name || other));
     }
     const id = this.chosen();
     if (id === null) return;
-    const own = this.model.kindOf(this.model.byId.get(id)!);
-    this.ask(`What is ${own} ${id}?`, KINDS.filter((kind) => kind !== own), (kind, name) => {
+    const own = this.model.byId.get(id)!.kind;
+    ask(this.model, `What is ${own} ${id}?`, KINDS.filter((kind) => kind !== own), (kind, name) => {
       const payload = name ? { class: name } : {};
-      void this.model.decide({ action: "other_kind", object_id: id, ...(kind ? { kind } : {}), payload });
+      void this.decideAndGoOn({ action: "other_kind", object_id: id, ...(kind ? { kind } : {}), payload });
     });
-  }
-
-  /** Ask for a kind by number keys, or for a class. */
-  private ask(question: string, kinds: string[], answer: (kind: string, name: string) => void): void {
-    const dialog = el("dialog", { class: "ask", "aria-label": question });
-    const finish = (kind: string, name: string) => {
-      dialog.close();
-      answer(kind, name);
-    };
-    const names = [...this.model.classNames.values()];
-    const select = el("select", { "aria-label": "Class" }, el("option", { value: "" }, "another class"), ...names.map((name) => el("option", { value: name }, name)));
-    select.addEventListener("change", () => select.value && finish("", select.value));
-    dialog.append(
-      el("h2", {}, question),
-      el("div", { class: "buttons" }, ...kinds.map((kind, i) => el("button", { type: "button", click: () => finish(kind, "") }, kind, i < 9 && el("kbd", {}, String(i + 1))))),
-      ...(this.model.group === null ? [el("p", {}, "It is no object of these kinds, but of ", select)] : []),
-      el("button", { type: "button", click: () => dialog.close() }, "Cancel", el("kbd", {}, "Esc")),
-    );
-    dialog.addEventListener("keydown", (event) => {
-      event.stopPropagation();
-      const kind = kinds[Number(event.key) - 1];
-      if (kind) finish(kind, "");
-    });
-    dialog.addEventListener("close", () => dialog.remove());
-    document.body.append(dialog);
-    dialog.showModal();
   }
 
   tool(tool: Tool): void {
     const { model } = this;
     if (["base", "merge", "split"].includes(tool) && this.chosen() === null) return;
     if (["base", "merge", "split", "paint", "add"].includes(tool) && model.source.readOnly) {
-      this.hint("This page is a copy to look at: it saves nothing.");
+      this.hint("This page is a copy to look at: it saves nothing.", () => true);
       return;
     }
     if (tool === "paint" && model.tiles.state !== "ready") {
-      this.hint("The points are still being prepared; paint when that is finished.");
+      this.hint("The points are still being prepared; paint when that is finished.", () => model.tiles.state !== "ready");
       return;
     }
     this.places = [];
@@ -184,7 +225,7 @@ export class Actions {
 
   add(place: Place): void {
     this.tool("look");
-    this.ask("What is missing here?", KINDS, (kind, name) => {
+    ask(this.model, "What is missing here?", KINDS, (kind, name) => {
       const payload = { ...this.world(place), ...(name ? { class: name } : {}) };
       void this.model.decide({ action: "add", kind: kind || name, payload });
     });
@@ -197,7 +238,10 @@ export class Actions {
       const id = this.model.selected;
       this.tool("look");
       if (id !== null) void this.model.decide({ action: "split", object_id: id, payload: { bases } });
-    } else if (this.model.tool === "split") this.hint("A split needs two bases or more: click each.");
+    } else if (this.model.tool === "split") {
+      const { model } = this;
+      this.hint("A split needs two bases or more: click each.", () => model.tool === "split" && this.places.length < 2);
+    }
   }
 
   // Section across the road

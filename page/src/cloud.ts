@@ -78,14 +78,14 @@ export class Cloud {
   setFirst(data: ArrayBuffer): void {
     this.first = firstNode(this.model.survey.first);
     this.first.decode(data, this.model.survey.first.coloured, this.material);
-    this.first.repaint(this.model.painted, this.model.highlighted);
+    this.first.repaint(this.model);
     this.group.add(this.first.points!);
     this.draw();
   }
 
   setTiles(tiles: ConstructorParameters<typeof Tiles>[1]): void {
     this.tiles = new Tiles(this.model.source, tiles, this.group, this.material, (node) => {
-      node.repaint(this.model.painted, this.model.highlighted);
+      node.repaint(this.model);
       this.draw();
     });
     this.draw();
@@ -113,9 +113,8 @@ export class Cloud {
   }
 
   private repaint(): void {
-    const { painted, highlighted } = this.model;
-    this.first?.repaint(painted, highlighted);
-    for (const node of this.tiles?.nodes ?? []) node.repaint(painted, highlighted);
+    this.first?.repaint(this.model);
+    for (const node of this.tiles?.nodes ?? []) node.repaint(this.model);
     this.draw();
   }
 
@@ -130,13 +129,17 @@ export class Cloud {
     const colours = new Map<number, [number, number, number]>();
     for (const object of model.objects) {
       if (!model.shown(object)) continue;
-      const colour = model.view === "status" ? STATUS_COLOURS[model.status(object.id)] : kindColour(model.kindOf(object), model.kinds);
+      const colour = model.view === "status" ? STATUS_COLOURS[model.status(object.id)] : kindColour(object.kind, model.kinds);
       colours.set(object.id, channels(colour ?? "#ffffff"));
+    }
+    for (const [id, { merged_into: owner }] of Object.entries(model.states)) {
+      const colour = owner === undefined ? undefined : colours.get(owner);
+      if (colour) colours.set(Number(id), colour);
     }
     material.uniforms.objects.value.dispose();
     material.uniforms.objects.value = objectTexture(colours);
     material.uniforms.view.value = VIEWS.indexOf(model.view);
-    material.uniforms.selected.value = model.selected ?? 0;
+    material.uniforms.selected.value = model.byId.get(model.selected ?? 0)?.made ? 0 : (model.selected ?? 0);
     this.scene.background = new THREE.Color(getComputedStyle(document.body).getPropertyValue("--cloud").trim() || "#10141b");
     this.marks.update();
     this.draw();
@@ -310,7 +313,7 @@ export class Cloud {
   focus(id: number): void {
     const object = this.model.byId.get(id);
     if (!object) return;
-    const [x, y, z] = this.model.placeOf(object);
+    const [x, y, z] = object.place;
     const size = Math.max(object.height, Number(object.cells.length ?? 0), Number(object.cells.crown_diameter ?? 0), 2);
     const middle: Place = [x, y, z + object.height / 2];
     this.look(middle, Math.max(6, 2.3 * size), this.clearHeading([x, y, z]), 0.3);

@@ -1,43 +1,27 @@
-// Colours of classes, kinds and decisions.
+// Colours of classes, kinds, lines and decisions. Those of the survey come with it: they are those of its report.
 
-const CLASSES: Record<number, string> = {
-  1: "#8d8d8d",
-  2: "#a5824f",
-  3: "#9ccc4a",
-  4: "#7cb342",
-  5: "#2e9e46",
-  6: "#d98e5f",
-  7: "#d0d0d0",
-  11: "#8a8fa3",
-  14: "#35c6d8",
-  64: "#2f6fed",
-  65: "#f0442e",
-  66: "#d948b8",
-  67: "#f2c230",
-  68: "#b06a3c",
-  69: "#8e5bd6",
-  70: "#ff8fa3",
-};
+import type { Survey } from "./types";
+
 const OTHERS = ["#57b8ff", "#c7a000", "#00a38b", "#b97cff", "#ff7a45", "#5e8c31", "#c2185b", "#607d8b"];
 
-export function classColour(code: number): string {
-  return CLASSES[code] ?? OTHERS[code % OTHERS.length];
+
+let table: Survey["colours"] = { classes: {}, kinds: {}, lines: {} };
+
+export function setColours(colours: Survey["colours"]): void {
+  table = colours;
 }
 
-const KINDS: Record<string, string> = { pole: "#3f7bf0", sign: "#f0603a", tree: "#26a65b", vehicle: "#d948b8" };
+export function classColour(code: number): string {
+  return table.classes[code] ?? OTHERS[code % OTHERS.length];
+}
 
 export function kindColour(kind: string, kinds: string[]): string {
-  return KINDS[kind] ?? OTHERS[Math.max(0, kinds.indexOf(kind)) % OTHERS.length];
+  return table.kinds[kind] ?? OTHERS[Math.max(0, kinds.indexOf(kind)) % OTHERS.length];
 }
 
-export const LINE_COLOURS: Record<string, string> = {
-  kerb: "#e0a030",
-  wire: "#35c6d8",
-  lane_line: "#008caa",
-  stop_line: "#c81e3c",
-  crossing: "#e68200",
-  other_marking: "#6e7d87",
-};
+export function lineColour(kind: string): string {
+  return table.lines[kind] ?? "#ffffff";
+}
 
 export function channels(colour: string): [number, number, number] {
   const value = parseInt(colour.slice(1), 16);
@@ -52,4 +36,5 @@ export const STATUS_COLOURS: Record<string, string> = {
   moved: "#2f6fed",
   merged: "#8e5bd6",
   split: "#8e5bd6",
+  added: "#00a38b",
 };

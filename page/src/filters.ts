@@ -28,6 +28,7 @@ export function filters(model: Model, setSplat: (value: number) => void): HTMLEl
     );
   });
   const scale = el("div", { class: "scale" });
+  const estimated = el("small", { id: "estimated", title: "The points are still being prepared" }, " estimates from a sample");
   const classes = el("ul", { class: "rows", id: "classes" });
   const kinds = el("ul", { class: "rows", id: "kinds" });
   const statuses = el("ul", { class: "rows", id: "statuses" });
@@ -72,6 +73,7 @@ export function filters(model: Model, setSplat: (value: number) => void): HTMLEl
     } else if (model.view === "error") {
       scale.append(swatch("#f23326"), "other class than in the input ", swatch("#4d6b8c"), "same ", swatch("#595959"), "none in the input");
     }
+    estimated.hidden = model.counted;
     clear(classes);
     const all = [...model.classCounts].sort((a, b) => b[1] - a[1]);
     for (const [code, n] of all) {
@@ -123,7 +125,7 @@ export function filters(model: Model, setSplat: (value: number) => void): HTMLEl
     views,
     scale,
     el("label", { class: "inline" }, "Size", size),
-    el("h2", {}, "Classes"),
+    el("h2", {}, "Classes", estimated),
     classes,
     el("h2", {}, "Objects"),
     kinds,

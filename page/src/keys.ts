@@ -22,7 +22,7 @@ export function keys(model: Model, cloud: Cloud, actions: Actions, theme: () => 
       [["b"], "move the base", () => actions.tool("base")],
       [["i"], "add a missing object", () => actions.tool("add")],
       [["j"], "list of objects or of uncertain places", () => actions.toggleList()],
-      [["u", "z"], "undo the last decision", () => void model.undo()],
+      [["u", "z"], "undo the last decision", () => void actions.undo()],
     ]],
     ["Tools", [
       [["v", "Escape"], "look: end a tool", () => (model.tool === "look" ? model.select(null) : actions.tool("look"))],

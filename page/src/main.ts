@@ -4,6 +4,7 @@ import "./style.css";
 
 import { Actions } from "./actions";
 import { Cloud } from "./cloud";
+import { deliver } from "./deliver";
 import { count, el, short } from "./dom";
 import { filters } from "./filters";
 import { keys } from "./keys";
@@ -55,21 +56,23 @@ async function start(): Promise<void> {
   const saved = el("span", { class: "saved", id: "saved", role: "status" });
   const shown = el("span", { id: "shown" });
   const progress = el("span", { id: "tiles" });
-  const undo = el("button", { type: "button", title: "Take the last decision back (U)", click: () => void model.undo() }, "Undo", el("kbd", {}, "U"));
+  const undo = el("button", { type: "button", title: "Take the last decision back (U)", click: () => void actions.undo() }, "Undo", el("kbd", {}, "U"));
   undo.hidden = true;
   status.append(saved, undo, progress, shown);
   const toggleTheme = () => {
     setTheme(THEMES[(THEMES.indexOf(document.documentElement.dataset.theme as "dark") + 1) % 2]);
     model.emit("theme");
   };
+  const total = el("span", { id: "total" });
   const header = el(
     "header",
     {},
     el("strong", {}, "mlsroad"),
     el("h1", {}, survey.name),
-    el("span", {}, `${count(survey.n_points)} points, ${count(model.objects.length)} objects`),
+    total,
     source.readOnly && el("span", { class: "tag" }, "a copy to look at"),
     el("span", { class: "space" }),
+    !source.readOnly && el("button", { type: "button", id: "deliver", title: "Write the corrected inventory and points", click: () => deliver(model) }, "Deliver"),
     survey.report && !source.readOnly && el("a", { href: "/report", target: "_blank", rel: "noopener" }, "Report"),
     el("button", { type: "button", title: "Light or dark (L)", click: toggleTheme }, "Light / dark"),
     el("button", { type: "button", id: "help", title: "All keys (?)", click: () => keyboard.help() }, "Keys", el("kbd", {}, "?")),
@@ -88,11 +91,16 @@ async function start(): Promise<void> {
   (window as any).page = { model, cloud, actions, map }; // for tests and the console
 
   cloud.onFrame = () => {
-    shown.textContent = `${short(cloud.shown)} of ${short(survey.n_points)} points drawn${cloud.hiding ? ", those in front of the object are hidden (C)" : ""}${cloud.loading ? ", loading" : ""}`;
+    shown.textContent = `${short(cloud.shown)} of ${short(survey.n_points)} points drawn${model.tiles.state === "ready" ? "" : " (a sample)"}${cloud.hiding ? ", those in front of the object are hidden (C)" : ""}${cloud.loading ? ", loading" : ""}`;
     if (cloud.failed) progress.textContent = cloud.failed;
     map.draw();
   };
-  model.on(["decisions"], () => (undo.hidden = !model.decisions.length || source.readOnly));
+  const showTotal = () => {
+    total.textContent = `${count(survey.n_points)} points, ${count(model.objects.length)} objects`;
+    undo.hidden = !model.undoable.length || source.readOnly;
+  };
+  model.on(["decisions"], showTotal);
+  showTotal();
   model.on(["saved"], () => {
     saved.textContent = model.saved.text;
     saved.dataset.kind = model.saved.kind;
@@ -128,10 +136,11 @@ async function watch(model: Model, cloud: Cloud, map: SurveyMap, progress: HTMLE
       const status = await model.source.status();
       const changed = status.state !== model.tiles.state;
       model.tiles = status;
+      if (changed) model.emit("status");
       if (status.state === "ready" && changed) {
         const facts = await model.source.tiles();
-        model.classCounts = new Map(Object.entries(facts.classes).map(([code, n]) => [Number(code), n]));
         cloud.setTiles(facts);
+        await model.load(); // with the counts of all points
         model.emit("status");
         const coarse = await coarsePoints(model.source, facts);
         map.setBackground(coarse.places, coarse.codes);
@@ -141,7 +150,8 @@ async function watch(model: Model, cloud: Cloud, map: SurveyMap, progress: HTMLE
         : status.state === "failed" ? `The points cannot be prepared, a sample is shown: ${status.error}`
         : status.state === "stale" ? "The survey was labelled again: end the page and open it again"
         : "";
-      if (status.state !== "building") wait = 10_000;
+      await model.follow(status);
+      if (status.state !== "building") wait = 1000;
     } catch (error) {
       progress.textContent = error instanceof Error ? error.message : String(error);
       wait = 3000;

@@ -1,9 +1,16 @@
 // Map of path and objects, drawn without a network; it moves with the cloud.
 
-import { channels, classColour, kindColour, LINE_COLOURS, STATUS_COLOURS } from "./colours";
+import { channels, classColour, kindColour, lineColour, STATUS_COLOURS } from "./colours";
 import type { Cloud } from "./cloud";
 import { el } from "./dom";
-import type { Model } from "./model";
+import type { Model, RoadObject } from "./model";
+
+/** Box of an object in plan, world coordinates. */
+function boxRing({ cells }: RoadObject): [number, number][] | undefined {
+  const [left, right, low, high] = [cells.x_min, cells.x_max, cells.y_min, cells.y_max];
+  if (typeof left !== "number" || typeof right !== "number" || typeof low !== "number" || typeof high !== "number") return undefined;
+  return [[left, low], [right, low], [right, high], [left, high]];
+}
 
 export class SurveyMap {
   readonly element: HTMLElement;
@@ -134,8 +141,10 @@ export class SurveyMap {
     }
     this.line(context, model.survey.path.map(([x, y]) => this.at(x - model.survey.origin[0], y - model.survey.origin[1])), "#2b8be0", 2);
     const { origin } = model.survey;
-    for (const [kind, lines] of Object.entries(model.survey.lines)) {
-      for (const line of lines) this.line(context, line.map(([x, y]) => this.at(x - origin[0], y - origin[1])), LINE_COLOURS[kind] ?? ink, 1);
+    for (const line of model.survey.lines) {
+      if (model.lineStates[line.line_id] === "rejected" && line !== model.line) continue;
+      const chosen = line === model.line;
+      this.line(context, line.vertices.map(([x, y]) => this.at(x - origin[0], y - origin[1])), chosen ? "#ffd21f" : lineColour(line.kind), chosen ? 3 : 1);
     }
     this.objects(context, ink);
     this.camera(context);
@@ -157,12 +166,11 @@ export class SurveyMap {
     const { origin, footprints } = model.survey;
     for (const object of model.objects) {
       if (!model.shown(object)) continue;
-      const place = model.placeOf(object);
-      const [x, y] = this.at(place[0], place[1]);
+      const [x, y] = this.at(object.place[0], object.place[1]);
       if (x < -20 || y < -20 || x > this.element.clientWidth + 20 || y > this.element.clientHeight + 20) continue;
       const status = model.status(object.id);
-      const colour = model.view === "status" ? STATUS_COLOURS[status] : kindColour(model.kindOf(object), model.kinds);
-      const ring = footprints[String(object.id)];
+      const colour = model.view === "status" ? STATUS_COLOURS[status] : kindColour(object.kind, model.kinds);
+      const ring = object.changed ? boxRing(object) : footprints[String(object.id)];
       if (ring && this.scale > 4) this.line(context, ring.map(([a, b]) => this.at(a - origin[0], b - origin[1])), colour, 1, true);
       const radius = object.id === model.selected ? 7 : 4.5;
       context.beginPath();
@@ -240,8 +248,7 @@ export class SurveyMap {
     let found: number | null = null;
     for (const object of this.model.objects) {
       if (!this.model.shown(object)) continue;
-      const place = this.model.placeOf(object);
-      const distance = Math.hypot(place[0] - x, place[1] - y);
+      const distance = Math.hypot(object.place[0] - x, object.place[1] - y);
       if (distance < best) [best, found] = [distance, object.id];
     }
     if (found !== null) this.pick(found);

@@ -2,7 +2,7 @@
 
 import * as THREE from "three";
 
-import { kindColour, LINE_COLOURS, STATUS_COLOURS } from "./colours";
+import { kindColour, lineColour, STATUS_COLOURS } from "./colours";
 import type { Model, Place, RoadObject } from "./model";
 
 export class Marks {
@@ -25,6 +25,7 @@ export class Marks {
   /** Lines of the inventory: kerbs and wires. */
   private readonly surveyed = new THREE.Group();
   private tops: { id: number; place: THREE.Vector3 }[] = [];
+  private drawn = "";
   visible = true;
 
   constructor(private readonly model: Model) {
@@ -39,14 +40,26 @@ export class Marks {
     const { path, origin } = model.survey;
     this.path.geometry.setFromPoints(path.map(([x, y, z]) => new THREE.Vector3(x - origin[0], y - origin[1], z - origin[2])));
     this.path.visible = path.length > 1;
-    for (const [kind, lines] of Object.entries(model.survey.lines)) {
-      const ends = lines.flatMap((line) => line.slice(1).flatMap((end, i) => [line[i], end]));
-      const drawn = new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: LINE_COLOURS[kind] ?? "#ffffff" }));
-      setPositions(drawn.geometry, ends.flatMap((end) => end.map((value, axis) => value - origin[axis])));
+    this.group.add(this.surveyed);
+  }
+
+  /** Draw the lines of the inventory by kind; rejected ones are left out, the chosen one is yellow. */
+  private drawLines(): void {
+    const { survey, lineStates, line: chosen } = this.model;
+    const key = JSON.stringify([lineStates, chosen?.line_id]);
+    if (key === this.drawn) return;
+    this.drawn = key;
+    for (const part of this.surveyed.children as THREE.LineSegments[]) part.geometry.dispose();
+    this.surveyed.clear();
+    const shown = survey.lines.filter((line) => line === chosen || lineStates[line.line_id] !== "rejected");
+    for (const colour of new Set(shown.map((line) => (line === chosen ? "#ffd21f" : lineColour(line.kind))))) {
+      const own = shown.filter((line) => (line === chosen ? "#ffd21f" : lineColour(line.kind)) === colour);
+      const ends = own.flatMap(({ vertices }) => vertices.slice(1).flatMap((end, i) => [vertices[i], end]));
+      const drawn = new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: colour }));
+      setPositions(drawn.geometry, ends.flatMap((end) => end.map((value, axis) => value - survey.origin[axis])));
       drawn.frustumCulled = false;
       this.surveyed.add(drawn);
     }
-    this.group.add(this.surveyed);
   }
 
   update(): void {
@@ -69,14 +82,10 @@ export class Marks {
       section !== null &&
       Math.abs((x - section.place[0]) * Math.sin(section.heading) + (y - section.place[1]) * Math.cos(section.heading)) > section.thickness / 2 + 1;
     for (const object of model.objects) {
-      if (!model.shown(object) || beside(model.placeOf(object))) continue;
+      if (!model.shown(object) || beside(object.place)) continue;
       const status = model.status(object.id);
-      const name = model.view === "status" || status === "rejected" ? STATUS_COLOURS[status] : kindColour(model.kindOf(object), model.kinds);
-      this.tops.push({ id: object.id, place: add(model.placeOf(object), object.height, name) });
-    }
-    const { origin } = model.survey;
-    for (const item of model.added) {
-      add([item.x - origin[0], item.y - origin[1], item.z - origin[2]], 2, kindColour(item.kind, model.kinds));
+      const name = model.view === "status" || status === "rejected" ? STATUS_COLOURS[status] : kindColour(object.kind, model.kinds);
+      this.tops.push({ id: object.id, place: add(object.place, object.height || 2, name) });
     }
     setPositions(this.dots.geometry, dots, colours);
     const doubled = Array.from({ length: colours.length / 3 }, (_, i) => [...colours.slice(3 * i, 3 * i + 3), ...colours.slice(3 * i, 3 * i + 3)]).flat();
@@ -84,6 +93,7 @@ export class Marks {
     const chosen = model.selected === null ? undefined : model.byId.get(model.selected);
     this.box.visible = chosen !== undefined;
     if (chosen) setPositions(this.box.geometry, boxLines(this.extent(chosen)));
+    this.drawLines();
     this.masts.visible = this.dots.visible = this.visible;
     this.surveyed.visible = this.visible && model.section === null;
     this.path.visible = model.survey.path.length > 1 && model.section === null;

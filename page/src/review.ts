@@ -1,13 +1,15 @@
 // Right side: the chosen object or point, its decisions, and the list of what to look at first.
 
-import { classColour, kindColour, STATUS_COLOURS } from "./colours";
+import { classColour, kindColour, lineColour, STATUS_COLOURS } from "./colours";
 import { clear, count, el, swatch } from "./dom";
 import type { Actions } from "./actions";
 import type { List, Model, RoadObject } from "./model";
-import type { PointGroup } from "./types";
+import type { PointGroup, RoadLine } from "./types";
 
 const LISTS: [List, string, string][] = [
   ["objects", "Objects", "Objects to look at first"],
+  ["lines", "Lines", "Kerbs, wires and markings: uncertain and long ones first"],
+  ["decided", "Decided", "Objects that were decided, the last ones first"],
   ["groups", "Places", "Points of no object to look at first: uncertain, many, unlike the places that were answered"],
 ];
 
@@ -40,8 +42,8 @@ export function review(model: Model, actions: Actions): HTMLElement {
 
   function objectPart(object: RoadObject): (Node | string)[] {
     const state = model.state(object.id);
-    const kind = model.kindOf(object);
-    const buttons: [string, string, () => void][] = [
+    const { kind, made } = object;
+    const buttons: [string, string, () => void][] = made ? [["Take back", "", () => void actions.undo(made.decision)]] : [
       ["Accept", "A", () => actions.accept()],
       ["Reject", "R", () => actions.reject()],
       ["Other kind", "K", () => actions.otherKind()],
@@ -61,14 +63,16 @@ export function review(model: Model, actions: Actions): HTMLElement {
     const pole = Number(object.cells.pole_id ?? 0);
     if (pole) rows.unshift(el("tr", {}, el("th", { scope: "row" }, "On pole"), el("td", {}, el("button", { type: "button", class: "link", click: () => actions.go(pole) }, String(pole)))));
     const reasons = String(object.cells.reasons ?? "").split(";").map((text) => text.trim()).filter(Boolean);
-    const status = state?.status
+    const status = made
+      ? el("p", { class: "state" }, swatch(STATUS_COLOURS[model.status(object.id)], "dot"), made.of ? `part of ${made.of}` : "added")
+      : state?.status
       ? el("p", { class: "state" }, swatch(STATUS_COLOURS[state.status], "dot"), `${state.status}${state.checked_class && state.status === "changed" ? ` to ${state.checked_class}` : ""}${state.merged_into ? ` into ${state.merged_into}` : ""} by ${state.who}`)
       : null;
     const meter = el("meter", { min: 0, max: 1, low: 0.5, high: 0.8, optimum: 1, value: object.score, title: "Probability that it is right" });
     return [
       el("h2", { class: "title" }, swatch(kindColour(kind, model.kinds), "dot"), `${kind} ${object.id}`, el("span", { class: "score" }, `score ${object.score.toFixed(2)}`), meter),
       ...(status ? [status] : []),
-      ...(readOnly ? [] : [el("div", { class: "buttons" }, ...buttons.map(([text, key, act]) => el("button", { type: "button", "data-action": text, click: act }, text, el("kbd", {}, key))))]),
+      ...(readOnly ? [] : [el("div", { class: "buttons" }, ...buttons.map(([text, key, act]) => el("button", { type: "button", "data-action": text, click: act }, text, key && el("kbd", {}, key))))]),
       ...(reasons.length ? [el("ul", { class: "reasons" }, ...reasons.map((reason) => el("li", {}, reason)))] : []),
       ...(model.survey.photos.includes(object.id) ? [el("img", { class: "photo", src: model.source.photo(object.id), alt: `Photo of ${object.kind} ${object.id}`, loading: "lazy" })] : []),
       el("table", { class: "measures" }, el("tbody", {}, ...rows)),
@@ -87,6 +91,29 @@ export function review(model: Model, actions: Actions): HTMLElement {
       el("div", { class: "buttons" }, ...buttons.map(([text, key, act]) => el("button", { type: "button", "data-action": text, click: act }, text, el("kbd", {}, key)))),
       el("p", { class: "none" }, model.highlighted.size ? `${count(model.highlighted.size)} points are marked. Leave them out if they are of several classes.` : "The points are being marked."),
     ];
+  }
+
+  function linePart(line: RoadLine): (Node | string)[] {
+    const buttons: [string, string, () => void][] = [["Accept", "A", () => actions.accept()], ["Reject", "R", () => actions.reject()]];
+    const status = model.lineStates[line.line_id];
+    const rows: [string, string | number | null | undefined][] = [["Length [m]", line.length], ["Score", line.score], ["Offset [m]", line.offset]];
+    return [
+      el("h2", { class: "title" }, swatch(lineColour(line.kind), "dot"), `${line.kind.replace("_", " ")} ${line.line_id}`),
+      ...(status ? [el("p", { class: "state" }, swatch(STATUS_COLOURS[status], "dot"), status)] : []),
+      ...(readOnly ? [] : [el("div", { class: "buttons" }, ...buttons.map(([text, key, act]) => el("button", { type: "button", "data-action": text, click: act }, text, el("kbd", {}, key))))]),
+      el("table", { class: "measures" }, el("tbody", {}, ...rows.filter(([, value]) => typeof value === "number").map(([name, value]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", {}, number(value as number)))))),
+    ];
+  }
+
+  function showLines(): void {
+    clear(list);
+    const lines = model.lineOrder();
+    for (const line of lines.slice(0, 500)) {
+      const parts = [swatch(lineColour(line.kind), "dot"), el("span", { class: "name" }, `${line.kind.replace("_", " ")} ${line.line_id}`), el("span", { class: "reason" }, model.lineStates[line.line_id] ?? ""), el("span", { class: "after" }, `${line.length.toFixed(0)} m`)];
+      list.append(el("li", { "data-id": line.line_id }, el("button", { type: "button", click: () => actions.goLine(line) }, ...parts)));
+    }
+    progress.textContent = lines.length ? `${count(Object.keys(model.lineStates).length)} of ${count(lines.length)} lines looked at.` : "The survey has no lines.";
+    showChosen();
   }
 
   function pointPart(): (Node | string)[] {
@@ -109,8 +136,8 @@ export function review(model: Model, actions: Actions): HTMLElement {
 
   function showChosen(): void {
     const object = model.selected === null ? undefined : model.byId.get(model.selected);
-    chosen.replaceChildren(...(model.group ? groupPart(model.group) : object ? objectPart(object) : pointPart()));
-    for (const item of list.children) item.classList.toggle("here", (item as HTMLElement).dataset.id === (model.group ? String(model.group.place) : String(model.selected)));
+    chosen.replaceChildren(...(model.line ? linePart(model.line) : model.group ? groupPart(model.group) : object ? objectPart(object) : pointPart()));
+    for (const item of list.children) item.classList.toggle("here", (item as HTMLElement).dataset.id === String(model.group?.place ?? model.line?.line_id ?? model.selected));
   }
 
   function showGroups(): void {
@@ -131,28 +158,19 @@ export function review(model: Model, actions: Actions): HTMLElement {
   function showList(): void {
     for (const button of lists.querySelectorAll("button")) button.setAttribute("aria-checked", String(button.dataset.list === model.list));
     if (model.list === "groups") showGroups();
+    else if (model.list === "lines") showLines();
+    else if (model.list === "decided") showDecided();
     else showQueue();
   }
 
   function showQueue(): void {
     clear(list);
+    for (const object of model.objects.filter((object) => object.made).reverse()) entry(object.id, object.kind, model.status(object.id));
     for (const item of model.queue) {
       const object = model.byId.get(item.object_id);
-      if (object && !model.shown(object)) continue;
-      list.append(
-        el(
-          "li",
-          { "data-id": item.object_id },
-          el(
-            "button",
-            { type: "button", click: () => actions.go(item.object_id) },
-            swatch(kindColour(item.kind, model.kinds), "dot"),
-            el("span", { class: "name" }, `${item.kind} ${item.object_id}`),
-            el("span", { class: "reason" }, item.reason),
-            el("span", { class: "after", title: "Expected precision of the inventory after this look and those above" }, percent(item.expected_precision)),
-          ),
-        ),
-      );
+      if (!object || !model.shown(object)) continue;
+      const after = el("span", { class: "after", title: "Expected precision of the inventory after this look and those above" }, percent(item.expected_precision));
+      entry(item.object_id, item.kind, item.reason, after);
     }
     const looked = model.objects.filter((object) => model.status(object.id) !== "").length;
     const kept = model.objects.filter((object) => model.status(object.id) !== "rejected");
@@ -160,6 +178,25 @@ export function review(model: Model, actions: Actions): HTMLElement {
     progress.textContent = model.objects.length
       ? `${count(looked)} of ${count(model.objects.length)} looked at. Expected precision ${percent(kept.length ? right / kept.length : 1)}.`
       : "The survey has no objects.";
+    showChosen();
+  }
+
+  function entry(id: number, kind: string, reason: string, after?: HTMLElement): void {
+    const parts = [swatch(kindColour(kind, model.kinds), "dot"), el("span", { class: "name" }, `${kind} ${id}`), el("span", { class: "reason" }, reason)];
+    list.append(el("li", { "data-id": id }, el("button", { type: "button", click: () => actions.go(id) }, ...parts, after)));
+  }
+
+  /** List what was decided, the last decisions first. */
+  function showDecided(): void {
+    clear(list);
+    const last = (object: RoadObject) => object.made?.decision ?? model.state(object.id)?.decision ?? 0;
+    const decided = model.objects.filter((object) => model.status(object.id) !== "").sort((a, b) => last(b) - last(a) || b.id - a.id);
+    for (const object of decided.slice(0, 500)) {
+      const state = model.state(object.id);
+      const what = state?.status === "changed" ? `changed to ${state.checked_class}` : model.status(object.id);
+      entry(object.id, object.kind, what, el("span", { class: "after" }, state?.who ?? ""));
+    }
+    progress.textContent = decided.length ? `${count(decided.length)} objects were decided.` : "No object was decided.";
     showChosen();
   }
 
@@ -173,18 +210,22 @@ export function review(model: Model, actions: Actions): HTMLElement {
   }
 
   for (const [which, text, title] of LISTS) {
-    lists.append(el("button", { type: "button", role: "radio", title, "data-list": which, click: () => model.list !== which && actions.toggleList() }, text));
+    lists.append(el("button", { type: "button", role: "radio", title, "data-list": which, click: () => actions.showList(which) }, text));
   }
   lists.append(el("kbd", { title: "The other list" }, "J"));
-  model.on(["selection"], showChosen);
+  model.on(["selection"], () => {
+    showChosen();
+    if (model.selected !== null || model.group || model.line) panel.scrollTop = 0; // to the buttons
+  });
   model.on(["queue", "filter"], showList);
   model.on(["decisions"], showHistory);
   showList();
-  return el(
+  const panel = el(
     "aside",
     { class: "right", "aria-label": "Review" },
     chosen,
     el("section", { class: "first" }, el("h2", {}, "Look at first", el("kbd", { title: "Next" }, "N")), !readOnly && lists, progress, list),
-    el("details", {}, el("summary", {}, "Decisions"), el("button", { type: "button", click: () => void model.undo() }, "Undo the last", el("kbd", {}, "U")), history),
+    el("details", {}, el("summary", {}, "Decisions"), el("button", { type: "button", click: () => void actions.undo() }, "Undo the last", el("kbd", {}, "U")), history),
   );
+  return panel;
 }

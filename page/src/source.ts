@@ -1,6 +1,6 @@
 // Where the page takes its data from: the local server, or the page itself if it was exported.
 
-import type { Corrections, Paint, PointGroup, QueueItem, Status, Survey, TileFacts, Wanted } from "./types";
+import type { Corrections, Delivered, Paint, PointGroup, QueueItem, Status, Survey, TileFacts, Wanted } from "./types";
 
 export class ServerError extends Error {}
 
@@ -18,8 +18,9 @@ export interface Source {
   group(group: PointGroup): Promise<number[]>;
   leaveOut(group: PointGroup, back: boolean): Promise<unknown>;
   decide(wanted: Wanted): Promise<{ ids: number[] }>;
-  paint(wanted: Paint): Promise<{ ids: number[]; rows: number[] }>;
+  paint(wanted: Paint): Promise<{ ids: number[]; rows: number[]; before: Record<string, number> }>;
   undo(ids: number[]): Promise<void>;
+  deliver(formats: string[], checked: boolean): Promise<Delivered>;
   photo(object: number): string;
 }
 
@@ -67,6 +68,7 @@ export const server: Source = {
   decide: (wanted) => post("/api/decide", wanted),
   paint: (wanted) => post("/api/paint", wanted),
   undo: (ids) => post("/api/undo", { ids }),
+  deliver: (formats, checked) => post("/api/deliver", { formats, checked }),
   photo: (object) => `/files/photos/${object}.jpg`,
 };
 
@@ -99,7 +101,7 @@ export function embedded(): Source | null {
     readOnly: true,
     survey: async () => (await content).survey,
     first: () => unpacked(points),
-    status: async () => ({ state: "building", share: 0 }),
+    status: async () => ({ state: "building", share: 0, mark: "" }),
     tiles: refuse,
     chunk: refuse,
     corrections: async () => (await content).corrections,
@@ -111,6 +113,7 @@ export function embedded(): Source | null {
     decide: refuse,
     paint: refuse,
     undo: refuse,
+    deliver: refuse,
     photo: (object) => photos[object] ?? "",
   };
 }

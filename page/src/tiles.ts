@@ -5,6 +5,13 @@ import * as THREE from "three";
 import type { Source } from "./source";
 import type { FirstFacts, TileFacts } from "./types";
 
+/** Classes and marks of points that differ from those of the tiles: by row, and by object. */
+export interface Colouring {
+  painted: Map<number, number>;
+  recoded: Map<number, number>;
+  highlighted: Set<number>;
+}
+
 export class PointNode {
   points: THREE.Points | null = null;
   state: "absent" | "loading" | "loaded" = "absent";
@@ -66,11 +73,11 @@ export class PointNode {
     this.state = "loaded";
   }
 
-  /** Show painted points in their new class, and mark highlighted ones. */
-  repaint(painted: Map<number, number>, highlighted: Set<number>): boolean {
+  /** Show painted points and those of changed objects in their new class, and mark highlighted ones. */
+  repaint({ painted, recoded, highlighted }: Colouring): boolean {
     if (this.state !== "loaded") return false;
     let changed = this.highlight(highlighted);
-    if (painted.size || this.original) changed = this.recode(painted) || changed;
+    if (painted.size || recoded.size || this.original) changed = this.recode(painted, recoded) || changed;
     if (changed) (this.points!.geometry.getAttribute("codes") as THREE.BufferAttribute).needsUpdate = true;
     return changed;
   }
@@ -86,10 +93,10 @@ export class PointNode {
     return true;
   }
 
-  private recode(painted: Map<number, number>): boolean {
+  private recode(painted: Map<number, number>, recoded: Map<number, number>): boolean {
     let changed = false;
     for (let i = 0; i < this.count; i++) {
-      const wanted = painted.get(this.rows[i]);
+      const wanted = painted.get(this.rows[i]) ?? (this.objects[i] ? recoded.get(this.objects[i]) : undefined);
       const before = this.original ? this.original[i] : this.codes[4 * i];
       const code = wanted ?? before;
       if (this.codes[4 * i] === code) continue;

@@ -85,7 +85,7 @@ export function tools(model: Model, cloud: Cloud, actions: Actions): HTMLElement
     switch (model.tool) {
       case "look":
       case "section": {
-        const id = mark ?? point?.object ?? 0;
+        const id = mark ?? (point ? model.objectAt(point.object, point.place) : 0);
         if (id && model.byId.has(id)) model.select(id, point);
         else model.select(null, point);
         break;
@@ -93,7 +93,7 @@ export function tools(model: Model, cloud: Cloud, actions: Actions): HTMLElement
       case "merge": {
         const id = mark ?? point?.object ?? 0;
         if (id && model.byId.has(id)) actions.merge(id);
-        else actions.hint("There is no object here.");
+        else actions.missed("There is no object here: click on one.");
         break;
       }
       case "measure":
@@ -109,6 +109,7 @@ export function tools(model: Model, cloud: Cloud, actions: Actions): HTMLElement
         if (point) actions.add(point.place);
         break;
     }
+    if (!point && ["measure", "split", "base", "add"].includes(model.tool)) actions.missed("There is no point here: click on a point.");
     showPlaces();
   }
 

@@ -14,6 +14,18 @@ export interface FirstFacts {
   classes: Record<string, number>;
 }
 
+/** A kerb, a wire or a marking. */
+export interface RoadLine {
+  line_id: number;
+  kind: string;
+  length: number;
+  score?: number | null;
+  offset?: number | null;
+  x: number;
+  y: number;
+  vertices: [number, number, number][];
+}
+
 export interface Survey {
   name: string;
   folder: string;
@@ -25,8 +37,9 @@ export interface Survey {
   objects: { columns: string[]; headings: Record<string, string>; rows: Cell[][] };
   footprints: Record<string, [number, number][]>;
   path: [number, number, number][];
-  lines: Record<string, [number, number, number][][]>;
+  lines: RoadLine[];
   photos: number[];
+  colours: { classes: Record<string, string>; kinds: Record<string, string>; lines: Record<string, string> };
   report: boolean;
   warnings: string[];
   first: FirstFacts;
@@ -47,6 +60,8 @@ export interface Status {
   state: "ready" | "building" | "failed" | "stale";
   share: number;
   error?: string;
+  /** Changes with every decision, also those of other tabs. */
+  mark: string;
 }
 
 export interface ObjectState {
@@ -57,6 +72,7 @@ export interface ObjectState {
   y?: number;
   z?: number;
   merged_into?: number;
+  decision: number;
   who: string;
   made: string;
 }
@@ -70,19 +86,25 @@ export interface Decision {
   what: string;
 }
 
-export interface Added {
-  id: number;
-  kind: string;
-  x: number;
-  y: number;
-  z: number;
-}
-
 export interface Corrections {
   states: Record<string, ObjectState>;
   painted: { id: number; class: string; rows: number[] }[];
   decisions: Decision[];
-  added: Added[];
+  /** Rows of objects that decisions have changed or made. */
+  objects: Record<string, Cell>[];
+  /** Status of decided lines by number. */
+  lines: Record<string, string>;
+  /** Class codes of the points of objects of another class. */
+  codes: Record<string, number>;
+  /** Points per class code; null while the tiles are not finished. */
+  counts: Record<string, number> | null;
+  mark: string;
+}
+
+export interface Delivered {
+  folder: string;
+  files: string[];
+  objects: number;
 }
 
 export interface QueueItem {

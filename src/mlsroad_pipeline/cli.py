@@ -59,8 +59,11 @@ def _read_options(context: click.Context, parameter: click.Parameter, value: str
 
 
 def _read_parameters(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
-    """Return the parameters as Kedro reads them, with paths as they were given."""
+    """Return the parameters as Kedro reads them, with paths as they were given; they replace those of `--config`."""
     read = _KEDRO_PARAMS(context, parameter, value)
+    of_file = (context.default_map or {}).get("params")
+    if isinstance(value, str) and of_file and value != of_file:
+        read = OmegaConf.to_container(OmegaConf.merge(_KEDRO_PARAMS(context, parameter, of_file), read))
     for pair in value.split(",") if isinstance(value, str) else ():
         name, _, text = pair.partition("=")
         section, _, key = name.strip().partition(".")
@@ -69,15 +72,26 @@ def _read_parameters(context: click.Context, parameter: click.Parameter, value: 
     return read
 
 
+def _check_environment(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
+    """Check that an environment has a folder of configuration."""
+    place = Path(context.params.get("conf_source") or "conf")
+    known = sorted(path.name for path in place.iterdir() if path.is_dir()) if place.is_dir() else []
+    if value and known and value not in known:
+        raise click.BadParameter(f"unknown environment {value!r} (known: {', '.join(known)})", context, parameter)
+    return value
+
+
 def _with_checked_config(command: click.Command) -> click.Command:
-    """Return a copy of a command that reads `--config` and `--params` by the functions above."""
+    """Return a copy of a command that reads `--config`, `--params` and `--env` by the functions above."""
     changed = copy.copy(command)
     changed.params = [copy.copy(parameter) for parameter in command.params]
     for parameter in changed.params:
         if parameter.name == "config":
-            parameter.callback = _read_options
+            parameter.callback, parameter.is_eager = _read_options, True  # before the parameters that it is merged with
         if parameter.name == "params":
             parameter.callback = _read_parameters
+        if parameter.name == "env":
+            parameter.callback = _check_environment
     return changed
 
 

@@ -8,7 +8,7 @@ from omegaconf import OmegaConf
 
 from mlsroad_pipeline.commands import session
 from mlsroad_pipeline.commands.options import default_output, expanded, nested, results_folder, survey_of
-from mlsroad_pipeline.execution.path_parameters import merged
+from mlsroad_pipeline.execution.parameter_checks import merged
 
 
 @pytest.fixture

@@ -19,9 +19,24 @@ PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 class Page:
     """A tab: JavaScript, real pointer and key events, errors of the console, addresses that it asked for."""
 
-    def __init__(self, loop, socket):
-        self._loop, self._socket, self._number = loop, socket, 0
+    def __init__(self, loop, socket, port):
+        self._loop, self._socket, self._number, self._port = loop, socket, 0, port
         self.messages, self.addresses = [], []
+
+    @contextmanager
+    def another(self):
+        """Yield a further tab in front, with the same cookies; this one draws nothing until it is closed."""
+        wanted = urllib.request.Request(f"http://127.0.0.1:{self._port}/json/new?about:blank", method="PUT")
+        with urllib.request.urlopen(wanted) as answer:
+            address = json.load(answer)["webSocketDebuggerUrl"]
+        socket = self._loop.run_until_complete(_connect(address))
+        tab = Page(self._loop, socket, self._port)
+        try:
+            yield tab
+        finally:
+            tab.send("Page.close")
+            socket.close()
+            self.send("Page.bringToFront")
 
     def send(self, method, **params):
         """Send a command and return its result; events that arrive before are kept."""
@@ -129,7 +144,7 @@ def browser_page(folder):
             with urllib.request.urlopen(f"http://127.0.0.1:{port}/json") as answer:
                 address = next(tab for tab in json.load(answer) if tab["type"] == "page")["webSocketDebuggerUrl"]
             socket = loop.run_until_complete(_connect(address))
-            yield Page(loop, socket)
+            yield Page(loop, socket, port)
             socket.close()
         finally:
             process.terminate()

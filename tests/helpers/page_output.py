@@ -11,11 +11,13 @@ from pathlib import Path
 
 import laspy
 import numpy as np
+import shapely
 from helpers.corrected import object_rows
 from PIL import Image
 
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import line_row, line_table
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+from mlsroad_pipeline.execution.run_folder import entries_of
 from mlsroad_pipeline.inventory_files.geopackage import write_geopackage
 from mlsroad_pipeline.inventory_files.geoparquet import write_geoparquet
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
@@ -66,6 +68,13 @@ def write_output(folder):
         parts.append((xyz + [shift, 0, 0] + ORIGIN, codes))
     table = object_rows()
     table["reasons"] = "reaches the ground; <b>bold</b>"
+    reach = np.where(table["kind"] == "tree", 4.0, 1.0)
+    for axis in "xy":
+        table[f"{axis}_min"], table[f"{axis}_max"] = table[axis] - reach, table[axis] + reach
+    table["z_min"], table["z_max"] = table["z"] - 1, table["z"] + 9
+    table["footprint"] = [
+        shapely.box(*row).wkt for row in table[["x_min", "y_min", "x_max", "y_max"]].to_numpy().tolist()
+    ]
     path = Trajectory.from_positions(
         np.column_stack([np.linspace(495, 595, 50), np.full(50, 897.0), np.full(50, 14.0)])
     )
@@ -82,7 +91,11 @@ def write_output(folder):
         "state": "finished",
         "settings": {"classes": {"schemes": {"own": {"classes": {n: {"members": [], "asprs": c} for n, c in classes.items()}}}}},
         "summary": {"survey": "/far/<i>survey.laz", "classes": {"road": 1, "pole": 1, EVIL: 1}, "warnings": []},
-        "outputs": [{"path": name} for name in (*FILES, "inventory.gpkg", "report.html")],
+        "outputs": [
+            {**entry, "path": name}
+            for name in (*FILES, "inventory.gpkg", "report.html")
+            for entry in entries_of([str(folder / name)])
+        ],
     }  # fmt: skip
     record = folder / ".mlsroad/0123456789ab/run.json"
     record.parent.mkdir(parents=True)

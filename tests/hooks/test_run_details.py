@@ -13,6 +13,7 @@ from mlsroad_pipeline.hooks.run_details import (
     fingerprint_files,
     flatten_parameters,
     git_state,
+    short_parameters,
     source_files,
 )
 
@@ -120,3 +121,14 @@ def test_raw_files_are_found_among_the_inputs_of_tasks():
     assert source_files(tasks) == ["a.laz", "b.laz"]
     assert source_files({"s1": 3}) == []
     assert source_files(None) == []
+
+
+def test_class_schemes_and_the_largest_sections_are_digests():
+    flat = {f"classes.schemes.{k}": str(k) for k in range(430)} | {f"simulation.{k}": "1" for k in range(50)}
+    flat |= {"forest.n_trees": "100", "forest.depth": "7", "seed": "3"}
+    short = short_parameters(flat)
+    assert set(short) == {*(f"simulation.{k}" for k in range(50)), "classes", "forest.n_trees", "forest.depth", "seed"}
+    other = short_parameters({**flat, "classes.schemes.7": "x"})
+    assert other["classes"] != short["classes"] and {**other, "classes": short["classes"]} == short
+    few = short_parameters(flat, most=10)
+    assert set(few) == {"simulation", "classes", "forest.n_trees", "forest.depth", "seed"}

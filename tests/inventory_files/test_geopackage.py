@@ -15,7 +15,7 @@ import shapely
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS
 from mlsroad_pipeline.algorithms.inventory.objects.sections import section_table
-from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS, OBJECT_FIELDS, empty_table
+from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS, FIELDS_OF_KINDS, OBJECT_FIELDS, empty_table
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.datasets.inventory_dataset import RoadInventoryDataset
 from mlsroad_pipeline.inventory_files import geopackage
@@ -61,15 +61,17 @@ def query(path, statement):
 def test_lines_are_a_layer_of_each_kind_and_read_again(inventory, tmp_path):
     path = tmp_path / "inventory.gpkg"
     row = {name: 1.5 for name in LINE_FIELDS} | {"line_id": 1, "kind": "kerb", "offset": np.nan, "pattern": ""}
+    row |= dict.fromkeys(("score", "sag", "clearance", "width", "contrast"), np.nan)
     row["line"] = "LINESTRING Z (583000.000 4477000.000 120.000, 583003.000 4477004.000 120.250)"
-    lines = pd.DataFrame([row, row | {"line_id": 2, "kind": "wire"}]).astype(
+    no_kerb = {"score": 0.5, "sag": 1.5} | dict.fromkeys(("height", "least_height", "most_height"), np.nan)
+    lines = pd.DataFrame([row, row | {"line_id": 2, "kind": "wire"} | no_kerb]).astype(
         {name: field.dtype for name, field in LINE_FIELDS.items()}
     )
     write_geopackage(replace(inventory, lines=lines), path)
     assert layers(path)["kerbs"] == layers(path)["wires"] == "LineString Z"
     pd.testing.assert_frame_equal(read_geopackage(path).lines, lines)
     names = query(path, "SELECT name FROM gpkg_data_columns WHERE table_name = 'kerbs'")
-    assert ("From station [m]",) in names
+    assert ("From station [m]",) in names and ("Sag [m]",) not in names
     assert query(path, "SELECT count(*) FROM layer_styles WHERE f_table_name = 'kerbs'") == [(1,)]
     write_geopackage(replace(inventory, lines=lines[:0]), path)
     assert len(read_geopackage(path).lines) == 0
@@ -90,9 +92,14 @@ def test_layers_fields_and_crs(inventory, tmp_path):
         "trajectory": "LineString Z",
         "sections": "LineString Z",
     }
-    for layer in ("objects", "poles", "vehicles"):
+    of_kinds = {"panel_width": "signs", "crown_diameter": "trees", "length": "vehicles", "pole_id": "signs"}
+    for layer in ("objects", "poles", "signs", "trees", "vehicles"):
         info = pyogrio.read_info(path, layer=layer)
-        assert list(info["fields"]) == WRITTEN
+        own = list(info["fields"])
+        assert own == [name for name in WRITTEN if name in own] and {*WRITTEN} - {*own} <= {*FIELDS_OF_KINDS}
+        assert {name for name in of_kinds if name in own} == {
+            name for name, where in of_kinds.items() if layer in (where, "objects")
+        }
         assert dict(zip(info["fields"], info["dtypes"], strict=True))["height"] == "float64"
         assert dict(zip(info["fields"], info["dtypes"], strict=True))["point_count"] == "int64"
         assert info["crs"] == "EPSG:25832"
@@ -113,9 +120,7 @@ def test_footprints_are_polygons_with_their_area(inventory, tmp_path):
 def test_missing_values_are_null(inventory, tmp_path):
     path = tmp_path / "inventory.gpkg"
     write_geopackage(inventory, path)
-    assert query(path, "SELECT tilt, facing_from, model_version, method FROM poles") == [
-        (None, None, None, "any_method")
-    ]
+    assert query(path, "SELECT tilt, model_version, method FROM poles") == [(None, None, "any_method")]
     assert query(path, "SELECT facing_from FROM signs") == [("post",)]
 
 
@@ -123,7 +128,9 @@ def test_fields_have_names_with_units(inventory, tmp_path):
     path = tmp_path / "inventory.gpkg"
     write_geopackage(inventory, path)
     rows = query(path, "SELECT column_name, name, description FROM gpkg_data_columns WHERE table_name = 'poles'")
-    assert {name: (alias, text) for name, alias, text in rows} == {n: FIELDS[n][1:] for n in WRITTEN}
+    assert {name: (alias, text) for name, alias, text in rows} == {
+        n: FIELDS[n][1:] for n in WRITTEN if "pole" in FIELDS_OF_KINDS.get(n, ("pole",))
+    }
     extensions = query(path, "SELECT table_name FROM gpkg_extensions WHERE extension_name = 'gpkg_schema'")
     assert {name for (name,) in extensions} == {"gpkg_data_columns", "gpkg_data_column_constraints"}
 

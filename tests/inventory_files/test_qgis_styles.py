@@ -7,10 +7,11 @@ from xml.etree import ElementTree
 
 import pytest
 
-from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS, LINE_LAYERS
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_LAYERS
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS
 from mlsroad_pipeline.inventory_files.qgis_styles import COLOURS, LAYERS, qml
+from mlsroad_pipeline.inventory_files.road_inventory import fields_of_layer
 
 SYMBOLS = {
     "vehicles": "fill",
@@ -34,9 +35,7 @@ def test_style_of_a_layer(layer):
     assert (root.get("labelsEnabled") == "1") == (root.find("labeling") is not None)
     if layer not in ("trajectory", "sections"):
         assert {alias.get("field"): alias.get("name") for alias in root.iter("alias")} == {
-            name: field.alias
-            for name, field in (LINE_FIELDS if layer in LINE_LAYERS else FIELDS).items()
-            if name != "line"
+            name: field.alias for name, field in fields_of_layer(layer).items()
         }
 
 

@@ -1,5 +1,6 @@
 """Checks before the labelling: paths of results, and what LAZ and copies cannot hold."""
 
+import re
 from contextlib import nullcontext
 
 import laspy
@@ -15,7 +16,7 @@ from mlsroad_pipeline.label.checks import _check_exports, check_file, check_whol
 from mlsroad_pipeline.label.runs import planned_paths
 from mlsroad_pipeline.label.writer import write_labelled
 from mlsroad_pipeline.surveys.files import Survey
-from mlsroad_pipeline.surveys.parameters import LabelParameters
+from mlsroad_pipeline.surveys.parameters import LEAST_SCORES, LabelParameters
 from mlsroad_pipeline.surveys.plan import plan_survey
 
 
@@ -144,3 +145,18 @@ def test_a_confidence_that_cannot_be_kept_is_named(tmp_path):
     data.write(str(path))
     with pytest.raises(DataError, match=r"both confidence \(int16\) and original_confidence"):
         check(path)
+
+
+def test_least_scores_by_kind():
+    assert LabelParameters("in", "out").least_scores == {"pole": 0.3, "sign": 0.5, "vehicle": 0.4, "tree": 0.4}
+    assert LabelParameters("in", "out", least_score=0.2).least_scores == dict.fromkeys(LEAST_SCORES, 0.2)
+    found = LabelParameters("in", "out", least_score={"pole": 0.2}).least_scores
+    assert found == {"pole": 0.2, "sign": 0.5, "vehicle": 0.4, "tree": 0.4}
+
+
+@pytest.mark.parametrize(
+    ("given", "told"), [(1.5, "1.5"), ("x", "'x'"), ({"lamp": 0.2}, "unknown kind 'lamp'"), ({"pole": True}, "True")]
+)
+def test_wrong_least_scores_are_named(given, told):
+    with pytest.raises(ParameterError, match=re.escape(told)):
+        LabelParameters("in", "out", least_score=given)

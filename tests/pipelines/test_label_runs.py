@@ -140,6 +140,31 @@ def test_a_finished_run_is_not_repeated_and_a_missing_result_is_written_again(pr
     assert [path.name for path in (out / ".mlsroad").glob("*/*") if path.name != "summary.json"] == ["run.json"]
 
 
+def test_exports_and_copies_that_are_ordered_later_are_written_without_labelling(project, surveys, out, caplog):
+    orders = {"export": ["csv", "flatgeobuf"], "copc": True}
+    before = contents(out)
+    (out / "inventory.fgb").write_text("mine")
+    assert f"{out}/inventory.fgb exists and was not written by label" in refusal(
+        project, surveys["east"], out, **orders
+    )
+    (out / "inventory.fgb").unlink()
+    with caplog.at_level("INFO", logger="mlsroad_pipeline"):
+        label(project, surveys["east"], out, **orders)
+    assert not stage_counts(caplog.messages)
+    later = contents(out)
+    assert {name: later[name] for name in before} == before
+    added = {name for name in later if name not in before}
+    assert added == {"inventory.csv", "inventory.csvt", "inventory.fgb", "lines.csv", "lines.fgb", "street.copc.laz"}
+    [summary] = [json.loads(path.read_text()) for path in out.glob(".mlsroad/*/summary.json")]
+    assert {*summary["outputs"]["exports"]} == {str(out / name) for name in added if "laz" not in name}
+    at_once = contents(label(project, surveys["east"], out.with_name("at_once"), **orders))
+    assert {name: at_once[name] for name in added} == {name: later[name] for name in added}
+    caplog.clear()
+    with caplog.at_level("INFO", logger="mlsroad_pipeline"):
+        label(project, surveys["east"], out, **orders)  # nothing is left to do
+    assert contents(out) == later and not [text for text in caplog.messages if text.startswith("Wrote ")]
+
+
 def test_a_file_of_the_users_own_is_refused_before_a_point_is_read(project, surveys, tmp_path, caplog):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "report.html").write_text("my own report")

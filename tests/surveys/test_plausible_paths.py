@@ -12,7 +12,7 @@ from helpers.plain_clouds import write
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.config import ParameterConfigLoader
-from mlsroad_pipeline.execution.path_parameters import check_paths, with_text_of_paths
+from mlsroad_pipeline.execution.parameter_checks import check_paths, with_text_of_paths
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.label.runs import planned_paths
 from mlsroad_pipeline.surveys.files import Survey, SurveyFile

@@ -11,6 +11,7 @@ import typer
 from mlsroad_pipeline import __version__
 from mlsroad_pipeline.commands.compare import compare
 from mlsroad_pipeline.commands.corrections import corrections
+from mlsroad_pipeline.commands.export import export
 from mlsroad_pipeline.commands.inspect import inspect
 from mlsroad_pipeline.commands.label import inventory, label
 from mlsroad_pipeline.commands.learn import learn
@@ -26,7 +27,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["--help", "-h"]},
 )
-for command in (label, inventory, learn, inspect, simulate, models, score, compare):
+for command in (label, inventory, learn, export, inspect, simulate, models, score, compare):
     app.command()(command)
 app.command("open")(open_results)
 app.add_typer(corrections, name="corrections")

@@ -10,6 +10,7 @@ import typer
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.commands.console import count_table, one_line_errors, output_console
+from mlsroad_pipeline.commands.export import export
 from mlsroad_pipeline.commands.options import Verbose, check_exist, expanded, results_folder
 
 if TYPE_CHECKING:
@@ -138,36 +139,4 @@ def _edited_points(path: Path, folder: Path, file: str | None, store: Correction
     return found, f", points matched {matched}"
 
 
-@corrections.command("export")
-def export_corrections(
-    out: Out,
-    output: Annotated[
-        str | None,
-        typer.Option("--output", "-o", metavar="FILE", help="GeoPackage to write. Default: OUT/corrected.gpkg."),
-    ] = None,
-    keep_rejected: Annotated[
-        bool, typer.Option("--keep-rejected", help="Keep rejected and merged objects, with their status.")
-    ] = False,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file.")] = False,
-    verbose: Verbose = False,
-) -> None:
-    """Write the inventory with all corrections: moved bases, checked classes, without rejected objects."""
-    from mlsroad_pipeline.review.corrections import open_corrections
-    from mlsroad_pipeline.review.corrections.inventory_columns import write_corrected
-
-    with one_line_errors(verbose=verbose):
-        folder = Path(results_folder(expanded([out])[0]))
-        check_exist([str(folder)])
-        target = folder / "corrected.gpkg" if output is None else Path(expanded([output])[0])
-        if target.suffix.lower() != ".gpkg":
-            raise ParameterError(f"{target}: the corrected inventory is written as .gpkg")
-        if not target.parent.is_dir():
-            raise ReadError(f"{target.parent} does not exist")
-        if target.exists() and (not overwrite or target.name == "inventory.gpkg"):
-            raise ParameterError(f"{target} exists: name another file with -o, or replace it with --overwrite")
-        with open_corrections(folder) as store:
-            states = store.states()
-        kept, listed = write_corrected(folder / "inventory.gpkg", target, states, keep_rejected=keep_rejected)
-        output_console().print(
-            f"{kept} of {listed} objects, {len(states.of_objects)} of them checked: {target}", markup=False
-        )
+corrections.command("export")(export)

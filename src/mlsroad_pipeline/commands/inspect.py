@@ -25,7 +25,7 @@ from mlsroad_pipeline.commands.options import (
     survey_of,
 )
 from mlsroad_pipeline.commands.session import configure, find_place, run_pipeline
-from mlsroad_pipeline.execution.path_parameters import merged
+from mlsroad_pipeline.execution.parameter_checks import merged
 
 
 def inspect(files: Surveys, output: Output = None, params: Params = None, verbose: Verbose = False) -> None:

@@ -34,7 +34,7 @@ from mlsroad_pipeline.commands.options import (
     survey_of,
 )
 from mlsroad_pipeline.commands.session import configure, find_place, kernels_compiled, run_pipeline
-from mlsroad_pipeline.execution.path_parameters import merged
+from mlsroad_pipeline.execution.parameter_checks import merged
 
 STAGES = {
     "files": ("Reading headers", 0.04),

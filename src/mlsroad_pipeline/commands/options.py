@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.execution.path_parameters import local_path, with_text_of_paths
+from mlsroad_pipeline.execution.parameter_checks import local_path, with_text_of_paths
 
 SUFFIX = "_mlsroad"
 """Ending of the folder of results beside a survey."""

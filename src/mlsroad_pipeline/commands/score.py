@@ -24,7 +24,7 @@ from mlsroad_pipeline.commands.options import (
     results_folder,
 )
 from mlsroad_pipeline.commands.session import configure, find_place, run_pipeline
-from mlsroad_pipeline.execution.path_parameters import merged
+from mlsroad_pipeline.execution.parameter_checks import merged
 
 SCORES = "object_scores.json"
 """File that marks a folder of scores."""

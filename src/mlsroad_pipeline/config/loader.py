@@ -2,21 +2,16 @@
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from copy import deepcopy
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from omegaconf import OmegaConf
 
-from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.config.plain_files import PlainFilesLoader
-from mlsroad_pipeline.execution.path_parameters import check_paths, merged
+from mlsroad_pipeline.execution.parameter_checks import check_names, check_paths, merged
 from mlsroad_pipeline.execution.run_identity import absolute, run_folder, run_settings
-
-SETTINGS = ("default_pipeline", "execution", "stage_costs")
-"""Sections that the base environment leaves to the globals, to other environments and to the command line."""
 
 _Read = tuple[dict[Path, Any], dict[Path, Any], str, str, set[Path]]
 """Files of the base environment and of another one, both folders, and all files."""
@@ -37,37 +32,6 @@ def with_layers(catalog: Mapping[str, Any]) -> dict[str, Any]:
         if match:
             layered[name] = {"metadata": {"kedro-viz": {"layer": match[1]}}, **entry}
     return layered
-
-
-def check_names(given: Mapping[str, Any], base: Mapping[str, Any], source: str) -> None:
-    """Check that sections and their keys are those of the base environment; others are misspelt.
-
-    Examples
-    --------
-    >>> check_names({"labl": {"survey": "a.laz"}}, {"label": {"survey": ""}}, "--params")
-    Traceback (most recent call last):
-    ...
-    mlsroad_pipeline.algorithms.core.exceptions.ParameterError: --params: unknown section labl; did you mean label?
-    """
-    for section, values in given.items():
-        if section not in base and section not in SETTINGS:
-            near = nearest_name(section, (*base, *SETTINGS))
-            raise ParameterError(f"{source}: unknown section {section}; {near}")
-        known = base.get(section)
-        if isinstance(known, Mapping) and not isinstance(values, Mapping):
-            raise ParameterError(f"{source}: {section} is a section, got {values!r}: set parameters below it")
-        if isinstance(values, Mapping) and isinstance(known, Mapping):
-            for key in values:
-                if key not in known:
-                    near = nearest_name(f"{section}.{key}", [f"{section}.{name}" for name in known])
-                    raise ParameterError(f"{source}: unknown parameter {section}.{key}; {near}")
-
-
-def nearest_name(name: str, known: Iterable[str]) -> str:
-    """Return a question with the known name that is nearest to a misspelt one, or else all of them."""
-    names = sorted(map(str, known))
-    near = get_close_matches(name, names, n=1)
-    return f"did you mean {near[0]}?" if near else f"known: {', '.join(names)}"
 
 
 class ParameterConfigLoader(PlainFilesLoader):

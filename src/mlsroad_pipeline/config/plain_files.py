@@ -15,7 +15,7 @@ from kedro.config import OmegaConfigLoader
 from omegaconf import OmegaConf
 from omegaconf._utils import get_yaml_loader
 
-from mlsroad_pipeline.execution.path_parameters import merged
+from mlsroad_pipeline.execution.parameter_checks import merged
 
 _PLAIN_KINDS = ("parameters", "catalog", "globals", "mlflow")
 _GLOBAL = re.compile(r"(?<!\\)\$\{globals:(\w+)\}")

@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 
 from kedro.io import AbstractDataset, DatasetError
 
-from mlsroad_pipeline.execution.path_parameters import local_path
+from mlsroad_pipeline.execution.parameter_checks import local_path
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.inventory_files.exports import INVENTORY_FORMATS
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory

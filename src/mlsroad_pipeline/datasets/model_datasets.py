@@ -11,7 +11,7 @@ from kedro.io import AbstractDataset
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.execution.path_parameters import local_path
+from mlsroad_pipeline.execution.parameter_checks import local_path
 from mlsroad_pipeline.model_store.bundle_files import ModelFile, save_bundle
 from mlsroad_pipeline.model_store.shipped_models import REGISTRY, ShippedModel, save_shipped, shipped_models
 

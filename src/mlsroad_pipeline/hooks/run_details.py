@@ -156,6 +156,29 @@ def flatten_parameters(parameters: Mapping[str, Any]) -> dict[str, str]:
     return flat
 
 
+MOST_PARAMETERS = 60
+"""Largest number of parameters of a tracked run."""
+
+
+def short_parameters(flat: Mapping[str, str], most: int = MOST_PARAMETERS) -> dict[str, str]:
+    """Return parameters with the largest sections, the class schemes first, as one digest each until few are left.
+
+    Examples
+    --------
+    >>> short_parameters({"a.x": "1", "b.x": "1", "b.y": "2"}, most=2)
+    {'a.x': '1', 'b': '245c9dbcf021'}
+    """
+    short = dict(flat)
+    sections: dict[str, list[str]] = {}
+    for name in flat:
+        sections.setdefault(name.partition(".")[0], []).append(name)
+    for section, names in sorted(sections.items(), key=lambda item: (item[0] != "classes", -len(item[1]), item[0])):
+        if len(names) > 1 and (section == "classes" or len(short) > most):
+            text = json.dumps({name: short.pop(name) for name in names}, ensure_ascii=False)
+            short[section] = new_digest(text.encode("utf-8")).hexdigest()[:12]
+    return short
+
+
 def _written(value: Any) -> str:
     if isinstance(value, Enum):
         return str(value.value)

@@ -45,6 +45,7 @@ from mlsroad_pipeline.hooks.run_details import (
     model_name,
     run_name,
     runner_name,
+    short_parameters,
     source_files,
     survey_name,
     typed_command,
@@ -147,7 +148,7 @@ class RunRecords:
 
     def _parameters_of(self, method: str) -> dict[str, str]:
         own = [n for n in self._pipeline.nodes if any(made.startswith(f"{method}.") for made in n.outputs)]
-        return self._parameters(Pipeline(own))
+        return short_parameters(self._parameters(Pipeline(own)))
 
     def before_saving(self, dataset_name: str) -> None:
         """Open the run of the method whose model is registered now."""
@@ -195,9 +196,9 @@ class RunRecords:
         self._methods.finish(status)
 
     def _log_parameters(self) -> None:
-        """Record every parameter of the pipeline under its dotted name, and all in full as `parameters.json`."""
+        """Record the parameters of the pipeline under their dotted names, and all in full as `parameters.json`."""
         flat = self._parameters(self._pipeline)
-        log_params(self._run_id, flat)
+        log_params(self._run_id, short_parameters(flat))
         text = json.dumps(flat, indent=2, ensure_ascii=False)
         mlflow.MlflowClient().log_text(self._run_id, text, "parameters.json")
 

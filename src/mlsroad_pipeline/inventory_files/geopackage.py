@@ -3,8 +3,8 @@
 import errno
 import sqlite3
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,10 +24,12 @@ from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.inventory_files import qgis_styles
 from mlsroad_pipeline.inventory_files.road_inventory import (
     DECIDED,
+    LAYERS,
     RoadInventory,
     attributes,
     base_points,
     checked,
+    fields_of_layer,
     footprint_text,
     hulls,
     line_attributes,
@@ -100,9 +102,6 @@ def add_tables(path: Path, styles: Mapping[str, str], *, date: str) -> None:
         )
 
 
-LAYERS = {"poles": "pole", "signs": "sign", "trees": "tree", "vehicles": "vehicle"}
-"""Layer name to kind of object."""
-
 _FIXED_DATE = "2000-01-01T00:00:00.000Z"
 _OPTIONS = {"OGR_CURRENT_DATE": _FIXED_DATE, "OGR_SQLITE_SYNCHRONOUS": "OFF", "OGR_SQLITE_JOURNAL": "MEMORY"}
 """Options of GDAL: the default date is the time of writing; the finished file is synced, its parts need not be."""
@@ -121,6 +120,17 @@ class _Layer(NamedTuple):
 def _layer(name: str, table: pd.DataFrame, *, geometry: np.ndarray, kind: str, crs: CRS | None) -> _Layer:
     shapes = gpd.GeoSeries(geometry, dtype="geometry")
     return _Layer(name, gpd.GeoDataFrame(table.reset_index(drop=True), geometry=shapes, crs=crs), kind)
+
+
+@contextmanager
+def without_times() -> Iterator[None]:
+    """Write GeoPackages without the time of writing: equal content gives equal bytes."""
+    before = {name: pyogrio.get_gdal_config_option(name) for name in _OPTIONS}
+    pyogrio.set_gdal_config_options(_OPTIONS)
+    try:
+        yield
+    finally:
+        pyogrio.set_gdal_config_options(before)
 
 
 def write_geopackage(inventory: RoadInventory, path: str | Path) -> None:
@@ -150,17 +160,13 @@ def write_points(table: pd.DataFrame, path: str | Path, *, layer: str, crs: str 
 
 def _write_whole(target: Path, fill: Callable[[Path], None]) -> None:
     """Write a GeoPackage by a function of its path, whole or not at all; equal content gives equal bytes."""
-    before = {name: pyogrio.get_gdal_config_option(name) for name in _OPTIONS}
 
     def write(folder: Path) -> None:
         fill(folder / target.name)
         _check_whole(folder / target.name, target)
 
-    pyogrio.set_gdal_config_options(_OPTIONS)
-    try:
+    with without_times():
         write_whole(target.parent, write)
-    finally:
-        pyogrio.set_gdal_config_options(before)
 
 
 def _check_whole(path: Path, target: Path) -> None:
@@ -199,13 +205,15 @@ def _layers(inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> l
         rows = (table["kind"] == kind).to_numpy()
         shapes = vehicle_boxes(table[rows]) if kind == "vehicle" else points[rows]
         shape = _POLYGON if kind == "vehicle" else _POINT
-        layers.append(_layer(name, columns[rows], geometry=shapes, kind=shape, crs=crs))
+        own = columns.loc[rows, list(fields_of_layer(name))]
+        layers.append(_layer(name, own, geometry=shapes, kind=shape, crs=crs))
     layers.append(_footprints(table, crs))
     for name, kind in LINE_LAYERS.items():
         if inventory.lines is None:
             break
         of_kind = inventory.lines[inventory.lines["kind"] == kind]
-        layers.append(_layer(name, line_attributes(of_kind), geometry=line_shapes(of_kind), kind=_LINE, crs=crs))
+        own = line_attributes(of_kind)[list(fields_of_layer(name))]
+        layers.append(_layer(name, own, geometry=line_shapes(of_kind), kind=_LINE, crs=crs))
     if inventory.trajectory is not None:
         length, line = path_of(inventory.trajectory)
         layers.append(_layer("trajectory", length, geometry=line, kind=_LINE, crs=crs))
@@ -262,10 +270,11 @@ def read_geopackage(path: str | Path) -> RoadInventory:
 
 def _lines_of(source: Path, layer: str) -> pd.DataFrame:
     frame = gpd.read_file(source, layer=layer)
-    frame = frame.assign(**{name: value for name, value in ADDED_FIELDS.items() if name not in frame})
-    missing = [name for name in LINE_FIELDS if name != "line" and name not in frame]
+    missing = [name for name in fields_of_layer(layer) if name not in frame and name not in ADDED_FIELDS]
     if missing:
         raise ReadError(f"{source}: layer {layer!r} has no field {missing[0]!r}")
+    blank = {n: "" if field.dtype == "str" else np.nan for n, field in LINE_FIELDS.items()}
+    frame = frame.assign(**{name: value for name, value in blank.items() if name not in frame})
     text = shapely.to_wkt(frame.geometry.to_numpy(), rounding_precision=3, trim=False)
     table = pd.DataFrame(frame.drop(columns="geometry")).assign(line=text, pattern=frame["pattern"].fillna(""))
     return table[list(LINE_FIELDS)].astype({name: field.dtype for name, field in LINE_FIELDS.items()})

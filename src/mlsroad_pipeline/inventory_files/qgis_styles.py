@@ -3,20 +3,19 @@
 from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree as XML
 
-from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS, LINE_LAYERS
-from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS
+from mlsroad_pipeline.algorithms.core import palette
+from mlsroad_pipeline.algorithms.core.palette import hex_to_rgb
+from mlsroad_pipeline.inventory_files.road_inventory import fields_of_layer
 
-COLOURS = {"pole": "70,70,80", "sign": "214,40,40", "tree": "60,140,60", "vehicle": "40,100,190"}
+
+def _channels(colour: str) -> str:
+    return ",".join(map(str, hex_to_rgb(colour)))
+
+
+COLOURS = {kind: _channels(colour) for kind, colour in palette.KIND_COLOURS.items()}
 """Kind of object to colour (red, green, blue)."""
 
-LINE_COLOURS = {
-    "kerb": "150,90,20",
-    "wire": "110,40,150",
-    "lane_line": "0,140,170",
-    "stop_line": "200,30,60",
-    "crossing": "230,130,0",
-    "other_marking": "110,125,135",
-}
+LINE_COLOURS = {kind: _channels(colour) for kind, colour in palette.LINE_COLOURS.items()}
 """Kind of line to colour."""
 
 _LABEL_SCALE = 1500  # labels are drawn at this scale and larger
@@ -198,8 +197,7 @@ def qml(layer: str, *, scaled: bool = True, drawn: bool = True) -> str:
         _labels(root, layer, scaled=scaled)
     if layer not in ("trajectory", "sections"):
         aliases = XML.SubElement(root, "aliases")
-        fields = {n: f for n, f in LINE_FIELDS.items() if n != "line"} if layer in LINE_LAYERS else FIELDS
-        for name, field in fields.items():
+        for name, field in fields_of_layer(layer).items():
             XML.SubElement(aliases, "alias", field=name, name=field.alias)
     XML.indent(root)
     doctype = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"

@@ -15,16 +15,19 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS
-from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS, OBJECT_FIELDS
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS, LINE_LAYERS, line_fields_of_kind
+from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS, OBJECT_FIELDS, Field, fields_of_kind
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.execution.scratch import scratch_folder
 from mlsroad_pipeline.formats.files import atomic_file
 
-MAY_LACK = ("facing_from", "status", "checked_class", "reasons", "method", "model_version")
+LAYERS = {"poles": "pole", "signs": "sign", "trees": "tree", "vehicles": "vehicle"}
+"""Layer name to kind of object."""
+
+MAY_LACK = ("complete", "motion", "facing_from", "status", "checked_class", "reasons", "method", "model_version")
 """Text columns whose empty values are NULL in files."""
 
-DECIDED = ("status", "checked_class")
+DECIDED = ("complete", "motion", "status", "checked_class")
 """Columns that files of earlier versions lack; they are read as empty."""
 
 
@@ -39,6 +42,14 @@ class RoadInventory:
     sections: pd.DataFrame | None = None  # Objects per section of the road, of `section_table`
     # Kerbs, wires and markings: columns of `LINE_FIELDS`, as `join_kerbs` returns them
     lines: pd.DataFrame | None = None
+
+
+def fields_of_layer(layer: str) -> dict[str, Field]:
+    """Return the columns of a layer of objects or lines, those of its kind alone; shapes are left out."""
+    if layer in LINE_LAYERS:
+        return {name: LINE_FIELDS[name] for name in line_fields_of_kind(LINE_LAYERS[layer]) if name != "line"}
+    names = fields_of_kind(LAYERS[layer]) if layer in LAYERS else list(FIELDS)
+    return {name: FIELDS[name] for name in names if name != "footprint"}
 
 
 def checked(inventory: RoadInventory, target: Path) -> tuple[pd.DataFrame, CRS | None]:

@@ -71,7 +71,7 @@ def objects_task(
             "rules": dict(rules),
             "labels": labels,
             "classifier": classifier_digest(),
-            "least_score": parameters.least_score,
+            "least_score": parameters.least_scores,
             "least_kerb": parameters.least_kerb,
             "least_marking": parameters.least_marking,
             "join_drives": parameters.join_drives,

@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.inventory.objects.extraction import SceneObject
 from mlsroad_pipeline.algorithms.inventory.objects.merging import MergedObjects, merge_scenes
 from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectClassifier
 from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
-from mlsroad_pipeline.algorithms.inventory.objects.sightings import Sightings, with_sightings
+from mlsroad_pipeline.algorithms.inventory.objects.sightings import Sightings, mark_moving, with_sightings
 from mlsroad_pipeline.algorithms.inventory.passes import are_comparable, join_pass_lines, join_pass_objects
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.scenes.corridor import CorridorArrays, corridor_from_arrays
@@ -87,7 +87,7 @@ def join_objects(
     rules: Mapping[str, ObjectRule],
     labels: Mapping[str, int],
     classifier: str,
-    least_score: float,
+    least_score: Mapping[str, float],
     least_kerb: float,
     least_marking: float,
     method: str,
@@ -107,7 +107,7 @@ def join_objects(
     joined, numbers = join_inventories(
         passes, rules, classifier=scorer, least_score=least_score, join_drives=join_drives
     )
-    table = with_sightings(joined, numbers, _sightings(sightings, list(corridors)))
+    table = mark_moving(with_sightings(joined, numbers, _sightings(sightings, list(corridors))))
     classes: ObjectClasses = {
         "label": np.append(0, table["class"].map(labels)).astype(np.uint8),
         "score": np.append(0.0, table["score"]).astype(np.float32),
@@ -144,7 +144,7 @@ def join_inventories(
     rules: Mapping[str, ObjectRule],
     *,
     classifier: ObjectClassifier | None = None,
-    least_score: float = 0.0,
+    least_score: Mapping[str, float] | float = 0.0,
     join_drives: bool | None = None,
 ) -> MergedObjects:
     """Merge the objects of all scenes of several passes into one table; objects of a lower score are left out.

@@ -109,7 +109,9 @@ def score_inventory(parameters: ScoreParameters) -> ScoredInventory:
     kinds = set(KINDS) if truth.source == "simulated" else kinds
     listed = objects[objects["kind"].isin(kinds) & (objects["score"] >= parameters.least_score)]
     listed = _placed(listed.reset_index(drop=True), truth)
-    listed["inside"] &= ~_of_uncounted(listed, true, instances_of_objects(truth, clouds))
+    listed["inside"] &= (listed["motion"] != "moving") & ~_of_uncounted(
+        listed, true, instances_of_objects(truth, clouds)
+    )
     _warn_of_distance(objects, truth.objects)
     matched = match_objects(listed, true, reach=parameters.reach)
     complete = listed[~listed["kind"].isin(list(parameters.recall_only))]

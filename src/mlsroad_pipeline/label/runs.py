@@ -3,6 +3,7 @@
 import logging
 import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -173,22 +174,41 @@ def _changed_input(inputs: list[dict[str, Any]], before: Mapping[str, Any]) -> s
     return None
 
 
-def finished_record(run: RunFolder, record: Mapping[str, Any], plan: SurveyPlan, parameters: LabelParameters) -> bool:
-    """Return whether a run is finished and its inputs, its code and all of its results are unchanged."""
+def missing_outputs(
+    run: RunFolder, record: Mapping[str, Any], plan: SurveyPlan, parameters: LabelParameters
+) -> list[str] | None:
+    """Return the copies, exports and photos that a finished run lacks.
+
+    None where it must run again: it is not finished, or its inputs, its code or its other results have changed.
+    """
     if record.get("state") != FINISHED or record.get("code") != code_digest():
-        return False
+        return None
     try:
         if _changed_input(plan_inputs(plan), record):
-            return False
+            return None
         others = record.get("other_inputs", [])
         if entries_of(entry["path"] for entry in others) != others:
-            return False
+            return None
         versions = run.versions()
-        targets = [Path(target) for target in planned_paths(plan, run.output, parameters)]
-        names = {target.relative_to(run.output).as_posix() for target in targets} | versions.keys()
-        return all(state_of(run.output / name) in versions.get(name, ()) for name in names)
+        alone = replace(parameters, copc=False, coloured_ply=False, export=(), photos=False)
+        needed = planned_paths(plan, run.output, alone)
+        wanted = [*planned_paths(plan, run.output, parameters), *_further_parts(run, parameters, versions)]
+        lacking = [path for path in dict.fromkeys((*needed, *wanted)) if not _is_written(run, path, versions)]
+        return None if set(lacking) & {*needed} else lacking
     except MlsRoadError:  # the run itself reports it
-        return False
+        return None
+
+
+def _further_parts(run: RunFolder, parameters: LabelParameters, versions: Collection[str]) -> list[str]:
+    """Return files of an earlier run that depend on its survey, and belong to ordered exports and photos."""
+    names = {name for form in parameters.export for name in EXPORTS[form].others}
+    photos = [name for name in versions if parameters.photos and PurePosixPath(name).parent == PurePosixPath(FOLDER)]
+    return [str(run.output / name) for name in (*sorted(names & {*versions}), *sorted(photos))]
+
+
+def _is_written(run: RunFolder, path: str, versions: Mapping[str, Sequence[Any]]) -> bool:
+    """Return whether a file is as the run has written it."""
+    return state_of(path) in versions.get(Path(path).relative_to(run.output).as_posix(), ())
 
 
 def is_companion(name: str, written: Collection[str]) -> bool:

@@ -14,6 +14,7 @@ from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.features.voxel_table import voxel_feature_names
 from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import STEM, LabelledCandidates, ObjectClassifier
 from mlsroad_pipeline.algorithms.inventory.objects.object_features import FEATURES
+from mlsroad_pipeline.algorithms.inventory.objects.plates import PLATE, PLATE_FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.stem_features import STEM_FEATURES
 from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import Replay
@@ -62,7 +63,7 @@ def classifier_of(bundle: ModelBundle) -> ObjectClassifier:
     if PREFIX not in bundle.prepared:
         own = arrays_under(bundle.arrays, PREFIX)
         classifier = ObjectClassifier.from_arrays(own) if own else shipped_classifier()
-        for part, names in ((STEM, STEM_FEATURES), *((kind, FEATURES) for kind in KINDS)):
+        for part, names in ((STEM, STEM_FEATURES), (PLATE, PLATE_FEATURES), *((kind, FEATURES) for kind in KINDS)):
             classifier.check_features(part, names)
         bundle.prepared[PREFIX] = classifier
     found: ObjectClassifier = bundle.prepared[PREFIX]

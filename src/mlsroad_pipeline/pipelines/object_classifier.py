@@ -1,6 +1,7 @@
 """Pipeline that trains the object classifier of the package on simulated streets labelled by the shipped pool."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,25 +9,31 @@ import pandas as pd
 from kedro.pipeline import Pipeline
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import evidence_of_soft_labels
-from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectClassifier
-from mlsroad_pipeline.algorithms.inventory.training.candidates import candidates_of_street, stems_of_street
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import STEM, ObjectClassifier
+from mlsroad_pipeline.algorithms.inventory.objects.plates import PLATE
+from mlsroad_pipeline.algorithms.inventory.training.candidates import (
+    candidates_of_boxes,
+    candidates_of_street,
+    parts_of_street,
+)
 from mlsroad_pipeline.algorithms.inventory.training.classifiers import (
     Figures,
     kind_classifiers,
+    part_classifier,
     replay_of,
-    stem_classifier,
 )
-from mlsroad_pipeline.algorithms.inventory.training.streets import variants_of
+from mlsroad_pipeline.algorithms.inventory.training.streets import CLEAN, variant_of_street, variants_of
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.labelling import label_softly
 from mlsroad_pipeline.algorithms.models.pool.labeller import SLUG
 from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.execution.task import SceneTask
+from mlsroad_pipeline.execution.task import SceneTask, SourceFile
 from mlsroad_pipeline.model_store.bundle_files import ModelFile, load_bundle
 from mlsroad_pipeline.model_store.object_classifiers import CARD, CLASSIFIER, REPLAY, candidate_replay_arrays
 from mlsroad_pipeline.model_store.shipped_entry import ShippedParameters
@@ -34,7 +41,9 @@ from mlsroad_pipeline.model_store.shipped_models import FOLDER
 from mlsroad_pipeline.pipelines.boosted_trees import load_lightgbm
 from mlsroad_pipeline.pipelines.per_scene import named_node
 from mlsroad_pipeline.simulation.parameters.presets import expanded_surveys, simulation_parameters
+from mlsroad_pipeline.surveys.recordings import TrainingRecording, described_recordings, read_training_scene
 from mlsroad_pipeline.surveys.simulated import MOST_POINTS, simulate_street
+from mlsroad_pipeline.surveys.truth_tables import points_of_boxes, read_truth
 
 POOL = FOLDER / SLUG
 
@@ -88,57 +97,103 @@ def _tasks_of_variants(
     }
 
 
-def describe_stems(
+def describe_parts(
     shipped: ShippedParameters, streets: SceneCollection, labels: SceneCollection
 ) -> dict[str, SceneTask]:
-    """Create one task per street that describes its upright lines."""
-    return _tasks_of_variants(stems_of_street, shipped, streets, labels)
+    """Create one task per street that describes its upright lines and the pieces that may be plates."""
+    return _tasks_of_variants(parts_of_street, shipped, streets, labels)
 
 
 def find_candidates(
-    shipped: ShippedParameters, streets: SceneCollection, labels: SceneCollection, stems: SceneCollection
+    shipped: ShippedParameters, streets: SceneCollection, labels: SceneCollection, parts: SceneCollection
 ) -> dict[str, SceneTask]:
-    """Train the classifier of stems, and create one task per street that finds its candidates with it."""
-    return _tasks_of_variants(candidates_of_street, shipped, streets, labels, classifier=_train_stems(shipped, stems))
+    """Train the classifiers of stems and plates, and create one task per street that finds its candidates with them."""
+    return _tasks_of_variants(candidates_of_street, shipped, streets, labels, classifier=_train_parts(shipped, parts))
+
+
+def recorded_candidates(
+    path: str, *, coding: Coding, read: Mapping[str, Any], model: ModelBundle, name: str, classifier: ObjectClassifier
+) -> dict[str, pd.DataFrame]:
+    """Label a scan of a recording with a model, and return its vehicles with what they are by the boxes beside it."""
+    cloud = read_training_scene(path, coding=coding, read=read)
+    points = {"xyz": cloud.xyz, "origin": cloud.origin, "intensity": cloud["intensity"]}
+    labels = label_street(points=points, model=model, name=name)
+    none, scheme = np.zeros(len(cloud), np.int32), bundle_scheme(model)
+    points |= {"truth": none, "instance": none}
+    street = variant_of_street(name, CLEAN, points, pd.DataFrame(), labels, scheme)
+    boxes = read_truth(_boxes_beside(Path(path))).objects
+    return candidates_of_boxes(street, boxes, points_of_boxes(boxes, cloud.world_xyz()), classifier)
+
+
+def _boxes_beside(path: Path) -> Path:
+    return path.with_name(f"{path.stem}_cuboids.csv")
+
+
+def find_recorded_candidates(
+    shipped: ShippedParameters, classes: Mapping[str, Any], parts: SceneCollection
+) -> dict[str, SceneTask]:
+    """Create one task per scan of a recording that has boxes of vehicles."""
+    model, classifier = ModelFile(str(POOL)), _train_parts(shipped, parts)
+    return {
+        f"{name}.{stem}": SceneTask(
+            recorded_candidates,
+            {"path": SourceFile(str(path)), "model": model},
+            {
+                "coding": recording.read_coding(classes["codings"]), "read": dict(recording.read), "name": name,
+                "classifier": classifier,
+            },
+        )
+        for name, recording in TrainingRecording.configured(shipped.recordings).items()
+        for stem, path in recording.paths(Path(shipped.root)).items()
+        if _boxes_beside(path).is_file()
+    }  # fmt: skip
 
 
 def train_object_classifier(
-    shipped: ShippedParameters, stems: SceneCollection, candidates: SceneCollection
+    shipped: ShippedParameters, parts: SceneCollection, candidates: SceneCollection, recorded: SceneCollection
 ) -> dict[str, Mapping[str, NDArray] | str]:
     """Train the classifier; return its file, the candidates to replay and its card."""
     names = list(classifier_streets(shipped))
-    found, true = candidates.load_all("candidates"), pd.concat(candidates.load_all("true").values())
-    table = pd.concat([found[name] for name in names if len(found[name])], ignore_index=True)
+    found, true = candidates.load_all("candidates"), list(candidates.load_all("true").values())
+    scans = recorded.load_all("candidates")
+    true = pd.concat([*true, *recorded.load_all("true").values()])
+    tables = [*(found[name] for name in names), *(scans[name] for name in sorted(scans))]
+    table = pd.concat([one for one in tables if len(one)], ignore_index=True)
     n_true = {key: int(number) for key, number in true.groupby(["variant", "kind"])["objects"].sum().items()}
-    classifier, figures = kind_classifiers(table, _train_stems(shipped, stems), n_true)
+    classifier, figures = kind_classifiers(table, _train_parts(shipped, parts), n_true)
     return {
         CLASSIFIER: classifier.to_arrays(),
         REPLAY: candidate_replay_arrays(replay_of(table)),
-        CARD: _card(figures, table["street"].nunique(), len(names), shipped),
+        CARD: _card(figures, sum(len(found[name]) > 0 for name in names), sorted(scans), shipped),
     }
 
 
-def _train_stems(shipped: ShippedParameters, stems: SceneCollection) -> ObjectClassifier:
+def _train_parts(shipped: ShippedParameters, parts: SceneCollection) -> ObjectClassifier:
     load_lightgbm()
-    tables = stems.load_all()
-    used = [tables[name] for name in classifier_streets(shipped) if len(tables[name])]
-    return stem_classifier(pd.concat(used, ignore_index=True))
+    used = [name for name in classifier_streets(shipped)]
+    tables = {part: parts.load_all(part) for part in (STEM, PLATE)}
+    filled = {part: [found[name] for name in used if len(found[name])] for part, found in tables.items()}
+    return part_classifier(*(pd.concat(filled[part], ignore_index=True) for part in (STEM, PLATE)))
 
 
-def _card(figures: Figures, n_streets: int, n_simulated: int, shipped: ShippedParameters) -> str:
-    surveys = shipped.classifier_streets.values()
+def _card(figures: Figures, n_streets: int, scans: list[str], shipped: ShippedParameters) -> str:
+    surveys, n_simulated = shipped.classifier_streets.values(), len(classifier_streets(shipped))
+    recordings = [
+        f"{one['title']} ({one['licence']})" for one in described_recordings(shipped.recordings, scans).values()
+    ]
     kinds, presets = (sorted({one for c in surveys for one in c.get(key, ())}) for key in ("streets", "presets"))
     lines = [
         "# Object classifier",
         "",
-        "Boosted trees that score the objects of an inventory and separate trunks from poles. MIT licence.",
+        "Boosted trees that score the objects of an inventory and separate trunks from poles, and plates from other",
+        "surfaces. MIT licence.",
         f"Trained on {n_streets} simulated streets of {len(kinds)} kinds (of {n_simulated}: those with at most",
         f"{MOST_POINTS:,} points), labelled by the shipped model `{SLUG}`, which was not trained on them.",
         "Each street was used three times: as labelled, and twice with noise in its class probabilities, sheared, with",
         "leaning poles, and with some poles labelled tree and some trunks labelled pole. Vehicles were also trained on",
         "in each street with gaps that cut them. Moving vehicles are true objects here,",
         "although most are stretched by their motion and cannot be found whole.",
-        "No recording was trained on. On Oakland poles lean and are labelled tree.",
+        f"Vehicles were trained on in scans with boxes, too: {', '.join(recordings) or 'none'}.",
         f"Seeds {', '.join(str(c.get('seed', 0)) for c in surveys)}; scanners",
         f"{', '.join(presets)}.",
         "",
@@ -157,13 +212,16 @@ def _card(figures: Figures, n_streets: int, n_simulated: int, shipped: ShippedPa
 
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: parameters to the files of the object classifier."""
-    own = {name: f".{name}" for name in ("streets", "labels", "stems", "candidates")} | {"slug": "object_classifier"}
+    own = {name: f".{name}" for name in ("streets", "labels", "parts", "candidates", "recorded")} | {
+        "slug": "object_classifier"
+    }
     return Pipeline(
         [
             named_node(simulate_classifier_streets, ".streets", **own),
             named_node(label_classifier_streets, ".labels", **own),
-            named_node(describe_stems, ".stems", "describe_classifier_stems", **own),
+            named_node(describe_parts, ".parts", "describe_classifier_parts", **own),
             named_node(find_candidates, ".candidates", "find_classifier_candidates", **own),
+            named_node(find_recorded_candidates, ".recorded", "find_recorded_vehicles", **own),
             named_node(train_object_classifier, "shipped_object_classifier", **own),
         ]
     )

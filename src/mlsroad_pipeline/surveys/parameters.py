@@ -12,6 +12,7 @@ from mlsroad_pipeline.algorithms.core.validation import check_positive
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import LEAST_LENGTH
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.steps import StepLimits
 from mlsroad_pipeline.algorithms.inventory.lines.markings import marking_lines
+from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.algorithms.models.given_labels import SLUG as GIVEN_LABELS
 from mlsroad_pipeline.formats.crs import parse_crs
 from mlsroad_pipeline.formats.options import NEW_SURVEY, TAXONOMY_CODING, ReadOptions
@@ -53,6 +54,10 @@ class SurveyParameters:
         return ReadOptions.from_config({**self.read, "coding": coding})
 
 
+LEAST_SCORES = {"pole": 0.3, "sign": 0.5, "vehicle": 0.4, "tree": 0.4}
+"""Least score of a listed object of a kind that `label.least_score` does not name: best F on simulated streets and
+known blocks of Oakland."""
+
 EXPORT_FORMATS = ("csv", "geojson", "flatgeobuf", "shapefile", "dxf")
 """Formats of `label.export`."""
 
@@ -93,9 +98,9 @@ class LabelParameters:
     read: Mapping[str, Any] = field(default_factory=dict)  # Arguments of `ReadOptions`
     inventory: Mapping[str, Any] = field(default_factory=dict)  # Changes of the object rules, by kind or class
     given: Mapping[str, Any] = field(default_factory=dict)  # Arguments of `GivenParameters`
-    # Least score of a listed object, 0 to 1. Larger lists fewer objects, of which more are right; 0 lists all
-    # candidates.
-    least_score: float = 0.4
+    # Least score of a listed object, 0 to 1, or one per kind. Larger lists fewer objects, of which more are right; 0
+    # lists all candidates. A kind that is not named has that of `LEAST_SCORES`.
+    least_score: float | Mapping[str, float] = field(default_factory=LEAST_SCORES.copy)
     # Whether an object or a line that several passes (folders of files) recorded is listed once. None does so where all
     # coordinates are farther than 10 km from the origin; those of single scans are of the scanner.
     join_drives: bool | None = None
@@ -134,9 +139,7 @@ class LabelParameters:
         object.__setattr__(self, "export", _formats(self.export))
         if self.photos and self.images is None:
             raise ParameterError("label.photos needs images: set label.images to the name of their camera file")
-        score = self.least_score
-        if isinstance(score, bool) or not isinstance(score, int | float) or not 0 <= score <= 1:
-            raise ParameterError(f"label.least_score must be a number from 0 to 1, got {score!r}")
+        _ = self.least_scores
         if self.crs is not None:
             parse_crs(str(self.crs), option="label.crs")
             if self.read.get("crs") not in (None, self.crs):
@@ -185,6 +188,20 @@ class LabelParameters:
             return StepLimits(**{name: value for name, value in given.items() if name != "least_length"})
         except ParameterError as error:
             raise ParameterError(f"label.kerbs: {error}") from error
+
+    @property
+    def least_scores(self) -> dict[str, float]:
+        """Least score of a listed object by kind."""
+        given = self.least_score
+        named = given if isinstance(given, Mapping) else dict.fromkeys(KINDS, given)
+        unknown = [kind for kind in named if kind not in KINDS]
+        if unknown:
+            raise ParameterError(f"unknown kind {unknown[0]!r} in label.least_score (known: {', '.join(KINDS)})")
+        scores = {**LEAST_SCORES, **named}
+        for score in scores.values():
+            if isinstance(score, bool) or not isinstance(score, int | float) or not 0 <= score <= 1:
+                raise ParameterError(f"label.least_score must be a number from 0 to 1, or one per kind, got {given!r}")
+        return scores
 
     @property
     def least_contrast(self) -> float | None:

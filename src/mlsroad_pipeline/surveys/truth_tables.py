@@ -290,17 +290,21 @@ _BOX_MARGIN = 0.1  # metres
 
 
 def _in_boxes(objects: pd.DataFrame, xyz: NDArray[np.float64]) -> NDArray[np.int64]:
-    counts = np.zeros(len(objects), np.int64)
-    for k, row in enumerate(objects.to_dict("records")):
-        near = xyz[np.abs(xyz[:, :2] - [row["x"], row["y"]]).max(axis=1) <= row["length"]]
-        turn = np.radians(row["heading"])
-        along = (near[:, :2] - [row["x"], row["y"]]) @ [np.sin(turn), np.cos(turn)]
-        across = (near[:, :2] - [row["x"], row["y"]]) @ [np.cos(turn), -np.sin(turn)]
-        up = near[:, 2] - row["z"]
+    return np.array([len(rows) for rows in points_of_boxes(objects, xyz)], dtype=np.int64)
+
+
+def points_of_boxes(objects: pd.DataFrame, xyz: NDArray[np.float64]) -> list[NDArray[np.int64]]:
+    """Return the rows of the points in the box of each true object."""
+    found = []
+    for row in objects.to_dict("records"):
+        near = np.flatnonzero(np.abs(xyz[:, :2] - [row["x"], row["y"]]).max(axis=1) <= row["length"])
+        turn, off = np.radians(row["heading"]), xyz[near, :2] - [row["x"], row["y"]]
+        along, across = off @ [np.sin(turn), np.cos(turn)], off @ [np.cos(turn), -np.sin(turn)]
+        up = xyz[near, 2] - row["z"]
         inside = np.abs(along) <= row["length"] / 2 + _BOX_MARGIN
         inside &= np.abs(across) <= row["width"] / 2 + _BOX_MARGIN
-        counts[k] = int((inside & (up > _BOX_MARGIN) & (up < row["height"] + _BOX_MARGIN)).sum())
-    return counts
+        found.append(near[inside & (up > _BOX_MARGIN) & (up < row["height"] + _BOX_MARGIN)])
+    return found
 
 
 def instances_of_objects(truth: Truth, clouds: Sequence[Path]) -> pd.Series:

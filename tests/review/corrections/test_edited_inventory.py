@@ -81,7 +81,7 @@ def test_new_rows_are_added_objects_and_the_export_holds_them(folder):
     assert "2 new corrections" in run("import", path, folder)[1]
     assert "0 new corrections" in run("import", path, folder)[1]
     code, said = run("export", folder)
-    assert (code, "5 of 5 objects" in said) == (0, True), said
+    assert (code, "5 objects, 5 were listed" in said) == (0, True), said
     table = gpd.read_file(folder / "corrected.gpkg", layer="objects").set_index("object_id")
     assert sorted(table.index) == [1, 2, 4, 5, 6]
     assert (table.loc[6, "status"], table.loc[6, "x"], table.loc[6, "kind"]) == ("added", 490.0, "pole")
@@ -94,10 +94,13 @@ def test_the_export_has_added_vehicles_and_the_classes_that_users_gave(folder):
         store.add(Correction("add", kind="vehicle", payload={"x": 510.0, "y": 905.0, "z": 12.0}), who="a")
         store.add(Correction("other_kind", 1, kind="sign"), who="a")
         store.add(Correction("other_kind", 4, payload={"class": "low vegetation"}), who="a")
+        bases = [[510.0, 900.0, 12.0], [510.5, 900.0, 12.0]]
+        store.add(Correction("split", 2, payload={"bases": bases}), who="a")
     code, said = run("export", folder)
     assert code == 0, said
     table = gpd.read_file(folder / "corrected.gpkg", layer="objects").set_index("object_id")
-    kept = {n: (table.loc[n, "class"], table.loc[n, "kind"]) for n in (1, 2, 4, 6)}
+    kept = {n: (table.loc[n, "class"], table.loc[n, "kind"]) for n in (1, 2, 4, 6, 7)}
+    assert kept.pop(7) == ("pole", "pole")
     assert kept == {1: ("sign", "sign"), 2: ("pole", "pole"), 4: ("low vegetation", "tree"), 6: ("vehicle", "vehicle")}
     vehicles = gpd.read_file(folder / "corrected.gpkg", layer="vehicles").set_index("object_id").geometry
     assert vehicles[6] is None and vehicles[5].area == pytest.approx(2.0)

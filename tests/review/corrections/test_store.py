@@ -175,6 +175,9 @@ def test_damaged_and_foreign_files_are_one_line(folder):
         (("paint", None, None, {"file": "a.laz", "points": [-1], "class": "c"}), "numbers of points from 0"),
         (("paint", None, None, {"file": "a.laz", "points": [0]}), "class must be given"),
         (("add", None, None, {"x": 1, "y": 2, "z": 3}), "kind must be given"),
+        (("reject_line", 1, "kerb", {"line": 1, "x": 1, "y": 2}), "object_id must be left out"),
+        (("reject_line", None, "kerb", {"line": 0, "x": 1, "y": 2}), "line, x, y must be numbers"),
+        (("accept_line", None, None, {"line": 1, "x": 1, "y": 2}), "kind must be given"),
     ],
 )
 def test_wrong_corrections_are_refused(given, message):

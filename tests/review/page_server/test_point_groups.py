@@ -8,9 +8,9 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.review.page_server import point_groups
 from mlsroad_pipeline.review.page_server.cloud_files import CloudFiles
 from mlsroad_pipeline.review.page_server.point_groups import PointGroups
-from mlsroad_pipeline.review.page_server.selection import NONE, Painted
 from mlsroad_pipeline.review.page_server.tile_building import build_tiles
 from mlsroad_pipeline.review.page_server.tile_format import TileIndex
+from mlsroad_pipeline.review.painted import NONE, Painted
 
 ROAD, WALL, HEDGE, CAR = 11, 6, 3, 67
 PLACES = {WALL: (10.0, 6.0), HEDGE: (30.0, 6.0), CAR: (20.0, -5.0)}
@@ -39,19 +39,19 @@ def test_the_least_certain_group_comes_first_and_objects_are_left_out(tiles):
     assert {group["code"] for group in groups} == {ROAD, WALL, HEDGE}
     place = np.array(groups[0]["place"]) + origin - ORIGIN
     assert np.abs(place[:2] - PLACES[WALL]).max() < 1.6
-    rows = found.rows(np.array(groups[0]["place"]), WALL)
+    rows = found.points(np.array(groups[0]["place"]), WALL).rows
     assert len(rows) > 2500 and (codes[rows] == WALL).all()
 
 
 def test_answered_groups_are_not_asked_again(tiles):
     index, _, _ = tiles
     found = PointGroups(index)
-    rows = found.rows(np.array(found.first(1)[0]["place"]), WALL)
+    rows = found.points(np.array(found.first(1)[0]["place"]), WALL).rows
     painted = Painted.of([(rows.astype(np.int64), WALL)])
     assert WALL not in {group["code"] for group in found.first(20, painted)}
     assert WALL in {group["code"] for group in found.first(20, NONE)}
     # Painted points count with their new class.
-    again = found.rows(np.array(found.first(1)[0]["place"]), WALL, Painted.of([(rows, HEDGE)]))
+    again = found.points(np.array(found.first(1)[0]["place"]), WALL, Painted.of([(rows, HEDGE)])).rows
     assert not set(again.tolist()) & set(rows.tolist())
 
 
@@ -78,9 +78,9 @@ def test_a_large_survey_is_sampled_by_cubes(tiles, monkeypatch):
 def test_points_of_a_dense_group_are_taken_nearer_by(tiles, monkeypatch):
     found = PointGroups(tiles[0])
     place = np.array(found.first(1)[0]["place"])
-    whole = found.rows(place, WALL)
+    whole = found.points(place, WALL).rows
     monkeypatch.setattr("mlsroad_pipeline.review.page_server.selection.MOST_POINTS", len(whole) - 1)
-    assert 0 < len(found.rows(place, WALL)) < len(whole)
+    assert 0 < len(found.points(place, WALL).rows) < len(whole)
 
 
 def test_groups_of_a_sparse_scan_are_larger(tmp_path, rng):
@@ -89,7 +89,7 @@ def test_groups_of_a_sparse_scan_are_larger(tmp_path, rng):
     build_tiles(CloudFiles.at(tmp_path, ["a.laz"]), tmp_path / "tiles")
     found = PointGroups(TileIndex.read(tmp_path / "tiles"))
     assert found._scale == pytest.approx(0.9 / 0.4, rel=0.1)
-    assert len(found.rows(np.array(found.first(1)[0]["place"]), WALL)) >= 9
+    assert len(found.points(np.array(found.first(1)[0]["place"]), WALL).rows) >= 9
 
 
 def test_a_survey_of_objects_alone_has_no_groups(tmp_path, rng):

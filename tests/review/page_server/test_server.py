@@ -12,7 +12,6 @@ from helpers.corrected import PLACES, object_rows, write_inventory
 from helpers.page_output import COMMAND, EVIL, FILES, Served, served, write_output
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_LAYERS
 from mlsroad_pipeline.review.corrections import open_corrections
 from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
 from mlsroad_pipeline.review.page_server.served_survey import ServedSurvey
@@ -99,7 +98,7 @@ def test_a_change_needs_an_origin_json_and_a_known_method(page):
     assert page.ask("/api/survey", method="DELETE")[0] == 403
     assert page.post("/api/decide", [1])[0] == 400
     assert page.post("/api/decide", {"action": "explode", "object_id": 1}) == (
-        409, {"error": "correction: unknown action 'explode', known are accept, reject, other_kind, merge, split, move_base, add, paint"},
+        409, {"error": "correction: unknown action 'explode', known are accept, reject, other_kind, merge, split, move_base, add, paint, accept_line, reject_line"},
     )  # fmt: skip
     assert page.post("/api/decide", {"action": "accept", "object_id": 99})[0] == 409
     assert page.json("/api/corrections")["decisions"] == []
@@ -138,7 +137,9 @@ def test_photos_and_ranges_of_tiles_are_given(page, folder):
 def test_the_survey_has_path_lines_and_objects_as_the_inventory_states_them(page):
     survey = page.json("/api/survey")
     kerb = [[495.0, 895.0, 12.0], [540.0, 895.5, 12.1], [590.0, 896.0, 12.2]]
-    assert survey["lines"] == {kind: [kerb] if kind == "kerb" else [] for kind in LINE_LAYERS.values()}
+    [line] = survey["lines"]
+    assert (line["line_id"], line["kind"], line["vertices"], line["x"]) == (1, "kerb", kerb, 495.0)
+    assert "sag" not in line and line["length"] == pytest.approx(95.0, abs=0.1)
     assert (len(survey["path"]), survey["path"][0], survey["path"][-1]) == (
         50,
         [495.0, 897.0, 14.0],
@@ -225,6 +226,9 @@ def test_a_group_is_listed_marked_and_answered_once(page):
         ("/api/decide", {"action": "accept", "object_id": 10**30}, 409),
         ("/api/decide", {"action": "accept", "object_id": 1, "payload": 7}, 409),
         ("/api/paint", {"places": [[0, 0, 0]], "class": "wire", "radius": None}, 409),
+        ("/api/deliver", {"formats": []}, 409),
+        ("/api/deliver", {"formats": [".gpkg", "../x"]}, 409),
+        ("/api/deliver", {"formats": ".gpkg"}, 409),
         ("/api/paint", {"places": [[0, 0, 0]], "class": "wire", "radius": 1, "only": "x"}, 409),
         ("/api/paint", {"places": [[0, 0, 0]], "class": ["wire"], "radius": 1}, 400),
     ],

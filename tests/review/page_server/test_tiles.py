@@ -90,11 +90,11 @@ def test_the_brush_takes_all_points_of_its_spheres(built):
     local = xyz - clouds.origin
     centres = np.array([[12.0, 8.0, 1.0], [12.3, 8.0, 1.0]])
     expected = np.unique(np.concatenate(cKDTree(local).query_ball_point(centres, 0.5)).astype(int))
-    found = brushed(tiles, centres, 0.5)
+    found = brushed(tiles, centres, 0.5).rows
     assert len(set(found.tolist()) ^ set(expected.tolist())) <= 3  # the tiles round places to half a millimetre
     assert len(found) > 50
     pole = np.array([5.0, 8.0, 4.0])
-    own = brushed(tiles, pole[None], 1.0, only=64)
+    own = brushed(tiles, pole[None], 1.0, only=64).rows
     assert set(codes[own]) == {64}
 
 
@@ -107,7 +107,7 @@ def test_a_stroke_over_too_many_points_is_refused(built, monkeypatch):
 def test_a_cluster_is_what_is_connected(built):
     xyz, codes, clouds, tiles = built
     pole = np.flatnonzero((codes == 64) & (np.abs(xyz[:, 0] - ORIGIN[0]) < 1) & (xyz[:, 2] < ORIGIN[2] + 6))
-    found = cluster(tiles, np.array([0.0, 0.0, 3.0]) + ORIGIN - clouds.origin, only=64)
+    found = cluster(tiles, np.array([0.0, 0.0, 3.0]) + ORIGIN - clouds.origin, only=64).rows
     missing = set(pole.tolist()) - set(found.tolist())
     assert set(found.tolist()) <= set(pole.tolist())
     assert len(missing) < 0.02 * len(pole)  # single points beside it

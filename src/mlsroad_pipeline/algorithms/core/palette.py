@@ -28,11 +28,11 @@ COLOURS: dict[str, str] = {
     "manhole": "#5f646d", "trail": "#b59f7c", "grass": "#a9cf6e", "soil": "#9c7f58", "other_ground": "#bab7ae",
     "building": "#f2994a", "wall": "#93401a", "fence": "#552204", "stairs": "#f9c48e", "bridge": "#54341f",
     "guardrail": "#d4a017", "other_structure": "#c98b6b",
-    "trunk": "#4a3016", "tree": "#005c40", "palm": "#4cc9a0", "cycas": "#b9efdc", "brushwood": "#75861b",
+    "trunk": "#4a3016", "tree": "#1a7f4b", "palm": "#4cc9a0", "cycas": "#b9efdc", "brushwood": "#75861b",
     "hedge": "#3f5a1c", "other_vegetation": "#1f7a36",
-    "utility_pole": "#1f3fae", "light_pole": "#5a86f0", "traffic_sign": "#009fc4", "traffic_light": "#044a63",
+    "utility_pole": "#2f62e6", "light_pole": "#5a86f0", "traffic_sign": "#009fc4", "traffic_light": "#044a63",
     "post": "#7d8fe8", "gantry": "#27306b", "transformer": "#5b4bd0", "station_sign": "#62d2ef",
-    "wire": "#16161d", "support_wire": "#4a4a57",
+    "wire": "#6a35c0", "support_wire": "#4a4a57",
     "car": "#ef3b7c", "van": "#ff8fb3", "truck": "#b8124a", "bus": "#d2649f", "train": "#5e0f36",
     "motorcycle": "#b03fd0", "bicycle": "#e6b8ff", "other_vehicle": "#ffc2d6",
     "person": "#ffd400", "rider": "#e6b800", "animal": "#fff08a",
@@ -41,6 +41,18 @@ COLOURS: dict[str, str] = {
     "outlier": "#ff6f61",
 }  # fmt: skip
 """Taxonomy class to colour, ``#rrggbb``."""
+
+KIND_COLOURS = {
+    kind: COLOURS[name]
+    for kind, name in (("pole", "utility_pole"), ("sign", "traffic_sign"), ("tree", "tree"), ("vehicle", "car"))
+}
+"""Kind of object to the colour of its class, on maps, in the page, in QGIS and in drawings."""
+
+LINE_COLOURS = {
+    "kerb": "#b9770e", "wire": COLOURS["wire"], "lane_line": "#008caa", "stop_line": "#c81e3c", "crossing": "#e68200",
+    "other_marking": "#6e7d87",
+}  # fmt: skip
+"""Kind of line to its colour, likewise."""
 
 _ALIASES = {
     "ground": "road", "paved ground": "road", "man-made terrain": "road", "natural ground": "grass",

@@ -14,8 +14,9 @@ from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.execution.output_lock import OutputInUseError, lock_output
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.run_identity import FINISHED
+from mlsroad_pipeline.label.further_outputs import write_further_outputs
 from mlsroad_pipeline.label.model_choice import ModelChoice, StoredModel, choose_model
-from mlsroad_pipeline.label.runs import finished_record
+from mlsroad_pipeline.label.runs import missing_outputs
 from mlsroad_pipeline.label.summary import LabelSummary, moved_summary
 from mlsroad_pipeline.model_store.registered_models import PREFIX, configured_store
 from mlsroad_pipeline.model_store.shipped_models import ShippedModel
@@ -29,13 +30,13 @@ def is_finished(
     folder: str, settings: Mapping[str, Any], parameters: LabelParameters, ingest: IngestParameters,
     images: Any,
 ) -> bool:  # fmt: skip
-    """Return whether the results of a run are there and nothing has changed."""
+    """Return whether the labels of a run are there and nothing has changed; copies and exports may be missing."""
     run = RunFolder(folder, settings)
     record = run.read()
     if record.get("state") != FINISHED:
         return False
     try:
-        if not finished_record(run, record, plan_labelling(parameters, ingest), parameters):
+        if missing_outputs(run, record, plan_labelling(parameters, ingest), parameters) is None:
             return False
         summary = record["summary"]
         if needs_images(summary["method"]) and not _is_segmented(images, summary.get("segmentation") or {}):
@@ -67,8 +68,17 @@ def _is_same(chosen: ModelChoice, used: Any) -> bool:
     return not shipped and (f"{PREFIX}{chosen.method}", str(chosen.model.version)) == (name, version)
 
 
-def repeat_summary(run: RunFolder, parameters: LabelParameters) -> LabelSummary:
-    """Return the summary of a finished run, and remove what a kill may have left of its state."""
+def repeat_summary(run: RunFolder, parameters: LabelParameters, ingest: IngestParameters) -> LabelSummary:
+    """Return the summary of a finished run, and remove what a kill may have left of its state.
+
+    Copies, exports and photos that it lacks are written.
+    """
+    plan = plan_labelling(parameters, ingest)
+    missing = missing_outputs(run, run.read(), plan, parameters)
+    if missing:
+        summary = write_further_outputs(run, missing, plan, parameters)
+        run.remove_state(keep=parameters.keep_state)
+        return summary
     with suppress(OutputInUseError):
         lock_output(run.output)
         run.remove_state(keep=parameters.keep_state)
@@ -78,5 +88,5 @@ def repeat_summary(run: RunFolder, parameters: LabelParameters) -> LabelSummary:
 
 def repeat_pipeline() -> Pipeline:
     """Return the pipeline that reports the summary of a finished run."""
-    inputs = ["label_run", "params:label"]
+    inputs = ["label_run", "params:label", "params:ingest"]
     return Pipeline([Node(repeat_summary, inputs, "label_summary", name="repeat_label_summary")])

@@ -10,14 +10,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.palette import KIND_COLOURS, LINE_COLOURS
 from mlsroad_pipeline.reporting.clouds.pictures import MapFrame
 from mlsroad_pipeline.reporting.clouds.view import scale_length
 from mlsroad_pipeline.reporting.html.report import Section, cell, data_uri, table_html
 
 SCRIPT = Path(__file__).with_name("objects.js").read_text(encoding="utf-8")
 """Script of the map and the table, which loads nothing; texts of the survey reach the page as text, never as HTML."""
-KIND_COLOURS = {"pole": "#1f3fae", "sign": "#b3400a", "tree": "#0b6b3a", "vehicle": "#b3125a"}
-"""Kind to the colour of its symbols, all legible on white."""
 OTHER_COLOURS = ("#5b3fa0", "#00616e", "#6b5300", "#444444", "#8a1c7c", "#2f5d00")
 """Colours of further kinds, in their order."""
 SQUARE = ("sign", "vehicle")
@@ -63,6 +62,10 @@ def object_map_section(
     described = ", ".join(f"{count} {kind}{'s' * (count != 1)}" for kind, count in counts.items())
     label = escape(f"Map of the survey: {described or 'no objects'}. Arrow keys move it, plus and minus zoom.")
     style = "".join(f"#map .k{n}{{stroke:{colour}}}" for n, colour in enumerate(colours.values()))
+    style += "".join(
+        f"#map .{kind}s{{stroke:{colour}}}.legend i.{kind}{{background:{colour}}}"
+        for kind, colour in LINE_COLOURS.items()
+    )
     boxes = [
         f'<label><input type="checkbox" checked data-kind="{n}"><i class="{"square" if kind in SQUARE else "dot"}" '
         f'style="background:{colour}"></i>{escape(kind)} <b>{counts[kind]}</b></label>'

@@ -9,8 +9,11 @@ from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 
-ACTIONS = ("accept", "reject", "other_kind", "merge", "split", "move_base", "add", "paint")
-"""Actions of a user: `paint` changes points, `add` adds a missing object, the others change one object."""
+LINE_ACTIONS = ("accept_line", "reject_line")
+"""Actions about a line of the inventory: a kerb, a wire or a marking."""
+
+ACTIONS = ("accept", "reject", "other_kind", "merge", "split", "move_base", "add", "paint", *LINE_ACTIONS)
+"""Actions of a user: `paint` changes points, `add` adds a missing object, the others change one object or line."""
 
 _LONGEST_TEXT = 10_000_000  # of a payload as JSON, characters
 
@@ -20,20 +23,20 @@ class Correction:
     """One decision of a user."""
 
     action: str  # One of `ACTIONS`
-    object_id: int | None = None  # Number of the object in the inventory; none for `add` and `paint`
-    kind: str | None = None  # With `other_kind` and `add` the right kind (pole, sign, vehicle, tree)
+    object_id: int | None = None  # Number of the object in the inventory; none for `add`, `paint` and lines
+    kind: str | None = None  # With `other_kind` and `add` the right kind (pole, sign, vehicle, tree); that of a line
     # JSON values. `accept`, `other_kind`, `add`: optionally `class`, the class of its points. `reject`: optionally
     # `class`, that of its points. `merge`: `objects`, the numbers of the objects that belong to this one. `split`:
     # `bases`, the base points of its parts, each x, y, z. `move_base` and `add`: `x`, `y`, `z`. `paint`: `file`, the
     # name of the labelled file, `points`, the numbers of its points from 0, `class`, and optionally `n_points`, the
-    # number of points of the file.
+    # number of points of the file. Lines: `line`, its number, and `x`, `y`, its first vertex.
     payload: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the arguments of the action."""
         if self.action not in ACTIONS:
             raise ParameterError(f"correction: unknown action {self.action!r}, known are {', '.join(ACTIONS)}")
-        if self.action in ("add", "paint"):
+        if self.action in ("add", "paint", *LINE_ACTIONS):
             self._need(self.object_id is None, "object_id must be left out")
         else:
             self._need(_is_number(self.object_id), f"object_id must be a number from 1, got {self.object_id!r}")
@@ -65,6 +68,10 @@ class Correction:
             place = [given.get(axis) for axis in "xyz"]
             self._need(_is_place(place), f"x, y, z must be numbers, got {place!r}")
             self._need(self.action == "move_base" or self.kind is not None, "kind must be given")
+        elif self.action in LINE_ACTIONS:
+            place = [given.get("x"), given.get("y"), 0.0]
+            self._need(_is_place(place) and _is_number(given.get("line")), "line, x, y must be numbers")
+            self._need(self.kind is not None, "kind must be given")
         elif self.action == "paint":
             points = given.get("points")
             right = bool(_entries(points)) and all(_is_number(point, least=0) for point in _entries(points))

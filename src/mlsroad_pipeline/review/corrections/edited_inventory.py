@@ -18,7 +18,7 @@ from pyproj.exceptions import CRSError
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.formats.las.header import class_names, read_header
-from mlsroad_pipeline.inventory_files.geopackage import LAYERS
+from mlsroad_pipeline.inventory_files.road_inventory import LAYERS
 from mlsroad_pipeline.review.corrections.answers import NamedClasses
 from mlsroad_pipeline.review.corrections.decisions import Correction
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
@@ -59,7 +59,10 @@ def corrections_of_inventory(
         for row in _without_copies(_rows(frame, layer), listed):
             number = row["object_id"]
             if number is None or number not in listed.index:
-                added += [] if row["status"] == "added" and row["centre"] is None else [_added(path, row, layer)]
+                is_delivered = (row["status"], row["centre"]) == ("added", None) or (
+                    number and row["status"] == "split"
+                )
+                added += [] if is_delivered else [_added(path, row, layer)]
                 continue
             for correction in _changes(path, row, number, listed.loc[number], states.get(number, {})):
                 other = found.setdefault((number, correction.action == "move_base"), correction)
@@ -189,7 +192,8 @@ def _changes(path: Path, row: dict[str, Any], number: int, listed: pd.Series, st
         x, y, z = row["place"]
         place = [x, y, float(listed["z"]) if z is None else z]
         is_edited = _apart(place, [listed[axis] for axis in "xyz"]) > MOVED
-        if is_edited and _apart(place, [state.get(axis, listed[axis]) for axis in "xyz"]) > MOVED:
+        known_places = [[state.get(axis, listed[axis]) for axis in "xyz"], *state.get("bases", ())]
+        if is_edited and min(_apart(place, known) for known in known_places) > MOVED:
             apart = _apart(place[:2], [listed[axis] for axis in "xy"])
             if apart > FARTHEST:
                 raise DataError(

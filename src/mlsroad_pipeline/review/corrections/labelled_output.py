@@ -69,7 +69,7 @@ class LabelledOutput:
     @property
     def written_scheme(self) -> ClassScheme | None:
         """Scheme whose classes are written as codes from 64; None where LAS codes are written."""
-        name = self.record["settings"]["label"].get("scheme", "asprs")
+        name = self.record["settings"].get("label", {}).get("scheme", "asprs")
         return (
             None if name == "asprs" or name not in self.schemes else ClassScheme.from_config(name, self.schemes[name])
         )

@@ -9,7 +9,7 @@ import pandas as pd
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.inventory.objects.review import order_of_review
-from mlsroad_pipeline.review.corrections.decisions import Anchor, Decision, named_objects
+from mlsroad_pipeline.review.corrections.decisions import LINE_ACTIONS, Anchor, Decision, named_objects
 from mlsroad_pipeline.review.corrections.listed_objects import ListedObjects
 
 STATUS = {
@@ -37,6 +37,10 @@ class ObjectState(TypedDict, total=False):
     y: float
     z: float
     merged_into: int  # Number of the object that it belongs to
+    merged: list[int]  # Numbers of the objects that were merged into it
+    # bases, split_by: base points of its parts, x, y, z each, and the decision that gave them; missing if not split
+    bases: list[list[float]]
+    split_by: int
     decision: int  # Identifier of the last decision
     # who, made: user and time of the last decision
     who: str
@@ -52,6 +56,7 @@ class States:
     unmatched: list[Decision] = field(default_factory=list)
     painted: list[Decision] = field(default_factory=list)  # Painted points, in order
     added: list[Decision] = field(default_factory=list)  # Objects that were missing
+    lines: list[Decision] = field(default_factory=list)  # Decisions about lines, in order
 
 
 def fold_states(decisions: Sequence[Decision], objects: ListedObjects) -> States:
@@ -66,6 +71,8 @@ def fold_states(decisions: Sequence[Decision], objects: ListedObjects) -> States
             states.painted.append(decision)
         elif action == "add":
             states.added.append(decision)
+        elif action in LINE_ACTIONS:
+            states.lines.append(decision)
         else:
             numbers = [present.get((decision.identifier, number)) for number in named_objects(decision.correction)]
             own = numbers[0]
@@ -77,7 +84,30 @@ def fold_states(decisions: Sequence[Decision], objects: ListedObjects) -> States
                 if other is not None and other != own:
                     _apply(states.of_objects, decision, other, (kinds.get(other, ""), names.get(other, "")))
                     states.of_objects[other]["merged_into"] = own
+    for number, state in states.of_objects.items():
+        if "merged_into" in state:
+            states.of_objects[state["merged_into"]].setdefault("merged", []).append(number)
     return states
+
+
+_LINE_MOVED = 0.5  # largest distance of the first vertex of a line that was found again, metres
+
+
+def line_states(decisions: Sequence[Decision], lines: pd.DataFrame) -> dict[int, str]:
+    """Return the status of lines by number, `accepted` or `rejected`; they are found by kind and first vertex.
+
+    `lines` has at least `line_id`, `kind`, `x` and `y`.
+    """
+    found: dict[int, str] = {}
+    places = lines[["x", "y"]].to_numpy(np.float64)
+    numbers, kinds = lines["line_id"].to_numpy(np.int64), lines["kind"].astype(str).to_numpy()
+    for decision in decisions:
+        given = decision.correction
+        apart = np.hypot(*(places - (given.payload["x"], given.payload["y"])).T)
+        apart = np.where(kinds == given.kind, apart, np.inf)
+        if len(apart) and apart.min() <= _LINE_MOVED:
+            found[int(numbers[int(apart.argmin())])] = f"{given.action.removesuffix('_line')}ed"
+    return found
 
 
 def _apply(states: dict[int, ObjectState], decision: Decision, number: int, listed: tuple[str, str]) -> None:
@@ -90,6 +120,9 @@ def _apply(states: dict[int, ObjectState], decision: Decision, number: int, list
         return
     state["status"] = STATUS[action]
     state.pop("merged_into", None)
+    if action == "split":
+        state["bases"] = [[float(value) for value in base] for base in given.payload["bases"]]
+        state["split_by"] = decision.identifier
     if action == "reject":
         state["checked_class"] = str(given.payload.get("class", ""))
     elif action == "other_kind":

@@ -12,7 +12,7 @@ import sqlite3
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -59,6 +59,7 @@ class CorrectionStore:
         self._connection = connection
         self._guard = threading.RLock()
         self._objects: tuple[tuple[Any, ...], ListedObjects] | None = None
+        self._decoded: dict[int, Decision] = {}  # a decision never changes, apart from being taken back
 
     @property
     def path(self) -> Path:
@@ -161,8 +162,20 @@ class CorrectionStore:
     def history(self) -> list[Decision]:
         """Return all decisions, also those that were undone."""
         with self._errors():
-            rows = self._connection.execute(f"{_READ} ORDER BY id").fetchall()
-            return [_decision(row) for row in rows]
+            marks = dict(self._connection.execute("SELECT id, undone FROM decisions ORDER BY id").fetchall())
+            last = max(self._decoded, default=0)
+            for row in self._connection.execute(f"{_READ} WHERE id > ?", (last,)).fetchall():
+                self._decoded[row[0]] = _decision(row)
+            for number, undone in marks.items():
+                if self._decoded[number].undone != undone:
+                    self._decoded[number] = replace(self._decoded[number], undone=undone)
+            return [self._decoded[number] for number in marks]
+
+    def mark(self) -> str:
+        """Return a text that changes with every decision, also those of other processes."""
+        with self._errors():
+            query = "SELECT count(*), coalesce(sum(undone != ''), 0) FROM decisions"
+            return "-".join(map(str, self._connection.execute(query).fetchone()))
 
     def object_states(self) -> dict[int, ObjectState]:
         """Return the state of each object of the present inventory that a decision in force is about."""

@@ -32,6 +32,7 @@ SELECT = int(
     | lazrs.SELECTIVE_DECOMPRESS_RGB
     | lazrs.SELECTIVE_DECOMPRESS_ALL_EXTRA_BYTES
 )
+CLASS_ONLY = int(lazrs.SELECTIVE_DECOMPRESS_XY_RETURNS_CHANNEL | lazrs.SELECTIVE_DECOMPRESS_CLASSIFICATION)
 LAZ_CHUNK = 50_000
 MOST_POINTS = 2**32 - 1
 
@@ -138,6 +139,17 @@ class CloudFiles:
             with RecordReader(file.path, file.header, n_threads=n_threads, select=SELECT) as reader:
                 for start in range(0, file.header.n_points, size):
                     yield self._block(file, reader.read(start, start + size), start)
+
+    def codes(self, rows: NDArray[np.uint32]) -> NDArray[np.uint8]:
+        """Return the class codes of ascending rows; the chunks that hold them are read."""
+        parts = [np.empty(0, np.uint8)]
+        for file in self.files:
+            own = rows[(rows >= file.first) & (rows < file.first + file.header.n_points)].astype(np.int64) - file.first
+            with RecordReader(file.path, file.header, select=CLASS_ONLY) as reader:
+                for chunk in np.unique(own // LAZ_CHUNK):
+                    records = reader.read(chunk * LAZ_CHUNK, (chunk + 1) * LAZ_CHUNK)
+                    parts.append(records["classification"][own[own // LAZ_CHUNK == chunk] - chunk * LAZ_CHUNK])
+        return np.concatenate(parts).astype(np.uint8)
 
     def sample(self, n_points: int, *, max_chunks: int = 100) -> Iterator[Block]:
         """Yield about `n_points` points: the first of evenly spaced chunks of the files, which are read alone."""

@@ -74,7 +74,8 @@ def _decisions(survey: ServedSurvey) -> tuple[dict[str, Any], list[dict[str, Any
     """Return decisions and queue; a folder without decisions is left without their store."""
     if has_corrections(survey.output.path):
         return survey.corrections(points=False), survey.queue(100)
-    none: dict[str, Any] = {"states": {}, "painted": [], "decisions": [], "added": []}
+    none: dict[str, Any] = {"states": {}, "painted": [], "decisions": [], "objects": [], "lines": {}, "codes": {}}
+    none |= {"counts": None, "mark": ""}
     return none, review_order(read_objects(survey.output.path).rows(), {}, 100)
 
 

@@ -15,6 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.palette import (
+    KIND_COLOURS,
+    LINE_COLOURS,
+    class_palette,
+    las_palette,
+    rgb_to_hex,
+)
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_LAYERS
 from mlsroad_pipeline.execution.run_identity import finished_record
 from mlsroad_pipeline.review.page_server.cloud_files import CloudFiles
@@ -31,6 +38,9 @@ def resolved(folder: Path, name: str) -> Path | None:
         return None
     return path if path.is_file() and path.is_relative_to(root) else None
 
+
+PRIVATE = 64
+"""First LAS code that producers of data may define."""
 
 INVENTORY, REPORT, PHOTOS = "inventory.gpkg", "report.html", "photos"
 _HIDDEN = ("fid", "geom", "geometry", "footprint", "method", "model_version")
@@ -76,6 +86,20 @@ class OutputFolder:
         scheme = _scheme_of(self.run) if is_standard else {}
         return found | {int(spec["asprs"]): name for name, spec in scheme.items()}
 
+    def colours(self) -> dict[str, dict[str, str]]:
+        """Return the colours of class codes, kinds and lines: those of the report."""
+        label = (self.run.get("settings") or {}).get("label") or {}
+        names = self.class_names()
+        by_code = dict(enumerate(map(rgb_to_hex, las_palette())))
+        if label.get("scheme", "asprs") != "asprs":
+            private = {code: name for code, name in names.items() if code >= PRIVATE}
+            by_code |= dict(zip(private, map(rgb_to_hex, class_palette(tuple(private.values()))), strict=False))
+        return {
+            "classes": {str(code): by_code[code] for code in sorted({*names, *range(256)})},
+            "kinds": KIND_COLOURS,
+            "lines": LINE_COLOURS,
+        }
+
     def objects(self) -> dict[str, Any]:
         """Return the objects of the inventory: names and headings of the columns, and rows of JSON values."""
         path = self.path / INVENTORY
@@ -112,17 +136,20 @@ class OutputFolder:
         rounded: list[list[float]] = np.round(kept, 3).tolist()
         return rounded
 
-    def lines(self) -> dict[str, list[list[list[float]]]]:
-        """Return the lines of the inventory by kind, each as x, y, z."""
+    def lines(self) -> list[dict[str, Any]]:
+        """Return the lines of the inventory: their fields as JSON values, and `vertices` as x, y, z."""
         path = self.path / INVENTORY
         if not path.is_file():
-            return {}
+            return []
         with _reading(path) as base:
-            found = {kind: _rows(base, f"SELECT geom FROM {layer}") for layer, kind in LINE_LAYERS.items()}
-            return {
-                kind: [np.round(_vertices(blob), 2).tolist() for (blob,) in rows if blob]
-                for kind, rows in found.items()
-            }
+            found: list[dict[str, Any]] = []
+            for layer in LINE_LAYERS:
+                names = [row[1] for row in base.execute(f'PRAGMA table_info("{layer}")')]
+                rows = (dict(zip(names, row, strict=True)) for row in _rows(base, f"SELECT * FROM {layer}"))
+                for row in rows:
+                    vertices = np.round(_vertices(row.pop("geom")), 2).tolist()
+                    found.append({**{n: v for n, v in row.items() if n != "fid"}, "vertices": vertices})
+            return found
 
     def photos(self) -> list[int]:
         """Return the numbers of the objects that have a photo."""

@@ -20,8 +20,9 @@ from mlsroad_pipeline.algorithms.models.boosted_trees.segments import (
     find_segments,
     order_of_questions,
 )
-from mlsroad_pipeline.review.page_server.selection import NONE, Painted, TooManyPointsError, cluster
+from mlsroad_pipeline.review.page_server.selection import Near, TooManyPointsError, cluster
 from mlsroad_pipeline.review.page_server.tile_format import TileIndex, depth, spacing
+from mlsroad_pipeline.review.painted import NONE, Painted
 
 SAMPLED = 250_000
 """Largest number of points of the sample, which bounds memory; of larger surveys cubes at equal steps are used."""
@@ -85,8 +86,8 @@ class PointGroups:
             raise ParameterError("there is no group of points at this place")
         (self._left_out.difference_update if back else self._left_out.update)(found.tolist())
 
-    def rows(self, place: NDArray[np.float64], code: int, painted: Painted = NONE) -> NDArray[np.uint32]:
-        """Return the rows of the points of a class that are connected with a place, up to half a cell from it.
+    def points(self, place: NDArray[np.float64], code: int, painted: Painted = NONE) -> Near:
+        """Return the points of a class that are connected with a place, up to half a cell from it.
 
         Where these are too many for one stroke, the distance is halved.
         """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.review.page_server.tile_format import TileIndex
+from mlsroad_pipeline.review.painted import NONE, Painted
 
 MOST_POINTS = 400_000
 """Largest number of points of one stroke."""
@@ -22,38 +23,17 @@ class TooManyPointsError(ParameterError):
 
 
 class Near(NamedTuple):
-    """Points of a box: local coordinates, rows in the survey and class codes."""
+    """Points: local coordinates, rows in the survey, class codes in force and as labelled, numbers of objects."""
 
     xyz: NDArray[np.float32]
     rows: NDArray[np.uint32]
     classes: NDArray[np.uint8]
+    labelled: NDArray[np.uint8]
+    objects: NDArray[np.uint32]
 
-
-class Painted(NamedTuple):
-    """Points that strokes in force have painted: rows in ascending order, and their class codes."""
-
-    rows: NDArray[np.uint32] = np.empty(0, np.uint32)
-    codes: NDArray[np.uint8] = np.empty(0, np.uint8)
-
-    @classmethod
-    def of(cls, strokes: Iterable[tuple[NDArray[np.int64], int]]) -> Painted:
-        """Return the points of strokes in order, each with the class of its last stroke."""
-        parts = [(rows, np.full(len(rows), code)) for rows, code in strokes]
-        if not parts:
-            return cls()
-        rows, codes = (np.concatenate(columns)[::-1] for columns in zip(*parts, strict=True))
-        found, last = np.unique(rows, return_index=True)
-        return cls(found.astype(np.uint32), codes[last].astype(np.uint8))
-
-    def on(self, near: Near) -> Near:
-        """Return points with the painted classes in place of those of the tiles."""
-        if not len(self.rows):
-            return near
-        at = np.minimum(np.searchsorted(self.rows, near.rows), len(self.rows) - 1)
-        return near._replace(classes=np.where(self.rows[at] == near.rows, self.codes[at], near.classes))
-
-
-NONE = Painted()
+    def select(self, index: NDArray) -> Near:
+        """Return the points of an index."""
+        return Near(*(column[index] for column in self))
 
 
 def points_in_box(
@@ -64,10 +44,17 @@ def points_in_box(
     for row in tiles.touching(low, high):
         xyz, chunk = tiles.load(row)
         inside = ((xyz >= low) & (xyz <= high)).all(axis=1)
-        parts.append(Near(xyz[inside], chunk.rows[inside], chunk.codes[inside, 0]))
-    if not parts:
-        return Near(np.empty((0, 3), np.float32), np.empty(0, np.uint32), np.empty(0, np.uint8))
-    return painted.on(Near(*(np.concatenate(columns) for columns in zip(*parts, strict=True))))
+        codes = chunk.codes[inside, 0]
+        parts.append(Near(xyz[inside], chunk.rows[inside], codes, codes, chunk.objects[inside]))
+    near = _joined(parts)
+    return near._replace(classes=painted.on(near.rows, near.labelled, near.objects))
+
+
+def _joined(parts: Sequence[Near]) -> Near:
+    if parts:
+        return Near(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    rows, codes = np.empty(0, np.uint32), np.empty(0, np.uint8)
+    return Near(np.empty((0, 3), np.float32), rows, codes, codes, rows)
 
 
 def brushed(
@@ -76,8 +63,8 @@ def brushed(
     radius: float,
     only: int | None = None,
     painted: Painted = NONE,
-) -> NDArray[np.uint32]:
-    """Return the rows of the points within a radius of the centres of a stroke; `only` keeps those of one class.
+) -> Near:
+    """Return the points within a radius of the centres of a stroke by row; `only` keeps those of one class.
 
     Raises ParameterError for more than `MOST_POINTS` points.
     """
@@ -85,8 +72,9 @@ def brushed(
     for centre in centres:
         near = points_in_box(tiles, centre - radius, centre + radius, painted)
         inside = ((near.xyz - centre) ** 2).sum(axis=1) <= radius**2
-        found.append(near.rows[inside & (True if only is None else near.classes == only)])
-    return _checked(np.unique(np.concatenate(found)) if found else np.empty(0, np.uint32))
+        found.append(near.select(inside & (True if only is None else near.classes == only)))
+    every = _joined(found)
+    return _checked(every.select(np.unique(every.rows, return_index=True)[1]))
 
 
 def cluster(
@@ -97,17 +85,17 @@ def cluster(
     *,
     reach: float = REACH,
     gap: float = GAP,
-) -> NDArray[np.uint32]:
-    """Return the rows of the points of one class that are connected with a place, over cells of `gap` metres.
+) -> Near:
+    """Return the points of one class that are connected with a place, over cells of `gap` metres, by row.
 
     Raises ParameterError for more than `MOST_POINTS` points.
     """
     from scipy import ndimage  # noqa: PLC0415  # half a second that the first picture does not wait for
 
     near = points_in_box(tiles, place - reach, place + reach, painted)
-    near = Near(*(column[near.classes == only] for column in near))
+    near = near.select(near.classes == only)
     if not len(near.rows):
-        return near.rows
+        return near
     cells = np.floor((near.xyz - (place - reach)) / gap).astype(np.int64)
     n_cells = int(2 * reach / gap) + 1
     occupied = np.zeros((n_cells,) * 3, dtype=np.bool_)
@@ -115,10 +103,12 @@ def cluster(
     labels, _ = ndimage.label(occupied, structure=np.ones((3, 3, 3)))
     of_points = labels[tuple(cells.T)]
     seed = of_points[np.argmin(((near.xyz - place) ** 2).sum(axis=1))]
-    return _checked(np.sort(near.rows[of_points == seed]))
+    near = near.select(of_points == seed)
+    return _checked(near.select(np.argsort(near.rows)))
 
 
-def _checked(rows: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    if len(rows) > MOST_POINTS:
-        raise TooManyPointsError(f"{len(rows):,} points are selected, {MOST_POINTS:,} at most: use a smaller brush")
-    return rows
+def _checked(near: Near) -> Near:
+    count = len(near.rows)
+    if count > MOST_POINTS:
+        raise TooManyPointsError(f"{count:,} points are selected, {MOST_POINTS:,} at most: use a smaller brush")
+    return near

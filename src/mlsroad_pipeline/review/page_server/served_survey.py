@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.review.page_server.output_folder import REPORT, OutputFolder
-from mlsroad_pipeline.review.page_server.selection import Painted, brushed, cluster
+from mlsroad_pipeline.review.page_server.selection import Near, brushed, cluster
 from mlsroad_pipeline.review.page_server.tile_cache import TileCache
 from mlsroad_pipeline.review.page_server.tile_format import FirstPicture, first_picture
+from mlsroad_pipeline.review.page_server.wanted import only_of, places_of, radius_of
+from mlsroad_pipeline.review.painted import Painted
 
 if TYPE_CHECKING:
-    from mlsroad_pipeline.review.corrections import Correction, CorrectionStore
+    from mlsroad_pipeline.review.corrections import Correction, CorrectionStore, Decision
+    from mlsroad_pipeline.review.corrections.states import States
+    from mlsroad_pipeline.review.page_server.decided import Decided
     from mlsroad_pipeline.review.page_server.point_groups import PointGroups
 
 # The corrections need pandas and SciPy, a second of imports that the first picture does not wait for.
@@ -34,10 +38,12 @@ class ServedSurvey:
         self.output, self.user = output, user
         self.tiles = TileCache(output.path, output.cloud_names)
         self._guard, self._reading, self._grouping = threading.Lock(), threading.Lock(), threading.Lock()
+        self._viewing = threading.Lock()
         self._first: FirstPicture | None = None
         self._store: CorrectionStore | None = None
         self._objects = ""
         self._groups: PointGroups | None = None
+        self._decided: Decided | None = None
         self.given = threading.Event()
 
     @property
@@ -100,14 +106,20 @@ class ServedSurvey:
             "path": output.path_vertices(),
             "lines": output.lines(),
             "photos": output.photos(),
+            "colours": output.colours(),
             "report": (output.path / REPORT).is_file(),
             "warnings": output.run["summary"].get("warnings", []),
             "first": (picture or self.first).facts,
         }
 
     def corrections(self, *, points: bool = True) -> dict[str, Any]:
-        """Return the states of the objects and the decisions in force, with the painted points unless left out."""
-        states = self.store.states()
+        """Return the states of the objects and the decisions in force, with the painted points unless left out.
+
+        `objects` are those that decisions changed or made, `codes` the classes of points of objects of another class,
+        `counts` the points per class, None while the tiles are not finished.
+        """
+        mark, states = self.store.mark(), self.store.states()
+        decided, painting = self.decided, self._in_force(states)
         files = {file.name: file for file in self.output.clouds.files} if points else {}
         painted = [
             {
@@ -130,12 +142,36 @@ class ServedSurvey:
             }
             for decision in self.store.current()
         ]
-        added = [
-            {"id": decision.identifier, "kind": decision.correction.kind, **decision.correction.payload}
-            for decision in states.added
-        ]
-        states_of = {str(number): dict(state) for number, state in states.of_objects.items()}
-        return {"states": states_of, "painted": painted, "decisions": decisions, "added": added}
+        return {
+            "states": decided.states(states),
+            "painted": painted,
+            "decisions": decisions,
+            "objects": decided.objects(states),
+            "lines": decided.lines(states),
+            "codes": {str(n): int(painting.of_objects[n]) for n in np.flatnonzero(painting.of_objects >= 0)},
+            "counts": decided.counts(self.tiles.index(), painting),
+            "mark": mark,
+        }
+
+    @property
+    def decided(self) -> Decided:
+        """What decisions make of the inventory."""
+        from mlsroad_pipeline.review.page_server.decided import Decided  # noqa: PLC0415
+
+        with self._viewing:
+            if self._decided is None:
+                self._decided = Decided(self.output, self.store.objects())
+            return self._decided
+
+    def status(self) -> dict[str, Any]:
+        """Return the state of the tiles, and a text that changes with every decision, also of other tabs."""
+        return {**self.tiles.status(), "mark": self.store.mark()}
+
+    def deliver(self, wanted: dict[str, Any]) -> dict[str, Any]:
+        """Write files of a delivery into a new folder below the output, and return its name and theirs."""
+        from mlsroad_pipeline.review.delivery.page_order import deliver_order  # noqa: PLC0415
+
+        return deliver_order(self.output, wanted)
 
     def queue(self, number: int) -> list[dict[str, Any]]:
         """Return the objects to look at first."""
@@ -148,7 +184,16 @@ class ServedSurvey:
         if self.tiles.index() is None:
             return []
         self._check_current()
-        return [dict(group) for group in self._point_groups().first(number, self._paintings())]
+        groups = self._point_groups().first(number, self._in_force())
+        return sorted((dict(group) for group in groups), key=self._is_far)
+
+    def _is_far(self, group: Mapping[str, Any]) -> bool:
+        """Return whether a group is so far from the path that it comes last."""
+        from mlsroad_pipeline.algorithms.inventory.objects.review import FAR  # noqa: PLC0415  # pandas
+
+        path = np.array(self.output.path_vertices()).reshape(-1, 3)
+        away = path[:, :2] - self.output.clouds.origin[:2] - group["place"][:2]
+        return bool(len(away)) and float(np.hypot(*away.T).min()) > FAR
 
     def _point_groups(self) -> PointGroups:
         """Return the groups of the points, found at the first request."""
@@ -164,12 +209,12 @@ class ServedSurvey:
 
     def leave_out(self, wanted: dict[str, Any]) -> dict[str, Any]:
         """Leave a group out of the list while the page is open, or take it back."""
-        self._point_groups().leave_out(_places(wanted.get("places"))[0], back=bool(wanted.get("back")))
+        self._point_groups().leave_out(places_of(wanted.get("places"))[0], back=bool(wanted.get("back")))
         return {}
 
     def group(self, wanted: dict[str, Any]) -> dict[str, Any]:
         """Return the rows of the points of a group."""
-        return {"rows": self._selected({**wanted, "group": True}).tolist()}
+        return {"rows": self._selected({**wanted, "group": True}).rows.tolist()}
 
     def decide(self, wanted: dict[str, Any]) -> dict[str, Any]:
         """Write a decision and return its identifier; it is on the disk when this returns."""
@@ -193,43 +238,49 @@ class ServedSurvey:
         return {}
 
     def paint(self, wanted: dict[str, Any]) -> dict[str, Any]:
-        """Write the class of the points that a stroke or a click selects, and return their rows."""
+        """Write the class of the points that a stroke or a click selects; return their rows and classes of before."""
         name = wanted.get("class")
         if name not in self._codes():
             raise ParameterError(f"unknown class {name!r} of the survey")
-        rows = self._selected(wanted)
-        if not len(rows):
-            return {"ids": [], "rows": []}
-        return {"ids": self.store.add_all(self._strokes(rows, str(name)), who=self.user), "rows": rows.tolist()}
+        found = self._selected(wanted)
+        if not len(found.rows):
+            return {"ids": [], "rows": [], "before": {}}
+        index = self.tiles.index()
+        if index is not None:
+            self.decided.counted(index).know(found)
+        ids = self.store.add_all(self._strokes(found.rows, str(name)), who=self.user)
+        counts = np.bincount(found.classes, minlength=256)
+        before = {str(code): int(counts[code]) for code in np.flatnonzero(counts)}
+        return {"ids": ids, "rows": found.rows.tolist(), "before": before}
 
-    def _selected(self, wanted: dict[str, Any]) -> NDArray[np.uint32]:
-        """Return the rows of the points that a stroke, a click on a cluster or a group selects."""
+    def _selected(self, wanted: dict[str, Any]) -> Near:
+        """Return the points that a stroke, a click on a cluster or a group selects."""
         index = self.tiles.index()
         if index is None:
             raise ReadError("the points are still being prepared: paint when that is finished")
         self._check_current()
-        places, only, painted = _places(wanted.get("places")), _only(wanted.get("only")), self._paintings()
+        places, only, painted = places_of(wanted.get("places")), only_of(wanted.get("only")), self._in_force()
         if not (wanted.get("cluster") or wanted.get("group")):
-            return brushed(index, places, _radius(wanted.get("radius")), only, painted)
+            return brushed(index, places, radius_of(wanted.get("radius")), only, painted)
         if only is None:
             raise ParameterError("a cluster needs the class of its points (only)")
         if wanted.get("group"):
-            return self._point_groups().rows(places[0], only, painted)
+            return self._point_groups().points(places[0], only, painted)
         return cluster(index, places[0], only, painted)
 
-    def _paintings(self) -> Painted:
-        """Return the points that strokes in force have painted."""
-        codes = self._codes()
-        return Painted.of((rows, codes.get(text, 0)) for rows, text in self._painted())
+    def _in_force(self, states: States | None = None) -> Painted:
+        """Return the classes that decisions in force give to points."""
+        states = self.store.states() if states is None else states
+        return self.decided.in_force(states, self._painted(states.painted))
 
     def _codes(self) -> dict[str, int]:
         """Return the code of each class name, the least where several have the name."""
         return {text: code for code, text in sorted(self.output.class_names().items(), reverse=True)}
 
-    def _painted(self) -> Iterator[tuple[NDArray[np.int64], str]]:
-        """Yield the rows and the class of each stroke in force, in order."""
+    def _painted(self, strokes: Sequence[Decision]) -> Iterator[tuple[NDArray[np.int64], str]]:
+        """Yield the rows and the class of strokes in order."""
         files = {file.name: file for file in self.output.clouds.files}
-        for decision in self.store.current():
+        for decision in strokes:
             given = decision.correction
             file = files.get(given.payload["file"]) if given.action == "paint" else None
             if file is not None and given.paints(file.name, file.header.n_points):
@@ -249,32 +300,14 @@ class ServedSurvey:
         return corrections
 
 
-def _places(value: object) -> np.ndarray:
-    try:
-        places = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise DataError("places must be numbers x, y, z") from error
-    if places.ndim != 2 or places.shape[1] != 3 or not 1 <= len(places) <= 200 or not np.isfinite(places).all():
-        raise DataError("places must be 1 to 200 finite x, y, z")
-    return places
-
-
-def _radius(value: object) -> float:
-    if not isinstance(value, int | float) or isinstance(value, bool) or not 0.01 <= value <= 5.0:
-        raise ParameterError(f"the radius of the brush must be 0.01 m to 5 m, got {value!r}")
-    return float(value)
-
-
-def _only(value: object) -> int | None:
-    if value is not None and (not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= 255):
-        raise ParameterError(f"only must be a class code from 0 to 255, got {value!r}")
-    return value
-
-
 def _described(correction: Correction) -> str:
     """Return what a decision is about, in a few words."""
+    from mlsroad_pipeline.review.corrections.decisions import LINE_ACTIONS  # noqa: PLC0415
+
     if correction.action == "paint":
         return f"{len(correction.payload['points']):,} points: {correction.payload['class']}"
+    if correction.action in LINE_ACTIONS:
+        return f"{correction.kind} {correction.payload['line']}"
     if correction.action == "merge":
         return "with " + ", ".join(map(str, correction.payload["objects"]))
     return correction.checked_class

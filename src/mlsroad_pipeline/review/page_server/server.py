@@ -58,7 +58,7 @@ def _requests(survey: ServedSurvey) -> list[Route]:
 
     answers: dict[str, Callable[[Request], Any]] = {
         "survey": lambda request: survey.survey(),
-        "status": lambda request: survey.tiles.status(),
+        "status": lambda request: survey.status(),
         "corrections": lambda request: survey.corrections(),
         "states": lambda request: survey.corrections(points=False),
         "queue": lambda request: survey.queue(number(request)),
@@ -70,6 +70,7 @@ def _requests(survey: ServedSurvey) -> list[Route]:
         "paint": survey.paint,
         "group": survey.group,
         "leave-out": survey.leave_out,
+        "deliver": survey.deliver,
     }
     return [
         *(Route(f"/api/{name}", _answer(value)) for name, value in answers.items()),

@@ -108,6 +108,11 @@ class TileIndex:
         content["nodes"] = self.nodes.tolist()
         (self.folder / INDEX).write_text(json.dumps(content, separators=(",", ":")), encoding="utf-8")
 
+    def class_counts(self) -> dict[str, int]:
+        """Return the number of points of each class code, as labelled."""
+        found: dict[str, int] = json.loads((self.folder / INDEX).read_text(encoding="utf-8"))["classes"]
+        return found
+
     def touching(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return the rows of the nodes that touch a box of local coordinates."""
         width = self.edge / np.exp2(np.maximum(0, self.nodes[:, 0] - UNDIVIDED))[:, None]

@@ -28,6 +28,7 @@ from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import (
     ObjectClassifier,
 )
 from mlsroad_pipeline.algorithms.inventory.objects.object_features import FEATURES
+from mlsroad_pipeline.algorithms.inventory.objects.plates import PLATE, PLATE_FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS, rules_for_scheme
 from mlsroad_pipeline.algorithms.inventory.objects.stem_features import STEM_FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.trunks import find_trunks, split_trees
@@ -52,6 +53,8 @@ class Planted:
         if classifier == STEM:
             own = features[:, [STEM_FEATURES.index("own tree"), STEM_FEATURES.index("own pole")]]
             return np.eye(3)[np.where(own[:, 0] > 0.6, TRUNK, np.where(own[:, 1] > 0.6, POLE, NEITHER))]
+        if classifier == PLATE:
+            return (features[:, [PLATE_FEATURES.index("wide")]] > 0.4).astype(np.float64)
         return features[:, [FEATURES.index(f"own {classifier}")]].astype(np.float64)
 
     def reasons(self, classifier, features):
@@ -120,9 +123,9 @@ def test_evidence_of_labels_alone():
 
 
 def test_classes_of_objects_are_raised():
-    probabilities = np.array([[0.55, 0.3, 0.0, 0.0, 0.15, 0.0], [0.7, 0.0, 0.2, 0.0, 0.1, 0.0]], np.float32)
+    probabilities = np.array([[0.55, 0.3, 0.0, 0.0, 0.15, 0.0], [0.78, 0.0, 0.12, 0.0, 0.1, 0.0]], np.float32)
     evidence = ClassEvidence(probabilities, np.array([0, 1, -1]), group_shares(SCHEME))
-    assert 0.3 * WEIGHTS["pole"] > 0.55 and 0.2 * WEIGHTS["sign"] < 0.7
+    assert 0.3 * WEIGHTS["pole"] > 0.55 and 0.12 * WEIGHTS["sign"] < 0.78
     assert raised_labels(evidence, RULES).tolist() == [1, 0, -1]
 
 
@@ -179,6 +182,30 @@ def test_objects_below_the_least_score_are_left_out():
     assert len(listed) == len(kept) < len(whole)
     assert listed["object_id"].tolist() == list(range(1, len(kept) + 1))
     assert (counts[1:] == kept["point_count"]).all()
+
+
+def test_a_plate_on_a_mast_is_a_sign_and_the_mast_stays_a_pole():
+    """All points are labelled pole; the probability of a sign is raised on a plate of 0.6 m alone."""
+    mast, plate = planted_pole((5.0, 4.0, 0.0), 8.0), planted_box((5.0, 3.85, 2.6), 0.6, 0.02, 0.6, azimuth_degrees=90)
+    xyz = np.concatenate([mast, plate])
+    probabilities = np.full((len(xyz), len(SCHEME)), 0.02, np.float32)
+    probabilities[:, 1], probabilities[len(mast) :, 1], probabilities[len(mast) :, 2] = 0.9, 0.72, 0.2
+    evidence = ClassEvidence(probabilities, np.arange(len(xyz)), group_shares(SCHEME))
+    found = extract_objects(
+        xyz, np.ones(len(xyz), np.int64), np.ones(len(xyz)), classes=RULES, origin=UTM, height_above_ground=xyz[:, 2],
+        evidence=evidence, classifier=Planted(),
+    )  # fmt: skip
+    merged = merge_scenes([found], classes=RULES, classifier=Planted())
+    of_plate = merged.objects[merged.objects["y"] < UTM[1] + 3.9]
+    assert len(merged.objects) == 2 and of_plate["point_count"].tolist() == [len(plate)]
+    assert merged.objects["height"].max() > 7.8
+
+
+def test_the_least_score_may_differ_by_kind():
+    whole, _ = cut_and_merged(cuts=(20.0,))
+    listed, _ = cut_and_merged(cuts=(20.0,), least_score={"pole": 1.0, "sign": 0.0, "vehicle": 0.0, "tree": 0.0})
+    expected = whole[(whole["kind"] != "pole") | (whole["score"] >= 1.0)]
+    assert listed["kind"].tolist() == expected["kind"].tolist() and len(listed) < len(whole)
 
 
 def stump(feature, n_features, low, high):

@@ -10,6 +10,7 @@ from mlsroad_pipeline.algorithms.inventory.objects.sightings import (
     PASS_GAP,
     SIGHTING_FIELDS,
     Sightings,
+    mark_moving,
     sightings_of_scene,
     visit_columns,
     with_sightings,
@@ -95,3 +96,28 @@ def test_nothing_to_see():
     )
     assert visit_columns(cloud(gps_time=[np.inf, 1.0]))["second"].tolist() == [NO_TIME, 1]
     assert all(name in OBJECT_FIELDS for name in SEEN_BY)
+
+
+def seen_objects(kinds, first, last, files=1):
+    """Return a table of objects 5 m apart with the times that they were seen."""
+    n = len(kinds)
+    return pd.DataFrame({
+        "kind": kinds, "x": 5.0 * np.arange(n), "y": np.zeros(n), "first_time": first, "last_time": last,
+        "file_count": files,
+    })  # fmt: skip
+
+
+def test_a_vehicle_seen_for_a_moment_beside_poles_seen_for_seconds_moves():
+    kinds = ["pole", "tree", "sign", "vehicle", "vehicle"]
+    table = mark_moving(seen_objects(kinds, [0.0, 1.0, 0.0, 4.0, 0.0], [8.0, 9.0, 8.0, 5.0, 7.0]))
+    assert table["motion"].tolist() == ["", "", "", "moving", ""]
+    unknown = [np.nan] * 5
+    table = mark_moving(seen_objects(kinds, unknown, unknown, files=[4, 4, 3, 1, 4]))
+    assert table["motion"].tolist() == ["", "", "", "moving", ""]
+
+
+def test_line_scanners_and_lonely_vehicles_decide_nothing():
+    kinds = ["pole", "tree", "sign", "vehicle"]
+    brief = mark_moving(seen_objects(kinds, [0.0, 1.0, 2.0, 3.0], [0.0, 2.0, 2.0, 3.0]))
+    lonely = mark_moving(seen_objects(kinds[2:], [0.0, 3.0], [9.0, 3.0]))
+    assert not brief["motion"].any() and not lonely["motion"].any()

@@ -7,7 +7,14 @@ from helpers.conf import base
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import ClassEvidence, group_shares
-from mlsroad_pipeline.algorithms.inventory.training.streets import Street, confuse_poles, disturb, with_gaps
+from mlsroad_pipeline.algorithms.inventory.training.streets import (
+    DOUBT,
+    Street,
+    confuse_poles,
+    confuse_signs,
+    disturb,
+    with_gaps,
+)
 
 SCHEME = ClassScheme.from_config("road_inventory", base("classes")["schemes"]["road_inventory"])
 
@@ -51,9 +58,29 @@ def test_drawn_poles_are_labelled_tree_and_drawn_trunks_pole():
     tree, pole = SCHEME.classes.index("tree"), SCHEME.classes.index("pole")
     changed = out[:, tree] == pole
     assert ((out[:, pole] == tree) == changed).all()
-    assert 10 <= changed[:80].sum() <= 30 and (changed[:80:2] == changed[1:80:2]).all()
-    assert not changed[80:160:2].any() and 4 <= changed[81:160:2].sum() <= 16
+    assert 18 <= changed[:80].sum() <= 46 and (changed[:80:2] == changed[1:80:2]).all()
+    assert not changed[80:160:2].any() and 8 <= changed[81:160:2].sum() <= 25
     assert not changed[160:].any()
+
+
+def test_drawn_signs_are_less_probable_than_what_they_hang_on_and_cubes_are_decoys():
+    """Forty signs, then a wall of two thousand cubes, all with a sign certain or impossible."""
+    n = 40 + 2000
+    codes = [TAXONOMY["traffic_sign"]] * 40 + [TAXONOMY["building"]]
+    objects = pd.DataFrame({"label": codes, "instance": np.arange(1, 42)})
+    truth, instance = np.repeat(codes, [1] * 40 + [2000]), np.repeat(np.arange(1, 42), [1] * 40 + [2000])
+    sign, building = SCHEME.classes.index("sign"), SCHEME.classes.index("building")
+    logits = np.full((n, len(SCHEME)), -7.0)
+    logits[:40, sign], logits[40:, building] = 0.0, 0.0
+    evidence = ClassEvidence(np.exp(logits), np.arange(n), group_shares(SCHEME))
+    street = Street("s", np.zeros((n, 3)), np.zeros(3), np.zeros(n), evidence, truth, instance, objects, SCHEME)
+    middle = np.column_stack([np.arange(n) + 0.5, np.zeros(n), np.ones(n)])
+    out = confuse_signs(street, logits, middle, np.random.default_rng(3))
+    drawn = (out[:40] != logits[:40]).any(axis=1)
+    doubt = out[:40][drawn].max(axis=1) - out[:40][drawn, sign]
+    assert 8 <= drawn.sum() <= 25 and (doubt >= DOUBT[0]).all() and (doubt <= DOUBT[1]).all()
+    decoy = out[40:, sign] > -7.0
+    assert 1 <= decoy.sum() <= 20 and (out[40:][decoy].argmax(axis=1) == building).all()
 
 
 def test_gaps_remove_strips_of_points_and_keep_their_columns_together(rng):

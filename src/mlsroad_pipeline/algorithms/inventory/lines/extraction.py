@@ -50,8 +50,39 @@ LINE_FIELDS: dict[str, Field] = {
 }
 """Columns of the lines; NaN where a kind has no such measure, and stations without a trajectory."""
 
-ADDED_FIELDS: dict[str, object] = {"width": np.nan, "contrast": np.nan, "pattern": ""}
-"""Columns that files of earlier versions lack, with the values they are read as."""
+_MARKINGS = ("lane_line", "stop_line", "crossing", "other_marking")
+_FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
+    "score": ("wire", *_MARKINGS),
+    **dict.fromkeys(("height", "least_height", "most_height"), ("kerb",)),
+    **dict.fromkeys(("sag", "clearance"), ("wire",)),
+    **dict.fromkeys(("width", "contrast"), _MARKINGS),
+    "pattern": ("lane_line",),
+}
+
+
+def line_fields_of_kind(kind: str) -> list[str]:
+    """Return the columns that lines of a kind have.
+
+    Parameters
+    ----------
+    kind : str
+        One of `LINE_KINDS`.
+
+    Returns
+    -------
+    list of str
+        Names in the order of `LINE_FIELDS`.
+
+    Examples
+    --------
+    >>> line_fields_of_kind("wire")[:5]
+    ['line_id', 'kind', 'score', 'length', 'sag']
+    """
+    return [name for name in LINE_FIELDS if kind in _FIELDS_OF_KINDS.get(name, (kind,))]
+
+
+ADDED_FIELDS = ("width", "contrast", "pattern")
+"""Columns that files of earlier versions lack; they are read as unknown."""
 
 _DECIMALS = 3
 

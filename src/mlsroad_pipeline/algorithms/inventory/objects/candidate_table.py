@@ -15,10 +15,11 @@ from mlsroad_pipeline.algorithms.inventory.objects.fragments import find_fragmen
 from mlsroad_pipeline.algorithms.inventory.objects.measured_rows import Evidence, find_candidates
 from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import POLE, STEM, TRUNK, Classifier
 from mlsroad_pipeline.algorithms.inventory.objects.object_features import FEATURES
+from mlsroad_pipeline.algorithms.inventory.objects.plates import PLATE, SIGN, chosen_plates, find_plates
 from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule, rules_for_scheme
-from mlsroad_pipeline.algorithms.inventory.objects.stem_features import find_scene_stems
+from mlsroad_pipeline.algorithms.inventory.objects.stem_features import Stems, find_scene_stems
 
-WEIGHTS = {"pole": 2.0, "sign": 3.0, "vehicle": 1.5, "tree": 1.0}
+WEIGHTS = {"pole": 4.0, "sign": 5.0, "vehicle": 1.5, "tree": 1.0}
 """Factors of the class probabilities by kind of object; wires have that of poles."""
 
 CANDIDATE_LIMITS: dict[str, dict[str, float]] = {
@@ -30,6 +31,9 @@ CANDIDATE_LIMITS: dict[str, dict[str, float]] = {
 """Rules of candidates for an object classifier, where they differ from those of objects."""
 
 _LEAST_TRUNK, _LEAST_POLE = 0.7, 0.5  # probabilities from which a stem changes the class of its points
+_LEAST_PLATE = 0.15  # probability from which a plate changes the class of its points
+_SURE_WALL = 0.9  # probability of a building or wall from which a point is of no upright line, which halves their time
+_NEVER_STEMS = ("paved ground", "natural ground", "vehicle", "wire")  # groups of classes without upright lines
 
 
 def candidate_rules(scheme: ClassScheme, changes: Mapping[str, Mapping[str, Any]]) -> dict[str, ObjectRule]:
@@ -47,33 +51,53 @@ def raised_labels(evidence: ClassEvidence, rules: Mapping[str, ObjectRule]) -> N
     return np.where(evidence.owner >= 0, np.append(best, np.int16(-1))[evidence.owner], np.int16(-1))
 
 
-def classify_stems(
+def forming_labels(
     local: NDArray[np.floating],
     height: NDArray[np.floating],
-    labels: NDArray[np.integer],
+    evidence: ClassEvidence,
     cells: SceneCells,
     *,
     rules: Mapping[str, ObjectRule],
     classifier: Classifier,
 ) -> NDArray[np.int16]:
-    """Give the points of each upright line one class."""
-    out = np.asarray(labels).astype(np.int16)
+    """Return the class of each point for the forming of candidates: raised, of its upright line, of its plate."""
+    out = raised_labels(evidence, rules)
     of_kind = {kind: [x for rule in rules.values() if rule.kind == kind for x in rule.labels] for kind in WEIGHTS}
-    if not (of_kind["pole"] and of_kind["tree"]):
-        return out
-    upright = [*of_kind["pole"], *of_kind["sign"]]
-    points = np.flatnonzero(np.isin(out, [*upright, *of_kind["tree"]]))
-    stems = find_scene_stems(local, height, points, cells)
-    if not len(stems.features):
-        return out
-    probability = classifier.probabilities(STEM, stems.features)
-    probability = np.concatenate([probability, np.zeros((1, probability.shape[1]))])[
-        stems.owner
-    ]  # points of no stem are last
-    is_tree = np.isin(out[points], of_kind["tree"])
-    out[points[~is_tree & (probability[:, TRUNK] > _LEAST_TRUNK)]] = of_kind["tree"][0]
-    out[points[is_tree & (probability[:, POLE] > _LEAST_POLE)]] = of_kind["pole"][0]
+    if of_kind["pole"] and of_kind["tree"]:
+        stems = find_scene_stems(local, height, stem_points(evidence, out), cells)
+        _classify_stems(out, stems, of_kind, classifier)
+    if of_kind["sign"]:
+        plates = find_plates(local, height, sign_probability(evidence), cells)
+        if len(plates.members):
+            likely = classifier.probabilities(PLATE, plates.features)[:, 0]
+            out[chosen_plates(plates, likely, _LEAST_PLATE)] = of_kind["sign"][0]
     return out
+
+
+def stem_points(evidence: ClassEvidence, labels: NDArray[np.integer]) -> NDArray[np.int64]:
+    """Return the points that may belong to poles, posts and trunks: no ground, vehicles, wires or sure walls."""
+    never = evidence.groups[:, [GROUPS.index(name) for name in _NEVER_STEMS]].sum(axis=1) > 0.5
+    wall = evidence.of_groups[:, [GROUPS.index(name) for name in ("building", "wall")]].sum(axis=1) > _SURE_WALL
+    return np.flatnonzero(np.append(~never, False)[labels] & ~np.append(wall, True)[evidence.owner])
+
+
+def sign_probability(evidence: ClassEvidence) -> NDArray[np.float32]:
+    """Return the probability of a sign of each point."""
+    return np.append(evidence.of_groups[:, SIGN], np.float32(0))[evidence.owner]
+
+
+def _classify_stems(
+    out: NDArray[np.int16], stems: Stems, of_kind: Mapping[str, list[int]], classifier: Classifier
+) -> None:
+    """Give the points of each upright line one class, in place."""
+    if not len(stems.features):
+        return
+    likely = classifier.probabilities(STEM, stems.features)
+    on = stems.owner >= 0
+    points, owner = stems.points[on], stems.owner[on]
+    upright = np.isin(out[points], [*of_kind["pole"], *of_kind["sign"]])
+    trunk, pole = upright & (likely[owner, TRUNK] > _LEAST_TRUNK), ~upright & (likely[owner, POLE] > _LEAST_POLE)
+    out[points[trunk]], out[points[pole]] = of_kind["tree"][0], of_kind["pole"][0]
 
 
 FEATURE_COLUMNS = tuple(f"f: {name}" for name in FEATURES)
@@ -104,8 +128,7 @@ def find_candidate_table(
 ) -> pd.DataFrame:
     """Find the candidates of a scene as `extract_objects` does."""
     cells = scene.cells
-    labels = raised_labels(scene.evidence, rules)
-    labels = classify_stems(scene.local, scene.height, labels, cells, rules=rules, classifier=classifier)
+    labels = forming_labels(scene.local, scene.height, scene.evidence, cells, rules=rules, classifier=classifier)
     rows: list[dict[str, object]] = []
     features = [np.zeros((0, len(FEATURES)), np.float32)]
     for name, rule in rules.items():

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_column, check_xyz
-from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import classify_stems, raised_labels
+from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import forming_labels
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import ClassEvidence
 from mlsroad_pipeline.algorithms.inventory.objects.evidence import EVIDENCE_FIELDS, SceneCells
 from mlsroad_pipeline.algorithms.inventory.objects.fragments import FRAGMENT_FIELDS, find_fragments, join_voxels
@@ -117,8 +117,8 @@ def extract_objects(
     if evidence is not None and classifier is not None and n and classes:
         cells = SceneCells(points, core=inside, origin=zero, evidence=evidence)
         above = points[:, 2].astype(np.float64) - points[:, 2].min() if height is None else height
-        raised = np.where(label >= 0, raised_labels(evidence, classes), np.int16(-1))
-        forming = classify_stems(points, above, raised, cells, rules=classes, classifier=classifier)
+        formed = forming_labels(points, above, evidence, cells, rules=classes, classifier=classifier)
+        forming = np.where(label >= 0, formed, np.int16(-1))
     found = _FoundObjects(scene, classes, classifier, np.zeros(n, dtype=np.int32))
     for name, rule in classes.items():
         mine = np.flatnonzero(np.isin(forming, rule.labels))

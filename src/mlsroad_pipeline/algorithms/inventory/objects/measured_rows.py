@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.inventory.objects.boxes import vehicle_box
 from mlsroad_pipeline.algorithms.inventory.objects.evidence import CELL, SUMS
-from mlsroad_pipeline.algorithms.inventory.objects.measures import ObjectMeasures, measure
+from mlsroad_pipeline.algorithms.inventory.objects.measures import ObjectMeasures, complete_vehicle, measure
 from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import Classifier
 from mlsroad_pipeline.algorithms.inventory.objects.object_features import object_features
 from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
@@ -166,6 +166,8 @@ def find_candidates(
                     features = np.zeros(0, np.float32)
                     if total is not None:
                         features = object_features(part, row, total, from_signs=own.kind == "sign")
+                    if kind == "vehicle":
+                        row |= complete_vehicle(row, part)
                     yield Candidate(
                         n_parts, index, {**row, "class": key, "kind": kind, "scene": scenes[row["scene"]]}, features
                     )

@@ -29,6 +29,11 @@ _STEEL, _BARK = 0.015, 0.03  # largest distance of points from the circle of a p
 _TRUNK_OFFSET = 0.6  # distance from the mean of the foot at which a trunk needs the following share, metres
 _TRUNK_SHARE, _LOW = 0.12, 2.1  # least share of a trunk in the voxels up to a height in metres
 _CLEAR = 0.45  # largest distance of points of the slab from the axis, metres
+_CAR_LENGTH, _CAR_WIDTH = 4.2, 1.75  # of a car that is seen in part, metres
+_CAR_HEIGHT = 2.2  # above which a vehicle is a van, lorry or bus, metres
+_END = (1.4, 2.3)  # range of the longer side where only an end is seen, metres
+_SIDE_LENGTH, _CAR_SIDE = 3.3, 1.45  # least length of a side, and width of an end, of a car, metres
+_ONE_SIDED = 1.2  # least ratio of the voxels at opposite sides that tells the side of the scanner
 _SIDE_STEP = 0.25  # length of the segments of a vehicle's sides, metres
 _TWO_POSTS = 0.5  # minimum extent along the panel of the points of two posts, metres
 
@@ -74,6 +79,7 @@ class ObjectMeasures(TypedDict, total=False):
     z_min: float
     z_max: float
     facing_from: str  # Source of the facing of a panel: ``post``, ``unknown``, or empty
+    complete: str  # Of a vehicle: ``measured``, or what of its box is assumed; else empty
     footprint: str  # Convex hull in plan as WKT; empty if it has no area
     point_count: int  # Number of points
     disagreeing_share: float  # Share of the points whose own label is of another class
@@ -109,7 +115,7 @@ def measure(voxels: Voxels, kind: str) -> ObjectMeasures:
     n_points = int(voxels.count.sum())
     row = cast(ObjectMeasures, dict.fromkeys(MEASURES, np.nan))
     row |= {"x": float(centre[0]), "y": float(centre[1]), "z": base, "height": geometry.top - base, "width": length}
-    row |= {"clearance": low - ground, "facing_from": "", "footprint": _as_wkt(hull)}
+    row |= {"clearance": low - ground, "facing_from": "", "complete": "", "footprint": _as_wkt(hull)}
     if kind == "pole":
         row |= _pole(geometry)
     elif kind == "sign":
@@ -210,6 +216,38 @@ def _vehicle(geometry: _Geometry) -> ObjectMeasures:
     return {
         "x": centre[0], "y": centre[1], "length": length, "width": width, "heading": azimuth,
         "visible_share": _sides_seen(local, length, width),
+    }  # fmt: skip
+
+
+def complete_vehicle(row: ObjectMeasures, voxels: Voxels) -> ObjectMeasures:
+    """Return length, width, heading, place and `complete` of a vehicle seen in part, with the size of a car assumed.
+
+    What is narrower than a car is extended away from the scanner: from the side of the box with most voxels. So is a
+    piece of a side as wide as a car. Of what is hardly longer than a car is wide, an end is seen: its longer side is
+    the width. Vehicles higher than cars keep their box.
+    """
+    length, width, heading = row["length"], row["width"], row["heading"]
+    end = _END[0] <= length < _END[1]
+    side = length >= _SIDE_LENGTH
+    car = row["height"] < _CAR_HEIGHT and (end or side or width >= _CAR_SIDE)
+    if not car or (side and width >= _CAR_WIDTH):
+        return {"complete": "measured"}
+    if end:
+        length, width, heading = width, length, (heading + 90.0) % 180.0
+    turn = np.radians(heading)
+    axes = np.array([[np.sin(turn), np.cos(turn)], [np.cos(turn), -np.sin(turn)]])
+    centre = np.array([row["x"], row["y"]])
+    local = (voxels.xyz[:, :2] - centre) @ axes.T
+    sizes = (length, width)
+    wanted = (length if side else max(length, _CAR_LENGTH), max(width, _CAR_WIDTH))
+    for k, (size, whole) in enumerate(zip(sizes, wanted, strict=True)):
+        first, last = (np.count_nonzero(side * local[:, k] > size / 2 - _SIDE_STEP) for side in (-1, 1))
+        if max(first, last) > _ONE_SIDED * min(first, last):
+            centre = centre + np.sign(first - last) * (whole - size) / 2 * axes[k]
+    assumed = [name for name, size, whole in zip(("length", "width"), sizes, wanted, strict=True) if whole > size]
+    return {
+        "x": float(centre[0]), "y": float(centre[1]), "length": wanted[0], "width": wanted[1], "heading": heading,
+        "complete": " and ".join(assumed) + " assumed",
     }  # fmt: skip
 
 

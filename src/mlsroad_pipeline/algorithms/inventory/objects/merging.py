@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.geometry.cells import order_of_cells
@@ -203,6 +204,30 @@ class _Joiner:
         return Evidence(table[done])
 
 
+def _without_pieces(listed: pd.DataFrame) -> pd.DataFrame:
+    """Return objects without vehicles with an assumed box whose middle lies in the box of one with more points.
+
+    The other one is at least half as probable.
+    """
+    rows = np.flatnonzero(listed["kind"] == "vehicle")
+    if len(rows) < 2:
+        return listed
+    table = listed.iloc[rows]
+    turn = np.radians(table["heading"].to_numpy(np.float64))
+    where = table[["x", "y"]].to_numpy(np.float64)
+    near = cKDTree(where).query_pairs(float(table["length"].max()), output_type="ndarray")
+    pairs = np.concatenate([near, near[:, ::-1]])  # (the piece, the whole)
+    off = where[pairs[:, 0]] - where[pairs[:, 1]]
+    sine, cosine = np.sin(turn[pairs[:, 1]]), np.cos(turn[pairs[:, 1]])
+    along, across = off[:, 0] * sine + off[:, 1] * cosine, off[:, 0] * cosine - off[:, 1] * sine
+    half = table[["length", "width"]].to_numpy(np.float64)[pairs[:, 1]] / 2
+    number, score = table["point_count"].to_numpy(), table["score"].to_numpy(np.float64)
+    within = (np.abs(along) < half[:, 0]) & (np.abs(across) < half[:, 1])
+    within &= (number[pairs[:, 0]] < number[pairs[:, 1]]) & (score[pairs[:, 0]] <= 2 * score[pairs[:, 1]])
+    within &= (table["complete"] != "measured").to_numpy()[pairs[:, 0]]
+    return listed.drop(table.index[np.unique(pairs[within, 0])])
+
+
 def merge_across_scenes(
     pieces: Sequence[SceneObjects], *, classes: Mapping[str, ObjectRule], trajectory: Trajectory | None = None
 ) -> pd.DataFrame:
@@ -216,7 +241,7 @@ def merge_scenes(
     classes: Mapping[str, ObjectRule],
     trajectory: Trajectory | None = None,
     classifier: Classifier | None = None,
-    least_score: float = 0.0,
+    least_score: Mapping[str, float] | float = 0.0,
 ) -> MergedObjects:
     """Merge the objects of all scenes into the inventory of a survey.
 
@@ -233,7 +258,8 @@ def merge_scenes(
     for joiner in joiners.values():
         joiner.measure(len(scenes), numbers)
     listed = numbers.joined()
-    listed = listed[listed["score"] >= least_score]
+    least = listed["kind"].map(least_score) if isinstance(least_score, Mapping) else least_score
+    listed = _without_pieces(listed[listed["score"] >= least])
     objects, provisional = finish_table(listed, list(classes), trajectory)
     final = numbers.final(provisional, objects["object_id"].to_numpy())
     return MergedObjects(objects, dict(zip(scenes, final, strict=True)))

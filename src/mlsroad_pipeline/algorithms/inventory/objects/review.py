@@ -18,7 +18,11 @@ UNSURE, UNUSUAL = 0.35, 2.5
 """Least entropy (1 for a score of 0.5) and least distance from the bulk of its kind (robust standard deviations) that
 are given as a reason."""
 
+FAR = 25.0
+"""Distance from the path beyond which objects come last, metres: their points are sparse."""
+
 _ENTROPY_FLOOR = 0.02  # a certain object is looked at last, but is looked at
+_LAST = 1e6  # more than any worth
 _NEAR = 0.25  # distance below which two objects of a kind are alike, robust standard deviations per column
 
 
@@ -35,7 +39,8 @@ def order_of_review(table: pd.DataFrame, decided: NDArray[np.floating], number: 
     """Return the objects to look at first.
 
     Each step takes the object with the largest product of entropy of its score, logarithm of its points, distance from
-    the bulk of its kind and distance to the nearest object of its kind that is already decided or taken.
+    the bulk of its kind and distance to the nearest object of its kind that is already decided or taken. Objects
+    farther than `FAR` from the path come after all others.
     """
     score = np.clip(np.nan_to_num(table["score"].to_numpy(dtype=np.float64), nan=0.5), 0.0, 1.0)
     done = ~np.isnan(decided)
@@ -48,15 +53,21 @@ def order_of_review(table: pd.DataFrame, decided: NDArray[np.floating], number: 
     novelty = np.ones(len(table))
     for known in np.flatnonzero(done).tolist():
         novelty = np.minimum(novelty, _distance(shape, kind, known))
+    offset = table["offset"].to_numpy(dtype=np.float64) if "offset" in table else np.zeros(len(table))
+    is_far = np.abs(np.nan_to_num(offset)) > FAR
     rows: list[int] = []
     left = ~done
     for _ in range(min(number, int(left.sum()))):
-        row = int(np.argmax(np.where(left, worth * novelty, -1.0)))
+        row = int(np.argmax(np.where(left, worth * novelty - _LAST * is_far, -np.inf)))
         rows.append(row)
         left[row] = False
         novelty = np.minimum(novelty, _distance(shape, kind, row))
     order = np.array(rows, dtype=np.int64)
     reasons = [_reason(score[r], float(entropy[r]), float(unusual[r]), float(size[r] - np.median(size))) for r in rows]
+    reasons = [
+        f"{abs(offset[r]):.0f} m from the path; {reason}" if is_far[r] else reason
+        for r, reason in zip(rows, reasons, strict=True)
+    ]
     return ReviewOrder(order, reasons, expected_precision(score, decided, order))
 
 

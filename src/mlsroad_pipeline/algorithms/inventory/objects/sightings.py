@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.geometry.sorting import rank_integers
@@ -150,6 +151,34 @@ def with_sightings(
         first_time=times["first"].to_numpy(),
         last_time=times["last"].to_numpy(),
     )
+
+
+_NEAR, _OTHERS = 25.0, 3  # distance of objects that show how long a place was seen, metres, and their least number
+_LONG, _SHARE = (
+    3.0,
+    1 / 3,
+)  # least time of a place, s, or least number of its files, and share of it of a moving vehicle
+
+
+def mark_moving(objects: pd.DataFrame) -> pd.DataFrame:
+    """Add the motion of vehicles: ``moving`` for those seen much more briefly than poles, signs and trees around them.
+
+    A rotating scanner sees what stands for seconds; a line scanner sees it for less than one, which decides nothing.
+    Without times the files count, such as the frames of a drive.
+    """
+    standing, driving = ("pole", "sign", "tree"), ("vehicle",)
+    static, vehicle = (np.flatnonzero(objects["kind"].isin(kinds)) for kinds in (standing, driving))
+    moving = np.zeros(len(objects), dtype=bool)
+    if len(static) >= _OTHERS and len(vehicle):
+        span = (objects["last_time"] - objects["first_time"]).to_numpy(np.float64)
+        seen = np.where(np.isnan(span), objects["file_count"].to_numpy(np.float64), span)
+        where = objects[["x", "y"]].to_numpy(np.float64)
+        near = cKDTree(where[static]).query_ball_point(where[vehicle], _NEAR)
+        for row, others in zip(vehicle, near, strict=True):
+            alike = seen[static[others]][np.isnan(span[static[others]]) == np.isnan(span[row])]
+            usual = float(np.median(alike)) if len(alike) >= _OTHERS else 0.0
+            moving[row] = usual >= _LONG and seen[row] <= _SHARE * usual
+    return objects.assign(motion=np.where(moving, "moving", ""))
 
 
 def _distinct_of(table: pd.DataFrame, columns: list[str], n_objects: int) -> NDArray[np.int64]:

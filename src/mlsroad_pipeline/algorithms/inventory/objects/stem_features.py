@@ -47,17 +47,18 @@ class Stems(NamedTuple):
     """Stems of a scene."""
 
     features: NDArray[np.float32]  # `STEM_FEATURES` of each stem
-    owner: NDArray[np.int64]  # stem of each point, -1 for none
+    points: NDArray[np.int64]  # points that were searched
+    owner: NDArray[np.int64]  # stem of each of them, -1 for none
 
 
 def find_scene_stems(
     local: NDArray[np.floating], height: NDArray[np.floating], points: NDArray[np.int64], cells: SceneCells
 ) -> Stems:
-    """Find stems among some points of a scene that may be poles, posts or trunks; `owner` is that of `points`.
+    """Find stems among some points of a scene that may be poles, posts or trunks.
 
     `local` and `height` are coordinates and heights above the ground of all points, m; `cells` hold the evidence.
     """
-    none = Stems(np.zeros((0, len(STEM_FEATURES)), np.float32), np.full(len(points), -1))
+    none = Stems(np.zeros((0, len(STEM_FEATURES)), np.float32), points, np.full(len(points), -1))
     if not len(points):
         return none
     voxel, xyz, counts, ground = _voxels(
@@ -78,7 +79,7 @@ def find_scene_stems(
     sums = np.zeros((len(rows), len(SUMS)))
     np.add.at(sums, table["fragment"].to_numpy(), table[list(SUMS)].to_numpy(dtype=np.float64))
     features = np.concatenate([np.array(rows), crown_features(found, xyz), group_features(sums)], axis=1)
-    return Stems(features.astype(np.float32), of_point)
+    return Stems(features.astype(np.float32), points, of_point)
 
 
 def _voxels(

@@ -47,6 +47,8 @@ FIELDS: dict[str, Field] = {
     "heading": Field(
         "float64", "Heading [deg]", "Direction of a vehicle's length, clockwise from grid north, 0 to 180."
     ),
+    "complete": Field("str", "Box", "Of a vehicle: measured, or which sides of its box are assumed to be a car's."),
+    "motion": Field("str", "Motion", "moving: a vehicle seen more briefly than what stands beside it; else empty."),
     "tilt": Field("float64", "Tilt [deg]", "Angle between the axis of a pole or post and the vertical."),
     "lean_azimuth": Field(
         "float64", "Leans towards [deg]", "Where its top leans, clockwise from grid north, 0 to 360."
@@ -97,6 +99,39 @@ FIELDS: dict[str, Field] = {
 
 OBJECT_FIELDS = {name: field.dtype for name, field in FIELDS.items()}
 """Columns of an object table and their types."""
+
+FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(("length", "heading", "complete", "motion"), ("vehicle",)),
+    **dict.fromkeys(("tilt", "lean_azimuth"), ("pole", "sign")),
+    "diameter": ("pole", "tree"),
+    "crown_diameter": ("tree",),
+    **dict.fromkeys(
+        ("panel_bottom", "panel_centre", "panel_height", "panel_width", "facing", "facing_from", "pole_id"), ("sign",)
+    ),
+}
+"""Column to the kinds that have it; all kinds have the others."""
+
+
+def fields_of_kind(kind: str) -> list[str]:
+    """Return the columns that objects of a kind have.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of object.
+
+    Returns
+    -------
+    list of str
+        Names in the order of `FIELDS`.
+
+    Examples
+    --------
+    >>> [name for name in fields_of_kind("vehicle") if name in FIELDS_OF_KINDS]
+    ['length', 'heading', 'complete', 'motion']
+    """
+    return [name for name in FIELDS if kind in FIELDS_OF_KINDS.get(name, (kind,))]
+
 
 SEEN_BY = ("file_count", "passes", "passes_there", "scanners", "scanners_there")
 """Counts of files, passes and scanners; 0 is unknown."""
@@ -150,7 +185,7 @@ def object_table(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
     unknown: dict[str, Any] = {
         **dict.fromkeys(("object_id", "pole_id", *SEEN_BY), 0),
         **dict.fromkeys(("station", "offset", "first_time", "last_time"), np.nan),
-        **dict.fromkeys(("method", "model_version", "status", "checked_class", "reasons"), ""),
+        **dict.fromkeys(("method", "model_version", "status", "checked_class", "reasons", "motion"), ""),
     }
     known = pd.DataFrame(list(rows))
     missing = {name: value for name, value in unknown.items() if name not in known}

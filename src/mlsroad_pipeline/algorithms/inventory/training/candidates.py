@@ -1,6 +1,6 @@
 """Candidates and upright lines of simulated streets, with their features and their truth."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -13,12 +13,24 @@ from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import (
     candidate_rules,
     find_candidate_table,
     raised_labels,
+    sign_probability,
+    stem_points,
 )
-from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import NEITHER, POLE, TRUNK, ObjectClassifier
+from mlsroad_pipeline.algorithms.inventory.objects.evidence import SceneCells
+from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import NEITHER, POLE, STEM, TRUNK, ObjectClassifier
+from mlsroad_pipeline.algorithms.inventory.objects.plates import PLATE, PLATE_FEATURES, find_plates
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.stem_features import STEM_FEATURES, find_scene_stems
 from mlsroad_pipeline.algorithms.inventory.scoring.object_scores import REACH
-from mlsroad_pipeline.algorithms.inventory.training.streets import CUT, Street, true_objects, variant_of_street
+from mlsroad_pipeline.algorithms.inventory.training.streets import (
+    CUT,
+    LEAST_POINTS,
+    RECORDED,
+    SIGNS,
+    Street,
+    true_objects,
+    variant_of_street,
+)
 
 SHORTEST, STRETCHED = 0.4, 1.2
 """Least length of a vehicle seen in part, and largest one of a moving vehicle, as multiples of its true length."""
@@ -27,7 +39,7 @@ POLES = [TAXONOMY[name] for name, kind in KIND_OF_CLASS.items() if kind in ("pol
 TRUNKS = [TAXONOMY[name] for name in ("trunk", "tree", "palm")]
 
 
-def stems_of_street(
+def parts_of_street(
     *,
     points: Mapping[str, NDArray],
     objects: pd.DataFrame,
@@ -35,12 +47,19 @@ def stems_of_street(
     name: str,
     variants: tuple[str, ...],
     scheme: ClassScheme,
-) -> pd.DataFrame:
-    """Return the stems of variants of a street; those with gaps are left out."""
-    if not len(points["xyz"]):
-        return pd.DataFrame({"street": []})
-    streets = (variant_of_street(name, v, points, objects, labels, scheme) for v in variants if v != CUT)
-    return pd.concat([stem_table(street) for street in streets], ignore_index=True)
+) -> dict[str, pd.DataFrame]:
+    """Return the stems and the plates of variants of a street; those with gaps are left out."""
+    tables: dict[str, list[pd.DataFrame]] = {
+        STEM: [pd.DataFrame({"street": []})],
+        PLATE: [pd.DataFrame({"street": []})],
+    }
+    for variant in variants if len(points["xyz"]) else ():
+        if variant != CUT:
+            street = variant_of_street(name, variant, points, objects, labels, scheme)
+            cells = _scene_of(street).cells
+            tables[STEM].append(stem_table(street, cells))
+            tables[PLATE].append(plate_table(street, cells))
+    return {part: pd.concat(found[1:] or found, ignore_index=True) for part, found in tables.items()}
 
 
 def candidates_of_street(
@@ -65,20 +84,43 @@ def candidates_of_street(
     return {"candidates": found, "true": pd.DataFrame(counts, columns=["variant", "kind", "objects"])}
 
 
-def stem_table(street: Street) -> pd.DataFrame:
+def candidates_of_boxes(
+    street: Street, boxes: pd.DataFrame, members: Sequence[NDArray[np.int64]], classifier: ObjectClassifier
+) -> dict[str, pd.DataFrame]:
+    """Return the vehicles among the candidates of a scan, and the number of true ones; `members` are rows of points."""
+    instance = np.zeros(len(street.local), np.int64)
+    for k, rows in enumerate(members):
+        instance[rows] = k + 1
+    enough = np.array([len(rows) >= LEAST_POINTS["vehicle"] for rows in members], bool)
+    truth = pd.DataFrame({
+        "kind": "vehicle", "x": boxes["x"], "y": boxes["y"], "length": boxes["length"], "enough": enough,
+        "counted": enough & boxes["counted"].to_numpy(bool), "instance": np.arange(1, len(boxes) + 1),
+    })  # fmt: skip
+    found = find_candidate_rows(street._replace(instance=instance), classifier)
+    found = with_truth(found[found["kind"] == "vehicle"].reset_index(drop=True), truth).assign(variant=RECORDED)
+    true = pd.DataFrame({"variant": [RECORDED], "kind": ["vehicle"], "objects": [int(enough.sum())]})
+    return {"candidates": found, "true": true}
+
+
+def stem_table(street: Street, cells: SceneCells) -> pd.DataFrame:
     """Return the features of the stems of a street, and what each is."""
-    rules = candidate_rules(street.scheme, {})
-    labels = raised_labels(street.evidence, rules)
-    used = [label for rule in rules.values() if rule.kind != "vehicle" for label in rule.labels]
-    points = np.flatnonzero(np.isin(labels, used))
-    stems = find_scene_stems(street.local, street.height, points, _scene_of(street).cells)
+    labels = raised_labels(street.evidence, candidate_rules(street.scheme, {}))
+    stems = find_scene_stems(street.local, street.height, stem_points(street.evidence, labels), cells)
     table = pd.DataFrame(stems.features, columns=list(STEM_FEATURES))
     inside = stems.owner >= 0
-    true, n = street.truth[points[inside]], len(table)
+    true, n = street.truth[stems.points[inside]], len(table)
     size = np.maximum(np.bincount(stems.owner[inside], minlength=n), 1)
     trunk = np.bincount(stems.owner[inside], weights=np.isin(true, TRUNKS), minlength=n) / size
     pole = np.bincount(stems.owner[inside], weights=np.isin(true, POLES), minlength=n) / size
     return table.assign(target=np.where(trunk > 0.5, TRUNK, np.where(pole > 0.4, POLE, NEITHER)), street=street.name)
+
+
+def plate_table(street: Street, cells: SceneCells) -> pd.DataFrame:
+    """Return the features of the pieces of a street that may be plates, and whether most of each is of a sign."""
+    plates = find_plates(street.local, street.height, sign_probability(street.evidence), cells)
+    share = [float(np.isin(street.truth[rows], SIGNS).mean()) for rows in plates.members]
+    table = pd.DataFrame(plates.features, columns=list(PLATE_FEATURES))
+    return table.assign(target=np.array(share) > 0.5, street=street.name)
 
 
 def find_candidate_rows(street: Street, classifier: ObjectClassifier) -> pd.DataFrame:

@@ -19,9 +19,10 @@ from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import (
     ObjectClassifier,
 )
 from mlsroad_pipeline.algorithms.inventory.objects.object_features import FEATURES
+from mlsroad_pipeline.algorithms.inventory.objects.plates import PLATE, PLATE_FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.stem_features import STEM_FEATURES
-from mlsroad_pipeline.algorithms.inventory.training.streets import CLEAN, CUT, DISTURBED, LABELS
+from mlsroad_pipeline.algorithms.inventory.training.streets import CLEAN, CUT, DISTURBED, LABELS, RECORDED
 from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees
 
 log = logging.getLogger(__name__)
@@ -37,39 +38,54 @@ TREES = {
 REPLAYED = 1500
 """Candidates of each kind that `mlsroad learn` trains on beside the answers."""
 
-ROUNDS = {STEM: 120, "pole": 200, "sign": 200, "vehicle": 200, "tree": 200}
-GROUPS_OF_VARIANTS = {"as labelled": (CLEAN,), "disturbed": DISTURBED, "labels alone": (LABELS,), "with gaps": (CUT,)}
+ROUNDS = {STEM: 120, PLATE: 120, "pole": 200, "sign": 200, "vehicle": 200, "tree": 200}
+GROUPS_OF_VARIANTS = {
+    "as labelled": (CLEAN,),
+    "disturbed": DISTURBED,
+    "labels alone": (LABELS,),
+    "with gaps": (CUT,),
+    "recordings": (RECORDED,),
+}
 CUT_KIND = "vehicle"
 
 Figures = dict[str, dict[str, dict[str, float]]]
 """Scores of held-out streets by group of variants and kind."""
 
 
-def stem_classifier(stems: pd.DataFrame) -> ObjectClassifier:
-    """Train the classifier of stems, and log its scores on streets that it was not trained on."""
-    table, target = stems[list(STEM_FEATURES)], stems["target"].to_numpy()
-    scores = held_out_scores(table, target, stems["street"], STEM)
+def part_classifier(stems: pd.DataFrame, plates: pd.DataFrame) -> ObjectClassifier:
+    """Train the classifiers of stems and of plates, and log their scores on streets that they were not trained on."""
+    values, target = stems[list(STEM_FEATURES)], stems["target"].to_numpy()
+    scores = held_out_scores(values, target, stems["street"], STEM)
     powers = np.exp(scores - scores.max(axis=1, keepdims=True))
     p = powers / powers.sum(axis=1, keepdims=True)
     for name, column, least in (("trunk", TRUNK, 0.5), ("pole", POLE, 0.6)):
-        chosen, right = p[:, column] > least, target == column
-        precision, recall = (np.sum(chosen & right) / max(np.sum(part), 1) for part in (chosen, right))
-        log.info("%s among %d stems: precision %.3f, recall %.3f", name, len(target), precision, recall)
-    typical = medians(table.to_numpy(np.float32))
+        _log_part(f"{name} among {len(target)} stems", p[:, column] > least, target == column)
+    shape, true = plates[list(PLATE_FEATURES)], plates["target"].to_numpy(float)
+    raw = held_out_scores(shape, true, plates["street"], PLATE)[:, 0]
+    a, b = calibrated(raw, true)
+    _log_part(f"signs among {len(true)} pieces", expit(a * raw + b) > 0.3, true > 0)
     return ObjectClassifier(
-        {STEM: STEM_FEATURES}, {STEM: fit(table, target, STEM)}, {STEM: (1.0, 0.0)}, {STEM: typical}
+        {STEM: STEM_FEATURES, PLATE: PLATE_FEATURES},
+        {STEM: fit(values, target, STEM), PLATE: fit(shape, true, PLATE)},
+        {STEM: (1.0, 0.0), PLATE: (a, b)},
+        {STEM: medians(values.to_numpy(np.float32)), PLATE: medians(shape.to_numpy(np.float32)[true == 0])},
     )
 
 
+def _log_part(what: str, chosen: NDArray[np.bool_], right: NDArray[np.bool_]) -> None:
+    precision, recall = (float(np.sum(chosen & right)) / max(int(part.sum()), 1) for part in (chosen, right))
+    log.info("%s: precision %.3f, recall %.3f", what, precision, recall)
+
+
 def kind_classifiers(
-    candidates: pd.DataFrame, stems: ObjectClassifier, n_true: Mapping[tuple[str, str], int]
+    candidates: pd.DataFrame, parts_known: ObjectClassifier, n_true: Mapping[tuple[str, str], int]
 ) -> tuple[ObjectClassifier, Figures]:
-    """Add the classifiers of the kinds to that of stems; return also the scores of held-out streets.
+    """Add the classifiers of the kinds to those of stems and plates; return also the scores of held-out streets.
 
     `n_true` has the number of true objects by variant and kind.
     """
     parts: list[dict[str, Any]] = [
-        dict(value) for value in (stems.features, stems.trees, stems.calibration, stems.typical)
+        dict(value) for value in (parts_known.features, parts_known.trees, parts_known.calibration, parts_known.typical)
     ]
     figures: Figures = {group: {} for group in GROUPS_OF_VARIANTS}
     for kind in KINDS:

@@ -26,6 +26,9 @@ LEAST_POINTS = {"pole": 20, "sign": 10, "vehicle": 50, "tree": 100}
 CLEAN, LABELS, DISTURBED, CUT = "clean", "labels", ("disturbed_1", "disturbed_2"), "cut"
 """Variants of a street: as labelled; with classes and confidences alone; disturbed; with gaps that cut vehicles."""
 
+RECORDED = "recorded"
+"""Variant of the vehicles of a recording, whose boxes are known."""
+
 PERIOD, GAP = (8.0, 16.0), (0.2, 0.5)
 """Of the gaps: distance of their middles, metres, and width as a share of it."""
 
@@ -43,9 +46,16 @@ LEAN, SMEAR, POST_RADIUS = 0.03, 0.4, 0.4
 least 1, of their distance from their axis, as where passes do not fit together; radius within which points are smeared,
 metres. Recorded poles lean by up to 6 degrees, simulated ones hardly."""
 
-CONFUSED = 0.25
-"""Share of the poles that a model labels tree, and of the trunks that it labels pole: on Oakland thick wooden poles."""
+CONFUSED = 0.4
+"""Share of the poles that a model labels tree, of the trunks that it labels pole, and of the signs that it labels as
+what they hang on: on Oakland thick wooden poles, and plates on masts, facades and before trees."""
 
+HOLDERS, GROUNDS = ("pole", "tree", "building"), ("paved ground", "natural ground")
+DOUBT, DECOY, DECOYS = (0.7, 2.5), 1.0, 0.003
+"""Range of the difference of logarithms between the holder's probability and that of a confused sign; edge of the cubes
+of other things that are taken for signs, m, and their share."""
+
+SIGNS = [TAXONOMY[name] for name, kind in KIND_OF_CLASS.items() if kind == "sign"]
 TRUE_KINDS = {name: kind for name, kind in KIND_OF_CLASS.items() if name != "cycas"}  # low vegetation of the scheme
 
 
@@ -127,7 +137,7 @@ def disturb(street: Street, seed: int) -> Street:
     logits = np.log(probabilities.astype(np.float64) + 1e-3) * np.exp(-abs(rng.normal(0.0, FLATNESS * strength)))
     logits += rng.normal(0.0, NOISE * strength, n_classes)
     logits += rng.normal(0.0, NOISE * strength, (int(cube.max()) + 1, n_classes))[cube]
-    logits = confuse_poles(street, logits, rng)
+    logits = confuse_signs(street, confuse_poles(street, logits, rng), middle, rng)
     disturbed = np.exp(logits - logits.max(axis=1, keepdims=True))
     disturbed /= disturbed.sum(axis=1, keepdims=True)
     local = lean_poles(street, rng)
@@ -148,6 +158,31 @@ def confuse_poles(street: Street, logits: NDArray[np.float64], rng: np.random.Ge
     tree, pole = street.scheme.classes.index("tree"), street.scheme.classes.index("pole")
     out = logits.copy()
     out[rows, tree], out[rows, pole] = logits[rows, pole], logits[rows, tree]
+    return out
+
+
+def confuse_signs(
+    street: Street, logits: NDArray[np.float64], middle: NDArray[np.float64], rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Return logarithms of class probabilities with some signs taken for what they hang on, and decoys of signs.
+
+    A confused sign is less probable than a pole, tree or building; in cubes of other things it is about as probable.
+    """
+    owner, out = street.evidence.owner, logits.copy()
+    sign = street.scheme.classes.index("sign")
+    on_sign = np.isin(street.truth, SIGNS) & (owner >= 0)
+    is_sign = np.bincount(owner[on_sign], minlength=len(logits)) > 0
+    for number in np.unique(street.instance[on_sign]):
+        if rng.random() < CONFUSED:
+            rows = np.unique(owner[on_sign & (street.instance == number)])
+            other = street.scheme.classes.index(str(rng.choice(HOLDERS)))
+            out[rows, other] = logits[rows].max(axis=1)
+            out[rows, sign] = out[rows, other] - rng.uniform(*DOUBT)
+    cube = np.unique(np.floor(middle / DECOY).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
+    drawn, doubt = rng.random(int(cube.max()) + 1) < DECOYS, rng.uniform(*DOUBT, int(cube.max()) + 1)
+    ground = np.isin(np.argmax(logits, axis=1), [street.scheme.classes.index(name) for name in GROUNDS])
+    rows = np.flatnonzero(drawn[cube] & ~is_sign & ~ground)
+    out[rows, sign] = np.maximum(out[rows, sign], out[rows].max(axis=1) - doubt[cube[rows]])
     return out
 
 
@@ -173,18 +208,22 @@ def lean_poles(street: Street, rng: np.random.Generator) -> NDArray[np.float64]:
 def true_objects(street: Street) -> pd.DataFrame:
     """Return the true objects of the kinds with their places, and whether they count: not moving, enough points.
 
-    `enough` is true for moving ones with enough points too.
+    `enough` is true for moving ones with enough points too. A plate on a mast of another kind is a sign of its own.
     """
-    table = street.objects
-    counts = np.bincount(np.maximum(street.instance, 0), minlength=int(table["instance"].max()) + 1)
+    table, most = street.objects, int(street.objects["instance"].max()) + 1
+    number = np.maximum(street.instance, 0)
+    counts, on_plates = (np.bincount(rows, minlength=most) for rows in (number, number[np.isin(street.truth, SIGNS)]))
     kind = table["label"].map(lambda code: TRUE_KINDS.get(TAXONOMY_NAMES[code]))
-    vehicle, panel = (kind == "vehicle").to_numpy(), ((kind == "sign") & table["panel_x"].notna()).to_numpy()
-    x = np.where(vehicle, table["box_x"], np.where(panel, table["panel_x"], table["x"]))
-    y = np.where(vehicle, table["box_y"], np.where(panel, table["panel_y"], table["y"]))
-    n_points = counts[table["instance"].to_numpy()]
-    enough = n_points >= kind.map(LEAST_POINTS).fillna(np.inf).to_numpy()
-    counted = enough & ~table["moving"].to_numpy(bool)
+    held = (table["panel_x"].notna() & kind.notna() & (kind != "sign")).to_numpy()
+    own = table[kind.notna().to_numpy()].assign(kind=kind, n_points=lambda t: counts[t["instance"]])
+    plates = table[held].assign(kind="sign", n_points=lambda t: on_plates[t["instance"]])
+    found = pd.concat([own, plates], ignore_index=True)
+    vehicle, panel = found["kind"] == "vehicle", (found["kind"] == "sign") & found["panel_x"].notna()
+    enough = found["n_points"] >= found["kind"].map(LEAST_POINTS)
     return pd.DataFrame({
-        "kind": kind, "x": x, "y": y, "counted": counted, "instance": table["instance"], "length": table["length"],
+        "kind": found["kind"],
+        "x": found["x"].where(~vehicle, found["box_x"]).where(~panel, found["panel_x"]),
+        "y": found["y"].where(~vehicle, found["box_y"]).where(~panel, found["panel_y"]),
+        "counted": enough & ~found["moving"].astype(bool), "instance": found["instance"], "length": found["length"],
         "enough": enough,
-    })[kind.notna().to_numpy()].reset_index(drop=True)  # fmt: skip
+    })  # fmt: skip

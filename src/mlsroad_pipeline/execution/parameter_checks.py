@@ -1,13 +1,17 @@
-"""Parameters that are paths: their text on the command line stays text, whatever YAML makes of it."""
+"""Checks of parameters: known names, and paths, whose text on the command line stays text whatever YAML makes of it."""
 
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.plain_text import printable
+
+SETTINGS = ("default_pipeline", "execution", "stage_costs")
+"""Sections that the base environment leaves to the globals, to other environments and to the command line."""
 
 PLACES = ("label.survey", "label.output", "inspect.survey", "inspect.output")
 """Parameters that are files or folders."""
@@ -106,3 +110,34 @@ def _check_utf8(value: str, name: str) -> None:
         value.encode()
     except UnicodeEncodeError:
         raise ParameterError(f"{name} is '{printable(value)}', a name that is not UTF-8: rename it") from None
+
+
+def check_names(given: Mapping[str, Any], base: Mapping[str, Any], source: str) -> None:
+    """Check that sections and their keys are those of the base environment; others are misspelt.
+
+    Examples
+    --------
+    >>> check_names({"labl": {"survey": "a.laz"}}, {"label": {"survey": ""}}, "--params")
+    Traceback (most recent call last):
+    ...
+    mlsroad_pipeline.algorithms.core.exceptions.ParameterError: --params: unknown section labl; did you mean label?
+    """
+    for section, values in given.items():
+        if section not in base and section not in SETTINGS:
+            near = nearest_name(section, (*base, *SETTINGS))
+            raise ParameterError(f"{source}: unknown section {section}; {near}")
+        known = base.get(section)
+        if isinstance(known, Mapping) and not isinstance(values, Mapping):
+            raise ParameterError(f"{source}: {section} is a section, got {values!r}: set parameters below it")
+        if isinstance(values, Mapping) and isinstance(known, Mapping):
+            for key in values:
+                if key not in known:
+                    near = nearest_name(f"{section}.{key}", [f"{section}.{name}" for name in known])
+                    raise ParameterError(f"{source}: unknown parameter {section}.{key}; {near}")
+
+
+def nearest_name(name: str, known: Iterable[str]) -> str:
+    """Return a question with the known name that is nearest to a misspelt one, or else all of them."""
+    names = sorted(map(str, known))
+    near = get_close_matches(name, names, n=1)
+    return f"did you mean {near[0]}?" if near else f"known: {', '.join(names)}"

@@ -1,0 +1,114 @@
+"""Protocol of a check: who decided what and when, what is left, and the precision and recall that follow."""
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
+from mlsroad_pipeline.reporting.html.report import build_report, facts_section, table_section
+from mlsroad_pipeline.review.corrections.decisions import Decision
+from mlsroad_pipeline.review.corrections.states import ObjectState, States, line_states
+from mlsroad_pipeline.review.delivery.corrected_objects import KindsOf, kind_of, new_rows
+from mlsroad_pipeline.review.delivery.estimates import UNKNOWN, Estimate, strata_of, wilson
+
+_HOW = (
+    "Precision: share of right objects. The objects of a kind are divided by score into strata of at least five "
+    "decided ones; objects that nobody looked at count as the decided ones of their stratum. Recall: share of the true "
+    "objects that was listed; true ones are the right ones and those that users added, so that it is an upper limit "
+    "where not all missing objects were added. Intervals of 95 % (Wilson 1927); – without decisions."
+)
+
+
+def decision_table(history: Sequence[Decision]) -> pd.DataFrame:
+    """Return all decisions, also those that were taken back: one row each."""
+    rows = []
+    for decision in history:
+        given = decision.correction
+        points = len(given.payload["points"]) if given.action == "paint" else ""
+        where = given.payload.get("file", "")
+        row: dict[str, Any] = {"decision": decision.identifier, "made_utc": decision.made, "who": decision.who}
+        row |= {"action": given.action, "object": given.object_id or "", "given": given.checked_class}
+        rows.append(row | {"points": points, "file": where, "taken_back_utc": decision.undone})
+    columns = ("decision", "made_utc", "who", "action", "object", "given", "points", "file", "taken_back_utc")
+    return pd.DataFrame(rows, columns=list(columns))
+
+
+def kind_table(objects: pd.DataFrame, states: States, kinds: KindsOf) -> pd.DataFrame:
+    """Return for each kind the numbers of objects by decision, what is left, and estimated precision and recall."""
+    listed = dict(zip(objects["object_id"].tolist(), objects["kind"].astype(str), strict=True))
+    new = new_rows(objects, states, kinds=kinds)
+    added = Counter(str(row["kind"]) for row in new if row["object_id"] not in listed)
+    became = {number: kind_of(state, listed[number], kinds) for number, state in states.of_objects.items()}
+    added.update(now for number, now in became.items() if now != listed[number] and _stays(states.of_objects[number]))
+    rows = []
+    for kind in [*KINDS, *sorted({*listed.values()} - {*KINDS})]:
+        own = objects[objects["kind"] == kind]
+        outcome = [_outcome(states.of_objects.get(n), became.get(n, kind), kind) for n in own["object_id"].tolist()]
+        found = Counter(outcome)
+        row = {"kind": kind, "listed": len(own), "looked at": len(own) - found["left"], "right": found["right"]}
+        row |= {"wrong": found["wrong"], "other kind": found["other kind"], "added": added[kind], "left": found["left"]}
+        row["delivered"] = found["right"] + found["left"] + added[kind]
+        rows.append(row | _estimated(own["score"].to_numpy(np.float64), outcome, added[kind]))
+    return pd.DataFrame(rows)
+
+
+def _stays(state: ObjectState) -> bool:
+    return state["status"] != "rejected" and "merged_into" not in state
+
+
+def _outcome(state: ObjectState | None, became: str, kind: str) -> str:
+    """Return what was decided about an object: right, wrong, other kind, or left where nobody looked at it."""
+    if state is None or not state["status"]:
+        return "left"
+    if not _stays(state):
+        return "wrong"
+    return "right" if became == kind else "other kind"
+
+
+_ESTIMATES = ("precision as labelled", "precision as delivered", "recall as labelled")
+
+
+def _estimated(score: np.ndarray, outcome: Sequence[str], missing: int) -> dict[str, str]:
+    """Return the precision of the list as labelled and as delivered, and its recall as labelled."""
+    decided, right = (np.array([test(o) for o in outcome], bool) for test in ("left".__ne__, "right".__eq__))
+    listed = strata_of(score, decided, right).precision
+    if listed is UNKNOWN:
+        return dict.fromkeys(_ESTIMATES, str(UNKNOWN))
+    n_left, n_sure = int((~decided).sum()), int(right.sum()) + missing
+    rest = [float(np.clip(bound * len(score) - right.sum(), 0, n_left)) for bound in listed]  # right ones of the rest
+    delivered = Estimate(*((n + n_sure) / max(n_left + n_sure, 1) for n in rest))
+    n_right = listed.share * len(score)
+    recall = wilson(n_right / max(n_right + missing, 1e-9), n_right + missing)
+    return dict(zip(_ESTIMATES, map(str, (listed, delivered, recall)), strict=True))
+
+
+def line_table(lines: pd.DataFrame | None, states: States) -> pd.DataFrame:
+    """Return for each kind the lines and metres that are listed, the decisions about them, and what is left."""
+    rows = []
+    for kind, own in () if lines is None else lines.groupby("kind", sort=True):
+        found = line_states(states.lines, own)
+        status = Counter(found.values())
+        row = {"kind": kind, "listed": len(own), "length, m": round(float(own["length"].sum()), 1)}
+        rows.append(row | {"right": status["accepted"], "wrong": status["rejected"], "left": len(own) - len(found)})
+    return pd.DataFrame(rows)
+
+
+def protocol_page(facts: dict[str, Any], history: Sequence[Decision], kinds: pd.DataFrame, lines: pd.DataFrame) -> str:
+    """Return the protocol as one HTML page; the tables are those of `kind_table` and `line_table`."""
+    decisions = decision_table(history)
+    valid = decisions[decisions["taken_back_utc"] == ""]
+    made = valid["made_utc"]
+    when = f"{made.min()[:16]} to {made.max()[:16]}".replace("T", " ") if len(made) else "no decisions"
+    facts = {**facts, "decisions in force": len(valid), "taken back": len(decisions) - len(valid), "made (UTC)": when}
+    by_user = valid.groupby(["who", "action"], sort=True).size().unstack(fill_value=0).reset_index()
+    sections = [
+        facts_section("Survey", facts),
+        table_section("Objects by kind", kinds, _HOW),
+        table_section("Lines by kind", lines),
+        table_section("Decisions by user", by_user.rename_axis(columns=None)),
+        table_section("Decisions", decisions, "Times are UTC. The table beside this page has all of them."),
+    ]
+    return build_report(sections, title="Protocol of the check", subtitle=str(facts["survey"]))

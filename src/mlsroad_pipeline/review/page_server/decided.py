@@ -1,0 +1,116 @@
+"""What decisions make of a survey, for the page: changed and new objects, classes of points and their counts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
+from mlsroad_pipeline.review.corrections.listed_objects import ListedObjects
+from mlsroad_pipeline.review.corrections.states import States, line_states
+from mlsroad_pipeline.review.delivery.corrected_objects import changed_rows, kind_of, kinds_of_classes
+from mlsroad_pipeline.review.delivery.corrected_points import ClassCodes, object_codes
+from mlsroad_pipeline.review.page_server.class_counts import Box, ClassCounts
+from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
+from mlsroad_pipeline.review.page_server.tile_format import TileIndex
+from mlsroad_pipeline.review.painted import Painted
+
+_PLACED = {"x", "merged", "bases"}
+"""Entries of states of objects with another place or outline; accepted and rejected ones have the rows of before."""
+
+
+class Decided:
+    """An inventory with decisions, as the page shows it.
+
+    Parameters
+    ----------
+    output : OutputFolder
+        The labelled survey.
+    listed : ListedObjects
+        Its objects.
+    """
+
+    def __init__(self, output: OutputFolder, listed: ListedObjects) -> None:
+        self._output, self._table = output, listed.table
+        self._kinds = kinds_of_classes(LabelledOutput(output.path, {"settings": {}, **output.run}).schemes)
+        self._counts: ClassCounts | None = None
+
+    @cached_property
+    def _codes(self) -> ClassCodes:
+        return ClassCodes(self._output)
+
+    @cached_property
+    def _outlines(self) -> dict[str, list[list[float]]]:
+        return self._output.footprints()
+
+    def states(self, states: States) -> dict[str, dict[str, Any]]:
+        """Return the states of objects by number, with the kind that each has now; empty for no object."""
+        kind = dict(zip(self._table["object_id"].tolist(), self._table["kind"].astype(str), strict=True))
+        return {
+            str(number): {**state, "checked_kind": kind_of(state, kind[number], self._kinds)}
+            for number, state in states.of_objects.items()
+        }
+
+    def objects(self, states: States) -> list[dict[str, Any]]:
+        """Return the rows of changed and new objects as JSON values."""
+        numbers = {
+            n for n, state in states.of_objects.items() if state["status"] == "changed" or _PLACED & state.keys()
+        }
+        numbers |= {other for n in numbers for other in states.of_objects[n].get("merged", ())}
+        chosen = self._table[self._table["object_id"].isin(numbers)]
+        rings = [self._outlines.get(str(number), []) for number in chosen["object_id"]]
+        texts = [f"POLYGON (({', '.join(f'{x} {y}' for x, y in ring)}))" if ring else "" for ring in rings]
+        last = int(self._table["object_id"].max()) if len(self._table) else 0
+        rows = changed_rows(chosen.assign(footprint=texts), states, kinds=self._kinds, last=last)
+        return [{name: _plain(value) for name, value in row.items() if name != "footprint"} for row in rows]
+
+    def lines(self, states: States) -> dict[str, str]:
+        """Return the status of decided lines by number."""
+        names = ("line_id", "kind", "x", "y")
+        table = pd.DataFrame([{n: line[n] for n in names} for line in self._lines], columns=list(names))
+        return {str(number): status for number, status in line_states(states.lines, table).items()}
+
+    @cached_property
+    def _lines(self) -> list[dict[str, Any]]:
+        return self._output.lines()
+
+    def in_force(self, states: States, strokes: Iterator[tuple[NDArray[np.int64], str]]) -> Painted:
+        """Return the classes that decisions give to points."""
+        of_objects, _ = object_codes(self._table, states, self._codes)
+        named = ((rows, self._codes.code(name)) for rows, name in strokes)
+        return Painted.of(((rows, code) for rows, code in named if code is not None), of_objects)
+
+    def counts(self, tiles: TileIndex | None, painted: Painted) -> dict[str, int] | None:
+        """Return the number of points per class code; None while the tiles are not finished."""
+        if tiles is None:
+            return None
+        return self.counted(tiles).now(painted)
+
+    def counted(self, tiles: TileIndex) -> ClassCounts:
+        """Return the counts of the classes, which keep what they have read."""
+        if self._counts is None:
+            self._counts = ClassCounts(tiles, tiles.class_counts(), self._output.clouds, self._box_of)
+        return self._counts
+
+    def _box_of(self, number: int) -> Box:
+        """Return the box of the points of an object in local coordinates; all of the survey where it is unknown."""
+        row = self._table[self._table["object_id"] == number].iloc[0]
+        low, high = (
+            np.array([row.get(f"{axis}_{end}", np.nan) for axis in "xyz"], np.float64) - self._output.clouds.origin
+            for end in ("min", "max")
+        )
+        return np.where(np.isnan(low), -np.inf, low), np.where(np.isnan(high), np.inf, high)
+
+
+def _plain(value: Any) -> Any:
+    """Return a value of a table as JSON: None in place of missing ones."""
+    if isinstance(value, str | bool):
+        return value
+    if value is None or pd.isna(value):
+        return None
+    return value.item() if isinstance(value, np.generic) else value
