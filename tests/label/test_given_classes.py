@@ -9,7 +9,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.given_labels import SLUG, given_bundle
+from mlsroad_pipeline.algorithms.models.given_labels.labeller import SLUG, given_bundle
 from mlsroad_pipeline.label.given_classes import (
     GivenClasses,
     given_classes,

@@ -93,8 +93,8 @@ def _learn_and_store(outputs: list[LabelledOutput], place: Place, *, verbose: bo
 def _one_model(outputs: list[LabelledOutput], place: Place) -> tuple[ModelBundle, dict[str, Any]]:
     """Return the model that labelled all outputs, and its name and version."""
     from mlsroad_pipeline.algorithms.core.classes import find_scheme
-    from mlsroad_pipeline.algorithms.models.given_labels import SLUG as GIVEN_LABELS
-    from mlsroad_pipeline.algorithms.models.given_labels import given_bundle
+    from mlsroad_pipeline.algorithms.models.given_labels.labeller import SLUG as GIVEN_LABELS
+    from mlsroad_pipeline.algorithms.models.given_labels.labeller import given_bundle
     from mlsroad_pipeline.label.given_classes import GIVEN_SCHEME
     from mlsroad_pipeline.label.model_choice import choose_model, load_choice
     from mlsroad_pipeline.review.corrections.learning import check_learnable

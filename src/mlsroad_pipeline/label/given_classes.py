@@ -19,7 +19,7 @@ from mlsroad_pipeline.algorithms.ground.surface import height_above_ground
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import ground_classes
 from mlsroad_pipeline.algorithms.models.boosted_trees.corrected import labeller_of
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
-from mlsroad_pipeline.algorithms.models.given_labels import (
+from mlsroad_pipeline.algorithms.models.given_labels.labeller import (
     CONFIDENCE,
     LABEL,
     NUMBER_CONFIDENCE,

@@ -11,7 +11,7 @@ from typing import Any
 from mlsroad_pipeline.algorithms.core.classes import find_scheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.given_labels import SLUG as GIVEN_LABELS
+from mlsroad_pipeline.algorithms.models.given_labels.labeller import SLUG as GIVEN_LABELS
 from mlsroad_pipeline.algorithms.models.labelling import method_of
 from mlsroad_pipeline.algorithms.models.methods import METHODS, trained_methods
 from mlsroad_pipeline.model_store.bundle_files import load_bundle

@@ -13,7 +13,7 @@ from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import LEAST_L
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.steps import StepLimits
 from mlsroad_pipeline.algorithms.inventory.lines.markings import marking_lines
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
-from mlsroad_pipeline.algorithms.models.given_labels import SLUG as GIVEN_LABELS
+from mlsroad_pipeline.algorithms.models.given_labels.labeller import SLUG as GIVEN_LABELS
 from mlsroad_pipeline.formats.crs import parse_crs
 from mlsroad_pipeline.formats.options import NEW_SURVEY, TAXONOMY_CODING, ReadOptions
 from mlsroad_pipeline.surveys.given_classes import GivenParameters

@@ -6,7 +6,7 @@ import pytest
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.models.given_labels import (
+from mlsroad_pipeline.algorithms.models.given_labels.labeller import (
     CONFIDENCE,
     LABEL,
     PROBABILITIES,

@@ -14,7 +14,7 @@ from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.algorithms.models.methods import METHODS, methods_of, needs_images, trained_methods
 
 PLACES = ("parameters", "use", "train", "label_cloud")
-COMPOSED = ("pool", "corrected")
+COMPOSED = ("pool", "corrected", "given_labels")
 
 
 @pytest.mark.parametrize("slug", COMPOSED)

@@ -5,7 +5,7 @@ import numpy as np
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.models.given_labels import given_bundle
+from mlsroad_pipeline.algorithms.models.given_labels.labeller import given_bundle
 from mlsroad_pipeline.algorithms.models.labelling import label_softly
 from mlsroad_pipeline.review.corrections.object_answers import TileGrid
 

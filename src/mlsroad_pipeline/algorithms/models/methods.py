@@ -274,8 +274,8 @@ _TABLE = (
         label_softly=".corrected:label_cloud_softly", composed=True,
     ),
     Method(
-        "given_labels", "labelling", "algorithms.models", label_cloud=".given_labels:label_cloud",
-        label_softly=".given_labels:label_cloud_softly", composed=True,
+        "given_labels", "labelling", "algorithms.models.given_labels", label_cloud=".labeller:label_cloud",
+        label_softly=".labeller:label_cloud_softly", composed=True,
     ),
 )  # fmt: skip
 

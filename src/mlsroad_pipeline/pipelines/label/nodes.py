@@ -11,8 +11,8 @@ from mlsroad_pipeline.algorithms.core.classes import find_scheme
 from mlsroad_pipeline.algorithms.core.palette import class_palette
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, missing_attributes
-from mlsroad_pipeline.algorithms.models.given_labels import SLUG as GIVEN_LABELS
-from mlsroad_pipeline.algorithms.models.given_labels import given_bundle
+from mlsroad_pipeline.algorithms.models.given_labels.labeller import SLUG as GIVEN_LABELS
+from mlsroad_pipeline.algorithms.models.given_labels.labeller import given_bundle
 from mlsroad_pipeline.algorithms.models.labelling import context_of
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters

@@ -8,7 +8,7 @@ from typing import Any
 from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
-from mlsroad_pipeline.algorithms.models.given_labels import SLUG as GIVEN_LABELS
+from mlsroad_pipeline.algorithms.models.given_labels.labeller import SLUG as GIVEN_LABELS
 from mlsroad_pipeline.algorithms.models.methods import METHODS, needs_images
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.execution.output_lock import OutputInUseError, lock_output
