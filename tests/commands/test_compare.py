@@ -9,6 +9,8 @@ import pandas as pd
 import pytest
 from helpers.forking import forked_commands
 
+from mlsroad_pipeline.review.corrections import Correction, open_corrections
+
 SHIFT = np.array([1.2, -0.7])
 
 
@@ -107,3 +109,34 @@ def test_without_any_trajectory_nothing_is_not_found(run, folder, compared):
 def test_errors_are_one_line(run, folder, arguments, message):
     done = run("compare", *arguments, cwd=folder)
     assert done.returncode == 1 and message in done.stderr and done.stderr.count("\n") == 1
+
+
+def test_the_register_is_never_replaced_by_its_states(run, folder, compared):
+    assert compared.returncode == 0
+    own = folder / "own"
+    own.mkdir()
+    shutil.copy(folder / "register.csv", own / "register.csv")
+    before = (own / "register.csv").read_bytes()
+    for more in ((), ("--overwrite",)):
+        done = run("compare", "own/register.csv", "street_mlsroad", *OPTIONS, "-o", "own", *more, cwd=folder)
+        assert done.returncode == 1 and "own/register.csv is the register to compare" in done.stderr
+    assert (own / "register.csv").read_bytes() == before and [path.name for path in own.iterdir()] == ["register.csv"]
+
+
+def test_rejected_objects_confirm_no_entry(run, folder, compared):
+    copied = shutil.copytree(folder / "street_mlsroad", folder / "rejected")
+    table = pd.read_csv(folder / "street_mlsroad/register/register.csv")
+    number = int(table.loc[(table["state"] == "confirmed") & (table["kind"] == "tree"), "object_id"].iloc[0])
+    with open_corrections(copied) as store:
+        store.add(Correction("reject", number), who="ann")
+    done = run("compare", "register.csv", "rejected", *OPTIONS, "-o", "after", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    entries = pd.read_csv(folder / "after/register.csv").set_index("id")
+    assert entries.loc[number, "state"] != "confirmed" and (entries["state"] == "confirmed").sum() > 5
+
+
+def test_a_register_of_another_place_is_warned_of(run, folder):
+    far = pd.read_csv(folder / "register.csv").iloc[:-1]
+    far.assign(x=far["x"] + 50_000).to_csv(folder / "far.csv", index=False)
+    done = run("compare", "far.csv", "street_mlsroad", *OPTIONS, "-o", "far", cwd=folder)
+    assert done.returncode == 0 and "No entry of the register lies within the survey" in done.stdout + done.stderr

@@ -1,5 +1,6 @@
 """Command `mlsroad compare`: a register against a labelled survey."""
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -56,8 +57,11 @@ def compare(  # typer reads the options from the signature
         configure(find_place())
         from mlsroad_pipeline.label.register import LAYER, TABLE, compare_register, write_compared
         from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
+        from mlsroad_pipeline.review.delivery.files import Delivery
         from mlsroad_pipeline.surveys.register_files import RegisterFile
 
+        if os.path.realpath(places[0]) in {os.path.realpath(target / name) for name in (TABLE, LAYER)}:
+            raise ParameterError(f"{places[0]} is the register to compare: name another folder with --output")
         if any((target / name).exists() for name in (TABLE, LAYER)) and not overwrite:
             raise ParameterError(
                 f"{target} holds the states of a register: name another folder with --output, or replace them with "
@@ -65,7 +69,7 @@ def compare(  # typer reads the options from the signature
             )
         named = RegisterFile(Path(places[0]), _pairs(column, "--column"), _pairs(value, "--value"), kind, layer, crs)
         with collected_warnings(verbose=verbose) as logged:
-            compared = compare_register(named, LabelledOutput.at(folder))
+            compared = compare_register(named, LabelledOutput.at(folder), Delivery(Path(folder)).corrected)
             written = write_compared(compared, target)
         print_compared(output_console(), compared)
         print_warnings(output_console(), logged)

@@ -34,7 +34,7 @@ _MARKERS = ("manifest.json", "model.json")
 
 UNFINISHED = "unfinished"  # state of the record of a run that is not finished
 OVERWRITE = "--overwrite (label.overwrite=true) replaces it; another output keeps both"
-_OPEN = ("-wal", "-shm", "-journal")
+OPEN_ENDINGS = ("-wal", "-shm", "-journal")
 """Endings of the files that SQLite keeps beside a database that is open, or was not closed."""
 
 
@@ -237,6 +237,6 @@ def check_closed(target: Path) -> None:
         raise OutputExistsError(f"{target} is a folder, where a file is to be written: move it away")
     if target.suffix.lower() != ".gpkg":
         return
-    beside = [target.name + ending for ending in _OPEN if os.path.lexists(f"{target}{ending}")]
+    beside = [target.name + ending for ending in OPEN_ENDINGS if os.path.lexists(f"{target}{ending}")]
     if beside:
         raise OutputExistsError(f"{target} is open in another program ({beside[0]} lies beside it): close it there")

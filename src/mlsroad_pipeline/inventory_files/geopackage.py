@@ -1,6 +1,7 @@
 """Road inventory as a GeoPackage: typed layers with field aliases and styles for a GIS."""
 
 import errno
+import os
 import sqlite3
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,12 +16,13 @@ import pyogrio
 import shapely
 from pyproj import CRS
 
-from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import ADDED_FIELDS, LINE_FIELDS, LINE_LAYERS, numbered
 from mlsroad_pipeline.algorithms.inventory.objects.boxes import polygon_area
 from mlsroad_pipeline.algorithms.inventory.objects.sections import part_of_path
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS, OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+from mlsroad_pipeline.execution.run_folder import OPEN_ENDINGS
 from mlsroad_pipeline.inventory_files import qgis_styles
 from mlsroad_pipeline.inventory_files.road_inventory import (
     DECIDED,
@@ -148,6 +150,16 @@ def write_geopackage(inventory: RoadInventory, path: str | Path) -> None:
         add_tables(path, styles, date=_FIXED_DATE)
 
     _write_whole(target, write)
+
+
+def check_closed(path: Path) -> None:
+    """Raise ParameterError where SQLite keeps files beside a GeoPackage: replacing it would mix two databases."""
+    beside = next((path.with_name(path.name + end) for end in OPEN_ENDINGS if os.path.lexists(f"{path}{end}")), None)
+    if beside is not None:
+        raise ParameterError(
+            f"{path} is open in another program, or was not closed by it (there is {beside.name}): close it, or name "
+            "another file"
+        )
 
 
 def write_points(table: pd.DataFrame, path: str | Path, *, layer: str, crs: str | None) -> None:

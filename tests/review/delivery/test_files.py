@@ -2,6 +2,7 @@
 
 import csv
 import re
+import shutil
 
 import ezdxf
 import geopandas
@@ -141,3 +142,30 @@ def test_nothing_is_replaced_and_errors_leave_no_file(folder, tmp_path):
     assert mlsroad("export", folder, tmp_path / "z.csv").exit_code == 2
     assert mlsroad("export", folder, "-o", tmp_path / "kept.csv", "--overwrite").exit_code == 0
     assert kept.read_text() != "mine"
+
+
+@pytest.mark.parametrize("ending", ["-wal", "-shm", "-journal"])
+def test_a_geopackage_that_a_program_has_open_is_not_replaced(folder, tmp_path, ending):
+    target = tmp_path / "mine.gpkg"
+    assert mlsroad("export", folder, "-o", target).exit_code == 0
+    before = target.read_bytes()
+    (tmp_path / f"mine.gpkg{ending}").write_bytes(b"rows that are not in the database yet")
+    done = mlsroad("export", folder, "-o", target, "--overwrite")
+    assert (
+        done.exit_code == 1
+        and f"is open in another program, or was not closed by it (there is mine.gpkg{ending})" in (last_line(done))
+    )
+    assert target.read_bytes() == before
+
+
+def test_a_folder_without_the_record_of_label_delivers_nothing(folder, tmp_path):
+    copied = shutil.copytree(folder, tmp_path / "copied")
+    shutil.rmtree(copied / ".mlsroad")
+    done = mlsroad("export", copied, "-o", tmp_path / "x.gpkg")
+    assert done.exit_code == 1 and "has no record of label in .mlsroad" in last_line(done)
+    assert not (tmp_path / "x.gpkg").exists()
+
+
+def test_a_survey_without_a_reference_system_names_the_file_that_was_asked_for(folder, tmp_path):
+    done = mlsroad("export", folder, "-o", tmp_path / "mine.geojson")
+    assert f"{tmp_path}/mine.geojson: GeoJSON needs" in last_line(done) and "label.export" not in done.output

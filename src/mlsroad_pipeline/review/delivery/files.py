@@ -13,10 +13,11 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ParameterError, ReadError
+from mlsroad_pipeline.execution.run_identity import STATE
 from mlsroad_pipeline.formats.files import write_atomic
 from mlsroad_pipeline.formats.las.copc import write_copc
 from mlsroad_pipeline.inventory_files.exports import EXPORTS
-from mlsroad_pipeline.inventory_files.geopackage import read_geopackage, write_geopackage
+from mlsroad_pipeline.inventory_files.geopackage import check_closed, read_geopackage, write_geopackage
 from mlsroad_pipeline.inventory_files.geoparquet import write_geoparquet
 from mlsroad_pipeline.inventory_files.own_schema import read_schema, write_own_schema
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
@@ -74,8 +75,10 @@ class Delivery:
     ) -> None:
         if not (folder / INVENTORY).is_file():
             raise ReadError(f"{folder} holds no results of label: label the survey first (mlsroad label FILE)")
-        # An inventory alone, such as that of a copied folder, has no record of its run.
-        self.output = OutputFolder.find(folder) or OutputFolder(folder, {"outputs": (), "summary": {"survey": folder}})
+        found = OutputFolder.find(folder)
+        if found is None:  # without classes and digests, corrections would be delivered wrong
+            raise ReadError(f"{folder} has no record of label in {STATE}: copy the folder with it, or label again")
+        self.output = found
         self._keep, self._checked, self._within = keep_rejected, checked, within
         self._schema = None if schema is None else read_schema(schema)
         self._labelled = LabelledOutput(folder, {"settings": {}, **self.output.run})
@@ -138,6 +141,8 @@ class Delivery:
             raise ParameterError(f"{final} is a result of label or a file of the survey: choose another name")
         if final.is_dir():
             raise ParameterError(f"{final} is a folder: name a file")
+        if final.suffix.lower() == ".gpkg":
+            check_closed(final)
         if os.path.lexists(final) and not overwrite:
             raise ParameterError(f"{final} exists: name another file with -o, or replace it with --overwrite")
 
@@ -163,7 +168,9 @@ class Delivery:
             try:
                 written = EXPORTS[_EXPORTED[suffix]].write(self.corrected, folder)
             except MlsRoadError as error:
-                raise type(error)(str(error).replace(str(folder), str(target.parent))) from error
+                wrong = folder / PurePosixPath(EXPORTS[_EXPORTED[suffix]].files[0]).name
+                text = str(error).replace(str(wrong), str(target)).replace(str(folder), str(target.parent))
+                raise type(error)(text.replace("out of label.export", "out")) from error
             places = [_place(path, target) for path in written]
             return sorted(zip(written, places, strict=True), key=lambda pair: pair[1] != target)
         (write_geopackage if suffix == ".gpkg" else write_geoparquet)(self.corrected, own)
