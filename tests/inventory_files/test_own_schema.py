@@ -54,6 +54,11 @@ def test_every_format_has_the_rows_and_shapes_of_the_kind(tmp_path, suffix):
         ("layers: {A: {kind: pole, fields: {a: length}}}", "layer 'A', field 'a': pole has no 'length': use object_id"),
         ("layers: {A: {kind: pole, fields: {a: {from: class}}}}", "field 'a': needs 'codes'"),
         ("layers: {A: {kind: pole, fields: {a: {from: class, codes: {x: 1}}}}}", "no code for class 'pole': add it"),
+        ("layers: {A/b: {kind: pole, fields: {a: x}}}", "layer 'A/b': the name of a layer is part of a file name"),
+        ("layers: {../A: {kind: pole, fields: {a: x}}}", "layer '../A': the name of a layer is part of a file name"),
+        ("layers: {A: {kind: pole, fields: {a: x, A: y}}}", "field 'a': this name is taken"),
+        ("layers: {A: {kind: pole, fields: {Geometry: x}}}", "field 'geometry': this name is taken"),
+        ("layers: {A: {kind: pole, fields: {a: {form: class}}}}", "field 'a': has form: use value, or from and codes"),
         ("layers: {A: {kind: pole, fields: {a_long_name: x}}}", "'a_long_name' has more than 10 characters"),
     ],
 )

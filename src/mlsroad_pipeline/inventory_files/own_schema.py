@@ -66,6 +66,8 @@ def read_schema(path: Path) -> list[OwnLayer]:
 
 
 def _layer(name: str, spec: Any, where: str) -> OwnLayer:
+    if not name or set(name) & set('/\\:*?"<>|') or name.startswith("."):
+        raise ReadError(f"{where}: the name of a layer is part of a file name: leave out / and the like")
     if not isinstance(spec, Mapping) or spec.get("kind") not in _OF_KINDS:
         kind = spec.get("kind") if isinstance(spec, Mapping) else None
         raise ReadError(f"{where}: unknown kind {kind!r}: use one of {', '.join(_OF_KINDS)}")
@@ -73,8 +75,16 @@ def _layer(name: str, spec: Any, where: str) -> OwnLayer:
     if not isinstance(fields, Mapping) or not fields:
         raise ReadError(f"{where}: needs 'fields'")
     known = fields_of_layer(_OF_KINDS[spec["kind"]])
+    lower = [str(field).lower() for field in fields]
+    twice = next((name for name in lower if lower.count(name) > 1 or name in ("geometry", "geom", "fid")), None)
+    if twice is not None:
+        raise ReadError(f"{where}, field {twice!r}: this name is taken: fields differ by more than capitals")
     for field, source in fields.items():
         column = source.get("from") if isinstance(source, Mapping) else source
+        if isinstance(source, Mapping) and (set(source) - {"from", "codes", "default", "value"} or not source):
+            raise ReadError(
+                f"{where}, field {field!r}: has {', '.join(map(str, source))}: use value, or from and codes"
+            )
         if isinstance(source, Mapping) and set(source) == {"value"}:
             continue
         if column not in known:

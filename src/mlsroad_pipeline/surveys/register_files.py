@@ -66,7 +66,7 @@ class RegisterFile:
                 raise ReadError(f"{self.path} has layers {', '.join(layers)}: name one with --layer")
             frame = gpd.read_file(self.path, layer=self.layer)
         except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError) as error:
-            raise ReadError(f"{self.path}: cannot be read: {' '.join(str(error).split())}") from error
+            raise ReadError(f"{self.path}: cannot be read as CSV, GeoPackage, Shapefile or GeoJSON") from error
         if not isinstance(frame, gpd.GeoDataFrame):
             raise ReadError(f"{self.path}: the features have no places")
         return frame

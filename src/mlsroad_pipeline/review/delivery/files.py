@@ -19,7 +19,7 @@ from mlsroad_pipeline.formats.las.copc import write_copc
 from mlsroad_pipeline.inventory_files.exports import EXPORTS
 from mlsroad_pipeline.inventory_files.geopackage import check_closed, read_geopackage, write_geopackage
 from mlsroad_pipeline.inventory_files.geoparquet import write_geoparquet
-from mlsroad_pipeline.inventory_files.own_schema import read_schema, write_own_schema
+from mlsroad_pipeline.inventory_files.own_schema import DRIVERS, read_schema, write_own_schema
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
 from mlsroad_pipeline.inventory_files.vector_files import without_formulas
 from mlsroad_pipeline.review.corrections import Decision, open_corrections
@@ -132,6 +132,8 @@ class Delivery:
             raise ParameterError(
                 f"{target}: unknown format {target.suffix!r}: the name of a delivered file ends in {known}"
             )
+        if self._schema is not None and target.suffix.lower() in {*SUFFIXES} - {*DRIVERS, ".laz", ".html"}:
+            raise ParameterError(f"{target}: a schema of your own is written as {', '.join(DRIVERS)}")
         if not _near(target).is_dir():
             raise ReadError(f"{_near(target)} does not exist: create the folder first")
 
