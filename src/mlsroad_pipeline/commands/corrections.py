@@ -43,7 +43,7 @@ def list_corrections(out: Out, verbose: Verbose = False) -> None:
                 raise ReadError(f"{folder} holds no results of label: label the survey first (mlsroad label FILE)")
             console.print(f"{folder} has no corrections.", markup=False)
             return
-        with open_corrections(folder) as store:
+        with open_corrections(folder, write=False) as store:
             decisions, states = store.current(), store.states()
         lost = {decision.identifier for decision in states.unmatched}
         misplaced = {

@@ -116,8 +116,14 @@ def test_the_export_has_added_vehicles_and_the_classes_that_users_gave(folder):
         (lambda f: f[:1], "lacks 4 of 5 objects"),
         (lambda f: f.to_crs("EPSG:25833"), "is in ETRS89 / UTM zone 33N, the inventory in ETRS89 / UTM zone 32N"),
         (lambda f: f.set_geometry(f.translate(xoff=30.0)), "object 1 was moved by 30 m, allowed are 20 m"),
-        (lambda f: f.assign(kind="Tree"), "unknown class 'Tree' of object 1: use one of pole, sign, tree, vehicle"),
-        (lambda f: f.assign(checked_class="lamp-post"), "unknown class 'lamp-post' of object 1"),
+        (
+            lambda f: f.assign(kind="Tree"),
+            "object 1: correction 'other_kind': unknown class 'Tree': use one of pole, sign, tree, vehicle",
+        ),
+        (
+            lambda f: f.assign(checked_class="lamp-post"),
+            "object 1: correction 'other_kind': unknown class 'lamp-post': use",
+        ),
         (lambda f: with_copy(f, object_id=None, kind=None), "an added row of layer 'objects' has the kind ''"),
         (lambda f: with_copy(f, kind="bollard"), "has the kind 'bollard': use pole, sign, vehicle, tree"),
         (lambda f: f.drop(columns="kind"), "layer 'objects' has no field 'kind'"),

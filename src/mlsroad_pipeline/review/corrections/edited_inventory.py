@@ -15,21 +15,18 @@ import shapely
 from pyproj import CRS
 from pyproj.exceptions import CRSError
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.formats.las.header import class_names, read_header
 from mlsroad_pipeline.inventory_files.road_inventory import LAYERS
 from mlsroad_pipeline.review.corrections.answers import NamedClasses
-from mlsroad_pipeline.review.corrections.decisions import Correction
+from mlsroad_pipeline.review.corrections.decisions import FARTHEST, Correction, check_values
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 from mlsroad_pipeline.review.corrections.listed_objects import ListedObjects
 from mlsroad_pipeline.review.corrections.states import STATUS, ObjectState
 
 MOVED = 0.01
 """Least distance in plan or height at which a base point counts as moved, metres."""
-
-FARTHEST = 20.0
-"""Largest move of a base point, metres."""
 
 _ACTIONS = {status: action for action, status in STATUS.items()}
 _TYPED = ("accepted", "rejected", "changed")
@@ -71,7 +68,7 @@ def corrections_of_inventory(
                         f"{path}: object {number} is edited in two ways ({_described(other)}; "
                         f"{_described(correction)}): edit it in one layer"
                     )
-    _check_names(path, [*found.values(), *added], {*classes, *listed["class"].astype(str)})
+    _check_values(path, [*found.values(), *added], {*classes, *listed["class"].astype(str)})
     deleted = _deleted(layers, listed, states)
     if len(deleted) > max(len(listed) / 2, 1) and not many_deleted:
         raise DataError(
@@ -219,13 +216,14 @@ def _added(path: Path, row: dict[str, Any], layer: str) -> Correction:
     return Correction("add", kind=kind, payload={"x": x, "y": y, "z": 0.0 if z is None else z, **given})
 
 
-def _check_names(path: Path, corrections: Sequence[Correction], known: set[str]) -> None:
-    """Raise DataError for a correction that gives an unknown class."""
+def _check_values(path: Path, corrections: Sequence[Correction], known: set[str]) -> None:
+    """Raise DataError for a correction with a value that no decision may have."""
     for correction in corrections:
-        name = correction.checked_class
-        if name and name not in known:
+        try:
+            check_values(correction, classes=known)
+        except ParameterError as error:
             where = "an added row" if correction.object_id is None else f"object {correction.object_id}"
-            raise DataError(f"{path}: unknown class {name!r} of {where}: use one of {', '.join(sorted(known))}")
+            raise DataError(f"{path}: {where}: {error}") from error
 
 
 def _distinct(added: list[Correction]) -> list[Correction]:
