@@ -88,7 +88,7 @@ def import_corrections(
         check_exist([str(path), str(folder)])
         with open_corrections(folder) as store:
             if path.suffix.lower() == ".gpkg":
-                found = corrections_of_inventory(
+                found, unread = corrections_of_inventory(
                     path,
                     store.objects(),
                     store.object_states(),
@@ -99,11 +99,16 @@ def import_corrections(
                 found, matched = _new_ones(found, store), ""
             elif path.suffix.lower() in (".laz", ".las"):
                 found, matched = _edited_points(path, folder, file, store)
+                unread = []
             else:
                 raise ParameterError(f"{path}: corrections are read from .gpkg, .laz and .las")
             store.add_all(found, who=_user() if who is None else who)
         console = output_console()
         console.print(f"{len(found)} new corrections from {path}{matched}.", markup=False)
+        if unread:
+            console.print(f"Not compared, or not as it stands ({len(unread)}):", markup=False)
+        for note in unread:
+            console.print(f"  {note}", markup=False)
         for action in dict.fromkeys(correction.action for correction in found):
             console.print(f"  {action:12} {sum(correction.action == action for correction in found)}", markup=False)
 
