@@ -9,11 +9,13 @@ import pytest
 from helpers.formats import make_labels, make_las
 from helpers.las_rules import broken_rules
 from helpers.plain_clouds import write
+from typer.testing import CliRunner
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.quality.tables import chunk_from_arrays
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart
+from mlsroad_pipeline.commands.app import app
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.label.checks import check_headers, output_problems
@@ -326,3 +328,17 @@ def test_label_and_inspect_tell_the_same(tmp_path, rng):
     assert any(
         "its header states the bounds [0.0, 0.0, 0.0] to [0.0, 0.0, 0.0], its points have" in t for t in warnings
     )
+
+
+@pytest.mark.parametrize("far", ["1e30", "1e155", "1e300", "-1e308"])
+def test_inspect_reports_coordinates_beyond_all_scales(tmp_path, rng, far):
+    rows = [" ".join(f"{value:.3f}" for value in row) for row in rng.random((300, 3)) * 20]
+    for axis in range(3):
+        place = ["3.0"] * 3
+        place[axis] = far
+        rows.append(" ".join(place))
+    (tmp_path / "far.xyz").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    result = CliRunner().invoke(app, ["inspect", str(tmp_path / "far.xyz"), "-o", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.output
+    assert "stray points, or units other than metres" in " ".join(result.output.split())
+    assert "not drawn: far.xyz" in (tmp_path / "out" / "inspection.html").read_text(encoding="utf-8")

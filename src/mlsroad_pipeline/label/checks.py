@@ -134,7 +134,8 @@ def _check_room(path: str, options: ReadOptions, row: Mapping[Any, Any], factors
 def _check_extent(path: Path, header: LasHeader, row: Mapping[Any, Any], factors: NDArray[np.float64]) -> None:
     for axis, name in enumerate("xyz"):
         ends = np.array([row[f"min_{name}"], row[f"max_{name}"]]) / factors[axis]
-        steps = np.abs(ends - header.offset[axis]) / header.scale[axis]
+        with np.errstate(over="ignore"):
+            steps = np.abs(ends - header.offset[axis]) / header.scale[axis]
         if (steps > LIMIT).any():
             scale, extent = header.scale[axis], f"{ends[0]:.10g} to {ends[1]:.10g}"
             raise DataError(

@@ -92,7 +92,9 @@ def inspect_chunk(
     """Inspect one chunk of a file, which may have NaN coordinates; `noise` marks points with a code of noise."""
     check_positive(max_gap, "max_gap")
     world = cloud.world_xyz()
-    if not np.isfinite(world.sum()):  # one pass in the usual case of finite coordinates
+    with np.errstate(over="ignore"):
+        total = world.sum()
+    if not np.isfinite(total):  # one pass in the usual case of finite coordinates
         world = world[np.isfinite(world).all(axis=1)]
     hashes = hash_points(world)
     cells, cell_counts = _occupied_cells(world)
