@@ -14,6 +14,7 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import join_markings
 from mlsroad_pipeline.algorithms.inventory.objects.sightings import visit_columns
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.label.result_warnings import below_warnings
 from mlsroad_pipeline.label.scene import LabelSettings, label_new_scene, object_rules
 from mlsroad_pipeline.label.written_file import output_codes, point_codes
 
@@ -72,6 +73,36 @@ def test_a_model_of_any_method_labels_a_scene_and_fills_the_inventory(monkeypatc
     assert found["counts"]["confidences"][1].argmax() == 40
     (pole,) = found["objects"].to_dict("records")
     assert pole["class"] == "pole" and pole["x"] == pytest.approx(3, abs=0.05) and pole["height"] > 3.5
+
+
+@pytest.mark.parametrize("top", [-3.2, -1.1, -0.6, 4.0])
+def test_objects_below_the_ground_are_not_listed(monkeypatch, rng, top):
+    bundle = planted(monkeypatch, scheme=asdict(SCHEME))
+    flat = np.column_stack([rng.random((20_000, 2)) * 8, rng.random(20_000) * 0.02])
+    turn, z = rng.random(3000) * 2 * np.pi, -5.0 + rng.random(3000) * (5.0 + top)
+    post = np.column_stack([3 + 0.05 * np.cos(turn), 4 + 0.05 * np.sin(turn), z])
+    xyz = np.concatenate([flat, post]).astype(np.float32)
+    of_post, n = np.arange(len(xyz)) >= len(flat), len(xyz)
+    columns = {"core": np.ones(n, bool), "file": np.zeros(n, np.int16), "row": np.arange(n, dtype=np.int64)}
+    monkeypatch.setattr(
+        sys.modules[MODULE], "label_by_height", lambda cloud, bundle: (of_post.astype(int), np.full(n, 0.9))
+    )
+    ground = {"ground": ~of_post, "height": xyz[:, 2]}
+    monkeypatch.setattr("mlsroad_pipeline.label.scene.ground_of_scene", lambda scene, parameters: ground)
+    settings = LabelSettings(output_codes(bundle, "asprs", {}), object_rules(bundle, {}))
+    found = label_new_scene(PointCloud(xyz, columns), bundle, settings, name="s")
+    below = of_post & (xyz[:, 2] < -0.5)
+    assert found["counts"]["below"] == below.sum()
+    assert (
+        f"{below.sum():,} points of classes of objects lie more than 0.5 m below"
+        in below_warnings({"s": found["counts"]})[0]
+    )
+    if top < 0:
+        assert not len(found["objects"])
+        return
+    (pole,) = found["objects"].to_dict("records")
+    assert pole["point_count"] == (of_post & ~below).sum() and pole["clearance"] > -0.51
+    assert not found["labels"]["part"][below].any()
 
 
 def test_context_serves_the_labels_alone(monkeypatch, rng):

@@ -9,14 +9,18 @@ import pytest
 from helpers.formats import make_labels, make_las
 from helpers.las_rules import broken_rules
 from helpers.plain_clouds import write
+from typer.testing import CliRunner
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.quality.tables import chunk_from_arrays
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart
+from mlsroad_pipeline.commands.app import app
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.label.checks import check_headers, output_problems
 from mlsroad_pipeline.label.writer import write_labelled
+from mlsroad_pipeline.surveys.given_classes import GivenParameters
 from mlsroad_pipeline.surveys.inspection import InspectParameters, inspect_survey
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import plan_labelling
@@ -263,12 +267,47 @@ def test_withheld_points_are_not_used(tmp_path, rng, ending, labels):
 def test_inspect_warns_of_a_file_of_withheld_points(tmp_path, rng):
     path = write(tmp_path / "a.npz", rng.random((90, 3)) * 9, withheld=np.ones(90, np.uint8))
     write(tmp_path / "b.npz", rng.random((90, 3)) * 9)
-    assert "all points are flagged withheld: none is labelled, and label refuses a survey of such files alone" in (
-        inspected(path)[0][0].warnings
+    assert (
+        "all points are flagged withheld or have a class of noise: none is labelled, and label refuses a survey of such files alone"
+        in (inspected(path)[0][0].warnings)
     )
     files, _ = inspected(tmp_path)
     assert len(files) == 2
     assert not any(text.startswith("label refuses it") for file in files for text in file.warnings)
+
+
+# noise
+
+
+@pytest.mark.parametrize("noise", [7, 18])
+@pytest.mark.parametrize(
+    ("given", "used"),
+    [
+        ({}, False),
+        ({"keep_classes": True}, True),  # `label` excludes it as the class map says
+        ({"keep_classes": True, "keep": (2, 6)}, False),
+        ({"keep_classes": True, "keep": (7, 18)}, True),
+        ({"keep_classes": True, "classes": "semantickitti"}, True),
+    ],
+)
+def test_points_with_a_class_of_noise_are_not_used(tmp_path, rng, noise, given, used):
+    codes = np.where(np.arange(90) % 3 == 0, noise, 2).astype(np.uint8)
+    withheld = (np.arange(90) < 9).astype(np.uint8)
+    path = write(tmp_path / "a.las", rng.random((90, 3)) * 9, classification=codes, withheld=withheld)
+    _, arrays = corridor_of(path)
+    cut = read_and_cut(
+        str(path), arrays, options=NEW, labels=False, along=True, part=SplitPart(), start=0, stop=90, n_total=90,
+        file=0, bin_length=1.0, time_gap=1.0, given=GivenParameters.from_config(given),
+    )  # fmt: skip
+    rows = np.sort(cut["points"]["column.row"])
+    np.testing.assert_array_equal(rows, [row for row in range(9, 90) if row % 3 or used])
+    assert chunk_from_arrays(cut["quality"]).n_noise == (0 if used else 27)
+    assert any(text.startswith("27 points have a class of noise") for text in inspected(path)[0][0].warnings)
+
+
+def test_inspect_warns_of_a_file_of_noise(tmp_path, rng):
+    path = write(tmp_path / "a.las", rng.random((90, 3)) * 9, classification=np.full(90, 18, np.uint8))
+    assert any("or have a class of noise: none is labelled" in text for text in inspected(path)[0][0].warnings)
 
 
 # warnings of bounds and counts
@@ -289,3 +328,17 @@ def test_label_and_inspect_tell_the_same(tmp_path, rng):
     assert any(
         "its header states the bounds [0.0, 0.0, 0.0] to [0.0, 0.0, 0.0], its points have" in t for t in warnings
     )
+
+
+@pytest.mark.parametrize("far", ["1e30", "1e155", "1e300", "-1e308"])
+def test_inspect_reports_coordinates_beyond_all_scales(tmp_path, rng, far):
+    rows = [" ".join(f"{value:.3f}" for value in row) for row in rng.random((300, 3)) * 20]
+    for axis in range(3):
+        place = ["3.0"] * 3
+        place[axis] = far
+        rows.append(" ".join(place))
+    (tmp_path / "far.xyz").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    result = CliRunner().invoke(app, ["inspect", str(tmp_path / "far.xyz"), "-o", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.output
+    assert "stray points, or units other than metres" in " ".join(result.output.split())
+    assert "not drawn: far.xyz" in (tmp_path / "out" / "inspection.html").read_text(encoding="utf-8")

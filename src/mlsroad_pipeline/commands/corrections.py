@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import getpass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +10,7 @@ import typer
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.commands.console import count_table, one_line_errors, output_console
 from mlsroad_pipeline.commands.export import export
-from mlsroad_pipeline.commands.options import Verbose, check_exist, expanded, results_folder
+from mlsroad_pipeline.commands.options import Verbose, check_exist, expanded, login_name, results_folder
 
 if TYPE_CHECKING:
     from mlsroad_pipeline.review.corrections import Correction, CorrectionStore, Decision
@@ -19,13 +18,6 @@ if TYPE_CHECKING:
 corrections = typer.Typer(no_args_is_help=True, help="List, import and export the corrections of a labelled survey.")
 
 Out = Annotated[str, typer.Argument(metavar="OUT", help="Folder of results of label, or the labelled survey.")]
-
-
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):
-        return "unknown"
 
 
 @corrections.command("list")
@@ -43,7 +35,7 @@ def list_corrections(out: Out, verbose: Verbose = False) -> None:
                 raise ReadError(f"{folder} holds no results of label: label the survey first (mlsroad label FILE)")
             console.print(f"{folder} has no corrections.", markup=False)
             return
-        with open_corrections(folder) as store:
+        with open_corrections(folder, write=False) as store:
             decisions, states = store.current(), store.states()
         lost = {decision.identifier for decision in states.unmatched}
         misplaced = {
@@ -88,7 +80,7 @@ def import_corrections(
         check_exist([str(path), str(folder)])
         with open_corrections(folder) as store:
             if path.suffix.lower() == ".gpkg":
-                found = corrections_of_inventory(
+                found, unread = corrections_of_inventory(
                     path,
                     store.objects(),
                     store.object_states(),
@@ -99,11 +91,16 @@ def import_corrections(
                 found, matched = _new_ones(found, store), ""
             elif path.suffix.lower() in (".laz", ".las"):
                 found, matched = _edited_points(path, folder, file, store)
+                unread = []
             else:
                 raise ParameterError(f"{path}: corrections are read from .gpkg, .laz and .las")
-            store.add_all(found, who=_user() if who is None else who)
+            store.add_all(found, who=login_name() if who is None else who)
         console = output_console()
         console.print(f"{len(found)} new corrections from {path}{matched}.", markup=False)
+        if unread:
+            console.print(f"Not compared, or not as it stands ({len(unread)}):", markup=False)
+        for note in unread:
+            console.print(f"  {note}", markup=False)
         for action in dict.fromkeys(correction.action for correction in found):
             console.print(f"  {action:12} {sum(correction.action == action for correction in found)}", markup=False)
 

@@ -1,5 +1,6 @@
 """Command `mlsroad label`: a labelled survey, an inventory and a report."""
 
+import os
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
+from mlsroad_pipeline import kernels_in_temporary_folder
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.commands.console import (
     Stages,
@@ -168,6 +170,9 @@ def label_files(
         configure(place)
         if not kernels_compiled():
             error_console().print("First run: compiling the kernels takes about a minute.")
+            if kernels_in_temporary_folder:
+                kept = f"Neither package nor cache can be written: kernels are kept in {os.environ['NUMBA_CACHE_DIR']}."
+                error_console().print(kept, markup=False)
         with collected_warnings(verbose=verbose) as logged, Stages(STAGES, error_console()).shown():
             run = run_pipeline("label", parameters, place=place)
             summary = run.catalog.load("label_summary")

@@ -1,6 +1,5 @@
 """Command `mlsroad open`: a labelled survey in the browser, to look at and to correct."""
 
-import getpass
 import webbrowser
 from pathlib import Path
 from typing import Annotated
@@ -9,7 +8,7 @@ import typer
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.commands.console import one_line_errors
-from mlsroad_pipeline.commands.options import default_output, expanded
+from mlsroad_pipeline.commands.options import default_output, expanded, login_name
 
 REPORTS = ("report.html", "inspection.html")
 """Reports of `label` and of `inspect`, the first that exists is opened."""
@@ -62,7 +61,7 @@ def _show_page(folders: tuple[Path, Path], *, port: int, browser: bool, export: 
     from mlsroad_pipeline.review.page_server.served_survey import ServedSurvey
     from mlsroad_pipeline.review.page_server.server import serve
 
-    survey = ServedSurvey(output, user=user or getpass.getuser())
+    survey = ServedSurvey(output, user=user or login_name())
     serve(survey, port=port, browser=browser, show=typer.echo)
     return True
 

@@ -1,5 +1,6 @@
 """Options that several commands of `mlsroad` share, and the folders that commands write to by default."""
 
+import getpass
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -35,6 +36,14 @@ Workers = Annotated[
     int | None, typer.Option("--workers", min=1, metavar="N", help="Number of processes. Default: one per core.")
 ]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print the log, and the traceback of an error.")]
+
+
+def login_name() -> str:
+    """Return the name of the user; "unknown" for a user number without a name."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return "unknown"
 
 
 def expanded(places: Sequence[str]) -> list[str]:

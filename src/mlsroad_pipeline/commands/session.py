@@ -45,9 +45,11 @@ def find_place() -> Place:
 
 def kernels_compiled() -> bool:
     """Return whether compiled kernels lie beside the package, or in the cache folder that Numba uses in its place."""
-    caches = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
+    caches = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
     elsewhere = Path(os.environ.get("NUMBA_CACHE_DIR") or caches / "numba")
     beside = Path(str(files(PACKAGE) / "algorithms"))
+    if os.environ.get("NUMBA_CACHE_DIR"):  # Numba uses no other then
+        return any(elsewhere.glob("*/*.nbi"))
     return any(
         any(folder.glob(pattern)) for folder, pattern in ((beside, "*/__pycache__/*.nbi"), (elsewhere, "*/*.nbi"))
     )

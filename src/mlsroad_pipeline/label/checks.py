@@ -31,8 +31,11 @@ from mlsroad_pipeline.surveys.survey_warnings import LONG, looks_like_degrees
 NO_LENGTHS = {"geographic": "coordinates in degrees", "geocentric": "geocentric coordinates, without heights"}
 """Kinds of systems that points are not labelled in."""
 
-ALL_WITHHELD = "all points are flagged withheld: there is nothing to label"
-NONE_LABELLED = "all points are flagged withheld: none is labelled, and label refuses a survey of such files alone"
+NONE_USED = "all points are flagged withheld or have a class of noise: there is nothing to label"
+NONE_LABELLED = (
+    "all points are flagged withheld or have a class of noise: none is labelled, and label refuses a survey of such "
+    "files alone"
+)
 
 LIMIT = 2**31 - 1
 """Largest coordinate of LAS in steps of its scale."""
@@ -74,7 +77,7 @@ def check_header(path: str, options: ReadOptions, *, copc: bool = False) -> None
 def output_problems(path: str, options: ReadOptions, quality: QualityReport) -> list[str]:
     """Return why `label` would refuse a file that can be read, or would label no point of it.
 
-    The reasons depend on its header, the extent of its points and the number of withheld points.
+    The reasons depend on its header, the extent of its points and the numbers of withheld points and noise.
     """
     ends = (("min", quality.low), ("max", quality.high))
     row = {f"{end}_{axis}": value for end, values in ends for axis, value in zip("xyz", values, strict=True)}
@@ -86,7 +89,7 @@ def output_problems(path: str, options: ReadOptions, quality: QualityReport) -> 
         _check_room(path, options, row, options_in_use(form, path, options).factors)
     except DataError as error:
         return [f"label refuses it: {str(error).removeprefix(path).lstrip(': ')}"]
-    return [NONE_LABELLED] if 0 < quality.n_points == quality.n_withheld else []
+    return [NONE_LABELLED] if 0 < quality.n_points == quality.n_withheld + quality.n_noise else []
 
 
 def check_outputs(plan: SurveyPlan, files: SceneCollection, quality: pd.DataFrame, parameters: LabelParameters) -> None:
@@ -97,8 +100,8 @@ def check_outputs(plan: SurveyPlan, files: SceneCollection, quality: pd.DataFram
         read_sections(Path(parameters.sections))
     facts = files.load_all("info")
     rows = {str(row["source"]): row for row in quality.to_dict("records")}
-    if sum(row["n_points"] - row["n_withheld"] for row in rows.values()) <= 0:
-        raise DataError(f"{plan.files[0].source.path}: {ALL_WITHHELD}")
+    if sum(row["n_points"] - row["n_withheld"] - row["n_noise"] for row in rows.values()) <= 0:
+        raise DataError(f"{plan.files[0].source.path}: {NONE_USED}")
     for file in plan.files:
         if crs is None:
             _check_degrees(rows[file.source.name], file.source.path)
@@ -131,7 +134,8 @@ def _check_room(path: str, options: ReadOptions, row: Mapping[Any, Any], factors
 def _check_extent(path: Path, header: LasHeader, row: Mapping[Any, Any], factors: NDArray[np.float64]) -> None:
     for axis, name in enumerate("xyz"):
         ends = np.array([row[f"min_{name}"], row[f"max_{name}"]]) / factors[axis]
-        steps = np.abs(ends - header.offset[axis]) / header.scale[axis]
+        with np.errstate(over="ignore"):
+            steps = np.abs(ends - header.offset[axis]) / header.scale[axis]
         if (steps > LIMIT).any():
             scale, extent = header.scale[axis], f"{ends[0]:.10g} to {ends[1]:.10g}"
             raise DataError(

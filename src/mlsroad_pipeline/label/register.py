@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.las_codes import NOISE_CODES
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import ground_classes
 from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import candidate_rules
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import GROUPS, group_shares
@@ -54,7 +55,6 @@ CHUNK = 2_000_000
 GROUND_REACH = 2.0
 """Distance in plan up to which ground points give the height of the ground at an entry, metres."""
 _FURNITURE = ("bus_shelter", "bin", "bench", "bollard", "hydrant", "mail_box", "parking_meter", "other_object")
-_NOISE = (7, 18)  # LAS codes of points that no ray ends at
 _FEET = 25  # ground points that are kept for each entry
 
 
@@ -83,7 +83,7 @@ class _Cloud:
         names = tuple(name for name in ("classification", "gps_time") if name in info.columns)
         for start in range(0, info.n_points, CHUNK):
             cloud = form.read(self.path, replace(options, only=names), start=start, stop=start + CHUNK)
-            cloud = cloud.select(~np.isin(cloud["classification"], _NOISE))
+            cloud = cloud.select(~np.isin(cloud["classification"], NOISE_CODES))
             xyz = cloud.world_xyz()
             path = self.trajectory  # a ray without length crosses nothing
             scanner = xyz if path is None else scanner_positions(path, xyz, cloud.get("gps_time"))

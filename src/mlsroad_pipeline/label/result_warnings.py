@@ -18,7 +18,7 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.label.confidence import confidence_table, confidence_warnings, ground_warnings
 from mlsroad_pipeline.label.given_classes import given_counts, given_warnings
 from mlsroad_pipeline.label.images import effect_without_images
-from mlsroad_pipeline.label.scene import LabelCounts
+from mlsroad_pipeline.label.scene import MOST_BELOW, LabelCounts
 from mlsroad_pipeline.label.summary import summed_counts
 from mlsroad_pipeline.label.written_file import WrittenFile
 from mlsroad_pipeline.surveys.plan import SurveyPlan, plan_pass
@@ -36,6 +36,7 @@ def label_warnings(
         *unfamiliar_warnings(counts, explained=bool(no_ground)),
         *image_warnings(bundle, counts),
         *given_warnings(given_counts(counts.values())),
+        *below_warnings(counts),
     ]
 
 
@@ -56,6 +57,17 @@ def unfamiliar_warnings(counts: Mapping[str, LabelCounts], *, explained: bool = 
     ]
 
 
+def below_warnings(counts: Mapping[str, LabelCounts]) -> list[str]:
+    """Return a warning for points of objects below the ground, from as many on as an object has."""
+    n = sum(int(scene["below"][0]) for scene in counts.values() if "below" in scene)
+    if n < _LEAST_BELOW:
+        return []
+    return [
+        f"{n:,} points of classes of objects lie more than {MOST_BELOW:g} m below the ground, such as reflections of a "
+        "wet road: they belong to no object."
+    ]
+
+
 def image_warnings(bundle: ModelBundle, counts: Mapping[str, LabelCounts]) -> list[str]:
     """Return a warning for passes without images, for methods that use images."""
     without = list(dict.fromkeys(SceneKey.parse(key).parent for key, scene in counts.items() if "seen" not in scene))
@@ -64,6 +76,7 @@ def image_warnings(bundle: ModelBundle, counts: Mapping[str, LabelCounts]) -> li
     return [f"There are no images for {', '.join(without)}: {effect_without_images(bundle)}."]
 
 
+_LEAST_BELOW = 50  # points, that the rules need for a vehicle
 _STRANGE, _LEAST_STRANGE, _REASONS = 0.3, 0.2, 2
 """Probability of a familiar scene below which it is strange, share of points in such scenes at which a warning is
 given, and most reasons that it names."""

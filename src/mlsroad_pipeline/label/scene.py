@@ -49,6 +49,8 @@ VOXEL = 0.1
 """Edge length of the voxels that keep one point each, metres."""
 MOST_POINTS = 150_000
 """Largest number of points of a scene; of more voxels, evenly spaced ones are kept."""
+MOST_BELOW = 0.5
+"""Depth below the ground from which points belong to no object, metres: a wet road reflects what stands on it."""
 
 
 class PictureSample(TypedDict):
@@ -117,7 +119,8 @@ class FileSpans(TypedDict):
 class LabelCounts(TypedDict):
     """Point counts of a scene: per class and unlabelled, per class and confidence bin, in an image.
 
-    `kinds` are the probabilities of the kinds of scenes, for models that can tell; `given` as of `contradictions`.
+    `kinds` are the probabilities of the kinds of scenes, for models that can tell; `given` as of `contradictions`;
+    `below` the number of points of objects that lie below the ground.
     """
 
     counts: NDArray[np.int64]
@@ -125,6 +128,7 @@ class LabelCounts(TypedDict):
     kinds: NotRequired[NDArray[np.float64]]
     seen: NotRequired[NDArray[np.int64]]
     given: NotRequired[NDArray[np.int64]]
+    below: NotRequired[NDArray[np.int64]]
 
 
 class LabelledScene(TypedDict):
@@ -170,10 +174,13 @@ def label_new_scene(
     classifier = classifier_of(bundle) if settings.classifier else None
     extracted = _objects(scene, soft, evidence, settings.rules, classifier, height=height, name=name)
     n_classes = len(settings.codes)
+    counts = _counts(label[core], soft.confidence[core], n_classes, kinds, contradictions(scene, height))
+    of_objects = np.isin(label, [number for rule in settings.rules.values() for number in rule.labels])
+    counts["below"] = np.array([(core & of_objects & (height < -MOST_BELOW)).sum()])
     return {
         "labels": _core_labels(scene, soft, extracted.part, n_classes),
         "spans": _spans(scene["file"][core], scene["row"][core]),
-        "counts": _counts(label[core], soft.confidence[core], n_classes, kinds, contradictions(scene, height)),
+        "counts": counts,
         "objects": extracted.objects,
         "fragments": extracted.fragments,
         "evidence": extracted.evidence,
@@ -283,6 +290,7 @@ def _objects(
     name: str,
 ) -> SceneObjects:
     known = np.isfinite(height)
+    known &= ~(height < -MOST_BELOW) | ~known.any()
     some = known.any() and not known.all()
     return extract_objects(
         scene.xyz,

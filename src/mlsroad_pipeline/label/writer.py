@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.las_codes import NOISE_CODES
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_column
 from mlsroad_pipeline.formats.base import PointFormat, ReadOptions, WriteOptions
@@ -148,9 +149,9 @@ def _flags(path: Path, header: LasHeader, start: int, stop: int) -> NDArray:
 def _with_withheld(
     records: NDArray, codes: NDArray[np.uint8], confidence: NDArray[np.float32], message: str
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """Return labels in which withheld points without one have their class of before, and a confidence of 0."""
+    """Return labels in which withheld points and noise without one have their class of before, confidence 0."""
     unlabelled = np.isnan(confidence)
-    lost = unlabelled & (records["classification_flags"] & WITHHELD_BIT == 0)
+    lost = unlabelled & (records["classification_flags"] & WITHHELD_BIT == 0) & ~np.isin(records[CLASS], NOISE_CODES)
     if lost.any():
         raise DataError(f"{message.format(int(lost.sum()))} have no label")
     names = records.dtype.names or ()

@@ -14,6 +14,7 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError, ReadError
 from mlsroad_pipeline.algorithms.core.plain_text import printable
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.models.array_checks import check_model_arrays
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.execution.result_files import map_arrays
@@ -55,6 +56,9 @@ def load_bundle(folder: str | Path) -> ModelBundle:
 
 
 def _load_bundle(source: Path) -> ModelBundle:
+    for name in (_JSON, _ARRAYS):
+        if (source / name).exists() and not (source / name).is_file():
+            raise ReadError(f"{source / name} is not a file: the model is damaged, copy it again")
     try:
         content = json.loads((source / _JSON).read_text(encoding="utf-8"))
         arrays = map_arrays(source / _ARRAYS)
@@ -74,9 +78,23 @@ def _load_bundle(source: Path) -> ModelBundle:
         bundle = ModelBundle(content["slug"], arrays, content["metadata"])
         if "scheme" in bundle.metadata:
             bundle_scheme(bundle)
+        _check_ground(bundle.metadata)
         return bundle
     except MlsRoadError as error:
         raise ReadError(f"{source / _JSON}: {error}") from error
+
+
+def _check_ground(metadata: Mapping[str, Any]) -> None:
+    """Raise DataError for parameters of the ground filter that it does not take, before anything is labelled."""
+    given = metadata.get("parameters", {}).get("ground")
+    try:
+        if given is not None:
+            _check_mapping(given, "metadata.parameters.ground")
+            GroundParameters(**given)
+    except (TypeError, ValueError) as error:
+        raise DataError(
+            f"metadata.parameters.ground: {printable(error)}: the model is damaged, copy it again"
+        ) from error
 
 
 def _check_mappings(metadata: Mapping[str, Any], name: str) -> None:

@@ -74,8 +74,11 @@ def survey_page(
         "coordinate reference system": ", ".join(systems) or "none",
     }
     messages = [f"{row.file}: {row.warning}" for row in warnings.itertuples()]
-    pictures = {name: survey_map_figure(maps[name]) for name in list(maps)[:MOST_PICTURES]}
-    some = f": the first {MOST_PICTURES} of {len(maps)} files" if len(maps) > MOST_PICTURES else ""
+    drawable = [name for name in maps if maps[name].drawable]
+    pictures = {name: survey_map_figure(maps[name]) for name in drawable[:MOST_PICTURES]}
+    some = f": the first {MOST_PICTURES} of {len(drawable)} files" if len(drawable) > MOST_PICTURES else ""
+    if len(drawable) < len(maps):
+        some += f"; not drawn: {', '.join(name for name in maps if name not in drawable)}, with points too far away"
     sections = [
         facts_section("Survey", summary),
         warnings_section("Warnings", messages),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.cameras.legend import Legend
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
+from mlsroad_pipeline.algorithms.core.las_codes import NOISE_CODES
 from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions
@@ -75,6 +76,15 @@ class GivenParameters:
     def in_use(self) -> bool:
         """Whether the survey comes with any classes."""
         return self.keep_classes or self.labels is not None
+
+    @property
+    def noise(self) -> tuple[int, ...]:
+        """Codes of noise whose points are not used; a class map of kept classes gives other meanings to numbers."""
+        if not self.keep_classes:
+            return NOISE_CODES
+        if self.classes != "asprs" or self.keep is None:
+            return ()
+        return tuple(code for code in NOISE_CODES if code not in self.keep)
 
     def check_class_maps(self, scheme: ClassScheme, codings: Mapping[str, Any]) -> None:
         """Raise ReadError for a class map that cannot be read, before the survey is."""

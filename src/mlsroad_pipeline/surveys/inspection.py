@@ -13,6 +13,7 @@ import pyproj
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.las_codes import NOISE_CODES
 from mlsroad_pipeline.algorithms.core.validation import check_positive
 from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk, merge
 from mlsroad_pipeline.algorithms.quality.inspection import (
@@ -132,7 +133,7 @@ def inspect_file(
     form = get_format(path)
     info = form.info(Path(path), options)
     columns: dict[str, ColumnSummary] = {}
-    lines, chunks = ScanLines(), []
+    lines, chunks, in_las = ScanLines(), [], form.name == "LAS"
     picture = _empty_map(form, info, options)
     with ThreadPoolExecutor(max_workers=1) as pool:  # prefetches the next range
         ahead = pool.submit(form.read, Path(path), options, start=0, stop=CHUNK)
@@ -141,7 +142,8 @@ def inspect_file(
             if start + CHUNK < info.n_points:
                 ahead = pool.submit(form.read, Path(path), options, start=start + CHUNK, stop=start + 2 * CHUNK)
             cloud = replace(cloud, source=name)
-            chunks.append(inspect_chunk(cloud, max_gap=max_gap, n_total=info.n_points))
+            noise = np.isin(cloud["classification"], NOISE_CODES) if in_las and "classification" in cloud else None
+            chunks.append(inspect_chunk(cloud, max_gap=max_gap, n_total=info.n_points, noise=noise))
             summarise(cloud, columns)
             lines.add(cloud)
             picture.add(cloud)

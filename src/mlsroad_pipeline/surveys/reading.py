@@ -300,13 +300,15 @@ def read_and_cut(
     added = (*VISIT_COLUMNS, *LABEL_COLUMNS)  # labels are read, so that a wrong one is an error before the labelling
     chosen = _scene_options(path, options, labels=labels, constant=constant, added=added)
     cloud = get_format(path).read(Path(path), chosen, start=start, stop=stop)
+    noise = np.isin(cloud[CLASS], (given or GivenParameters()).noise) if CLASS in cloud else None
     has_classes = np.array([cloud[CLASS].any()] if CLASS in cloud else [], dtype=np.bool_)
     visits = {} if labels else visit_columns(cloud)
     if given is not None:
         visits |= given_columns(cloud, given, predictions, path=path, start=start, n_total=n_total)
     cloud = cloud.without_columns([CLASS, *VISIT_COLUMNS, *(() if labels else LABEL_COLUMNS)])
-    quality = chunk_to_arrays(inspect_chunk(cloud, max_gap=time_gap, n_total=n_total))
+    quality = chunk_to_arrays(inspect_chunk(cloud, max_gap=time_gap, n_total=n_total, noise=noise))
     used = np.ones(len(cloud), dtype=np.bool_) if WITHHELD not in cloud else cloud[WITHHELD] == 0
+    used = used if noise is None else used & ~noise
     cloud = cloud.without_columns([WITHHELD])
     pieces = cut_points(
         cloud if labels else cloud.without_columns(UNUSED_COLUMNS).with_columns(**visits),

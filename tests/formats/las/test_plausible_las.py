@@ -315,6 +315,26 @@ def test_withheld_points_keep_their_class(tmp_path, rng, point_format, extension
     assert broken_rules(tmp_path / "out" / "a.laz") == []
 
 
+@pytest.mark.parametrize("noise", [7, 18])
+@pytest.mark.parametrize(("point_format", "extension"), [(1, "las"), (3, "laz"), (6, "laz"), (9, "las")])
+def test_points_with_a_class_of_noise_keep_it(tmp_path, rng, point_format, extension, noise):
+    path = tmp_path / f"a.{extension}"
+    las = make_las(path, rng, point_format=point_format, n=400, extras=False)
+    mask = np.arange(400) % 3 == 0
+    las.withheld[:], las.classification[:] = False, np.where(mask, noise, 2)
+    las.write(str(path))
+
+    def labels(start, stop):
+        codes, confidence, numbers = make_labels(start, stop)
+        return codes, np.where(mask[start:stop], np.nan, confidence).astype("f4"), numbers
+
+    write_labelled(path, tmp_path / "out" / "a.laz", labels)
+    new = laspy.read(tmp_path / "out" / "a.laz")
+    codes, confidence, _ = make_labels(0, 400)
+    np.testing.assert_array_equal(new.classification, np.where(mask, noise, codes))
+    np.testing.assert_array_equal(new["confidence"], np.where(mask, 0, confidence))
+
+
 def test_a_point_without_a_label_is_an_error(tmp_path, rng):
     path = tmp_path / "a.las"
     las = make_las(path, rng, extras=False)

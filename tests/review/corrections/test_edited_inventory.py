@@ -116,8 +116,14 @@ def test_the_export_has_added_vehicles_and_the_classes_that_users_gave(folder):
         (lambda f: f[:1], "lacks 4 of 5 objects"),
         (lambda f: f.to_crs("EPSG:25833"), "is in ETRS89 / UTM zone 33N, the inventory in ETRS89 / UTM zone 32N"),
         (lambda f: f.set_geometry(f.translate(xoff=30.0)), "object 1 was moved by 30 m, allowed are 20 m"),
-        (lambda f: f.assign(kind="Tree"), "unknown class 'Tree' of object 1: use one of pole, sign, tree, vehicle"),
-        (lambda f: f.assign(checked_class="lamp-post"), "unknown class 'lamp-post' of object 1"),
+        (
+            lambda f: f.assign(kind="Tree"),
+            "object 1: correction 'other_kind': unknown class 'Tree': use one of pole, sign, tree, vehicle",
+        ),
+        (
+            lambda f: f.assign(checked_class="lamp-post"),
+            "object 1: correction 'other_kind': unknown class 'lamp-post': use",
+        ),
         (lambda f: with_copy(f, object_id=None, kind=None), "an added row of layer 'objects' has the kind ''"),
         (lambda f: with_copy(f, kind="bollard"), "has the kind 'bollard': use pole, sign, vehicle, tree"),
         (lambda f: f.drop(columns="kind"), "layer 'objects' has no field 'kind'"),
@@ -174,3 +180,107 @@ def test_list_prints_each_decision_and_whether_it_matches(folder):
     write_inventory(folder, object_rows()[:3])
     code, said = run("list", folder)
     assert (code, "2 decisions, 1 match no object" in said, "ann" in said) == (0, True, True), said
+
+
+def moved(frame, wrap=lambda shape: shape):
+    """Return a layer whose first point lies 2 m to the east, as another geometry."""
+    shapes = [shapely.Point(p.x + 2 * (k == 0), p.y, p.z) for k, p in enumerate(frame.geometry)]
+    return frame.set_geometry(gpd.GeoSeries([wrap(shape) for shape in shapes], index=frame.index, crs=frame.crs))
+
+
+def only(folder, *layers):
+    """Leave the named layers in the copy alone."""
+    path = folder.parent / "edited.gpkg"
+    frames = {layer: gpd.read_file(path, layer=layer) for layer in layers}
+    path.unlink()
+    for layer, frame in frames.items():
+        pyogrio.write_dataframe(frame, path, layer=layer, driver="GPKG")
+
+
+def test_a_base_moved_in_a_multipoint_is_read(folder):
+    only(folder, "poles")
+    code, said = run("import", edit(folder, "poles", lambda f: moved(f, lambda p: shapely.MultiPoint([p]))), folder)
+    assert code == 0 and "1 new corrections" in said and "Not compared" not in said
+    with open_corrections(folder) as store:
+        (decision,) = store.current()
+    assert decision.correction.action == "move_base" and decision.correction.payload["x"] == pytest.approx(502.0)
+
+
+def test_names_cut_by_a_shapefile_are_read(folder):
+    def cut(frame):
+        frame.loc[0, "checked_class"] = "sign"
+        return frame.rename(columns={"checked_class": "checked_cl"})
+
+    code, said = run("import", edit(folder, "objects", cut), folder)
+    assert code == 0 and "1 new corrections" in said and "other_kind 1" in said and "Not compared" not in said
+
+
+@pytest.mark.parametrize(
+    ("change", "note"),
+    [
+        (lambda f: f.drop(columns="checked_class"), "layer 'objects' has no field 'checked_class'"),
+        (lambda f: f.drop(columns="status"), "layer 'objects' has no field 'status'"),
+        (lambda f: f.set_geometry(gpd.GeoSeries([None] * 5, crs=f.crs)), "5 objects of layer 'objects' have no single point (object_id 1, 2, 3, 4, 5)"),
+        (lambda f: f.set_geometry(gpd.GeoSeries([shapely.Point(), *f.geometry[1:]], crs=f.crs)), "1 objects of layer 'objects' have no single point (object_id 1)"),
+        (lambda f: f.set_geometry(gpd.GeoSeries([shapely.LineString([(0, 0), (9, 9)]), *f.geometry[1:]], crs=f.crs)), "1 objects of layer 'objects' have no single point (object_id 1)"),
+        (lambda f: f.set_geometry(gpd.GeoSeries([shapely.MultiPoint([(0, 0), (9, 9)]), *f.geometry[1:]], crs=f.crs)), "1 objects of layer 'objects' have no single point (object_id 1)"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_compared_is_named_and_counted(folder, change, note):
+    code, said = run("import", edit(folder, "objects", change), folder)
+    assert (code, "0 new corrections" in said, "Not compared, or not as it stands (1):" in said) == (0, True, True)
+    assert note in said
+
+
+def drop_triggers(base):
+    """Drop the triggers of GDAL, which call functions of its own."""
+    for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'trigger'").fetchall():
+        base.execute(f'DROP TRIGGER "{name}"')
+
+
+def test_broken_geometry_is_named(folder):
+    only(folder, "poles")
+    path = folder.parent / "edited.gpkg"
+    with closing(sqlite3.connect(path)) as base, base:
+        drop_triggers(base)
+        base.execute("UPDATE poles SET geom = substr(geom, 1, 20) WHERE object_id = 2")
+        base.execute("UPDATE poles SET geom = x'0011' WHERE object_id = 1")
+    code, said = run("import", path, folder)
+    assert code == 0 and "2 objects of layer 'poles' have no single point (object_id 1, 2)" in said
+
+
+def test_a_view_in_place_of_a_layer_is_refused(folder):
+    path = folder.parent / "edited.gpkg"
+    with closing(sqlite3.connect(path)) as base, base:
+        base.execute("ALTER TABLE poles RENAME TO other")
+        base.execute("CREATE VIEW poles AS SELECT fid, object_id, kind, x, y, z, status FROM other")
+    code, said = run("import", path, folder)
+    assert code == 1 and "layer 'poles' is a view, not a table" in said
+    assert states(folder) == {}
+
+
+@pytest.mark.parametrize("z", [0.0, None])
+def test_points_drawn_anew_at_height_zero_get_the_height_of_the_ground(folder, z):
+    def flat(frame):
+        points = [shapely.Point(p.x + 2, p.y) if z is None else shapely.Point(p.x + 2, p.y, z) for p in frame.geometry]
+        return with_copy(frame.set_geometry(gpd.GeoSeries(points, crs=frame.crs)), geometry=[points[0]])
+
+    only(folder, "poles")
+    code, said = run("import", edit(folder, "poles", flat), folder)
+    assert code == 0 and "3 rows have no height, or 0: the height of the nearest object" in said
+    with open_corrections(folder) as store:
+        heights = [decision.correction.payload["z"] for decision in store.current()]
+    assert heights == [12.0] * 3
+
+
+def test_a_copy_without_its_log_is_warned_of(folder):
+    path = folder.parent / "edited.gpkg"
+    with closing(sqlite3.connect(path)) as base:
+        drop_triggers(base)
+        base.commit()
+        base.execute("PRAGMA journal_mode = WAL")
+        base.execute("UPDATE objects SET status = 'accepted' WHERE object_id = 1")
+        base.commit()
+        shutil.copy(path, folder.parent / "alone.gpkg")
+    code, said = run("import", folder.parent / "alone.gpkg", folder)
+    assert code == 0 and "alone.gpkg-wal is missing, which may hold the last edits" in said

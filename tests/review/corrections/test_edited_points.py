@@ -134,3 +134,17 @@ def test_strokes_on_a_file_with_other_points_are_kept_and_listed(folder):
     las.write(folder / "street.laz")
     result = CliRunner().invoke(app, ["corrections", "list", str(folder)])
     assert "2 strokes are about files that are missing or have other points" in " ".join(result.output.split())
+
+
+@pytest.mark.parametrize("point_format", [1, 3])
+def test_point_formats_that_cannot_hold_the_classes_are_refused(folder, point_format):
+    las = laspy.read(folder / "street.laz")
+    old = laspy.LasData(laspy.LasHeader(point_format=point_format, version="1.2"))
+    old.header.scales = las.header.scales
+    old.x, old.y, old.z = las.x, las.y, las.z
+    old.classification = np.asarray(las.classification) & 31  # what programs write: 64 becomes 0
+    path = folder.parent / "street.laz"
+    old.write(path)
+    code, said = run(path, folder)
+    assert code == 1 and f"points of format {point_format}, which keeps classes up to 31" in said
+    assert painted(folder) == {}

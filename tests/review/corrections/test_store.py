@@ -12,8 +12,9 @@ import pytest
 from helpers.corrected import PLACES, object_rows, write_inventory
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
-from mlsroad_pipeline.review.corrections import Correction, open_corrections
-from mlsroad_pipeline.review.corrections.store import NAME, CorrectionsInUseError
+from mlsroad_pipeline.review.corrections import Correction, has_corrections, open_corrections
+from mlsroad_pipeline.review.corrections.store import NAME
+from mlsroad_pipeline.review.corrections.store_file import FIELDS, TABLES, CorrectionsInUseError
 
 
 @pytest.fixture
@@ -27,7 +28,7 @@ def test_states_after_each_action(folder):
         store.add(Correction("accept", 1), who="ann")
         store.add(Correction("reject", 2, payload={"class": "wall"}), who="ann")
         store.add(Correction("other_kind", 3, kind="pole"), who="bob")
-        store.add(Correction("move_base", 4, payload={"x": 1, "y": 2.5, "z": 3}), who="bob")
+        store.add(Correction("move_base", 4, payload={"x": 521, "y": 906.5, "z": 3}), who="bob")
         states = store.object_states()
     kept = {n: (s["status"], s["checked_class"], s["checked_kind"], s["who"]) for n, s in states.items()}
     assert kept == {
@@ -36,17 +37,17 @@ def test_states_after_each_action(folder):
         3: ("changed", "pole", "pole", "bob"),
         4: ("moved", "tree", "tree", "bob"),
     }
-    assert (states[4]["x"], states[4]["y"], states[4]["z"]) == (1.0, 2.5, 3.0)
+    assert (states[4]["x"], states[4]["y"], states[4]["z"]) == (521.0, 906.5, 3.0)
 
 
 def test_merge_marks_both_objects_and_a_move_survives_accept(folder):
     with open_corrections(folder) as store:
         store.add(Correction("merge", 1, payload={"objects": [2]}), who="a")
-        store.add(Correction("move_base", 5, payload={"x": 1, "y": 2, "z": 3}), who="a")
+        store.add(Correction("move_base", 5, payload={"x": 531, "y": 902, "z": 3}), who="a")
         store.add(Correction("accept", 5), who="a")
         states = store.object_states()
     assert (states[1]["status"], states[2]["status"], states[2]["merged_into"]) == ("merged", "merged", 1)
-    assert (states[5]["status"], states[5]["x"]) == ("accepted", 1.0)
+    assert (states[5]["status"], states[5]["x"]) == ("accepted", 531.0)
 
 
 def test_undo_restores_the_state_of_before_and_keeps_the_decision(folder):
@@ -123,7 +124,7 @@ def test_a_killed_process_loses_no_decision(folder):
 
 
 def test_another_process_that_writes_is_told(folder, monkeypatch):
-    monkeypatch.setattr("mlsroad_pipeline.review.corrections.store._WAIT", 0.05)
+    monkeypatch.setattr("mlsroad_pipeline.review.corrections.store_file.WAIT", 0.05)
     with (
         open_corrections(folder) as store,
         closing(sqlite3.connect(folder / NAME, isolation_level=None)) as other,
@@ -156,6 +157,111 @@ def test_damaged_and_foreign_files_are_one_line(folder):
         open_corrections(folder)
     with pytest.raises(ReadError, match="no such folder: label the survey first"):
         open_corrections(folder / "none")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("CREATE TRIGGER t AFTER INSERT ON decisions BEGIN DELETE FROM decisions; END", "has trigger t, which no"),
+        ("CREATE VIEW v AS SELECT * FROM decisions", "has view v, which no"),
+        ("CREATE INDEX i ON decisions (who)", "has index i, which no"),
+        ("CREATE TABLE more (x)", "has table more, which no"),
+        ("ALTER TABLE decisions ADD COLUMN more TEXT", "has other columns"),
+        ("UPDATE decisions SET kind = 'role'", "decision 1 has another checksum"),
+        ("UPDATE decisions SET undone = 'x'", "decision 1 has another checksum"),
+        ("UPDATE decisions SET who = CAST(x'ff41' AS TEXT)", "is damaged"),
+    ],
+)
+def test_changed_tables_and_values_are_one_line(folder, change, message):
+    with open_corrections(folder) as store:
+        store.add(Correction("other_kind", 3, kind="pole"), who="ann")
+    with closing(sqlite3.connect(folder / NAME)) as base, base:
+        base.execute(change)
+    with pytest.raises(ReadError, match=message), open_corrections(folder) as store:
+        store.history()
+
+
+def test_damage_in_the_schema_is_one_line(folder):
+    with open_corrections(folder) as store:
+        store.add(Correction("accept", 1), who="ann")
+    path = folder / NAME
+    whole = path.read_bytes()
+    first = whole.index(b"CREATE TABLE decisions")
+    for place in range(first - 20, first + 60):
+        for mask in (0x80, 0xFF, 0x01):
+            path.write_bytes(whole[:place] + bytes([whole[place] ^ mask]) + whole[place + 1 :])
+            try:
+                with open_corrections(folder) as store:
+                    assert [d.correction.object_id for d in store.history()] == [1]
+            except ReadError as error:
+                assert str(path) in str(error) and "\n" not in str(error)
+
+
+def test_a_flipped_bit_of_a_decision_is_found(folder):
+    with open_corrections(folder) as store:
+        store.add(Correction("other_kind", 3, kind="pole", payload={"class": "lamp"}), who="ann")
+    path = folder / NAME
+    whole = path.read_bytes()
+    for text in (b"other_kind", b"polelamp"[:4] + b'{"class"', b'"lamp"', b"ann"):
+        place = whole.index(text)
+        for bit in range(8):
+            path.write_bytes(whole[:place] + bytes([whole[place] ^ 1 << bit]) + whole[place + 1 :])
+            with pytest.raises(ReadError, match="is damaged"), open_corrections(folder) as store:
+                store.history()
+
+
+def test_empty_files_links_and_folders_in_place_of_the_store_are_refused(folder, tmp_path_factory):
+    path, outside = folder / NAME, tmp_path_factory.mktemp("outside") / "store.sqlite"
+    path.write_bytes(b"")
+    with pytest.raises(ReadError, match=r"is empty \(0 bytes\): restore it from a backup"):
+        open_corrections(folder)
+    path.unlink()
+    path.symlink_to(outside)
+    assert has_corrections(folder)
+    with pytest.raises(ReadError, match="is a link, or not a file"):
+        open_corrections(folder)
+    assert not outside.exists()
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(ReadError, match="is a link, or not a file"):
+        open_corrections(folder)
+    path.rmdir()
+    open_corrections(folder).close()
+    path.with_name(f"{NAME}-wal").symlink_to(outside)
+    with pytest.raises(ReadError, match="-wal is a link, or not a file"):
+        open_corrections(folder)
+    assert not outside.exists()
+
+
+def test_a_store_of_version_1_is_read_and_gets_checksums(folder):
+    with open_corrections(folder) as store:
+        store.add(Correction("accept", 1), who="ann")
+        store.undo(store.add(Correction("reject", 2), who="ann"))
+    with closing(sqlite3.connect(folder / NAME)) as base, base:
+        rows = base.execute(f"SELECT id, {FIELDS} FROM decisions").fetchall()
+        base.execute("DROP TABLE decisions")
+        base.execute(TABLES[1])
+        base.executemany(f"INSERT INTO decisions (id, {FIELDS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
+        base.execute("PRAGMA user_version = 1")
+    for _ in range(2):
+        with open_corrections(folder) as store:
+            found = [(d.correction.action, bool(d.undone)) for d in store.history()]
+        assert found == [("accept", False), ("reject", True)]
+
+
+def test_a_folder_that_cannot_be_written_is_read_with_its_log(folder, monkeypatch):
+    store = open_corrections(folder)
+    store.add(Correction("accept", 1), who="ann")  # in the write-ahead log
+    before = sorted((path.name, path.stat().st_mtime_ns) for path in folder.iterdir())
+    monkeypatch.setattr(os, "access", lambda path, mode: not str(path).startswith(str(folder)))
+    with open_corrections(folder, write=False) as copy:
+        assert [decision.correction.object_id for decision in copy.current()] == [1]
+        with pytest.raises(ReadError, match="cannot be written: change its permissions"):
+            copy.add(Correction("accept", 2), who="ann")
+    with pytest.raises(ReadError, match="cannot be written: change its permissions"):
+        open_corrections(folder)
+    assert sorted((path.name, path.stat().st_mtime_ns) for path in folder.iterdir()) == before
+    store.close()
 
 
 @pytest.mark.parametrize(

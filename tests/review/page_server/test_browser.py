@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from mlsroad_pipeline.commands.app import app
 from mlsroad_pipeline.review.corrections import open_corrections
+from mlsroad_pipeline.review.page_server.redirect_file import RedirectFile
 
 
 @pytest.fixture(scope="module")
@@ -260,3 +261,14 @@ def test_an_exported_page_draws_its_points_without_a_server(folder, tmp_path):
         assert tab.js("window.hacked") is None
         found = [message for message in tab.messages if '"source": "rendering"' not in message]
         assert (found, [a for a in tab.addresses if not a.startswith(("file:", "data:", "blob:"))]) == ([], [])
+
+
+def test_a_browser_that_starts_with_the_redirect_file_shows_the_page_and_may_reload_it(folder, tmp_path):
+    with browser_page(tmp_path / "chromium") as tab, served(folder) as server:
+        file = RedirectFile(server.address, tmp_path)
+        tab.open(file.path.as_uri(), width=600, height=400)
+        tab.until(READY)
+        assert tab.js("location.href") == f"http://127.0.0.1:{server.port}/"
+        tab.send("Page.reload")
+        tab.until(READY)
+        assert "token" not in tab.js("document.referrer")

@@ -3,9 +3,13 @@
 import json
 import os
 import signal
+import socket
 import subprocess
+import tempfile
 import time
 from multiprocessing import get_context
+from pathlib import Path
+from urllib.parse import unquote
 
 import pytest
 from helpers.corrected import PLACES, object_rows, write_inventory
@@ -13,7 +17,9 @@ from helpers.page_output import COMMAND, EVIL, FILES, Served, served, write_outp
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.review.corrections import open_corrections
+from mlsroad_pipeline.review.page_server.connections import MOST_CONNECTIONS, REQUEST_TIME
 from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
+from mlsroad_pipeline.review.page_server.redirect_file import RedirectFile
 from mlsroad_pipeline.review.page_server.served_survey import ServedSurvey
 
 PRIVATE = (
@@ -268,6 +274,160 @@ def test_decisions_about_a_survey_that_was_labelled_again_are_refused(tmp_path):
     with pytest.raises(ReadError, match="labelled again since the page was opened"):
         survey.decide(accept)
     survey.close()
+
+
+def test_several_decisions_are_undone_together_or_not_at_all(page, folder):
+    ids = [page.post("/api/decide", {"action": "accept", "object_id": n})[1]["ids"][0] for n in (1, 2)]
+    for wrong in ([*ids, 10**9], [ids[0], ids[0]], [-1, *ids]):
+        assert page.post("/api/undo", {"ids": wrong})[0] == 409
+        with open_corrections(folder) as store:
+            assert [decision.identifier for decision in store.current()] == ids
+    assert page.post("/api/undo", {"ids": ids}) == (200, {})
+    with open_corrections(folder) as store:
+        assert store.current() == []
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        (
+            {"action": "accept", "object_id": 1, "payload": {"class": "\ud800"}},
+            "class '\\ud800' is not a name of at most 200",
+        ),
+        ({"action": "accept", "object_id": 1, "payload": {"class": "wire\x00"}}, "is not a name"),
+        ({"action": "reject", "object_id": 1, "payload": {"class": "x" * 300}}, "is not a name"),
+        ({"action": "reject", "object_id": 1, "payload": {"class": "tank"}}, "unknown class 'tank': use one of"),
+        ({"action": "other_kind", "object_id": 1, "kind": "role"}, "unknown kind 'role': use pole, sign"),
+        ({"action": "other_kind", "object_id": 1, "kind": "kerb"}, "unknown kind 'kerb'"),
+        ({"action": "other_kind", "object_id": 1, "kind": "\udfff"}, "is not a name"),
+        ({"action": "add", "kind": "tank", "payload": {"x": 500, "y": 900, "z": 12}}, "unknown kind 'tank'"),
+        ({"action": "add", "kind": "pole", "payload": {"x": 1e308, "y": 900, "z": 12}}, "more than 1e+08 m"),
+        ({"action": "move_base", "object_id": 1, "payload": {"x": 1e308, "y": 900, "z": 12}}, "more than 1e+08 m"),
+        ({"action": "move_base", "object_id": 1, "payload": {"x": 500, "y": 900, "z": -1e300}}, "more than 1e+08 m"),
+        ({"action": "move_base", "object_id": 1, "payload": {"x": 530, "y": 900, "z": 12}}, "moved by 30 m"),
+        ({"action": "split", "object_id": 1, "payload": {"bases": [[1, 2, 3], [1, 1e200, 3]]}}, "more than 1e+08 m"),
+        ({"action": "reject_line", "kind": "pole", "payload": {"line": 1, "x": 1, "y": 2}}, "unknown kind 'pole'"),
+        ({"action": "reject_line", "kind": "kerb", "payload": {"line": 1, "x": 1, "y": 1e99}}, "more than 1e+08 m"),
+    ],
+)
+def test_values_that_an_import_refuses_are_refused(page, folder, body, message):
+    status, answer = page.post("/api/decide", body)
+    assert status == 409 and message in answer["error"]
+    with open_corrections(folder) as store:
+        assert store.current() == []
+    assert page.json("/api/corrections")["decisions"] == []
+
+
+@pytest.mark.parametrize("how", ["deleted", "replaced", "empty"])
+def test_a_store_that_was_replaced_is_noticed_and_no_decision_is_lost(tmp_path, how):
+    write_output(tmp_path)
+    survey = ServedSurvey(OutputFolder.find(tmp_path), user="ann")
+    survey.decide({"action": "accept", "object_id": 1})
+    path = tmp_path / "corrections.sqlite"
+    other = tmp_path / "other.sqlite"
+    other.write_bytes(path.read_bytes() if how == "replaced" else b"")
+    if how == "deleted":
+        path.unlink()
+    else:
+        os.replace(other, path)
+    for ask in (
+        lambda: survey.decide({"action": "reject", "object_id": 2}),
+        lambda: survey.undo({"ids": [1]}),
+        survey.status,
+        survey.corrections,
+    ):
+        with pytest.raises(ReadError, match=r"was replaced or deleted while it was open: its decisions up to then are"):
+            ask()
+    survey.close()
+    (kept,) = tmp_path.glob("corrections-kept-*.sqlite")
+    os.replace(kept, path)
+    for end in ("-wal", "-shm"):
+        path.with_name(path.name + end).unlink(missing_ok=True)
+    with open_corrections(tmp_path) as store:
+        assert [(d.correction.action, d.correction.object_id) for d in store.current()] == [("accept", 1)]
+
+
+def test_unfinished_requests_are_ended_and_stop_nobody(page):
+    held = []
+    for k in range(300):
+        one = socket.create_connection(("127.0.0.1", page.port), timeout=30)
+        one.sendall(b"" if k % 3 == 0 else b"GET / HTTP/1.1\r\nHost: x\r\nX: ")
+        held.append(one)
+    assert page.ask("/api/status")[0] == 200
+    assert sum(_is_open(one) for one in held) <= MOST_CONNECTIONS
+    last = held[-1]
+    last.settimeout(REQUEST_TIME + 5)
+    assert last.recv(100) == b""
+    for one in held:
+        one.close()
+    body = socket.create_connection(("127.0.0.1", page.port), timeout=REQUEST_TIME + 5)
+    body.sendall(
+        f"POST /api/undo HTTP/1.1\r\nHost: 127.0.0.1:{page.port}\r\nOrigin: http://127.0.0.1:{page.port}\r\n"
+        f"Content-Type: application/json\r\nCookie: {page.cookie}\r\nContent-Length: 99\r\n\r\n{{".encode()
+    )
+    assert body.recv(100) == b""
+    body.close()
+
+
+def _is_open(one):
+    one.setblocking(False)
+    try:
+        return one.recv(100) != b""
+    except BlockingIOError:
+        return True
+    except ConnectionError:
+        return False
+
+
+def test_the_browser_is_started_without_the_token_in_its_arguments(tmp_path):
+    folder, browser, told = tmp_path / "out put", tmp_path / "browser", tmp_path / "told"
+    write_output(folder)
+    browser.write_text(f'#!/bin/sh\necho "$@" > "{told}.new"\nmv "{told}.new" "{told}"\nsleep 30\n', encoding="utf-8")
+    browser.chmod(0o700)
+    with subprocess.Popen(
+        [COMMAND, "open", folder], stdout=subprocess.PIPE, text=True,
+        env=os.environ | {"BROWSER": f"{browser} %s &", "PYTHONUNBUFFERED": "1"},
+    ) as process:  # fmt: skip
+        try:
+            server = Served(process, process.stdout.readline())
+            for _ in range(200):
+                if told.exists():
+                    break
+                time.sleep(0.05)
+            address = told.read_text(encoding="utf-8").strip()
+            assert "token" not in address and address.startswith("file:///")
+            file = Path(unquote(address.removeprefix("file://")))
+            assert file.stat().st_mode & 0o777 == 0o600 and server.address in file.read_text(encoding="utf-8")
+            assert server.ask("/?token=wrong")[0] == 401 and file.exists()
+            foreign = {"Sec-Fetch-Site": "cross-site"}
+            assert server.ask("/?token=wrong", headers=foreign)[0] == 403
+            path = server.address.partition(str(server.port))[2]
+            status, headers, content = server.ask(path, headers=foreign)  # as a browser says of a file
+            assert status == 200 and b'content="0;url=/"' in content
+            server.cookie = headers["set-cookie"].partition(";")[0]
+            assert server.ask("/")[0] == 200 and server.ask(path, headers={"Cookie": None})[0] == 401
+            assert "The address was used" in process.stdout.readline() + process.stdout.readline()
+            assert not file.exists()
+        finally:
+            process.terminate()
+
+
+def test_a_file_system_without_permissions_gets_no_address(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "mkstemp", lambda **given: _readable_by_all(tmp_path / "open.html"))
+    with pytest.raises(ReadError, match="does not keep permissions"):
+        RedirectFile("http://127.0.0.1:1/?token=x", tmp_path)
+    assert not (tmp_path / "open.html").exists()
+
+
+def _readable_by_all(path):
+    path.touch()
+    path.chmod(0o644)
+    return os.open(path, os.O_RDWR), str(path)
+
+
+def test_a_forwarded_port_is_told_what_to_do(page):
+    status, _, content = page.ask("/", headers={"Host": "127.0.0.1:9999"})
+    assert status == 403 and f"ssh -L {page.port}:127.0.0.1:{page.port}".encode() in content
 
 
 def _serve(folder, port, address):

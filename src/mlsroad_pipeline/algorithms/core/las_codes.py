@@ -7,3 +7,6 @@ CODE_NAMES = {
     **{17: "bridge deck", 18: "high noise"},
 }
 """Code to name; codes from 64 are free for producers of data."""
+
+NOISE_CODES = (7, 18)
+"""Codes of noise."""

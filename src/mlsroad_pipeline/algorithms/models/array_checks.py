@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees
 
 KINDS = "biufU"
 LARGEST_SEARCH = 1e9
@@ -168,6 +169,12 @@ def _parts_of_objects(arrays: Arrays, p: str) -> None:
     _check(bool((np.diff(objects.astype(np.int64)) >= 0).all()), f"{p}objects", "does not ascend")
 
 
+def _boosted_trees(arrays: Arrays, p: str) -> None:
+    for name in (f"{p}{own}" for own in ("groups", "offsets", "temperature")):
+        _check(name not in arrays or bool(arrays[name].size), name, "is empty")
+    BoostedTrees.from_arrays({name.removeprefix(p): values for name, values in arrays.items() if name.startswith(p)})
+
+
 _FAMILIES: dict[str, Callable[[Arrays, str], None]] = {
     "by_height": _patch_graph,
     "vote_starts": _hough_forest,
@@ -175,5 +182,6 @@ _FAMILIES: dict[str, Callable[[Arrays, str], None]] = {
     "n_vectors": _kernel_machine,
     "indptr": _bags_of_words,
     "kinds": _parts_of_objects,
+    "n_leaves": _boosted_trees,
 }
-"""Name of an array to the check of the arrays that stand beside it. Forests and boosted trees check their own."""
+"""Name of an array to the check of the arrays that stand beside it. Forests check their own."""

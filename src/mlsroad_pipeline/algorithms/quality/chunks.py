@@ -65,11 +65,12 @@ class ChunkQuality:
 
     source: str  # The file
     # Numbers of points, of points with a NaN or infinite coordinate, of exact duplicates within the chunk, of points
-    # flagged withheld
+    # flagged withheld, of others with a code of noise
     n_points: int
     n_not_finite: int
     n_duplicates: int
     n_withheld: int
+    n_noise: int
     # low, high: world extent of the finite points, metres; infinite without finite points
     low: NDArray[np.float64]
     high: NDArray[np.float64]
@@ -85,21 +86,27 @@ class ChunkQuality:
     max_gap: float  # Largest step in time that is not a gap, seconds
 
 
-def inspect_chunk(cloud: PointCloud, *, max_gap: float = 1.0, n_total: int | None = None) -> ChunkQuality:
-    """Inspect one chunk of a file, which may have NaN coordinates."""
+def inspect_chunk(
+    cloud: PointCloud, *, max_gap: float = 1.0, n_total: int | None = None, noise: NDArray[np.bool_] | None = None
+) -> ChunkQuality:
+    """Inspect one chunk of a file, which may have NaN coordinates; `noise` marks points with a code of noise."""
     check_positive(max_gap, "max_gap")
     world = cloud.world_xyz()
-    if not np.isfinite(world.sum()):  # one pass in the usual case of finite coordinates
+    with np.errstate(over="ignore"):
+        total = world.sum()
+    if not np.isfinite(total):  # one pass in the usual case of finite coordinates
         world = world[np.isfinite(world).all(axis=1)]
     hashes = hash_points(world)
     cells, cell_counts = _occupied_cells(world)
     time, n_times_not_finite = _inspect_time(cloud.get("gps_time"), max_gap)
+    withheld = cloud["withheld"] if "withheld" in cloud else np.zeros(len(cloud), np.bool_)
     return ChunkQuality(
         source=cloud.source,
         n_points=len(cloud),
         n_not_finite=len(cloud) - len(world),
         n_duplicates=count_duplicates(world, hashes),
-        n_withheld=int(np.count_nonzero(cloud["withheld"])) if "withheld" in cloud else 0,
+        n_withheld=int(np.count_nonzero(withheld)),
+        n_noise=0 if noise is None else int(np.count_nonzero(noise & (withheld == 0))),
         low=np.array([axis.min(initial=np.inf) for axis in world.T]),
         high=np.array([axis.max(initial=-np.inf) for axis in world.T]),
         cells=cells,
@@ -202,6 +209,7 @@ def merge(chunks: Sequence[ChunkQuality]) -> QualityReport:
         n_duplicates=n_duplicates,
         duplicates_exact=duplicates_exact,
         n_withheld=sum(chunk.n_withheld for chunk in chunks),
+        n_noise=sum(chunk.n_noise for chunk in chunks),
         n_places=count_places(cell_positions(cells, DENSITY_CELL)),
         low=tuple(low.tolist()),
         high=tuple(high.tolist()),

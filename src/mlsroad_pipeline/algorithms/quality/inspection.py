@@ -61,6 +61,10 @@ def _with_codes(counts: dict[int, int], values: NDArray) -> dict[int, int] | Non
     return dict(sorted(joined.items())) if len(joined) <= MAX_CODES else None
 
 
+LARGEST_MAP = 1e9
+"""Largest extent and height of a map, metres."""
+
+
 @dataclass
 class SurveyMap:
     """Number of points per cell in plan."""
@@ -89,6 +93,12 @@ class SurveyMap:
         """Count points per cell, and the points outside the map."""
         corner = cloud.origin[:2] - self.low
         self.n_outside += _count(cloud.xyz.astype(np.float64, copy=False), corner, self.cell, self.counts, self.top)
+
+    @property
+    def drawable(self) -> bool:
+        """Whether extent and heights are below `LARGEST_MAP`: damaged files have points beyond all scales."""
+        heights = self.top[self.counts > 0]
+        return self.cell * max(self.shape) < LARGEST_MAP and bool((np.abs(heights) < LARGEST_MAP).all())
 
     def density(self) -> NDArray[np.float64]:
         """Return points per square metre, NaN in empty cells; row 0 is in the south."""

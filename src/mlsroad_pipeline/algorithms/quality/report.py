@@ -20,6 +20,7 @@ class QualityReport:
     n_duplicates: int
     duplicates_exact: bool  # Whether `n_duplicates` is exact: the file is one chunk or fits into the sketch
     n_withheld: int  # Number of points flagged withheld (LAS)
+    n_noise: int  # Number of other points with a code of noise (LAS)
     n_places: int  # Number of places that lie more than 500 m apart
     # low, high: world extent, metres; NaN without finite points
     low: tuple[float, ...]
@@ -50,8 +51,8 @@ class QualityReport:
         row: dict[str, str | int | float | bool] = {
             name: getattr(self, name)
             for name in (
-                *("source", "n_points", "n_not_finite", "n_duplicates", "duplicates_exact", "n_withheld", "n_places"),
-                "density",
+                *("source", "n_points", "n_not_finite", "n_duplicates", "duplicates_exact", "n_withheld"),
+                *("n_noise", "n_places", "density"),
                 "median_density",
                 "concentration",
             )
@@ -92,6 +93,10 @@ class QualityReport:
             (
                 self.n_withheld > 0,
                 f"{self.n_withheld} points are flagged withheld: not used; they keep their class, with confidence 0",
+            ),
+            (
+                self.n_noise > 0,
+                f"{self.n_noise} points have a class of noise (7, 18): not used; they keep it, with confidence 0",
             ),
             (self.n_places > 1, f"the points lie in {self.n_places} places more than 500 m apart"),
             (self.n_not_finite > 0, f"{self.n_not_finite} points with NaN or infinite coordinates"),

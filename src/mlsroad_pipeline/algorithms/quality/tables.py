@@ -11,7 +11,7 @@ from mlsroad_pipeline.algorithms.quality.chunks import ChunkQuality, TimeQuality
 from mlsroad_pipeline.algorithms.quality.duplicates import DuplicateSketch
 from mlsroad_pipeline.algorithms.quality.report import QualityReport
 
-_COUNTS = ("n_points", "n_not_finite", "n_duplicates", "n_withheld", "n_times_not_finite")
+_COUNTS = ("n_points", "n_not_finite", "n_duplicates", "n_withheld", "n_noise", "n_times_not_finite")
 
 
 def chunk_to_arrays(chunk: ChunkQuality) -> dict[str, NDArray]:

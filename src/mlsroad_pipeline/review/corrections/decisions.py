@@ -2,12 +2,15 @@
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePath
 from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.plain_text import printable
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_KINDS
+from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 
 LINE_ACTIONS = ("accept_line", "reject_line")
 """Actions about a line of the inventory: a kerb, a wire or a marking."""
@@ -15,6 +18,11 @@ LINE_ACTIONS = ("accept_line", "reject_line")
 ACTIONS = ("accept", "reject", "other_kind", "merge", "split", "move_base", "add", "paint", *LINE_ACTIONS)
 """Actions of a user: `paint` changes points, `add` adds a missing object, the others change one object or line."""
 
+FARTHEST = 20.0
+"""Largest move of a base point, metres."""
+
+_FARTHEST_PLACE = 1e8  # from the origin of the system, metres
+_LONGEST_NAME = 200  # of a kind or class, characters
 _LONGEST_TEXT = 10_000_000  # of a payload as JSON, characters
 
 
@@ -129,6 +137,52 @@ class Decision:
     correction: Correction  # The correction
     anchors: Mapping[int, Anchor]  # The objects that it names, by their number at that time
     undone: str = ""  # Time at which it was undone, empty while it is in force
+
+
+def check_values(
+    correction: Correction, *, place: tuple[float, float] | None = None, classes: Collection[str] | None = None
+) -> None:
+    """Check kind, class, places and texts of a new decision, of the page and of an import.
+
+    Parameters
+    ----------
+    correction : Correction
+        The decision.
+    place : tuple of float, optional
+        Base point x, y of its object.
+    classes : collection of str, optional
+        Known names of classes and kinds.
+
+    Raises
+    ------
+    ParameterError
+        If a value is unknown, cannot be written or is implausible.
+    """
+    for what, text in (("kind", correction.kind), ("class", correction.payload.get("class"))):
+        correction._need(
+            text is None or _is_name(text),
+            f"{what} '{printable(text)}' is not a name of at most {_LONGEST_NAME} printable characters",
+        )
+    kinds = LINE_KINDS if correction.action in LINE_ACTIONS else KINDS
+    kind, name = correction.kind, correction.payload.get("class")
+    correction._need(kind is None or kind in kinds, f"unknown kind {kind!r}: use {', '.join(kinds)}")
+    correction._need(
+        name is None or classes is None or name in classes,
+        f"unknown class {name!r}: use one of {', '.join(sorted(classes or ()))}",
+    )
+    given = correction.payload
+    places = [[given[axis] for axis in "xyz" if axis in given], *(given.get("bases") or ())]
+    far = next((p for p in places if any(abs(float(value)) > _FARTHEST_PLACE for value in p)), None)
+    correction._need(far is None, f"the place {far} is more than {_FARTHEST_PLACE:g} m from the origin")
+    if correction.action == "move_base" and place is not None:
+        apart = max(abs(float(given[axis]) - own) for axis, own in zip("xy", place, strict=True))
+        correction._need(
+            apart <= FARTHEST, f"object {correction.object_id} was moved by {apart:.0f} m, allowed are {FARTHEST:.0f} m"
+        )
+
+
+def _is_name(text: str) -> bool:
+    return len(text) <= _LONGEST_NAME and text.isprintable()
 
 
 def named_objects(correction: Correction) -> list[int]:

@@ -1,9 +1,7 @@
 """Corrections from a GeoPackage that was edited in another program, such as QGIS."""
 
-import sqlite3
 from collections import Counter
 from collections.abc import Collection, Sequence
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +9,16 @@ import geopandas as gpd
 import numpy as np
 import pandas as pd
 import pyogrio
-import shapely
 from pyproj import CRS
-from pyproj.exceptions import CRSError
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.formats.las.header import class_names, read_header
+from mlsroad_pipeline.inventory_files.crs_checks import known_system
 from mlsroad_pipeline.inventory_files.road_inventory import LAYERS
 from mlsroad_pipeline.review.corrections.answers import NamedClasses
-from mlsroad_pipeline.review.corrections.decisions import Correction
+from mlsroad_pipeline.review.corrections.decisions import FARTHEST, Correction, check_values
+from mlsroad_pipeline.review.corrections.edited_layers import read_layers, rows_of
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 from mlsroad_pipeline.review.corrections.listed_objects import ListedObjects
 from mlsroad_pipeline.review.corrections.states import STATUS, ObjectState
@@ -28,12 +26,9 @@ from mlsroad_pipeline.review.corrections.states import STATUS, ObjectState
 MOVED = 0.01
 """Least distance in plan or height at which a base point counts as moved, metres."""
 
-FARTHEST = 20.0
-"""Largest move of a base point, metres."""
-
 _ACTIONS = {status: action for action, status in STATUS.items()}
 _TYPED = ("accepted", "rejected", "changed")
-_TEXT = ("status", "checked_class", "class", "kind")
+_ZERO = 1.0  # height of the ground from which a height of 0 is none, metres
 
 
 def corrections_of_inventory(
@@ -44,19 +39,20 @@ def corrections_of_inventory(
     classes: Collection[str],
     system: CRS | None,
     many_deleted: bool = False,
-) -> list[Correction]:
-    """Return the corrections that an edited GeoPackage holds and the store does not.
+) -> tuple[list[Correction], list[str]]:
+    """Return the corrections that an edited GeoPackage holds and the store does not, and what was not compared.
 
     Compared are the layer `objects` and those of the kinds: `status`, `checked_class`, `class` and `kind`, base points,
     deleted rows (rejected) and new rows (added).
     """
-    layers = _layers(path, system)
+    notes: list[str] = []
+    layers = read_layers(path, system, notes)
     listed = objects.table.set_index("object_id")
     found: dict[tuple[int, bool], Correction] = {}
     added: list[Correction] = []
     for layer, frame in layers.items():
         _check_copy(path, frame, listed)
-        for row in _without_copies(_rows(frame, layer), listed):
+        for row in _with_heights(_without_copies(rows_of(frame, layer, notes), listed), listed, notes):
             number = row["object_id"]
             if number is None or number not in listed.index:
                 is_delivered = (row["status"], row["centre"]) == ("added", None) or (
@@ -71,7 +67,7 @@ def corrections_of_inventory(
                         f"{path}: object {number} is edited in two ways ({_described(other)}; "
                         f"{_described(correction)}): edit it in one layer"
                     )
-    _check_names(path, [*found.values(), *added], {*classes, *listed["class"].astype(str)})
+    _check_values(path, [*found.values(), *added], {*classes, *listed["class"].astype(str)})
     deleted = _deleted(layers, listed, states)
     if len(deleted) > max(len(listed) / 2, 1) and not many_deleted:
         raise DataError(
@@ -80,36 +76,7 @@ def corrections_of_inventory(
         )
     decided = [number for number, _ in found]
     rejected = [Correction("reject", number) for number in deleted if number not in decided]
-    return [*found.values(), *rejected, *_distinct(added)]
-
-
-def _layers(path: Path, system: CRS | None) -> dict[str, gpd.GeoDataFrame]:
-    if not path.is_file():
-        raise ReadError(f"{path}: no such GeoPackage")
-    try:
-        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as base:
-            base.execute("SELECT table_name FROM gpkg_contents").fetchall()  # GDAL prints errors of its own
-        names = [str(name) for name in pyogrio.list_layers(path)[:, 0]]
-        chosen = [name for name in ("objects", *LAYERS) if name in names]
-        layers = {name: gpd.read_file(path, layer=name) for name in chosen}
-    except (sqlite3.Error, pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, ValueError) as error:
-        raise ReadError(f"{path}: not a GeoPackage: {' '.join(str(error).split())}") from error
-    if not layers:
-        raise ReadError(
-            f"{path} has none of the layers objects, {', '.join(LAYERS)}: it is not an inventory of mlsroad"
-        )
-    for name, frame in layers.items():
-        if not isinstance(frame, gpd.GeoDataFrame):
-            raise ReadError(f"{path}: layer {name!r} has no geometry: it is not an inventory of mlsroad")
-        if is_other_system(frame.crs, system):
-            raise DataError(
-                f"{path}: layer {name!r} is in {frame.crs.name}, the inventory in {system.name if system else ''}: "
-                "save the copy in the system of the inventory"
-            )
-        for column in ("object_id", "kind", "x", "y", "z"):
-            if column not in frame:
-                raise ReadError(f"{path}: layer {name!r} has no field {column!r}")
-    return layers
+    return [*found.values(), *rejected, *_distinct(added)], list(dict.fromkeys(notes))
 
 
 def _check_copy(path: Path, frame: gpd.GeoDataFrame, listed: pd.DataFrame) -> None:
@@ -127,16 +94,20 @@ def _check_copy(path: Path, frame: gpd.GeoDataFrame, listed: pd.DataFrame) -> No
         )
 
 
-def _rows(frame: gpd.GeoDataFrame, layer: str) -> list[dict[str, Any]]:
-    shapes = frame.geometry.to_numpy()
-    rows = []
-    for values, shape in zip(frame.drop(columns=frame.geometry.name).to_dict("records"), shapes, strict=True):
-        row = {name: None if pd.isna(value) else value for name, value in values.items()}
-        row = {**row, **{name: str(row.get(name) or "").strip() for name in _TEXT}}
-        row["object_id"] = None if row["object_id"] in (None, 0) else int(row["object_id"])
-        row["place"] = None if layer == "vehicles" or shape is None else _place(shape)
-        row["centre"] = None if shape is None or shape.is_empty else _centre(shape)
-        rows.append(row)
+def _with_heights(rows: list[dict[str, Any]], listed: pd.DataFrame, notes: list[str]) -> list[dict[str, Any]]:
+    """Return rows in which points without a height, or at 0 far from the ground, have that of the nearest object."""
+    known = listed[["x", "y", "z"]].dropna().to_numpy(dtype=np.float64)
+    n = 0
+    for row in rows if len(known) else ():
+        name = "place" if row["object_id"] in listed.index else "centre"
+        if row[name] is None or row[name][2]:
+            continue
+        x, y, z = row[name]
+        base = float(known[np.argmin(np.hypot(*(known[:, :2] - (x, y)).T)), 2])
+        if z is None or abs(base) > _ZERO:
+            row[name], n = (x, y, base), n + 1
+    if n:
+        notes.append(f"{n} rows have no height, or 0: the height of the nearest object of the inventory is taken")
     return rows
 
 
@@ -151,20 +122,6 @@ def _without_copies(rows: list[dict[str, Any]], listed: pd.DataFrame) -> list[di
             if row is not nearest:
                 row["object_id"] = None
     return rows
-
-
-def _centre(shape: Any) -> tuple[float, float, float | None]:
-    heights = shapely.get_coordinates(shape, include_z=True)[:, 2]
-    centre = shape.centroid
-    return float(centre.x), float(centre.y), None if np.isnan(heights).any() else float(heights.mean())
-
-
-def _place(shape: Any) -> tuple[float, float, float | None] | None:
-    if shape.geom_type != "Point" or shape.is_empty:
-        return None
-    coordinates = shapely.get_coordinates(shape, include_z=True)[0]
-    height = float(coordinates[2])
-    return float(coordinates[0]), float(coordinates[1]), None if np.isnan(height) else height
 
 
 def _changes(path: Path, row: dict[str, Any], number: int, listed: pd.Series, state: ObjectState) -> list[Correction]:
@@ -219,13 +176,14 @@ def _added(path: Path, row: dict[str, Any], layer: str) -> Correction:
     return Correction("add", kind=kind, payload={"x": x, "y": y, "z": 0.0 if z is None else z, **given})
 
 
-def _check_names(path: Path, corrections: Sequence[Correction], known: set[str]) -> None:
-    """Raise DataError for a correction that gives an unknown class."""
+def _check_values(path: Path, corrections: Sequence[Correction], known: set[str]) -> None:
+    """Raise DataError for a correction with a value that no decision may have."""
     for correction in corrections:
-        name = correction.checked_class
-        if name and name not in known:
+        try:
+            check_values(correction, classes=known)
+        except ParameterError as error:
             where = "an added row" if correction.object_id is None else f"object {correction.object_id}"
-            raise DataError(f"{path}: unknown class {name!r} of {where}: use one of {', '.join(sorted(known))}")
+            raise DataError(f"{path}: {where}: {error}") from error
 
 
 def _distinct(added: list[Correction]) -> list[Correction]:
@@ -276,23 +234,6 @@ def system_of(folder: Path) -> CRS | None:
     if not path.is_file():
         return None
     try:
-        return _known(pyogrio.read_info(path, layer="objects")["crs"])
+        return known_system(pyogrio.read_info(path, layer="objects")["crs"])
     except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError) as error:
         raise ReadError(f"{path}: not a GeoPackage inventory: {error}") from error
-
-
-def _known(given: object) -> CRS | None:
-    try:
-        system = None if given is None else CRS.from_user_input(given)
-    except CRSError:
-        return None
-    return None if system is None or "Undefined" in system.name else system
-
-
-def is_other_system(given: object, system: CRS | None) -> bool:
-    """Return whether both systems are known and their horizontal parts differ."""
-    own = _known(given)
-    if own is None or system is None:
-        return False
-    one, other = (crs.sub_crs_list[0] if crs.is_compound else crs for crs in (own, system))
-    return not (one.equals(other, ignore_axis_order=True) or one.name == other.name)

@@ -21,6 +21,7 @@ NEAR = 0.005
 PRIVATE = 64
 """Code of the first class of a scheme other than the LAS codes."""
 
+_HIGHEST = 31  # class of point formats 0 to 5
 _MOST = 500_000  # points of one correction
 
 
@@ -33,6 +34,12 @@ def corrections_of_points(
     points that are missing in the edited file are unchanged.
     """
     before, after = _points(labelled), _points(path)
+    point_format, highest = read_header(path).point_format, int(before[1].max(initial=0))
+    if point_format < 6 and highest > _HIGHEST:
+        raise DataError(
+            f"{path} has points of format {point_format}, which keeps classes up to {_HIGHEST}; the labelled file has "
+            f"{highest}: save the edited file as LAS 1.4 with point format 6 to 10"
+        )
     codes = before[1].copy()
     for code, rows in painted.items():
         codes[rows] = code

@@ -16,7 +16,7 @@ def corrected_table(table: pd.DataFrame, folder: Path) -> pd.DataFrame:
     """Return an inventory with the states of its objects; warn of decisions that match none of them."""
     if not has_corrections(folder):
         return table
-    with open_corrections(folder) as store:
+    with open_corrections(folder, write=False) as store:
         decisions = store.current()
     states = fold_states(decisions, ListedObjects.of(table))
     if decisions:

@@ -124,7 +124,7 @@ def _decisions_about(output: LabelledOutput, bundle: ModelBundle) -> _Decisions:
     scheme = bundle_scheme(bundle)
     named = NamedClasses(scheme, output.schemes)
     rules = candidate_rules(scheme, output.record["settings"]["label"].get("inventory") or {})
-    with open_corrections(output.path) as store:
+    with open_corrections(output.path, write=False) as store:
         states, table = store.states(), store.objects().table
     if states.unmatched:
         logger.warning("%d corrections match no object any more and are left out", len(states.unmatched))

@@ -18,29 +18,26 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ParameterError, ReadError
-from mlsroad_pipeline.review.corrections.decisions import Anchor, Correction, Decision, named_objects
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
+from mlsroad_pipeline.review.corrections.decisions import Anchor, Correction, Decision, check_values, named_objects
 from mlsroad_pipeline.review.corrections.listed_objects import INVENTORIES, ListedObjects, read_objects
 from mlsroad_pipeline.review.corrections.states import ObjectState, fold_states
+from mlsroad_pipeline.review.corrections.store_file import (
+    ADDED,
+    FIELDS,
+    checksum,
+    connected,
+    connected_to_copy,
+    identity,
+    readable,
+    rescued,
+    sign,
+)
 
 NAME = "corrections.sqlite"
 """Name of the store in an output folder."""
 
-APPLICATION, VERSION = 0x6D6C7263, 1
-"""Identifier of the file ("mlrc") and version of its tables, in the header of SQLite."""
-
-_WAIT = 5.0  # for another writer, seconds
-_TABLES = """
-CREATE TABLE decisions (
-  id INTEGER PRIMARY KEY AUTOINCREMENT, made TEXT NOT NULL, who TEXT NOT NULL, action TEXT NOT NULL,
-  object_id INTEGER, kind TEXT, payload TEXT NOT NULL, anchors TEXT NOT NULL,
-  undone TEXT NOT NULL DEFAULT '', undone_by TEXT NOT NULL DEFAULT '');
-"""
-_READ = "SELECT id, made, who, action, object_id, kind, payload, anchors, undone FROM decisions"
-
-
-class CorrectionsInUseError(MlsRoadError):
-    """Another process keeps the store locked."""
+_READ = f"SELECT id, {FIELDS}, checksum FROM decisions"
 
 
 class CorrectionStore:
@@ -52,11 +49,14 @@ class CorrectionStore:
         The output folder.
     connection : sqlite3.Connection
         The open store.
+    writable : bool
+        Whether decisions can be added.
     """
 
-    def __init__(self, folder: Path, connection: sqlite3.Connection) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, connection: sqlite3.Connection, *, writable: bool = True) -> None:
+        self.folder, self._writable = folder, writable
         self._connection = connection
+        self._identity, self._kept = identity(self.path), ""
         self._guard = threading.RLock()
         self._objects: tuple[tuple[Any, ...], ListedObjects] | None = None
         self._decoded: dict[int, Decision] = {}  # a decision never changes, apart from being taken back
@@ -111,17 +111,10 @@ class CorrectionStore:
             raise ParameterError("the name of the user who corrects is empty: give one")
         rows = [self._row(correction, who) for correction in corrections]
         with self._transaction() as base:
-            return [
-                int(
-                    base.execute(
-                        "INSERT INTO decisions (made, who, action, object_id, kind, payload, anchors)"
-                        " VALUES (?, ?, ?, ?, ?, ?, ?)",
-                        row,
-                    ).lastrowid
-                    or 0
-                )
-                for row in rows
-            ]
+            numbers = [int(base.execute(ADDED, row).lastrowid or 0) for row in rows]
+            for number in numbers:
+                sign(base, number)
+        return numbers
 
     def _row(self, correction: Correction, who: str) -> tuple[Any, ...]:
         anchors: dict[str, dict[str, Any]] = {}
@@ -130,30 +123,34 @@ class CorrectionStore:
             if anchor is None:
                 raise ParameterError(f"{self.folder}: the inventory has no object {number}")
             anchors[str(number)] = asdict(anchor)
+        own = anchors.get(str(correction.object_id))
+        check_values(correction, place=None if own is None else (own["x"], own["y"]))
         payload = json.dumps(dict(correction.payload), sort_keys=True, allow_nan=False)
         made = datetime.now(UTC).isoformat(timespec="milliseconds")
         return made, who, correction.action, correction.object_id, correction.kind, payload, json.dumps(anchors)
 
-    def undo(self, identifier: int, *, who: str = "") -> None:
-        """Take a decision back; it stays in the store, marked.
+    def undo(self, *identifiers: int, who: str = "") -> None:
+        """Take decisions back in one transaction, all or none; they stay in the store, marked.
 
         Parameters
         ----------
-        identifier : int
-            Identifier of the decision.
+        *identifiers : int
+            Identifiers of the decisions.
         who : str
-            Name of the user who takes it back.
+            Name of the user who takes them back.
 
         Raises
         ------
         ParameterError
-            If there is no decision in force with this identifier.
+            If one of the identifiers is not that of a decision in force.
         """
         made = datetime.now(UTC).isoformat(timespec="milliseconds")
         with self._transaction() as base:
-            change = "UPDATE decisions SET undone = ?, undone_by = ? WHERE id = ? AND undone = ''"
-            if base.execute(change, (made, who, identifier)).rowcount != 1:
-                raise ParameterError(f"{self.path}: no decision {identifier!r} is in force")
+            for identifier in identifiers:
+                change = "UPDATE decisions SET undone = ?, undone_by = ? WHERE id = ? AND undone = ''"
+                if base.execute(change, (made, who, identifier)).rowcount != 1:
+                    raise ParameterError(f"{self.path}: no decision {identifier!r} is in force")
+                sign(base, identifier)
 
     def current(self) -> list[Decision]:
         """Return the decisions in force, in the order in which they were made."""
@@ -165,7 +162,7 @@ class CorrectionStore:
             marks = dict(self._connection.execute("SELECT id, undone FROM decisions ORDER BY id").fetchall())
             last = max(self._decoded, default=0)
             for row in self._connection.execute(f"{_READ} WHERE id > ?", (last,)).fetchall():
-                self._decoded[row[0]] = _decision(row)
+                self._decoded[row[0]] = _decision(row, self.path)
             for number, undone in marks.items():
                 if self._decoded[number].undone != undone:
                     self._decoded[number] = replace(self._decoded[number], undone=undone)
@@ -210,11 +207,14 @@ class CorrectionStore:
 
     @contextmanager
     def _transaction(self) -> Iterator[sqlite3.Connection]:
+        if not self._writable:
+            raise _not_writable(self.path)
         with self._errors():
             self._connection.execute("BEGIN IMMEDIATE")
             try:
                 yield self._connection
                 self._connection.execute("COMMIT")
+                self._check_place()
             except BaseException:
                 if self._connection.in_transaction:
                     self._connection.execute("ROLLBACK")
@@ -222,17 +222,31 @@ class CorrectionStore:
 
     @contextmanager
     def _errors(self) -> Iterator[None]:
-        with self._guard, _readable(self.path):
+        with self._guard, readable(self.path):
+            self._check_place()
             yield
 
+    def _check_place(self) -> None:
+        """Raise ReadError if the file was replaced or deleted; its decisions are written to a new file."""
+        if self._identity is None or identity(self.path) == self._identity:
+            return
+        if not self._kept:
+            self._kept = rescued(self._connection, self.path).name
+        raise ReadError(
+            f"{self.path} was replaced or deleted while it was open: its decisions up to then are in {self._kept}; "
+            "choose one of the files, and open the survey again"
+        )
 
-def open_corrections(folder: str | Path) -> CorrectionStore:
+
+def open_corrections(folder: str | Path, *, write: bool = True) -> CorrectionStore:
     """Open the corrections of an output folder; the store is created if there is none.
 
     Parameters
     ----------
     folder : str or Path
         Output folder of `label`.
+    write : bool
+        Whether decisions will be added; without, a store that cannot be written is read from a copy in memory.
 
     Returns
     -------
@@ -250,16 +264,16 @@ def open_corrections(folder: str | Path) -> CorrectionStore:
     if not place.is_dir():
         raise ReadError(f"{place}: no such folder: label the survey first (mlsroad label FILE)")
     path = place / NAME
-    with _readable(path):
-        if not os.access(path if path.exists() else place, os.W_OK):
-            raise ReadError(f"{path} cannot be written: change its permissions, or copy the folder")
-        connection = sqlite3.connect(path, timeout=_WAIT, isolation_level=None, check_same_thread=False)
-        try:
-            _prepare(connection, path)
-        except BaseException:
-            connection.close()
-            raise
-    return CorrectionStore(place, connection)
+    with readable(path):
+        if os.access(place, os.W_OK) and (not path.exists() or os.access(path, os.W_OK)):
+            return CorrectionStore(place, connected(path))
+        if write or not os.path.lexists(path):
+            raise _not_writable(path)
+        return CorrectionStore(place, connected_to_copy(path), writable=False)
+
+
+def _not_writable(path: Path) -> ReadError:
+    return ReadError(f"{path} cannot be written: change its permissions, or copy the folder")
 
 
 def check_corrections(folder: str | Path) -> None:
@@ -271,7 +285,7 @@ def check_corrections(folder: str | Path) -> None:
         Output folder of `label`.
     """
     if has_corrections(folder):
-        open_corrections(folder).close()
+        open_corrections(folder, write=False).close()
 
 
 def has_corrections(folder: str | Path) -> bool:
@@ -287,50 +301,16 @@ def has_corrections(folder: str | Path) -> bool:
     bool
         Whether it has.
     """
-    return Path(folder, NAME).is_file()
+    return os.path.lexists(Path(folder, NAME))
 
 
-def _prepare(base: sqlite3.Connection, path: Path) -> None:
-    base.execute("PRAGMA synchronous = FULL")
-    found = [base.execute(f"PRAGMA {name}").fetchone()[0] for name in ("application_id", "user_version")]
-    if found == [0, 0] and not base.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
-        base.execute("PRAGMA journal_mode = WAL")
-        base.execute("BEGIN IMMEDIATE")
-        if not base.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:  # another process may have been first
-            base.execute(_TABLES)
-            base.execute(f"PRAGMA application_id = {APPLICATION}")
-            base.execute(f"PRAGMA user_version = {VERSION}")
-        base.execute("COMMIT")
-        return
-    if found[0] != APPLICATION:
-        raise ReadError(f"{path} was not written by mlsroad: rename it")
-    if found[1] != VERSION:
-        raise ReadError(f"{path} has version {found[1]} of the corrections, this program reads {VERSION}: update it")
-    base.execute(f"{_READ} LIMIT 1").fetchone()
-    broken = base.execute("PRAGMA quick_check(1)").fetchone()[0]
-    if broken != "ok":
-        raise ReadError(f"{path} is damaged ({broken}): restore it from a backup")
-
-
-@contextmanager
-def _readable(path: Path) -> Iterator[None]:
-    """Raise the errors of SQLite as one line."""
-    try:
-        yield
-    except sqlite3.OperationalError as error:
-        if "locked" in str(error) or "busy" in str(error):
-            raise CorrectionsInUseError(f"{path} is locked by another program: close it there") from error
-        raise ReadError(f"{path} cannot be used: {error}") from error
-    except (sqlite3.DatabaseError, json.JSONDecodeError, KeyError, TypeError) as error:
-        raise ReadError(
-            f"{path} is damaged or not a store of corrections ({error}): restore it from a backup"
-        ) from error
-
-
-def _decision(row: tuple[Any, ...]) -> Decision:
-    identifier, made, who, action, object_id, kind, payload, anchors, undone = row
-    values: Mapping[str, Mapping[str, Any]] = json.loads(anchors)
-    found = {int(number): Anchor(**value) for number, value in values.items()}
+def _decision(row: tuple[Any, ...], path: Path) -> Decision:
+    identifier, *values, written = row
+    if checksum(values) != written:
+        raise ReadError(f"{path} is damaged: decision {identifier} has another checksum: restore it from a backup")
+    made, who, action, object_id, kind, payload, anchors, undone, _ = values
+    places: Mapping[str, Mapping[str, Any]] = json.loads(anchors)
+    found = {int(number): Anchor(**value) for number, value in places.items()}
     return Decision(identifier, made, who, Correction(action, object_id, kind, json.loads(payload)), found, undone)
 
 

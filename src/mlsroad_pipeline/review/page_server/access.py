@@ -6,8 +6,10 @@ from collections.abc import Awaitable, Callable, Mapping
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse
+from starlette.responses import HTMLResponse, PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from mlsroad_pipeline.review.page_server.redirect_file import redirect_to
 
 POLICY = "; ".join(
     (
@@ -39,11 +41,14 @@ LARGEST_BODY = 1 << 20
 class Guard:
     """ASGI application that passes only requests of the page itself."""
 
-    def __init__(self, app: ASGIApp, *, port: int, token: str) -> None:
-        self._app = app
+    def __init__(self, app: ASGIApp, *, port: int, token: str, on_use: Callable[[], None] = lambda: None) -> None:
+        self._app, self._on_use = app, on_use
         self._hosts = (f"127.0.0.1:{port}", f"localhost:{port}")
         self._origins = tuple(f"http://{host}" for host in self._hosts)
         self._cookie = f"mlsroad_{port}"
+        self._foreign_host = (
+            f"This host name is not served. For a forwarded port: ssh -L {port}:127.0.0.1:{port} HOST\n"
+        )
         self._token: str | None = token
         self._session = secrets.token_urlsafe(32)
 
@@ -55,38 +60,39 @@ class Guard:
         if scope["type"] != "http":  # no websocket is served
             return
         request = Request(scope)
-        refused = self._foreign(scope["method"], request.headers)
+        granted = scope["method"] == "GET" and request.url.path == "/" and self._is_token(request.query_params)
+        refused = self._foreign(scope["method"], request.headers, from_file=granted)
         if refused is not None:
             await PlainTextResponse(refused, 403)(scope, receive, _with_headers(send, {}))
             return
-        granted = self._exchange(request)
-        if not granted and not self._known(request.cookies):
+        if granted:
+            self._token = None
+            cookie = f"{self._cookie}={self._session}; Path=/; HttpOnly; SameSite=Strict"
+            # A document and no redirection: a browser sends a strict cookie only where the request comes from the page.
+            await HTMLResponse(redirect_to())(scope, receive, _with_headers(send, {"set-cookie": cookie}))
+            self._on_use()
+            return
+        if not self._known(request.cookies):
             await PlainTextResponse(UNKNOWN, 401)(scope, receive, _with_headers(send, {}))
             return
-        cookie = f"{self._cookie}={self._session}; Path=/; HttpOnly; SameSite=Strict"
-        await self._app(scope, receive, _with_headers(send, {"set-cookie": cookie} if granted else {}))
+        await self._app(scope, receive, _with_headers(send, {}))
 
-    def _foreign(self, method: str, headers: Headers) -> str | None:
-        """Return why a request does not come from the page, None if it may."""
+    def _foreign(self, method: str, headers: Headers, *, from_file: bool) -> str | None:
+        """Return why a request does not come from the page, None if it may; one with a token comes from a file."""
         if headers.get("host") not in self._hosts:
-            return "This host name is not served.\n"
+            return self._foreign_host
         origin = headers.get("origin")
         if origin is not None and origin not in self._origins:
             return "Requests of other pages are refused.\n"
-        if headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
+        if not from_file and headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
             return "Requests of other pages are refused.\n"
         if method not in METHODS:
             return "This method is not served.\n"
         return _unfit(headers) if method == "POST" else None
 
-    def _exchange(self, request: Request) -> bool:
-        given = request.query_params.get("token")
-        if self._token is None or given is None or request.url.path != "/":
-            return False
-        if not hmac.compare_digest(given.encode(), self._token.encode()):
-            return False
-        self._token = None
-        return True
+    def _is_token(self, given: Mapping[str, str]) -> bool:
+        """Return whether a query has the token, which is valid once."""
+        return self._token is not None and hmac.compare_digest(given.get("token", "").encode(), self._token.encode())
 
     def _known(self, cookies: Mapping[str, str]) -> bool:
         return hmac.compare_digest(cookies.get(self._cookie, "").encode(), self._session.encode())

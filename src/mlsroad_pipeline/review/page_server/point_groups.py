@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.las_codes import NOISE_CODES
 from mlsroad_pipeline.algorithms.models.boosted_trees.segments import (
     CELL,
     GAP,
@@ -28,7 +29,6 @@ SAMPLED = 250_000
 """Largest number of points of the sample, which bounds memory; of larger surveys cubes at equal steps are used."""
 _SPACING = 0.4  # of the sample, metres
 _FEWEST = 6  # cells of a group
-_NOISE = (7, 18)  # LAS codes of noise
 _COLUMN = 4.0  # edge of the columns whose lowest point gives heights, metres
 _NEAREST = 20_000  # points whose nearest neighbours give the spacing of a sparse survey
 
@@ -61,7 +61,7 @@ class PointGroups:
     def __init__(self, tiles: TileIndex) -> None:
         sample = _thinned(_sampled(tiles))
         height = _heights(sample.xyz)
-        free = np.flatnonzero(~sample.in_object & ~np.isin(sample.codes, _NOISE))
+        free = np.flatnonzero(~sample.in_object & ~np.isin(sample.codes, NOISE_CODES))
         self._tiles, self._sample = tiles, sample.select(free)
         self._scale = _scale(self._sample.xyz)
         self._segments = _segmented(self._sample, height[free], self._scale)

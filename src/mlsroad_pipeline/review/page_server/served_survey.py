@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -57,11 +58,11 @@ class ServedSurvey:
     @property
     def store(self) -> CorrectionStore:
         """Decisions of the output folder."""
-        from mlsroad_pipeline.review.corrections import open_corrections  # noqa: PLC0415
+        from mlsroad_pipeline.review.corrections import has_corrections, open_corrections  # noqa: PLC0415
 
         with self._guard:
             if self._store is None:
-                self._store = open_corrections(self.output.path)
+                self._store = open_corrections(self.output.path, write=not has_corrections(self.output.path))
                 self._objects = self._store.objects().digest
             return self._store
 
@@ -219,6 +220,7 @@ class ServedSurvey:
     def decide(self, wanted: dict[str, Any]) -> dict[str, Any]:
         """Write a decision and return its identifier; it is on the disk when this returns."""
         from mlsroad_pipeline.review.corrections import Correction  # noqa: PLC0415
+        from mlsroad_pipeline.review.corrections.decisions import check_values  # noqa: PLC0415
 
         correction = Correction(
             str(wanted.get("action")), wanted.get("object_id"), wanted.get("kind"), wanted.get("payload") or {}
@@ -226,15 +228,24 @@ class ServedSurvey:
         if correction.action == "paint":
             raise ParameterError("points are painted by a selection")
         self._check_current()
+        if correction.payload.get("class") is not None:
+            check_values(correction, classes=self._class_names)
         return {"ids": [self.store.add(correction, who=self.user)]}
+
+    @cached_property
+    def _class_names(self) -> frozenset[str]:
+        """Names of classes that a decision may give: of the model, the files and the inventory."""
+        from mlsroad_pipeline.review.corrections.edited_inventory import known_names  # noqa: PLC0415  # GeoPandas
+
+        listed = self.store.objects().table["class"].astype(str)
+        return known_names(self.output.path).union(self._codes(), listed)
 
     def undo(self, wanted: dict[str, Any]) -> dict[str, Any]:
         """Take decisions back."""
         identifiers = wanted.get("ids")
         if not isinstance(identifiers, list) or not all(type(identifier) is int for identifier in identifiers):
             raise ParameterError("ids must be a list of numbers of decisions")
-        for identifier in identifiers:
-            self.store.undo(identifier, who=self.user)
+        self.store.undo(*identifiers, who=self.user)
         return {}
 
     def paint(self, wanted: dict[str, Any]) -> dict[str, Any]:

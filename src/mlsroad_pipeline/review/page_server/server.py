@@ -21,9 +21,11 @@ from starlette.routing import Route
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
 from mlsroad_pipeline.review.page_server.access import Guard
+from mlsroad_pipeline.review.page_server.connections import OPTIONS
 from mlsroad_pipeline.review.page_server.output_folder import REPORT, resolved
+from mlsroad_pipeline.review.page_server.redirect_file import RedirectFile
 from mlsroad_pipeline.review.page_server.served_survey import ServedSurvey, one_line
-from mlsroad_pipeline.review.page_server.tile_cache import page_lock
+from mlsroad_pipeline.review.page_server.tile_cache import CACHE, page_lock
 from mlsroad_pipeline.review.page_server.tile_format import INDEX, LEVELS, level_file
 
 LOOPBACK = "127.0.0.1"
@@ -169,30 +171,56 @@ def serve(survey: ServedSurvey, *, port: int, browser: bool, show: Callable[[str
         token = secrets.token_urlsafe(32)
         enter(f"http://{LOOPBACK}:{port}/")
         address = f"http://{LOOPBACK}:{port}/?token={token}"
-        guarded = Guard(application(survey), port=port, token=token)
-        config = uvicorn.Config(guarded, log_level="warning", access_log=False, server_header=False, lifespan="on")
-        server = _Server(config, lambda: _announce(address, browser, show))
+        start = _Start(address, survey.output.path / CACHE, browser=browser, show=show)
+        guarded = Guard(application(survey), port=port, token=token, on_use=start.used)
+        config = uvicorn.Config(
+            guarded, log_level="warning", access_log=False, server_header=False, lifespan="on", **OPTIONS
+        )
+        server = _Server(config, start.announce)
         try:
             with suppress(KeyboardInterrupt):  # the usual end
                 server.run(sockets=[listener])
         finally:
+            start.end()
             survey.close()  # also where the server was ended before it had started
         show("The page is closed.")
 
 
-def _announce(address: str, browser: bool, show: Callable[[str], None]) -> None:
-    show(f"The page is at {address}\nThe address is valid once. Ctrl-C ends the page; decisions are saved at once.")
-    if browser:  # in a thread: a browser of the terminal returns when it ends
-        threading.Thread(target=_start_browser, args=(address, show), daemon=True).start()
+class _Start:
+    """Announcement of the page, start of the browser, and what the owner is told of it."""
 
+    def __init__(self, address: str, folder: Path, *, browser: bool, show: Callable[[str], None]) -> None:
+        self._address, self._folder, self._browser, self._show = address, folder, browser, show
+        self._file: RedirectFile | None = None
 
-def _start_browser(address: str, show: Callable[[str], None]) -> None:
-    try:
-        found = webbrowser.open(address)
-    except webbrowser.Error:
-        found = False
-    if not found:
-        show("No browser was found: open this address in one.")
+    def announce(self) -> None:
+        """Show the address and start the browser."""
+        self._show(
+            f"The page is at {self._address}\n"
+            "The address is valid once. Ctrl-C ends the page; decisions are saved at once."
+        )
+        if self._browser:  # in a thread: a browser of the terminal returns when it ends
+            threading.Thread(target=self._open, daemon=True).start()
+
+    def _open(self) -> None:
+        try:
+            self._file = RedirectFile(self._address, self._folder)
+            found = webbrowser.open(self._file.path.as_uri())
+        except (webbrowser.Error, MlsRoadError, OSError) as error:
+            self._show(f"No browser was started ({one_line(error)}): open this address in one.")
+            return
+        if not found:
+            self._show("No browser was found: open this address in one.")
+
+    def used(self) -> None:
+        """Tell the owner that the address was used."""
+        self._show("The address was used: a browser holds the page now. If it is not yours, end the page (Ctrl-C).")
+        self.end()
+
+    def end(self) -> None:
+        """Remove the file of the browser."""
+        if self._file is not None:
+            self._file.remove()
 
 
 class _Server(uvicorn.Server):

@@ -208,6 +208,13 @@ def test_the_least_score_may_differ_by_kind():
     assert listed["kind"].tolist() == expected["kind"].tolist() and len(listed) < len(whole)
 
 
+def test_a_survey_without_objects_has_an_empty_inventory():
+    flat = np.random.default_rng(0).random((500, 3)) * [8, 8, 0.02]
+    piece = extract_objects(flat, np.zeros(500, int), np.ones(500), classes=RULES)
+    merged = merge_scenes([piece], classes=RULES, classifier=Planted(), least_score=dict.fromkeys(KINDS, 0.4))
+    assert not len(merged.objects) and not merged.numbers[piece.scene][piece.part].any()
+
+
 def stump(feature, n_features, low, high):
     """Return a tree with one node: `low` where a feature is at most 0.5, else `high`."""
     return BoostedTrees(

@@ -258,7 +258,7 @@ def merge_scenes(
     for joiner in joiners.values():
         joiner.measure(len(scenes), numbers)
     listed = numbers.joined()
-    least = listed["kind"].map(least_score) if isinstance(least_score, Mapping) else least_score
+    least = listed["kind"].map(least_score).astype(np.float64) if isinstance(least_score, Mapping) else least_score
     listed = _without_pieces(listed[listed["score"] >= least])
     objects, provisional = finish_table(listed, list(classes), trajectory)
     final = numbers.final(provisional, objects["object_id"].to_numpy())

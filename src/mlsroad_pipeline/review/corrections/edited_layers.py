@@ -1,0 +1,118 @@
+"""Layers of an edited GeoPackage as rows, and what of them cannot be compared with the inventory."""
+
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import geopandas as gpd
+import numpy as np
+import pandas as pd
+import pyogrio
+import shapely
+from pyproj import CRS
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
+from mlsroad_pipeline.inventory_files.crs_checks import is_other_system
+from mlsroad_pipeline.inventory_files.road_inventory import LAYERS
+
+TEXT = ("status", "checked_class", "class", "kind")
+"""Fields whose edits are corrections."""
+
+_SHAPEFILE = 10  # characters of a name in a Shapefile
+_NEEDED = ("object_id", "kind", "x", "y", "z")
+_WAL = 2  # version of the format in the header of an SQLite file with a write-ahead log
+
+
+def read_layers(path: Path, system: CRS | None, notes: list[str]) -> dict[str, gpd.GeoDataFrame]:
+    """Return the layers of an inventory; `notes` gets a sentence for each part that cannot be compared."""
+    if not path.is_file():
+        raise ReadError(f"{path}: no such GeoPackage")
+    notes += _missing_log(path)
+    try:
+        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as base:
+            base.execute("SELECT table_name FROM gpkg_contents").fetchall()  # GDAL prints errors of its own
+            views = {name for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'view'")}
+        names = [str(name) for name in pyogrio.list_layers(path)[:, 0]]
+        chosen = [name for name in ("objects", *LAYERS) if name in names]
+        layers = {name: gpd.read_file(path, layer=name, on_invalid="ignore") for name in chosen if name not in views}
+    except (sqlite3.Error, pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, ValueError) as error:
+        raise ReadError(f"{path}: not a GeoPackage: {' '.join(str(error).split())}") from error
+    if views.intersection(chosen):
+        name = sorted(views.intersection(chosen))[0]
+        raise ReadError(f"{path}: layer {name!r} is a view, not a table: save the copy with its layers as they were")
+    if not layers:
+        raise ReadError(
+            f"{path} has none of the layers objects, {', '.join(LAYERS)}: it is not an inventory of mlsroad"
+        )
+    return {name: _checked(path, name, frame, system, notes) for name, frame in layers.items()}
+
+
+def _missing_log(path: Path) -> list[str]:
+    with path.open("rb") as stream:
+        head = stream.read(20)
+    log = path.with_name(f"{path.name}-wal")
+    if len(head) < 20 or head[18] != _WAL or log.exists():
+        return []
+    return [
+        f"{log.name} is missing, which may hold the last edits: close the file in the other program and copy it again"
+    ]
+
+
+def _checked(path: Path, name: str, frame: gpd.GeoDataFrame, system: CRS | None, notes: list[str]) -> gpd.GeoDataFrame:
+    """Return a layer with the names of its fields whole; raise an error if it is none of an inventory."""
+    if not isinstance(frame, gpd.GeoDataFrame):
+        raise ReadError(f"{path}: layer {name!r} has no geometry: it is not an inventory of mlsroad")
+    if is_other_system(frame.crs, system):
+        raise DataError(
+            f"{path}: layer {name!r} is in {frame.crs.name}, the inventory in {system.name if system else ''}: "
+            "save the copy in the system of the inventory"
+        )
+    frame = frame.rename(columns={column[:_SHAPEFILE]: column for column in TEXT if column not in frame})
+    for column in _NEEDED:
+        if column not in frame:
+            raise ReadError(f"{path}: layer {name!r} has no field {column!r}")
+    for column in TEXT:
+        if column not in frame:
+            notes.append(f"layer {name!r} has no field {column!r}")
+    return frame
+
+
+def rows_of(frame: gpd.GeoDataFrame, layer: str, notes: list[str]) -> list[dict[str, Any]]:
+    """Return the rows of a layer with `place`, its point, and `centre`, that of any geometry; None without one."""
+    rows, unread = [], []
+    shapes = frame.geometry.to_numpy()
+    for values, shape in zip(frame.drop(columns=frame.geometry.name).to_dict("records"), shapes, strict=True):
+        row = {name: None if pd.isna(value) else value for name, value in values.items()}
+        row = {**row, **{name: str(row.get(name) or "").strip() for name in TEXT}}
+        row["object_id"] = None if row["object_id"] in (None, 0) else int(row["object_id"])
+        row["centre"] = None if shape is None or shape.is_empty else _centre(shape)
+        row["place"] = None if layer == "vehicles" or row["centre"] is None else _place(shape)
+        if row["object_id"] is not None and (row["centre"] if layer == "vehicles" else row["place"]) is None:
+            unread.append(row["object_id"])
+        rows.append(row)
+    if unread:
+        first = ", ".join(map(str, unread[:5])) + (", ..." if len(unread) > 5 else "")
+        notes.append(f"{len(unread)} objects of layer {layer!r} have no {_wanted(layer)} (object_id {first})")
+    return rows
+
+
+def _wanted(layer: str) -> str:
+    return "geometry" if layer == "vehicles" else "single point"
+
+
+def _centre(shape: Any) -> tuple[float, float, float | None] | None:
+    coordinates = shapely.get_coordinates(shape, include_z=True)
+    if not np.isfinite(coordinates[:, :2]).all():
+        return None
+    centre, heights = shape.centroid, coordinates[:, 2]
+    return float(centre.x), float(centre.y), None if np.isnan(heights).any() else float(heights.mean())
+
+
+def _place(shape: Any) -> tuple[float, float, float | None] | None:
+    """Return a point, also that of a multipoint of one."""
+    coordinates = shapely.get_coordinates(shape, include_z=True)
+    if shape.geom_type not in ("Point", "MultiPoint") or len(coordinates) != 1:
+        return None
+    x, y, z = (float(value) for value in coordinates[0])
+    return x, y, None if np.isnan(z) else z
