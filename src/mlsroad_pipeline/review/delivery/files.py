@@ -76,9 +76,14 @@ class Delivery:
         if not (folder / INVENTORY).is_file():
             raise ReadError(f"{folder} holds no results of label: label the survey first (mlsroad label FILE)")
         found = OutputFolder.find(folder)
-        if found is None:  # without classes and digests, corrections would be delivered wrong
-            raise ReadError(f"{folder} has no record of label in {STATE}: copy the folder with it, or label again")
-        self.output = found
+        if found is None:
+            logger.warning(
+                "%s has no record of label in %s: it is not known which classes are objects, nor whether results were "
+                "edited; copy the folder with it, or label again",
+                *(folder, STATE),
+            )
+        # An inventory alone, such as that of a copied folder, has no record of its run.
+        self.output = found or OutputFolder(folder, {"outputs": (), "summary": {"survey": folder}})
         self._keep, self._checked, self._within = keep_rejected, checked, within
         self._schema = None if schema is None else read_schema(schema)
         self._labelled = LabelledOutput(folder, {"settings": {}, **self.output.run})
