@@ -72,10 +72,14 @@ def _read_parameters(context: click.Context, parameter: click.Parameter, value: 
     return read
 
 
+def _environments(conf_source: str | None) -> list[str]:
+    place = Path(conf_source or "conf")
+    return sorted(path.name for path in place.iterdir() if path.is_dir()) if place.is_dir() else []
+
+
 def _check_environment(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
     """Check that an environment has a folder of configuration."""
-    place = Path(context.params.get("conf_source") or "conf")
-    known = sorted(path.name for path in place.iterdir() if path.is_dir()) if place.is_dir() else []
+    known = _environments(context.params.get("conf_source"))
     if value and known and value not in known:
         raise click.BadParameter(f"unknown environment {value!r} (known: {', '.join(known)})", context, parameter)
     return value
