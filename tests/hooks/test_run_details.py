@@ -127,8 +127,17 @@ def test_class_schemes_and_the_largest_sections_are_digests():
     flat = {f"classes.schemes.{k}": str(k) for k in range(430)} | {f"simulation.{k}": "1" for k in range(50)}
     flat |= {"forest.n_trees": "100", "forest.depth": "7", "seed": "3"}
     short = short_parameters(flat)
-    assert set(short) == {*(f"simulation.{k}" for k in range(50)), "classes", "forest.n_trees", "forest.depth", "seed"}
+    assert set(short) == {
+        *(f"simulation.{k}" for k in range(50)),
+        "classes.digest",
+        "forest.n_trees",
+        "forest.depth",
+        "seed",
+    }
     other = short_parameters({**flat, "classes.schemes.7": "x"})
-    assert other["classes"] != short["classes"] and {**other, "classes": short["classes"]} == short
+    assert (
+        other["classes.digest"] != short["classes.digest"]
+        and {**other, "classes.digest": short["classes.digest"]} == short
+    )
     few = short_parameters(flat, most=10)
-    assert set(few) == {"simulation", "classes", "forest.n_trees", "forest.depth", "seed"}
+    assert set(few) == {"simulation.digest", "classes.digest", "forest.n_trees", "forest.depth", "seed"}

@@ -166,7 +166,7 @@ def short_parameters(flat: Mapping[str, str], most: int = MOST_PARAMETERS) -> di
     Examples
     --------
     >>> short_parameters({"a.x": "1", "b.x": "1", "b.y": "2"}, most=2)
-    {'a.x': '1', 'b': '245c9dbcf021'}
+    {'a.x': '1', 'b.digest': '245c9dbcf021'}
     """
     short = dict(flat)
     sections: dict[str, list[str]] = {}
@@ -175,7 +175,7 @@ def short_parameters(flat: Mapping[str, str], most: int = MOST_PARAMETERS) -> di
     for section, names in sorted(sections.items(), key=lambda item: (item[0] != "classes", -len(item[1]), item[0])):
         if len(names) > 1 and (section == "classes" or len(short) > most):
             text = json.dumps({name: short.pop(name) for name in names}, ensure_ascii=False)
-            short[section] = new_digest(text.encode("utf-8")).hexdigest()[:12]
+            short[f"{section}.digest"] = new_digest(text.encode("utf-8")).hexdigest()[:12]
     return short
 
 
