@@ -94,7 +94,10 @@ def label(  # typer reads the options from the signature
     ] = False,
     keep_classes: KeepClasses = False,
     keep: Annotated[
-        str | None, typer.Option("--keep", metavar="CODES", help="Keep these class numbers alone, such as 2,6,7.")
+        str | None,
+        typer.Option(
+            "--keep", metavar="CODES", help="Keep these class numbers alone, such as 2,6,7; also beside --keep-classes."
+        ),
     ] = None,
     class_map: ClassMap = None,
     labels: Annotated[
@@ -116,8 +119,6 @@ def label(  # typer reads the options from the signature
     options: dict[str, Any] = {"method": method, "model": model, "crs": crs, "copc": copc or None}
     options |= {"export": export or None, "photos": photos or None, "overwrite": overwrite or None}
     folder = None if labels is None else literal(expanded([labels])[0])
-    if keep_classes and keep is not None:
-        raise typer.BadParameter("give --keep CODES or --keep-classes", param_hint="--keep")
     kept = keep_classes or keep is not None
     given = {"keep_classes": kept or None, "keep": keep, "labels": folder, "labels_classes": labels_map}
     options["given"] = given | {"classes": class_map}
