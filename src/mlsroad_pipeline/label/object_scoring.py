@@ -112,7 +112,7 @@ def score_inventory(parameters: ScoreParameters) -> ScoredInventory:
     listed["inside"] &= (listed["motion"] != "moving") & ~_of_uncounted(
         listed, true, instances_of_objects(truth, clouds)
     )
-    _warn_of_distance(objects, truth.objects)
+    warn_of_distance(objects, truth.objects, "true objects")
     matched = match_objects(listed, true, reach=parameters.reach)
     complete = listed[~listed["kind"].isin(list(parameters.recall_only))]
     errors = errors_of_measures(matched)
@@ -127,16 +127,17 @@ def score_inventory(parameters: ScoreParameters) -> ScoredInventory:
     )
 
 
-def _warn_of_distance(objects: pd.DataFrame, true: pd.DataFrame) -> None:
-    """Log a warning where the extents of listed and true objects lie far apart in plan."""
-    if objects.empty or true.empty:
+def warn_of_distance(objects: pd.DataFrame, others: pd.DataFrame, name: str) -> None:
+    """Log a warning where the extents of an inventory and of other objects lie far apart in plan."""
+    if objects.empty or others.empty:
         return
-    one, other = (shapely.box(t["x"].min(), t["y"].min(), t["x"].max(), t["y"].max()) for t in (objects, true))
+    one, other = (shapely.box(t["x"].min(), t["y"].min(), t["x"].max(), t["y"].max()) for t in (objects, others))
     metres = shapely.distance(one, other)
     if metres > NEAR:
         logger.warning(
-            "The true objects are %s m from those of the inventory: the table has another coordinate system, or x and "
+            "The %s are %s m from those of the inventory: the table has another coordinate system, or x and "
             "y exchanged",
+            name,
             f"{metres:,.0f}",
         )
 

@@ -35,6 +35,7 @@ from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.inventory_files.geopackage import check_closed, read_geopackage, write_points
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
 from mlsroad_pipeline.inventory_files.vector_files import without_formulas
+from mlsroad_pipeline.label.object_scoring import warn_of_distance
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 from mlsroad_pipeline.surveys.given_classes import GivenParameters
 from mlsroad_pipeline.surveys.reading import options_in_use
@@ -48,8 +49,6 @@ INVENTORY = "inventory.gpkg"
 """Inventory of a survey; it has the path of the scanner too."""
 TABLE, LAYER = "register.csv", "register.gpkg"
 """Files of a comparison."""
-FAR = 100.0
-"""Distance of the nearest entry from the objects of the survey that is warned of, metres."""
 CHUNK = 2_000_000
 """Points that are read at once."""
 GROUND_REACH = 2.0
@@ -111,7 +110,7 @@ def compare_register(
     inventory = read_geopackage(output.path / INVENTORY) if inventory is None else inventory
     objects = inventory.objects[inventory.objects["kind"].isin(REGISTERED)].reset_index(drop=True)
     entries = register.read(inventory.crs).reset_index(drop=True)
-    _warn_of_distance(entries, objects)
+    warn_of_distance(objects, entries, "entries of the register")
     offset = register_offset(*_places(entries), *_places(objects))
     moved = entries.assign(x=entries["x"] + offset.shift[0], y=entries["y"] + offset.shift[1])
     matches = confirm(moved, objects)
@@ -123,21 +122,6 @@ def compare_register(
     evidence = evidence_of(seen, kind, moved["height"].to_numpy(dtype=np.float64)[rows])
     table = decide(moved, objects, matches, rows, evidence, seen.rays)
     return ComparedRegister(table, offset, inventory.crs)
-
-
-def _warn_of_distance(entries: pd.DataFrame, objects: pd.DataFrame) -> None:
-    """Log a warning where no entry lies within the extent of the objects and `FAR` around it."""
-    if entries.empty or objects.empty:
-        return
-    xy, places = entries[["x", "y"]].to_numpy(np.float64), objects[["x", "y"]].to_numpy(np.float64)
-    gap = np.maximum(np.maximum(places.min(axis=0) - xy, xy - places.max(axis=0)), 0.0)
-    nearest = float(np.hypot(*gap.T).min())
-    if nearest > FAR:
-        logger.warning(
-            "No entry of the register lies within the survey, the nearest is %s m away: another coordinate system "
-            "(--crs), or x and y exchanged",
-            f"{nearest:,.0f}",
-        )
 
 
 def _places(table: pd.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.str_]]:

@@ -1,4 +1,4 @@
-"""What decisions make of a survey, for the page: changed and new objects, classes of points and their counts."""
+"""Survey after all decisions, for the page: changed and new objects, classes of points and their counts."""
 
 from __future__ import annotations
 

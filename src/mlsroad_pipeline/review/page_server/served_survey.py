@@ -156,7 +156,7 @@ class ServedSurvey:
 
     @property
     def decided(self) -> Decided:
-        """What decisions make of the inventory."""
+        """Objects and lines of the inventory after all decisions."""
         from mlsroad_pipeline.review.page_server.decided import Decided  # noqa: PLC0415
 
         with self._viewing:

@@ -187,7 +187,7 @@ def serve(survey: ServedSurvey, *, port: int, browser: bool, show: Callable[[str
 
 
 class _Start:
-    """Announcement of the page, start of the browser, and what the owner is told of it."""
+    """Messages to the owner of the page: its address, the start of the browser, and the use of the token."""
 
     def __init__(self, address: str, folder: Path, *, browser: bool, show: Callable[[str], None]) -> None:
         self._address, self._folder, self._browser, self._show = address, folder, browser, show

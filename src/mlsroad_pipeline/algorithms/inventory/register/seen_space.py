@@ -103,7 +103,11 @@ def add_rays(
 
 
 @njit(cache=True, nogil=True)
-def _add_rays(places, grid, place_kind, scanner, points, point_kind, free, hit, own, other, rays):  # type: ignore[no-untyped-def]
+def _add_rays(
+    places: NDArray, grid: tuple, place_kind: NDArray, scanner: NDArray, points: NDArray, point_kind: NDArray,
+    free: NDArray, hit: NDArray, own: NDArray, other: NDArray, rays: NDArray,
+) -> None:  # fmt: skip
+    """Walk along each ray through the cells of a grid in plan, and count it at the places of each cell."""
     start, rows, n_x, n_y, edge, x0, y0 = grid
     last = np.full(len(places), -1, dtype=np.int64)
     for ray in range(len(points)):
@@ -131,7 +135,10 @@ def _add_rays(places, grid, place_kind, scanner, points, point_kind, free, hit, 
 
 
 @njit(cache=True, nogil=True)
-def _cross(places, place, place_kind, scanner, points, point_kind, ray, free, hit, own, other, rays):  # type: ignore[no-untyped-def]
+def _cross(
+    places: NDArray, place: int, place_kind: NDArray, scanner: NDArray, points: NDArray, point_kind: NDArray, ray: int,
+    free: NDArray, hit: NDArray, own: NDArray, other: NDArray, rays: NDArray,
+) -> None:  # fmt: skip
     """Count the voxels of a place that a ray crosses, and the voxel of its point."""
     cx, cy, cz = places[place, 0] - HALF, places[place, 1] - HALF, places[place, 2] + LOW
     ox, oy, oz = scanner[ray, 0] - cx, scanner[ray, 1] - cy, scanner[ray, 2] - cz

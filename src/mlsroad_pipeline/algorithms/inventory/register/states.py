@@ -71,7 +71,7 @@ def _match(
 
 
 class Evidence(NamedTuple):
-    """What points and rays say about places."""
+    """Evidence of points and rays at places."""
 
     own_points: NDArray[np.int64]  # Points of the kind of the entry
     own: NDArray[np.bool_]  # Whether they confirm it
