@@ -77,6 +77,11 @@ def race(works: Mapping[str, Callable[[], Any]], *, repeats: int, warm_up: int =
     }
 
 
+def four_digits(seconds: float) -> float:
+    """Return a time with four significant digits: decimal places would print the shortest times as 0."""
+    return float(f"{seconds:.4g}")
+
+
 def show(kernel: str, points: int, found: Mapping[str, Timed], *, processor: bool = False, **more: Any) -> None:
     """Print a line of a table and a line of JSON per program; `processor`: the processor time is compared."""
     for program, (wall, cpu, _) in found.items():
@@ -85,8 +90,8 @@ def show(kernel: str, points: int, found: Mapping[str, Timed], *, processor: boo
             f"{kernel:46s} {points:>11,} {program:40s} {seconds:9.4f} s {points / max(seconds, 1e-9) / 1e6:8.2f} M/s",
             *(f"{key} {value}" for key, value in more.items()),
         )
-        row = {"kernel": kernel, "points": points, "program": program, "seconds": round(seconds, 4)}
-        known = {} if np.isnan(cpu) else {"cpu_seconds": round(cpu, 4)}
+        row = {"kernel": kernel, "points": points, "program": program, "seconds": four_digits(seconds)}
+        known = {} if np.isnan(cpu) else {"cpu_seconds": four_digits(cpu)}
         print(json.dumps(row | known | more), flush=True)
 
 
