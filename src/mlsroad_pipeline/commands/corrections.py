@@ -51,9 +51,9 @@ def list_corrections(out: Out, verbose: Verbose = False) -> None:
 
 def _row(decision: Decision, lost: bool) -> tuple[str, ...]:
     given = decision.correction
-    painted = f"{len(given.payload['points'])} points of {given.payload['file']}: " if given.action == "paint" else ""
+    of_file = f"{given.payload['file']}, " if given.action == "paint" else ""
     number = "" if given.object_id is None else str(given.object_id)
-    what = f"{painted}{given.checked_class}"
+    what = f"{of_file}{given.described}"
     row = (decision.made[:19], decision.who, given.action, number, what)
     return (str(decision.identifier), *row, "no" if lost else "yes")
 
@@ -80,13 +80,15 @@ def import_corrections(
         check_exist([str(path), str(folder)])
         with open_corrections(folder) as store:
             if path.suffix.lower() == ".gpkg":
+                states = store.states()
                 found, unread = corrections_of_inventory(
                     path,
                     store.objects(),
-                    store.object_states(),
+                    states.of_objects,
                     classes=known_names(folder),
                     system=system_of(folder),
                     many_deleted=many_deleted,
+                    notes_before=states.notes,
                 )
                 found, matched = _new_ones(found, store), ""
             elif path.suffix.lower() in (".laz", ".las"):

@@ -20,7 +20,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadErro
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import ADDED_FIELDS, LINE_FIELDS, LINE_LAYERS, numbered
 from mlsroad_pipeline.algorithms.inventory.objects.boxes import polygon_area
 from mlsroad_pipeline.algorithms.inventory.objects.sections import part_of_path
-from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS, OBJECT_FIELDS
+from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.execution.run_folder import OPEN_ENDINGS
 from mlsroad_pipeline.inventory_files import qgis_styles
@@ -34,8 +34,11 @@ from mlsroad_pipeline.inventory_files.road_inventory import (
     fields_of_layer,
     footprint_text,
     hulls,
+    is_note,
     line_attributes,
     line_shapes,
+    note_columns,
+    note_field,
     path_of,
     vehicle_boxes,
     with_empty_text,
@@ -81,7 +84,9 @@ def add_tables(path: Path, styles: Mapping[str, str], *, date: str) -> None:
         for layer in layers:
             # The argument of a pragma cannot be bound; the layer names are constants of this package.
             names = [row[1] for row in base.execute(f'PRAGMA table_info("{layer}")')]
-            fields = LINE_FIELDS if layer in LINE_LAYERS else FIELDS
+            fields = (
+                LINE_FIELDS if layer in LINE_LAYERS else {**FIELDS, **{n: note_field(n) for n in names if is_note(n)}}
+            )
             rows = [(layer, n, fields[n].alias, fields[n].alias, fields[n].description) for n in names if n in fields]
             base.executemany(
                 "INSERT INTO gpkg_data_columns (table_name, column_name, name, title, description)"
@@ -217,7 +222,8 @@ def _layers(inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> l
         rows = (table["kind"] == kind).to_numpy()
         shapes = vehicle_boxes(table[rows]) if kind == "vehicle" else points[rows]
         shape = _POLYGON if kind == "vehicle" else _POINT
-        own = columns.loc[rows, list(fields_of_layer(name))]
+        typed = [n for n in note_columns(columns) if columns.loc[rows, n].notna().any()]
+        own = columns.loc[rows, [*fields_of_layer(name), *typed]]
         layers.append(_layer(name, own, geometry=shapes, kind=shape, crs=crs))
     layers.append(_footprints(table, crs))
     for name, kind in LINE_LAYERS.items():
@@ -295,8 +301,5 @@ def _lines_of(source: Path, layer: str) -> pd.DataFrame:
 def _objects_of(source: Path, frame: gpd.GeoDataFrame) -> pd.DataFrame:
     shapes = gpd.read_file(source, layer="footprints")
     text = footprint_text(shapes.geometry.to_numpy())
-    objects = with_empty_text(frame.drop(columns="geometry"))
-    objects["footprint"] = (
-        objects["object_id"].map(dict(zip(shapes["object_id"], text, strict=True))).astype(object).fillna("")
-    )
-    return objects[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
+    outlines = frame["object_id"].map(dict(zip(shapes["object_id"], text, strict=True))).astype(object).fillna("")
+    return with_empty_text(frame.drop(columns="geometry").assign(footprint=outlines))

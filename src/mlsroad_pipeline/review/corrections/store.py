@@ -109,7 +109,8 @@ class CorrectionStore:
         """
         if not who.strip():
             raise ParameterError("the name of the user who corrects is empty: give one")
-        rows = [self._row(correction, who) for correction in corrections]
+        made = datetime.now(UTC).isoformat(timespec="milliseconds")  # one time: the page takes them back together
+        rows = [(made, *self._row(correction, who)) for correction in corrections]
         with self._transaction() as base:
             numbers = [int(base.execute(ADDED, row).lastrowid or 0) for row in rows]
             for number in numbers:
@@ -126,8 +127,7 @@ class CorrectionStore:
         own = anchors.get(str(correction.object_id))
         check_values(correction, place=None if own is None else (own["x"], own["y"]))
         payload = json.dumps(dict(correction.payload), sort_keys=True, allow_nan=False)
-        made = datetime.now(UTC).isoformat(timespec="milliseconds")
-        return made, who, correction.action, correction.object_id, correction.kind, payload, json.dumps(anchors)
+        return who, correction.action, correction.object_id, correction.kind, payload, json.dumps(anchors)
 
     def undo(self, *identifiers: int, who: str = "") -> None:
         """Take decisions back in one transaction, all or none; they stay in the store, marked.
