@@ -18,6 +18,7 @@ export class Marks {
     new THREE.BufferGeometry(),
     new THREE.LineBasicMaterial({ color: "#ffd21f", depthTest: false }),
   );
+  private readonly vertices = new THREE.Points(new THREE.BufferGeometry(), new THREE.PointsMaterial({ size: 7, sizeAttenuation: false, color: "#ffd21f", depthTest: false }));
   private readonly path = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: "#53b7ff" }));
   readonly brush = new THREE.LineSegments(
     new THREE.WireframeGeometry(new THREE.IcosahedronGeometry(1, 1)),
@@ -31,7 +32,7 @@ export class Marks {
   visible = true;
 
   constructor(private readonly model: Model) {
-    for (const part of [this.masts, this.dots, this.box, this.lines, this.path, this.brush]) {
+    for (const part of [this.masts, this.dots, this.box, this.lines, this.vertices, this.path, this.brush]) {
       part.frustumCulled = false;
       this.group.add(part);
     }
@@ -53,6 +54,7 @@ export class Marks {
     const drawn = shown.flatMap((line) => [line, colourOf(line)]);
     if (drawn.length === this.drawn.length && drawn.every((part, i) => part === this.drawn[i])) return;
     this.drawn = drawn;
+    setPositions(this.vertices.geometry, (chosen?.vertices ?? []).flatMap((vertex) => vertex.map((value, axis) => value - survey.origin[axis])));
     for (const part of this.surveyed.children as THREE.LineSegments[]) part.geometry.dispose();
     this.surveyed.clear();
     for (const colour of new Set(shown.map(colourOf))) {
@@ -98,6 +100,7 @@ export class Marks {
     if (chosen) setPositions(this.box.geometry, boxLines(this.extent(chosen)));
     this.drawLines();
     this.masts.visible = this.dots.visible = this.visible;
+    this.vertices.visible = model.line !== null;
     this.surveyed.visible = this.visible && model.section === null;
     this.path.visible = model.survey.path.length > 1 && model.section === null;
   }

@@ -140,7 +140,7 @@ export function review(model: Model, actions: Actions): HTMLElement {
     if (!marked.size || readOnly) return [];
     const lines = model.list === "lines";
     const kinds = [...marked].map((id) => (lines ? model.lineOf(id)?.kind : model.byId.get(id)?.kind) ?? "");
-    const words = [...new Set(kinds)].sort().map((kind) => `${count(kinds.filter((other) => other === kind).length)} ${kind.replace("_", " ")}`);
+    const words = [...new Set(kinds)].sort().map((kind) => `${count(kinds.filter((other) => other === kind).length)} × ${kind.replace("_", " ")}`);
     const buttons: [string, string, () => void][] = [
       ["Accept all", "A", () => actions.accept()],
       ["Reject all", "R", () => actions.reject()],
@@ -150,7 +150,7 @@ export function review(model: Model, actions: Actions): HTMLElement {
     return [
       el("h2", { class: "title", id: "marked" }, `${count(marked.size)} ${lines ? "lines" : "objects"} marked`),
       el("p", { class: "state" }, words.join(", ")),
-      el("div", { class: "buttons" }, ...buttons.map(([text, key, act]) => el("button", { type: "button", "data-action": text, click: act }, text, el("kbd", {}, key)))),
+      el("div", { class: "buttons two" }, ...buttons.map(([text, key, act]) => el("button", { type: "button", "data-action": text, click: act }, text, el("kbd", {}, key)))),
     ];
   }
 

@@ -47,7 +47,8 @@ def with_states(table: pd.DataFrame, states: States) -> pd.DataFrame:
     typed = [*noted, *states.notes_of_added.values()]
     names = sorted({name for note in typed if note for name in note.attributes})
     columns = ["note", *(f"{ATTRIBUTE}{name}" for name in names)] if names or any(n and n.text for n in typed) else []
-    texts = pd.DataFrame([note_cells(note) for note in noted], columns=columns, index=table.index).fillna("")
+    blank = dict.fromkeys(columns, "")
+    texts = pd.DataFrame([blank | note_cells(note) for note in noted], columns=columns, index=table.index)
     return table.drop(columns=note_columns(table)).assign(
         **{name: texts[name].astype("str") for name in columns},
         status=pd.array([state.get("status", "") for state in found], dtype="str"),

@@ -241,8 +241,9 @@ def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def _typed(rows: Sequence[Mapping[str, Any]], notes: Sequence[str]) -> pd.DataFrame:
-    table = pd.DataFrame(list(rows), columns=[*OBJECT_FIELDS, *notes])
-    table = table.fillna(dict.fromkeys(notes, "")).astype({**OBJECT_FIELDS, **dict.fromkeys(notes, "str")})
+    blank = dict.fromkeys(notes, "")
+    table = pd.DataFrame([blank | dict(row) for row in rows], columns=[*OBJECT_FIELDS, *notes])
+    table = table.astype({**OBJECT_FIELDS, **dict.fromkeys(notes, "str")})
     return table.round(dict.fromkeys(_MILLIMETRES, 3))
 
 
