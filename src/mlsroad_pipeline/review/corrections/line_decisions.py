@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,8 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS, line_fields_of_kind, line_row
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
-from mlsroad_pipeline.review.corrections.decisions import Correction, Decision
+from mlsroad_pipeline.review.corrections.decisions import LINE_ACTIONS, Correction, Decision
+from mlsroad_pipeline.review.corrections.store import has_corrections, open_corrections
 
 MOVED = 0.5
 """Largest distance of the first vertex of a line that is found again, metres."""
@@ -102,6 +104,19 @@ def line_states(decisions: Sequence[Decision], lines: pd.DataFrame, trajectory: 
             before = found.rows.get(number) or _row_of(lines, number)
             _change(found, present, number, given, before, trajectory)
     return found
+
+
+def corrected_lines(lines: pd.DataFrame | None, folder: Path, trajectory: Trajectory | None) -> pd.DataFrame | None:
+    """Return lines after the decisions in an output folder, also rejected ones, with the column `status`."""
+    if lines is None:
+        return None
+    found = LineStates()
+    if has_corrections(folder):
+        with open_corrections(folder, write=False) as store:
+            decisions = [d for d in store.current() if d.correction.action in LINE_ACTIONS]
+        found = line_states(decisions, lines, trajectory)
+    table = found.apply(lines)
+    return table.assign(status=[found.status.get(number, "") for number in table["line_id"].tolist()])
 
 
 def _row_of(lines: pd.DataFrame, number: int) -> dict[str, Any]:
