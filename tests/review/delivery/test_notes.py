@@ -174,7 +174,8 @@ def test_the_report_lists_lines_after_the_decisions(tmp_path):
     assert table["status"].tolist() == ["rejected", "added"]
     assert list(_lines_by_kind(table)) == ["stop_line"]
     [section] = _line_table(table)
-    assert "stop_line" in section.body and "added" in section.body and "12.0" in section.body
+    assert "stop_line" in section.body and "added" in section.body and ">12<" in section.body
+    assert "nan" not in section.body
 
 
 def test_states_of_objects_have_no_notes_of_others():
