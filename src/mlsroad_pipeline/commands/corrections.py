@@ -25,6 +25,7 @@ def list_corrections(out: Out, verbose: Verbose = False) -> None:
     """List the decisions about a labelled survey, and those that match no object any more."""
     from mlsroad_pipeline.review.corrections import has_corrections, open_corrections
     from mlsroad_pipeline.review.corrections.answers import files_of, unmatched_strokes
+    from mlsroad_pipeline.review.corrections.line_decisions import lost_lines
 
     with one_line_errors(verbose=verbose):
         folder = results_folder(expanded([out])[0])
@@ -37,14 +38,14 @@ def list_corrections(out: Out, verbose: Verbose = False) -> None:
             return
         with open_corrections(folder, write=False) as store:
             decisions, states = store.current(), store.states()
-        lost = {decision.identifier for decision in states.unmatched}
+        lost = {decision.identifier for decision in (*states.unmatched, *lost_lines(states.lines, Path(folder)))}
         misplaced = {
             decision.identifier
             for decision in unmatched_strokes(states.painted, files_of(states.painted, Path(folder)))
         }
         rows = [_row(decision, decision.identifier in lost | misplaced) for decision in decisions]
         console.print(count_table(rows, ("decision", "made", "who", "action", "object", "what", "matches")))
-        console.print(f"\n{len(decisions)} decisions, {len(lost)} match no object of the inventory.")
+        console.print(f"\n{len(decisions)} decisions, {len(lost)} match no object or line of the inventory.")
         if misplaced:
             console.print(f"{len(misplaced)} strokes are about files that are missing or have other points.")
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS, line_fields_of_kind, line_row
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+from mlsroad_pipeline.inventory_files.geopackage import read_geopackage
 from mlsroad_pipeline.review.corrections.decisions import LINE_ACTIONS, Correction, Decision
 from mlsroad_pipeline.review.corrections.store import has_corrections, open_corrections
 
@@ -117,6 +118,13 @@ def corrected_lines(lines: pd.DataFrame | None, folder: Path, trajectory: Trajec
         found = line_states(decisions, lines, trajectory)
     table = found.apply(lines)
     return table.assign(status=[found.status.get(number, "") for number in table["line_id"].tolist()])
+
+
+def lost_lines(decisions: Sequence[Decision], folder: Path) -> list[Decision]:
+    """Return the decisions about lines that the inventory of an output folder does not have."""
+    path = folder / "inventory.gpkg"
+    lines = read_geopackage(path).lines if decisions and path.is_file() else None
+    return [] if lines is None else line_states(decisions, lines).unmatched
 
 
 def _row_of(lines: pd.DataFrame, number: int) -> dict[str, Any]:
