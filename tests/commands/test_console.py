@@ -89,6 +89,11 @@ def test_the_projects_own_error_is_shown_and_not_what_kedro_wraps_it_in():
     assert describe(caused(DatasetError("Failed while loading\n'label'"), own)) == str(own)
 
 
+def test_a_missing_package_is_named():
+    lacking = ModuleNotFoundError("No module named 'torch'", name="torch")
+    assert "the package torch," in describe(caused(DatasetError("Failed"), lacking))
+
+
 def test_a_failed_stage_names_its_first_scenes():
     failures = tuple(SceneFailure(f"s{i}", f"/data/{i}.laz", f"cause\n{i}") for i in range(5))
     text = describe(caused(DatasetError("store"), SceneError("results", failures, 9)))

@@ -270,6 +270,9 @@ def _described(error: BaseException) -> str:
         return "; ".join(failures) + (f"; and {more} more scenes" if more > 0 else "")
     if own is not None:
         return printable(own)
+    lacking = next((cause.name for cause in chain if isinstance(cause, ModuleNotFoundError) and cause.name), None)
+    if lacking is not None:
+        return f"this needs the package {lacking}, which is not installed: a light installation lacks it"
     system = next((cause for cause in chain if isinstance(cause, OSError) and cause.strerror), None)
     if isinstance(system, OSError):
         text = f"{system.filename}: {system.strerror}" if system.filename else str(system.strerror)
