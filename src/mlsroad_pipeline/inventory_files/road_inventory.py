@@ -30,7 +30,7 @@ MAY_LACK = ("complete", "motion", "facing_from", "status", "checked_class", "rea
 ATTRIBUTE = "attr_"
 """Begin of the names of columns that hold the attributes that users gave to objects."""
 
-DECIDED = ("complete", "motion", "status", "checked_class")
+DECIDED = ("key", "complete", "motion", "status", "checked_class")
 """Columns that files of earlier versions lack; they are read as empty."""
 
 
