@@ -3,7 +3,9 @@
 import type { Cloud } from "./cloud";
 import { ask } from "./ask";
 import { Lines } from "./lines";
-import { KINDS, LINE_KINDS, type List, type Model, type Place, type Tool } from "./model";
+import { listing } from "./listing";
+import { KINDS, type List, type Model, type Place, type Tool } from "./model";
+import { Together } from "./together";
 import type { PointGroup, Wanted } from "./types";
 
 const UNCLASSED = new Set([0, 1, 7, 18]); // last in lists of classes
@@ -13,6 +15,7 @@ export class Actions {
   places: Place[] = [];
   onPlaces: () => void = () => {};
   readonly lines = new Lines(this);
+  private readonly together = new Together(this);
   /** Step that waits for the list. */
   private awaited: number | null = null;
 
@@ -70,7 +73,7 @@ export class Actions {
 
   /** Numbers of the objects in the list that can be decided. */
   private listed(): number[] {
-    return this.model.listing().filter((object) => !object.made).map((object) => object.id);
+    return listing(this.model).filter((object) => !object.made).map((object) => object.id);
   }
 
   private nextGroup(step = 1): void {
@@ -139,33 +142,9 @@ export class Actions {
     if (line) this.lines.go(line);
   }
 
-  /** Decide about all marked objects or lines together. */
-  private async decideMarked(action: string, done: string, kind = "", name = ""): Promise<void> {
-    const { model } = this;
-    if (model.busy) return;
-    const ids = [...model.marked];
-    const lines = model.list === "lines";
-    const wanted = lines
-      ? ids.map((id) => this.lines.wanted(model.lineOf(id)!, `${action}_line`, kind ? { to: kind } : {}))
-      : ids.filter((id) => !model.byId.get(id)!.made).map((id): Wanted => ({ action, object_id: id, ...(kind ? { kind } : {}), payload: name ? { class: name } : {} }));
-    const left = ids.length - wanted.length; // objects that a decision made
-    if (!wanted.length) return this.hint("Decisions made these objects: take them back to change them.", () => model.marked.size > 0);
-    const said = `${wanted.length} ${lines ? "lines" : "objects"} ${done}${left ? `, ${left} added ones left out` : ""}`;
-    if (await model.decideAll(wanted, said)) model.setMarked([]);
-  }
-
-  private kindOfMarked(): void {
-    const { model } = this;
-    const lines = model.list === "lines";
-    const question = `What are the ${model.marked.size} marked ${lines ? "lines" : "objects"}?`;
-    ask(model, question, lines ? LINE_KINDS : KINDS, (kind, name) => {
-      void this.decideMarked(lines ? "kind" : "other_kind", `are ${(kind || name).replace("_", " ")} now`, kind, name);
-    }, !lines);
-  }
-
   accept(): void {
     const { group, line, marked } = this.model;
-    if (marked.size) return void this.decideMarked("accept", "accepted");
+    if (marked.size) return void this.together.decide("accept", "accepted");
     if (line) return void this.lines.decide(line, "accept_line");
     if (group) return void this.answer(group, this.model.className(group.code));
     const id = this.chosen();
@@ -173,7 +152,7 @@ export class Actions {
   }
 
   reject(): void {
-    if (this.model.marked.size) return void this.decideMarked("reject", "rejected");
+    if (this.model.marked.size) return void this.together.decide("reject", "rejected");
     if (this.model.line) return void this.lines.decide(this.model.line, "reject_line");
     if (this.model.group) return void this.leaveOut(this.model.group);
     const id = this.chosen();
@@ -182,7 +161,7 @@ export class Actions {
 
   otherKind(): void {
     const { group, line, marked } = this.model;
-    if (marked.size) return this.kindOfMarked();
+    if (marked.size) return this.together.askKind();
     if (line) return this.lines.askKind(line);
     if (group) {
       const own = this.model.className(group.code);

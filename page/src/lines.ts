@@ -2,6 +2,7 @@
 
 import type { Actions } from "./actions";
 import { ask } from "./ask";
+import { lineOrder } from "./listing";
 import { LINE_KINDS, type Place } from "./model";
 import type { RoadLine, Wanted } from "./types";
 
@@ -32,7 +33,7 @@ export class Lines {
   }
 
   next(step: number): void {
-    const lines = this.model.lineOrder();
+    const lines = lineOrder(this.model);
     if (!lines.length) return;
     const here = lines.findIndex(({ line_id }) => line_id === this.model.line?.line_id);
     this.go(lines[here < 0 ? 0 : (here + step + lines.length) % lines.length]);
@@ -42,7 +43,7 @@ export class Lines {
   async decide(line: RoadLine, action: string, more: Record<string, unknown> = {}): Promise<void> {
     const { model } = this;
     if (model.busy) return;
-    const lines = model.lineOrder();
+    const lines = lineOrder(model);
     const following = lines[lines.findIndex(({ line_id }) => line_id === line.line_id) + 1];
     const done = await model.decide(this.wanted(line, action, more));
     const next = following && model.lineOf(following.line_id);

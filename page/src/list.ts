@@ -4,6 +4,7 @@ import type { Actions } from "./actions";
 import { classColour, kindColour, lineColour } from "./colours";
 import { clear, count, el, swatch } from "./dom";
 import { name } from "./lines";
+import { lineOrder, listing } from "./listing";
 import { type List, type Model, type Order, ORDERS, type RoadObject } from "./model";
 import { inWords } from "./notes";
 
@@ -43,8 +44,8 @@ export function objectList(model: Model, actions: Actions): HTMLElement {
 
   /** Numbers of the objects or lines of the list. */
   function listed(): number[] {
-    if (model.list === "lines") return model.lineOrder().map((line) => line.line_id);
-    return model.list === "decided" ? decided().map((object) => object.id) : model.listing().map((object) => object.id);
+    if (model.list === "lines") return lineOrder(model).map((line) => line.line_id);
+    return model.list === "decided" ? decided().map((object) => object.id) : listing(model).map((object) => object.id);
   }
 
   function mark(id: number, range: boolean): void {
@@ -70,7 +71,7 @@ export function objectList(model: Model, actions: Actions): HTMLElement {
   }
 
   function showLines(): void {
-    const lines = model.lineOrder();
+    const lines = lineOrder(model);
     for (const line of lines.slice(0, MOST)) {
       const after = `${typeof line.score === "number" ? `${line.score.toFixed(2)}, ` : ""}${line.length.toFixed(0)} m`;
       const parts = [swatch(lineColour(line.kind), "dot"), el("span", { class: "name" }, name(line)), el("span", { class: "reason" }, model.lineStatus(line)), el("span", { class: "after" }, after)];
@@ -95,7 +96,7 @@ export function objectList(model: Model, actions: Actions): HTMLElement {
 
   function showQueue(): void {
     const items = new Map(model.queue.map((item) => [item.object_id, item]));
-    const objects = model.listing();
+    const objects = listing(model);
     for (const object of objects.slice(0, MOST)) {
       const item = items.get(object.id);
       const precision = item && model.order === "first" && !model.search.trim();

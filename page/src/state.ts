@@ -42,21 +42,11 @@ export interface Message {
   holds?: () => boolean;
 }
 
-/** Distance from the path beyond which objects and lines come last, metres. */
-const FAR = 25;
-
 export const STATUSES = ["", "accepted", "rejected", "changed", "moved", "merged", "split", "added", "cut", "joined"];
 export const KINDS = ["pole", "sign", "tree", "vehicle"];
 export const LINE_KINDS = ["kerb", "wire", "lane_line", "stop_line", "crossing", "other_marking"];
 export const ORDERS = ["first", "number", "kind", "lowest", "highest"] as const;
 export type Order = (typeof ORDERS)[number];
-
-/** What a list is sorted by. */
-interface Listed {
-  id: number;
-  kind: string;
-  score?: number | null;
-}
 
 export class State {
   /** Objects as they are after the decisions, new ones last. */
@@ -259,40 +249,6 @@ export class State {
     return !this.hiddenLines.has(line.kind) && !this.hiddenStatuses.has(this.lineStatus(line)) && (line.score ?? 1) >= this.leastScore;
   }
 
-  /** Whether a text has all words that are searched; a number is that of the object, or stands in its note. */
-  private found(id: number, text: string, note = ""): boolean {
-    const all = `${text} ${note}`.toLowerCase();
-    return this.search.toLowerCase().split(/\s+/).every((word) => (/^\d+$/.test(word) ? id === Number(word) || note.includes(word) : all.includes(word)));
-  }
-
-  private get compare(): (a: Listed, b: Listed) => number {
-    const score = (item: Listed) => item.score ?? 1;
-    return {
-      first: () => 0,
-      number: (a: Listed, b: Listed) => a.id - b.id,
-      kind: (a: Listed, b: Listed) => a.kind.localeCompare(b.kind) || a.id - b.id,
-      lowest: (a: Listed, b: Listed) => score(a) - score(b) || a.id - b.id,
-      highest: (a: Listed, b: Listed) => score(b) - score(a) || a.id - b.id,
-    }[this.order];
-  }
-
-  /** Objects in the order of the list: those to look at first, or all that fit what is searched. */
-  listing(): RoadObject[] {
-    const rank = new Map(this.queue.map((item, i) => [item.object_id, i]));
-    const shown = this.objects.filter((object) => this.shown(object));
-    if (this.order === "first" && !this.search.trim()) {
-      const queued = shown.filter((object) => !object.made && rank.has(object.id)).sort((a, b) => rank.get(a.id)! - rank.get(b.id)!);
-      return [...shown.filter((object) => object.made).reverse(), ...queued];
-    }
-    const fitting = shown.filter((object) => {
-      const note = this.noteOf(object);
-      const typed = note ? [note.text, ...Object.entries(note.attributes).flat()].join(" ") : "";
-      return this.found(object.id, `${object.kind} ${object.name} ${this.status(object.id)} ${object.cells.reasons ?? ""}`, typed);
-    });
-    const byRank = (object: RoadObject) => rank.get(object.id) ?? Infinity;
-    return this.order === "first" ? fitting.sort((a, b) => (byRank(a) === byRank(b) ? a.id - b.id : byRank(a) - byRank(b))) : fitting.sort(this.compare);
-  }
-
   /** Object of a point with a number: of a split object the part with the nearest base. */
   objectAt(number: number, place: Place): number {
     const parts = this.objects.filter((object) => object.made?.of === number);
@@ -312,25 +268,6 @@ export class State {
   probability(object: RoadObject): number {
     const status = this.status(object.id);
     return status === "" ? object.score : status === "rejected" ? 0 : 1;
-  }
-
-  /** Lines to look at: undecided ones first, uncertain and long ones before others, those far from the path last. */
-  lineOrder(): RoadLine[] {
-    const rank = (line: RoadLine) => [
-      Number(this.lineStates[line.line_id] !== undefined),
-      Number(Math.abs(line.offset ?? 0) > FAR),
-      (line.score ?? 1) - Math.log10(1 + line.length) / 10,
-    ];
-    const text = (line: RoadLine) => `${line.kind.replace("_", " ")} ${this.lineStatus(line)}`;
-    const lines = this.lines.filter((line) => this.shownLine(line) && this.found(line.line_id, text(line)));
-    const item = ({ line_id: id, kind, score }: RoadLine) => ({ id, kind, score });
-    if (this.order !== "first") return lines.sort((a, b) => this.compare(item(a), item(b)));
-    const ranks = new Map(lines.map((line) => [line, rank(line)]));
-    return lines.sort((a, b) => {
-      const [one, other] = [ranks.get(a)!, ranks.get(b)!];
-      const i = one.findIndex((value, k) => value !== other[k]);
-      return i < 0 ? a.line_id - b.line_id : one[i] - other[i];
-    });
   }
 
   selectLine(line: RoadLine): void {
