@@ -68,6 +68,18 @@ def test_the_background_is_under_the_map_where_it_belongs(tab):
     assert not like(map_picture(tab), RED).any()
 
 
+def test_the_background_is_served_to_the_page_alone_and_wrong_requests_are_refused(tab, server):
+    assert server.ask("/background?area=400,800,600,1000&size=100,100")[0] == 401
+    ask = "fetch('/background?{0}').then(async (a) => [a.status, a.headers.get('content-type'), a.status === 200 ? '' : (await a.json()).error])"
+    assert tab.js(ask.format("area=420,820,600,990&size=90,85"))[:2] == [200, "image/jpeg"]
+    for query, words in (
+        ("area=420,820,600&size=9,9", "4 numbers"), ("area=420,820,400,900&size=9,9", "west, south"), ("area=420,820,600,990&size=9,9999", "from 1 to 2048"), ("size=9,9", "4 numbers"),
+    ):  # fmt: skip
+        status, _, error = tab.js(ask.format(query))
+        assert status == 409 and words in error
+    tab.messages.clear()  # the refusals are in the console
+
+
 def test_the_map_can_be_made_larger_and_small_again(tab):
     small = map_picture(tab).shape
     tab.press("g")

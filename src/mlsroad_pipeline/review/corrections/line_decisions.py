@@ -1,5 +1,6 @@
 """Lines of an inventory after the decisions about them: status, cut, joined, moved and new lines."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -7,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS, line_fields_of_kind, line_row
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
@@ -45,35 +45,39 @@ class LineStates:
 
 
 class _Present:
-    """Lines as they are while decisions are applied: numbers, kinds and first vertices."""
+    """Lines as they are while decisions are applied: numbers, kinds and first vertices, by cells of `MOVED`."""
 
     def __init__(self, lines: pd.DataFrame) -> None:
-        self._places = lines[["x", "y"]].to_numpy(np.float64).reshape(-1, 2)
-        self._numbers = lines["line_id"].to_numpy(np.int64)
-        self._kinds = lines["kind"].astype(str).to_numpy(dtype=object)
-        self.last = int(self._numbers.max()) if len(self._numbers) else 0
+        self._lines: dict[int, tuple[str, float, float]] = {}
+        self._cells: dict[tuple[str, int, int], set[int]] = {}
+        self.last = 0
+        places = zip(*(lines[name].tolist() for name in ("line_id", "kind", "x", "y")), strict=True)
+        for number, kind, x, y in places:
+            self.put(int(number), str(kind), (x, y))
 
     def find(self, kind: str, given: Mapping[str, Any]) -> int | None:
         """Return the number of the line of a kind that begins at a place; of several the one of that number."""
-        apart = np.hypot(*(self._places - (given["x"], given["y"])).T)
-        near = np.flatnonzero((self._kinds == kind) & (apart <= MOVED))
-        if not len(near):
-            return None
-        best = min(near, key=lambda row: (apart[row] > _SAME, self._numbers[row] != given["line"], apart[row]))
-        return int(self._numbers[best])
+        _, i, j = _cell(kind, given["x"], given["y"])
+        near = [n for a in (-1, 0, 1) for b in (-1, 0, 1) for n in self._cells.get((kind, i + a, j + b), ())]
+        apart = {n: math.dist(self._lines[n][1:], (given["x"], given["y"])) for n in near}
+        found = [n for n, distance in apart.items() if distance <= MOVED]
+        return min(found, key=lambda n: (apart[n] > _SAME, n != given["line"], apart[n], n), default=None)
 
-    def put(self, number: int, kind: str, place: NDArray[np.float64]) -> None:
+    def put(self, number: int, kind: str, place: Sequence[float]) -> None:
         """Add a line, or replace the one of its number."""
         self.drop(number)
-        self._numbers = np.append(self._numbers, number)
-        self._kinds = np.append(self._kinds, kind)
-        self._places = np.vstack([self._places, place])
+        self._lines[number] = kind, place[0], place[1]
+        self._cells.setdefault(_cell(kind, place[0], place[1]), set()).add(number)
         self.last = max(self.last, number)
 
     def drop(self, number: int) -> None:
         """Remove a line."""
-        kept = self._numbers != number
-        self._numbers, self._kinds, self._places = self._numbers[kept], self._kinds[kept], self._places[kept]
+        if number in self._lines:
+            self._cells[_cell(*self._lines.pop(number))].discard(number)
+
+
+def _cell(kind: str, x: float, y: float) -> tuple[str, int, int]:
+    return kind, math.floor(x / MOVED), math.floor(y / MOVED)
 
 
 def line_states(decisions: Sequence[Decision], lines: pd.DataFrame, trajectory: Trajectory | None = None) -> LineStates:
@@ -83,6 +87,7 @@ def line_states(decisions: Sequence[Decision], lines: pd.DataFrame, trajectory: 
     first part of a cut line keeps its number, and so does the first of joined ones.
     """
     present, found = _Present(lines), LineStates()
+    rows = dict(zip(lines["line_id"].tolist(), range(len(lines)), strict=True))
     for decision in decisions:
         given, kind = decision.correction, str(decision.correction.kind)
         number = present.last + 1 if given.action == "add_line" else present.find(kind, given.payload)
@@ -102,7 +107,7 @@ def line_states(decisions: Sequence[Decision], lines: pd.DataFrame, trajectory: 
         if status != "moved" or number not in found.status:  # a line that was accepted and moved stays accepted
             found.status[number] = status
         if given.action not in ("accept_line", "reject_line"):
-            before = found.rows.get(number) or _row_of(lines, number)
+            before = found.rows.get(number) or (_row(lines, rows[number]) if number in rows else {})
             _change(found, present, number, given, before, trajectory)
     return found
 
@@ -127,9 +132,8 @@ def lost_lines(decisions: Sequence[Decision], folder: Path) -> list[Decision]:
     return [] if lines is None else line_states(decisions, lines).unmatched
 
 
-def _row_of(lines: pd.DataFrame, number: int) -> dict[str, Any]:
-    own = lines[lines["line_id"] == number]
-    return {str(name): value for name, value in own.iloc[0].items()} if len(own) else {}
+def _row(lines: pd.DataFrame, row: int) -> dict[str, Any]:
+    return {str(name): value for name, value in lines.iloc[row].items()}
 
 
 def _change(
@@ -146,7 +150,7 @@ def _change(
         fields = line_fields_of_kind(kind)
         blank = {n: "" if entry.dtype == "str" else np.nan for n, entry in LINE_FIELDS.items() if n not in fields}
         found.rows[number] = {**before, **blank, "kind": kind}
-        present.put(number, kind, np.array([before["x"], before["y"]]))
+        present.put(number, kind, (before["x"], before["y"]))
         return
     kept = {"shape_line": tuple(LINE_FIELDS), "cut_line": _ALONG}.get(given.action, ())
     measures = {
@@ -158,4 +162,4 @@ def _change(
         row = line_row(str(given.kind), vertices, trajectory, **measures)
         found.rows[own] = row | {"line_id": own}
         found.status[own] = found.status[number]
-        present.put(own, str(given.kind), vertices[0, :2])
+        present.put(own, str(given.kind), vertices[0, :2].tolist())
