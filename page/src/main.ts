@@ -150,6 +150,7 @@ async function watch(model: Model, cloud: Cloud, map: SurveyMap, progress: HTMLE
         model.emit("status");
         const coarse = await coarsePoints(model.source, facts);
         map.setPoints(coarse.places, coarse.codes);
+        (window as any).page.complete = true;
       }
       progress.textContent =
         status.state === "building" ? `Preparing the points: ${Math.round(100 * status.share)} %, a sample is shown`

@@ -9,7 +9,7 @@ from PIL import Image
 from mlsroad_pipeline.algorithms.core.palette import COLOURS, hex_to_rgb
 
 ROAD, POLE = (hex_to_rgb(COLOURS[name]) for name in ("road", "utility_pole"))  # of the classes 11 and 64
-READY = "window.page?.model.tiles.state === 'ready' && !page.cloud.loading && page.cloud.shown > 30000"
+READY = "window.page?.complete && page.model.tiles.state === 'ready' && !page.cloud.loading && page.cloud.shown > 30000"
 
 
 def settle(tab):
