@@ -157,7 +157,9 @@ export function review(model: Model, actions: Actions): HTMLElement {
   function showChosen(): void {
     const object = model.selected === null ? undefined : model.byId.get(model.selected);
     const parts = model.line ? linePart(model.line) : model.group ? groupPart(model.group) : object ? objectPart(object) : pointPart();
-    const children = [...markedPart(), ...parts];
+    // Buttons and keys decide about the marked ones while there are any.
+    const single = model.marked.size ? parts.filter((part) => !(part instanceof HTMLElement && part.classList.contains("buttons"))) : parts;
+    const children = [...markedPart(), ...single];
     if (chosen.contains(document.activeElement)) replaceAround(chosen, children);
     else chosen.replaceChildren(...children);
   }

@@ -102,6 +102,10 @@ def test_marks_of_the_list_change_the_kind_of_all(tab):
         tab.send("Input.dispatchMouseEvent", type=kind, x=box[0], y=box[1], button="left", clickCount=1, modifiers=8)
     assert tab.js("[...page.model.marked]") == [1, 2, 3]
     tab.click("#queue li[data-id='2'] input")  # off again
+    tab.js("page.model.select(2)")
+    assert "pole 2" in tab.js("document.querySelector('#chosen').innerText")
+    names = "[...document.querySelectorAll('#chosen button')].map((b) => b.dataset.action).filter(Boolean)"
+    assert tab.js(names) == ["Accept all", "Reject all", "Other kind", "Unmark"]  # none that decides about pole 2
     tab.press("k")
     assert tab.js("document.querySelector('dialog[open] h2').textContent") == "What are the 2 marked objects?"
     tab.press("3")
