@@ -13,7 +13,7 @@ from helpers.corrected import object_rows
 from helpers.page_output import write_output
 from typer.testing import CliRunner
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.commands.app import app
 from mlsroad_pipeline.inventory_files.geopackage import read_geopackage, write_geopackage
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
@@ -176,6 +176,19 @@ def test_the_report_lists_lines_after_the_decisions(tmp_path):
     [section] = _line_table(table)
     assert "stop_line" in section.body and "added" in section.body and ">12<" in section.body
     assert "nan" not in section.body
+
+
+def test_a_note_of_an_object_that_was_not_added_is_refused_and_one_that_was_taken_back_is_gone(tmp_path):
+    write_output(tmp_path / "out")
+    with open_corrections(tmp_path / "out") as store:
+        with pytest.raises(ParameterError, match="no decision 7 in force has added"):
+            store.add(Correction("note", payload={"added": 7, "note": "x"}), who="ann")
+        number = store.add(Correction("add", kind="pole", payload={"x": 1.0, "y": 2.0, "z": 0.0}), who="ann")
+        store.add(Correction("note", payload={"added": number, "note": "x"}), who="ann")
+        store.undo(number, who="ann")
+        assert store.states().notes_of_added == {}
+    with pytest.raises(ParameterError, match="object_id must be a number"):
+        Correction("accept", payload={"added": 1})
 
 
 def test_states_of_objects_have_no_notes_of_others():

@@ -110,6 +110,28 @@ def test_a_view_of_many_tiles_takes_few(tmp_path, tiles):
     assert kind == "image/png" and 0 < (found[..., 3] > 0).mean() < 0.05
 
 
+def test_of_a_view_that_is_far_too_wide_nothing_is_drawn(tmp_path, tiles):
+    write_mbtiles(tmp_path / "map.mbtiles", 17, tiles)
+    wide = (WEST - 100_000, NORTH - 100_000, WEST + 100_000, NORTH + 100_000)  # 400,000 tiles of the only level
+    found, _ = shown(Background(tmp_path / "map.mbtiles", UTM33), wide, (50, 50))
+    assert not found.any()
+
+
+@pytest.mark.parametrize("share", [0.02, 0.4])
+def test_cut_files_are_named(tmp_path, tiles, share):
+    for name in ("map.pmtiles", "map.mbtiles", "photo.tif"):
+        path = tmp_path / name
+        if name == "photo.tif":
+            write_geotiff(
+                path, np.random.default_rng(0).integers(0, 255, (200, 200, 3), np.uint8), WEST, NORTH, 0.5, epsg=25833
+            )
+        else:
+            (write_pmtiles if name == "map.pmtiles" else write_mbtiles)(path, 17, tiles)
+        path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+        with pytest.raises(MlsRoadError):
+            Background(path, UTM33).picture((WEST - 100, NORTH - 200, WEST + 200, NORTH + 50), (40, 40))
+
+
 def test_numbers_of_tiles_are_those_of_the_format(tmp_path, tiles):
     assert [number(1, *place) for place in ((0, 0), (0, 1), (1, 1), (1, 0))] == [1, 2, 3, 4]  # of its specification
     write_pmtiles(tmp_path / "map.pmtiles", 17, tiles)

@@ -52,7 +52,7 @@ class Correction:
         """Check the arguments of the action."""
         if self.action not in ACTIONS:
             raise ParameterError(f"correction: unknown action {self.action!r}, known are {', '.join(ACTIONS)}")
-        if self.action in ("add", "paint", *LINE_ACTIONS) or "added" in self._given:
+        if self.action in ("add", "paint", *LINE_ACTIONS) or self._is_about_added:
             self._need(self.object_id is None, "object_id must be left out")
         else:
             self._need(_is_number(self.object_id), f"object_id must be a number from 1, got {self.object_id!r}")
@@ -87,8 +87,8 @@ class Correction:
         elif self.action in LINE_ACTIONS:
             self._check_line()
         elif self.action == "note":
-            added = given.get("added")
-            self._need(added is None or _is_number(added), f"added must be the number of a decision, got {added!r}")
+            added = given.get("added", 1)
+            self._need(_is_number(added), f"added must be the number of a decision, got {added!r}")
         elif self.action == "paint":
             points = given.get("points")
             right = bool(_entries(points)) and all(_is_number(point, least=0) for point in _entries(points))
@@ -116,8 +116,8 @@ class Correction:
         self._need(right, f"parts must be {number} lists of two or more vertices x, y, z, {_MOST_VERTICES} at most")
 
     @property
-    def _given(self) -> Mapping[str, Any]:
-        return self.payload if isinstance(self.payload, Mapping) else {}
+    def _is_about_added(self) -> bool:
+        return self.action == "note" and isinstance(self.payload, Mapping) and "added" in self.payload
 
     def _text(self) -> str:
         try:

@@ -80,8 +80,8 @@ def fold_states(decisions: Sequence[Decision], objects: ListedObjects) -> States
     """Return the state of each object of an inventory after the decisions in force."""
     states = States()
     present = _present_numbers(decisions, objects)
-    kinds = dict(zip(objects.table["object_id"].tolist(), objects.table["kind"].astype(str).tolist(), strict=True))
-    names = dict(zip(objects.table["object_id"].tolist(), objects.table["class"].astype(str).tolist(), strict=True))
+    columns = (objects.table[name].astype(str).tolist() for name in ("kind", "class"))
+    listed = dict(zip(objects.table["object_id"].tolist(), zip(*columns, strict=True), strict=True))
     for decision in decisions:
         action = decision.correction.action
         if action == "paint":
@@ -89,28 +89,37 @@ def fold_states(decisions: Sequence[Decision], objects: ListedObjects) -> States
         elif action == "add":
             states.added.append(decision)
             states.notes_of_added[decision.identifier] = Note.of(decision.correction.payload)
-        elif "added" in decision.correction.payload:
-            states.notes_of_added[decision.correction.payload["added"]] = Note.of(decision.correction.payload)
+        elif action == "note" and decision.correction.object_id is None:
+            of = decision.correction.payload["added"]
+            if of in states.notes_of_added:  # the object was not taken back
+                states.notes_of_added[of] = Note.of(decision.correction.payload)
         elif action in LINE_ACTIONS:
             states.lines.append(decision)
         else:
             numbers = [present.get((decision.identifier, number)) for number in named_objects(decision.correction)]
-            own = numbers[0]
-            if own is None:
-                states.unmatched.append(decision)
-                continue
-            if action == "note":
-                states.notes[own] = Note.of(decision.correction.payload)
-                continue
-            _apply(states.of_objects, decision, own, (kinds.get(own, ""), names.get(own, "")))
-            for other in numbers[1:]:
-                if other is not None and other != own:
-                    _apply(states.of_objects, decision, other, (kinds.get(other, ""), names.get(other, "")))
-                    states.of_objects[other]["merged_into"] = own
+            _apply_to_objects(states, decision, numbers, listed)
     for number, state in states.of_objects.items():
         if "merged_into" in state:
             states.of_objects[state["merged_into"]].setdefault("merged", []).append(number)
     return states
+
+
+def _apply_to_objects(
+    states: States, decision: Decision, numbers: Sequence[int | None], listed: Mapping[int, tuple[str, str]]
+) -> None:
+    """Apply a decision to the objects that it names, its own first; `listed` has their kinds and classes."""
+    own = numbers[0]
+    if own is None:
+        states.unmatched.append(decision)
+        return
+    if decision.correction.action == "note":
+        states.notes[own] = Note.of(decision.correction.payload)
+        return
+    _apply(states.of_objects, decision, own, listed.get(own, ("", "")))
+    for other in numbers[1:]:
+        if other is not None and other != own:
+            _apply(states.of_objects, decision, other, listed.get(other, ("", "")))
+            states.of_objects[other]["merged_into"] = own
 
 
 def _apply(states: dict[int, ObjectState], decision: Decision, number: int, listed: tuple[str, str]) -> None:

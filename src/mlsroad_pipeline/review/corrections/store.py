@@ -124,6 +124,9 @@ class CorrectionStore:
             if anchor is None:
                 raise ParameterError(f"{self.folder}: the inventory has no object {number}")
             anchors[str(number)] = asdict(anchor)
+        added = correction.payload.get("added") if correction.action == "note" else None
+        if added is not None and added not in self.states().notes_of_added:
+            raise ParameterError(f"{self.path}: no decision {added} in force has added an object")
         own = anchors.get(str(correction.object_id))
         check_values(correction, place=None if own is None else (own["x"], own["y"]))
         payload = json.dumps(dict(correction.payload), sort_keys=True, allow_nan=False)

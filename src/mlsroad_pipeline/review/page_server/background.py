@@ -2,8 +2,11 @@
 
 import base64
 import io
+import sqlite3
+import struct
 import threading
 import warnings
+import zlib
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,6 +26,7 @@ Area = tuple[float, float, float, float]
 MOST_PIXELS = 120_000_000
 """Largest GeoTIFF, pixels: it is held in memory."""
 
+_DAMAGED = (OSError, sqlite3.Error, zlib.error, ValueError, IndexError, OverflowError, SyntaxError, struct.error)
 _SCALE, _TIE, _MATRIX, _KEYS = 33550, 33922, 34264, 34735  # tags of GeoTIFF
 _PROJECTED, _GEOGRAPHIC, _RASTER_TYPE, _POINT, _OWN = 3072, 2048, 1025, 2, 32767
 _KNOTS = 17  # per direction, between which coordinates are interpolated
@@ -51,6 +55,14 @@ class Background:
 
     def picture(self, area: Area, size: tuple[int, int]) -> tuple[bytes, str]:
         """Return an area of the survey's system as JPEG, or as PNG where a part has no colour, and its media type."""
+        try:
+            return self._picture(area, size)
+        except MlsRoadError:
+            raise
+        except _DAMAGED as error:
+            raise ReadError(f"{self._path} is damaged: {' '.join(str(error).split())}") from error
+
+    def _picture(self, area: Area, size: tuple[int, int]) -> tuple[bytes, str]:
         x, y = self._places(area, size)
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
             found = np.zeros((*x.shape, 4), np.uint8)
@@ -166,10 +178,7 @@ class GeoTiff:
         with self._guard:
             if not self._levels:
                 with _opened(self._path) as image:
-                    try:
-                        whole = image.convert("RGBA" if image.mode in ("RGBA", "LA", "PA") else "RGB")
-                    except OSError as error:
-                        raise ReadError(f"{self._path} is damaged: {error}") from error
+                    whole = image.convert("RGBA" if image.mode in ("RGBA", "LA", "PA") else "RGB")
                 while True:
                     self._levels.append(np.asarray(whole))
                     if max(whole.size) <= 512:
@@ -181,7 +190,7 @@ class GeoTiff:
 def _opened(path: Path) -> Image.Image:
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the size is checked
+            warnings.simplefilter("ignore")  # of large pictures, whose size is checked, and of odd tags
             return Image.open(path)
     except (UnidentifiedImageError, Image.DecompressionBombError, OSError, SyntaxError) as error:
         raise ReadError(f"{path}: not a TIFF that can be read: {' '.join(str(error).split())}") from error
@@ -237,5 +246,5 @@ def open_background(path: Path, folder: Path) -> Background:
         return Background(path, system_of(folder))
     except MlsRoadError:
         raise
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (*_DAMAGED, KeyError, TypeError) as error:
         raise ReadError(f"{path}: not a background that can be read: {' '.join(str(error).split())}") from error

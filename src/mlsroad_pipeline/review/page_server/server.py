@@ -3,7 +3,6 @@
 import json
 import secrets
 import socket
-import sqlite3
 import threading
 import webbrowser
 from collections.abc import AsyncIterator, Callable
@@ -112,7 +111,7 @@ def _files(survey: ServedSurvey) -> list[Route]:
         try:
             area, size = area_of(query.get("area", "")), size_of(query.get("size", ""))
             content, kind = await run_in_threadpool(shown.picture, area, size)
-        except (MlsRoadError, OSError, sqlite3.Error) as error:
+        except MlsRoadError as error:
             return _refused(error)
         return Response(content, media_type=kind, headers=_CACHED)
 

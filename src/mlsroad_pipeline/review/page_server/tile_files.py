@@ -19,7 +19,9 @@ from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 HALF = math.pi * 6378137.0
 """Half the width of the world in Web Mercator (EPSG:3857), metres."""
 
-_MOST_TILES = 150  # of a picture
+_MOST_TILES = 150  # of a picture, where there are lower levels
+_MOST_AT_ALL = 4096  # of a picture; of a wider view nothing is drawn
+_MOST_PIXELS = 40_000_000  # of the picture of all tiles
 _PMTILES = struct.Struct("<7sB11Q6B")
 _RASTER = {2: "png", 3: "jpg", 4: "webp", 5: "avif"}
 _GZIP, _PLAIN = 2, 1
@@ -149,16 +151,20 @@ def mosaic(
         side = 2 * HALF / 2**level
         left, right = (int((value + HALF) // side) for value in (area[0], area[2]))
         top, bottom = (int((HALF - value) // side) for value in (area[3], area[1]))
-        if (right - left + 1) * (bottom - top + 1) <= _MOST_TILES or level == least:
+        count = (right - left + 1) * (bottom - top + 1)
+        if count <= _MOST_TILES or level == least:
             break
         level -= 1
+    largest = 2 ** int(math.log2(math.sqrt(_MOST_PIXELS / count))) if count <= _MOST_AT_ALL else 0
     pictures = {
-        (column, row): _decoded(data)
-        for column in range(max(left, 0), min(right, left + _MOST_TILES, 2**level - 1) + 1)
-        for row in range(max(top, 0), min(bottom, top + _MOST_TILES, 2**level - 1) + 1)
+        (column, row): _decoded(data, largest)
+        for column in range(max(left, 0), min(right, 2**level - 1) + 1 if largest else 0)
+        for row in range(max(top, 0), min(bottom, 2**level - 1) + 1)
         if (data := source.tile(level, column, row)) is not None
     }
-    size = max((len(picture) for picture in pictures.values()), default=1)
+    if not pictures:
+        return np.zeros((1, 1, 4), np.uint8), (left * side - HALF, HALF - top * side, side)
+    size = max(len(picture) for picture in pictures.values())
     whole = np.zeros(((bottom - top + 1) * size, (right - left + 1) * size, 4), np.uint8)
     for (column, row), picture in pictures.items():
         y, x = (row - top) * size, (column - left) * size
@@ -166,8 +172,11 @@ def mosaic(
     return whole, (left * side - HALF, HALF - top * side, side / size)
 
 
-def _decoded(data: bytes) -> NDArray[np.uint8]:
+def _decoded(data: bytes, largest: int) -> NDArray[np.uint8]:
+    """Return a tile with sides of at most a number of pixels."""
     try:
-        return np.asarray(Image.open(io.BytesIO(data)).convert("RGBA"))
-    except (UnidentifiedImageError, OSError) as error:
+        tile = Image.open(io.BytesIO(data)).convert("RGBA")
+    except (UnidentifiedImageError, Image.DecompressionBombError, OSError, SyntaxError) as error:
         raise ReadError(f"a tile of the background is damaged: {error}") from error
+    wanted = min(largest, 512)
+    return np.asarray(tile if max(tile.size) <= wanted else tile.resize((wanted, wanted), Image.Resampling.BOX))
