@@ -161,6 +161,7 @@ def test_what_npz_cannot_hold(tmp_path, rng):
 
 
 def test_of_a_thousand_arrays_the_first_are_named(tmp_path):
-    np.savez(tmp_path / "polygons.npz", **{f"ground_{k}": np.zeros(3) for k in range(1000)})
-    with pytest.raises(MissingColumnError, match=r"ground_19 and 980 more\)"):
+    arrays = {name: np.zeros(3) for name in ("x", "y", *(f"ground_{k}" for k in range(998)))}
+    np.savez(tmp_path / "polygons.npz", **arrays)
+    with pytest.raises(MissingColumnError, match=r"ground_17 and 980 more\)"):
         NpzFormat().read(tmp_path / "polygons.npz", DEFAULT)
