@@ -86,6 +86,8 @@ def line_states(decisions: Sequence[Decision], lines: pd.DataFrame, trajectory: 
     `lines` has the columns of `LINE_FIELDS`. New lines are numbered after all others in the order of the decisions; the
     first part of a cut line keeps its number, and so does the first of joined ones.
     """
+    if not decisions:
+        return LineStates()
     present, found = _Present(lines), LineStates()
     rows = dict(zip(lines["line_id"].tolist(), range(len(lines)), strict=True))
     for decision in decisions:

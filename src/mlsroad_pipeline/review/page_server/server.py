@@ -39,7 +39,6 @@ REPORT_POLICY = (
 )
 """Policy of the report: its own scripts run without an origin, so that they cannot call the server."""
 _SERVED = {".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".png": "image/png"}
-_CACHED = {"Cache-Control": "private, max-age=3600"}
 
 
 def application(survey: ServedSurvey) -> Starlette:
@@ -113,7 +112,7 @@ def _files(survey: ServedSurvey) -> list[Route]:
             content, kind = await run_in_threadpool(shown.picture, area, size)
         except MlsRoadError as error:
             return _refused(error)
-        return Response(content, media_type=kind, headers=_CACHED)
+        return Response(content, media_type=kind)
 
     async def report(request: Request) -> Response:
         path = resolved(survey.output.path, REPORT)
