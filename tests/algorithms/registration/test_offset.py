@@ -2,36 +2,11 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.registration.offset import find_offset
 from mlsroad_pipeline.algorithms.registration.surfaces import find_surfaces, turn_of
-
-
-def rectangle(corner, along, up, spacing: float, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return random points of a rectangle with 5 mm noise."""
-    corner, along, up = (np.array(v, dtype=float) for v in (corner, along, up))
-    n = int(np.linalg.norm(along) * np.linalg.norm(up) / spacing**2)
-    u, v = rng.random((2, n, 1))
-    return corner + u * along + v * up + rng.normal(0, 0.005, (n, 3))
-
-
-def street(seed: int, *, walls: bool = True, fronts: bool = True, posts: bool = True) -> NDArray[np.float64]:
-    """Return a road of 60 m with walls along it, fronts across it and posts; the same surfaces with each seed."""
-    rng = np.random.default_rng(seed)
-    parts = [rectangle((0, -10, 0), (60, 0, 1.2), (0, 20, 0), 0.12, rng)]
-    if walls:
-        parts += [rectangle((0, y, 0), (60, 0, 1.2), (0, 0, 6), 0.12, rng) for y in (-10, 10)]
-    if fronts:
-        parts += [rectangle((x, 6, 0), (0, 4, 0), (0, 0, 3), 0.1, rng) for x in (5, 17, 31, 44, 52)]
-    if posts:
-        for x, y in ((8, -5), (21, 5.2), (33, -5.1), (47, 5), (55, -5)):
-            turn, high = rng.random(900) * 2 * np.pi, rng.random(900) * 5
-            ring = np.column_stack([x + 0.08 * np.cos(turn), y + 0.08 * np.sin(turn), 0.02 * x + high])
-            seen = np.sign(-y) * np.sin(turn) > -0.3 if seed % 2 else np.cos(turn) > -0.3
-            parts.append((ring + rng.normal(0, 0.005, ring.shape))[seen])
-    return np.concatenate(parts)
+from tests.helpers.twin_streets import rectangle, street
 
 
 @pytest.mark.parametrize(
