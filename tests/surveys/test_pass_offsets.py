@@ -4,13 +4,13 @@ import shutil
 
 import numpy as np
 import pytest
+from helpers.twin_streets import street, write_pass
 
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.surveys.files import Survey
 from mlsroad_pipeline.surveys.inspection import InspectParameters, inspect_survey, offsets_of_files
 from mlsroad_pipeline.surveys.offset_warnings import offset_facts, offset_warnings
-from tests.helpers.twin_streets import street, write_pass
 
 DAY = 86_400.0
 

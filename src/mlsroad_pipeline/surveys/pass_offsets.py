@@ -250,12 +250,13 @@ def _points(
         own = [u for u in wanted if recordings[u].source == number]
         for cloud in sources[number].chunks():
             world = cloud.xyz.astype(np.float64) + cloud.origin
-            keys, digest = _keys(world[:, :2]), _digests(world, cloud)
-            visits = _visits(cloud, recordings[own[0]].starts, recordings[own[0]].by_route)
-            kept = digest % step == 0
+            digest = _digests(world, cloud)
+            rows = np.flatnonzero(digest % step == 0)
+            keys = _keys(world[rows, :2])
+            visits = _visits(cloud, recordings[own[0]].starts, recordings[own[0]].by_route)[rows]
             for u in own:
-                chosen = np.flatnonzero(kept & (visits == recordings[u].visit) & np.isin(keys, wanted[u]))
-                parts[u].append((world[chosen] - origin, keys[chosen], digest[chosen]))
+                chosen = np.flatnonzero((visits == recordings[u].visit) & _among(keys, wanted[u]))
+                parts[u].append((world[rows[chosen]] - origin, keys[chosen], digest[rows[chosen]]))
                 timed[u] &= SECOND in cloud
     joined = {u: [np.concatenate(each) for each in zip(*filled, strict=True)] for u, filled in parts.items()}
     return {u: _Points(xyz, key, digest, origin, timed[u]) for u, (xyz, key, digest) in joined.items()}
@@ -270,8 +271,14 @@ def _digests(world: NDArray[np.float64], cloud: PointCloud) -> NDArray[np.int64]
     return (mixed * 0x9E3779B97F4A7C1 >> 8) & 0x7FFFFFFFFFFF
 
 
+def _among(values: NDArray[np.int64], ascending: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which values are among some few; `np.isin` sorts all of them."""
+    found: NDArray[np.bool_] = ascending[np.searchsorted(ascending[:-1], values)] == values
+    return found
+
+
 def _in_cells(points: _Points, keys: NDArray[np.int64]) -> _Points:
-    own = np.isin(points.key, keys)
+    own = _among(points.key, keys)
     return points._replace(xyz=points.xyz[own], key=points.key[own], digest=points.digest[own])
 
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from helpers.twin_streets import rectangle, street
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.registration.offset import find_offset
 from mlsroad_pipeline.algorithms.registration.surfaces import find_surfaces, turn_of
-from tests.helpers.twin_streets import rectangle, street
 
 
 @pytest.mark.parametrize(

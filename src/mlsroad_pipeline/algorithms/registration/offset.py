@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.validation import check_positive
+from mlsroad_pipeline.algorithms.geometry.sorting import rank_integers
 from mlsroad_pipeline.algorithms.registration.coarse import coarse_height, coarse_plans, seam_height
 from mlsroad_pipeline.algorithms.registration.surfaces import Surfaces, find_surfaces, turn_of
 
@@ -327,12 +328,13 @@ def _places(where: NDArray[np.float64]) -> NDArray[np.int64]:
     """Return the number of the place in plan of each row."""
     if not len(where):
         return np.zeros(0, dtype=np.int64)
-    return np.unique(np.floor(where[:, :2] / CLUSTER).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
+    index = np.floor(where[:, :2] / CLUSTER).astype(np.int64)
+    return rank_integers((index[:, 0] << 32) + index[:, 1])[1]
 
 
 def _solve(rows: _Rows, reach: float) -> _Solution | None:
     """Return the robust solution (Tukey's weights) and its standard errors, or None with too few places."""
-    n_places = len(np.unique(rows.place))
+    n_places = int(rows.place.max(initial=-1)) + 1
     if n_places < FEWEST_PLACES or len(rows.rest) < 2 * FEWEST_PLACES:
         return None
     value = np.zeros(rows.factors.shape[1])
