@@ -28,6 +28,7 @@ from mlsroad_pipeline.review.corrections.store_file import (
     checksum,
     connected,
     connected_to_copy,
+    empty_in_memory,
     identity,
     readable,
     rescued,
@@ -249,7 +250,8 @@ def open_corrections(folder: str | Path, *, write: bool = True) -> CorrectionSto
     folder : str or Path
         Output folder of `label`.
     write : bool
-        Whether decisions will be added; without, a store that cannot be written is read from a copy in memory.
+        Whether decisions will be added; without, a store that cannot be written is read from a copy in memory, and a
+        folder without a store that cannot be written has no decisions.
 
     Returns
     -------
@@ -270,9 +272,10 @@ def open_corrections(folder: str | Path, *, write: bool = True) -> CorrectionSto
     with readable(path):
         if os.access(place, os.W_OK) and (not path.exists() or os.access(path, os.W_OK)):
             return CorrectionStore(place, connected(path))
-        if write or not os.path.lexists(path):
+        if write:
             raise _not_writable(path)
-        return CorrectionStore(place, connected_to_copy(path), writable=False)
+        found = connected_to_copy(path) if os.path.lexists(path) else empty_in_memory()
+        return CorrectionStore(place, found, writable=False)
 
 
 def _not_writable(path: Path) -> ReadError:

@@ -59,11 +59,11 @@ class ServedSurvey:
     @property
     def store(self) -> CorrectionStore:
         """Decisions of the output folder."""
-        from mlsroad_pipeline.review.corrections import has_corrections, open_corrections  # noqa: PLC0415
+        from mlsroad_pipeline.review.corrections import open_corrections  # noqa: PLC0415
 
         with self._guard:
             if self._store is None:
-                self._store = open_corrections(self.output.path, write=not has_corrections(self.output.path))
+                self._store = open_corrections(self.output.path, write=False)
                 self._objects = self._store.objects().digest
             return self._store
 
