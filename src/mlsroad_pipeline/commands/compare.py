@@ -1,4 +1,4 @@
-"""Command `mlsroad compare`: a register against a labelled survey."""
+"""Command `mlsroad compare`: a register, or an earlier survey, against a labelled survey."""
 
 import os
 from pathlib import Path
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.commands.compare_surveys import SurveyOptions, compare_two_surveys
 from mlsroad_pipeline.commands.console import (
     collected_warnings,
     count_table,
@@ -24,7 +25,11 @@ if TYPE_CHECKING:
 
 def compare(  # typer reads the options from the signature
     register: Annotated[
-        str, typer.Argument(metavar="REGISTER", help="Register: CSV, GeoPackage, Shapefile or GeoJSON.")
+        str,
+        typer.Argument(
+            metavar="REGISTER",
+            help="CSV, GeoPackage, Shapefile, GeoJSON; or the folder of results of an earlier survey.",
+        ),
     ],
     survey: Annotated[str, typer.Argument(metavar="FOLDER", help="Folder of results of label.")],
     column: Annotated[
@@ -43,15 +48,36 @@ def compare(  # typer reads the options from the signature
         str | None, typer.Option("--crs", metavar="EPSG:...", help="Coordinate system of the register.")
     ] = None,
     output: Annotated[
-        str | None, typer.Option("--output", "-o", metavar="FOLDER", help="Folder of the states. Default: register.")
+        str | None,
+        typer.Option("--output", "-o", metavar="FOLDER", help="Folder of the states. Default: register, or changes."),
     ] = None,
+    align: Annotated[
+        bool, typer.Option("--align", help="Move the earlier survey by its offset, which is measured in any case.")
+    ] = False,
+    surfaces: Annotated[
+        bool, typer.Option("--surfaces/--no-surfaces", help="Compare road, kerbs and facades of two surveys.")
+    ] = True,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace earlier states in the folder.")] = False,
     verbose: Verbose = False,
 ) -> None:
-    """Say which entries of a register are confirmed, moved, of another kind, gone or not visible, and what is new."""
+    """Say what is confirmed, moved, gone, not visible or new: of a register, or of an earlier survey."""
     with one_line_errors(verbose=verbose):
         places = expanded([register, survey])
-        folder = results_folder(places[1])
+        folder, earlier = results_folder(places[1]), results_folder(places[0])
+        if os.path.isdir(earlier):
+            of_register = {"--column": column, "--value": value, "--kind": kind, "--layer": layer, "--crs": crs}
+            given = next((name for name, option in of_register.items() if option), None)
+            if given is not None:
+                raise ParameterError(f"{given} is for a register, and {places[0]} is a survey: leave it out")
+            target = Path(folder) / "changes" if output is None else Path(expanded([output])[0])
+            options = SurveyOptions(align, surfaces, overwrite, verbose)
+            compare_two_surveys(earlier, folder, target, options)
+            return
+        if align or not surfaces:
+            raise ParameterError(
+                f"{'--align' if align else '--no-surfaces'} is for two surveys, and {places[0]} is a register: leave "
+                "it out"
+            )
         check_exist([places[0], folder])
         target = Path(folder) / "register" if output is None else Path(expanded([output])[0])
         configure(find_place())

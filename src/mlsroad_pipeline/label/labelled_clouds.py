@@ -1,7 +1,7 @@
 """Labelled clouds of a survey: points with the positions of the scanner, and what its rays say about places."""
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -57,6 +57,7 @@ class LabelledCloud:
     kind: NDArray[np.uint8]  # Number of the kind of each class code, or `NO_KIND`
     label: NDArray[np.int16]  # Class of each code in the scheme, -1 for none
     scheme: ClassScheme
+    move: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None  # Puts the cloud into another place
 
     def chunks(self) -> Iterator[Any]:
         """Yield world coordinates, codes and the positions of the scanner of a part of the points."""
@@ -69,7 +70,20 @@ class LabelledCloud:
             xyz = cloud.world_xyz()
             path = self.trajectory  # a ray without length crosses nothing
             scanner = xyz if path is None else scanner_positions(path, xyz, cloud.get("gps_time"))
+            if self.move is not None:
+                xyz, scanner = self.move(xyz), self.move(scanner)
             yield xyz, cloud["classification"].astype(np.uint8), scanner
+
+    def points_of(self, numbers: NDArray[np.int64]) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int64]]]:
+        """Yield the points of some objects, each with the row of its object in `numbers`."""
+        form, options = get_format(self.path), self.output.read_options()
+        info, order = form.info(self.path, options), np.argsort(numbers)
+        for start in range(0, info.n_points, CHUNK):
+            cloud = form.read(self.path, replace(options, only=("object_id",)), start=start, stop=start + CHUNK)
+            own = np.flatnonzero(np.isin(cloud["object_id"], numbers))
+            row = order[np.searchsorted(numbers, cloud["object_id"][own], sorter=order)]
+            xyz = cloud.world_xyz()[own]
+            yield xyz if self.move is None else self.move(xyz), row
 
 
 def scanner_positions(

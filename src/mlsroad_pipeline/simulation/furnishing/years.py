@@ -12,7 +12,7 @@ from mlsroad_pipeline.simulation.furnishing.placement import Placed, Site
 from mlsroad_pipeline.simulation.model.meshes import rotation_matrix
 from mlsroad_pipeline.simulation.street.street import generator
 
-GONE, MOVED, LEANED, GROWN, ADDED = 0.07, 0.05, 0.15, 0.3, 0.07
+GONE, MOVED, LEANED, GROWN, ADDED = 0.07, 0.05, 0.3, 0.3, 0.07
 """Shares of the lasting objects that are gone, moved along the street, leaned and (of trees) grown; share added."""
 DISTANCE = (1.8, 4.5)
 """Least and largest distance of a move, metres."""

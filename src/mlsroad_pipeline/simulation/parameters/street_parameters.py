@@ -74,7 +74,7 @@ class StreetParameters:
     # it: poles inside crowns, shrubs in a row or around a post, bins against posts, plants that touch parked cars,
     # objects close behind trees. 0 is never; at 1 all do where there is room.
     hard_cases: float = 0.3
-    # 0, or the number of another year, up to 999: some objects of the same street are gone, moved, leaned, grown or new,
+    # 0, or the number of another year, up to 999: some objects of the street are gone, moved, leaned, grown or new,
     # and other cars are parked. Every year is a change of year 0.
     year: int = 0
 
