@@ -2,7 +2,7 @@
 
     python benchmarks/survey_changes.py [--folder FOLDER]
 
-Eight streets of 80 m (preset `small`) are simulated three times: as they are, in another year by another scanner and
+Four streets of 80 m (preset `small`) are simulated three times: as they are, in another year by another scanner and
 with an offset, and as they are in another pass. Each is labelled by the shipped model, and listed from its true
 classes. True objects count where their survey has the points that an object of the inventory needs; an object is new
 or gone where the simulator built it in one of the years alone. Places agree within 1 m.
@@ -39,7 +39,7 @@ from mlsroad_pipeline.simulation.street.street import draw_street
 from mlsroad_pipeline.surveys.simulated import write_simulated_survey
 from mlsroad_pipeline.surveys.truth_tables import counted_objects, point_counts, read_truth
 
-SEEDS = dict(zip(range(81, 89), 2 * ("town", "suburb", "campus", "ring_road"), strict=True))
+SEEDS = dict(zip(range(81, 85), ("town", "suburb", "campus", "ring_road"), strict=True))
 OFFSET = (0.05, -0.04, 0.03)
 WITHIN = 1.0
 FALSE = (CHANGED, MOVED, NEW, GONE, OTHER_KIND)

@@ -21,6 +21,9 @@ SAME_HEIGHT = 0.25
 STANDS, IS_GONE = 0.6, 0.4
 """Share of the volume of an object that has points in the other survey: from `STANDS` on it stands there, above
 `IS_GONE` it is not gone."""
+BARE, MANY_RAYS = 0.15, 300
+"""Largest such share of an object that is gone although something else stands at its place, and the fewest rays through
+the place that prove it."""
 LEAST_CHANGE = {"tilt": 0.8, "height": 0.5, "panel_bottom": 0.5}
 """Smallest change of a measure: tilt in degrees, others in metres."""
 LEAST_SHARE = {"height": 0.05}
@@ -104,6 +107,7 @@ def changed_objects(
     ):
         state[name][left] = unseen
         empty = (found.evidence.empty_share >= EMPTY) & (found.standing <= IS_GONE)
+        empty |= (found.rays >= MANY_RAYS) & (found.standing <= BARE)
         state[name][found.rows[empty]] = gone
         state[name][found.rows[found.standing >= STANDS]] = UNCHANGED
     taken = {name: np.zeros(len(own), dtype=np.bool_) for name, own in state.items()}
