@@ -81,14 +81,14 @@ def compare(  # typer reads the options from the signature
         check_exist([places[0], folder])
         target = Path(folder) / "register" if output is None else Path(expanded([output])[0])
         configure(find_place())
-        from mlsroad_pipeline.label.register import LAYER, TABLE, compare_register, write_compared
+        from mlsroad_pipeline.label.register import LAYER, PAGE, TABLE, compare_register, write_compared
         from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
         from mlsroad_pipeline.review.delivery.files import Delivery
         from mlsroad_pipeline.surveys.register_files import RegisterFile
 
-        if os.path.realpath(places[0]) in {os.path.realpath(target / name) for name in (TABLE, LAYER)}:
+        if os.path.realpath(places[0]) in {os.path.realpath(target / name) for name in (TABLE, LAYER, PAGE)}:
             raise ParameterError(f"{places[0]} is the register to compare: name another folder with --output")
-        if any((target / name).exists() for name in (TABLE, LAYER)) and not overwrite:
+        if any((target / name).exists() for name in (TABLE, LAYER, PAGE)) and not overwrite:
             raise ParameterError(
                 f"{target} holds the states of a register: name another folder with --output, or replace them with "
                 "--overwrite"
@@ -96,7 +96,7 @@ def compare(  # typer reads the options from the signature
         named = RegisterFile(Path(places[0]), _pairs(column, "--column"), _pairs(value, "--value"), kind, layer, crs)
         with collected_warnings(verbose=verbose) as logged:
             compared = compare_register(named, LabelledOutput.at(folder), Delivery(Path(folder)).corrected)
-            written = write_compared(compared, target)
+            written = write_compared(compared, target, register=Path(places[0]), warnings=list(logged))
         print_compared(output_console(), compared)
         print_warnings(output_console(), logged)
         for path in written:
@@ -114,6 +114,7 @@ def _pairs(given: list[str] | None, option: str) -> dict[str, str]:
 def print_compared(console: Any, compared: "ComparedRegister") -> None:
     """Print the number of entries by kind and state, and the offset of the register."""
     from mlsroad_pipeline.algorithms.inventory.register.states import STATES
+    from mlsroad_pipeline.label.register import offset_text
 
     table = compared.table
     rows = [
@@ -121,12 +122,4 @@ def print_compared(console: Any, compared: "ComparedRegister") -> None:
         for name, part in table.groupby("kind", sort=True)
     ]
     console.print(count_table(rows, ("kind", *STATES)))
-    offset = compared.offset
-    if offset.pairs:
-        (x, y), (error_x, error_y) = offset.shift, offset.error
-        console.print(
-            f"\nThe register was moved by {x:+.2f} m in x and {y:+.2f} m in y (standard errors {error_x:.2f} and "
-            f"{error_y:.2f} m, {offset.pairs} pairs)."
-        )
-    else:
-        console.print("\nToo few entries have an object of their kind for an offset of the register: it was not moved.")
+    console.print(f"\n{offset_text(compared.offset)}")

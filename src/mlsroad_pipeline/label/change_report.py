@@ -21,8 +21,8 @@ from mlsroad_pipeline.formats.files import write_atomic
 from mlsroad_pipeline.inventory_files.geopackage import check_closed, points_of, write_shapes
 from mlsroad_pipeline.inventory_files.geotiff import write_geotiff
 from mlsroad_pipeline.inventory_files.vector_files import without_formulas
-from mlsroad_pipeline.label.compared_surveys import TABLE, ComparedSurveys, Recorded, class_chunks
-from mlsroad_pipeline.label.labelled_clouds import LabelledCloud
+from mlsroad_pipeline.label.compared_surveys import TABLE, ComparedSurveys
+from mlsroad_pipeline.label.labelled_clouds import LabelledCloud, Recorded
 from mlsroad_pipeline.reporting.changes_page import ChangesMap, changes_page
 from mlsroad_pipeline.reporting.clouds.pictures import map_frame, object_picture, overview_picture
 from mlsroad_pipeline.reporting.html.report import Picture, table_section
@@ -127,7 +127,7 @@ def map_of(survey: Recorded, table: pd.DataFrame) -> ChangesMap:
     places = table[["x", "y"]].to_numpy(dtype=np.float64)
     frame = map_frame(np.zeros((0, 2)), places if path is None else np.concatenate([places, path]))
     palette = class_palette(survey.clouds[0].scheme)
-    return ChangesMap(frame, overview_picture(class_chunks(survey), palette, frame), path)
+    return ChangesMap(frame, overview_picture(survey.class_chunks(), palette, frame), path)
 
 
 def pairs_of_pictures(compared: ComparedSurveys) -> dict[str, list[Picture]]:

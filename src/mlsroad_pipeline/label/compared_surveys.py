@@ -1,8 +1,7 @@
 """Comparison of two labelled surveys of one place: offset, objects, surfaces."""
 
 import uuid
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,10 +26,9 @@ from mlsroad_pipeline.algorithms.inventory.register.seen_space import TREE
 from mlsroad_pipeline.algorithms.inventory.register.states import evidence_of
 from mlsroad_pipeline.algorithms.registration.offset import Offset, find_offset
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, line_vertices
-from mlsroad_pipeline.label.labelled_clouds import LabelledCloud, labelled_clouds, on_ground, seen_space
+from mlsroad_pipeline.label.labelled_clouds import LabelledCloud, Recorded, on_ground, seen_space
 from mlsroad_pipeline.label.object_scoring import warn_of_distance
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
-from mlsroad_pipeline.surveys.register_files import KINDS as COMPARED
 
 TABLE = "changes.csv"
 """File with the states and keys of a comparison."""
@@ -45,39 +43,6 @@ NEAR_KERB = 0.2
 _FACADE, _ROAD = SURFACES.index("facade"), SURFACES.index("road")
 _KEYS = uuid.UUID("0c2f7d0e-3a52-5f1b-9a57-6c1f8f3f2c60")  # name space of keys
 _KERB_STEP = 0.1  # between the points of kerbs, metres
-
-
-class Recorded(NamedTuple):
-    """A labelled survey: its corrected inventory and its clouds."""
-
-    output: LabelledOutput
-    inventory: RoadInventory
-    clouds: list[LabelledCloud]
-
-    @classmethod
-    def of(cls, output: LabelledOutput, inventory: RoadInventory) -> "Recorded":
-        """Return a survey with the inventory that is compared."""
-        return cls(output, inventory, labelled_clouds(output, inventory))
-
-    @property
-    def objects(self) -> pd.DataFrame:
-        """Poles, signs and trees."""
-        table = self.inventory.objects
-        return table[table["kind"].isin(COMPARED)].reset_index(drop=True)
-
-    @property
-    def path(self) -> NDArray[np.float64] | None:
-        """Positions of the scanner."""
-        paths = [cloud.trajectory.xyz for cloud in self.clouds if cloud.trajectory is not None]
-        return np.concatenate(list({id(path): path for path in paths}.values())) if paths else None
-
-    def moved(self, move: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> "Recorded":
-        """Return the survey in another place; lines stay."""
-        table = self.inventory.objects
-        places = move(table[["x", "y", "z"]].to_numpy(dtype=np.float64))
-        table = table.assign(**{axis: places[:, k] for k, axis in enumerate("xyz")})
-        clouds = [replace(cloud, move=move) for cloud in self.clouds]
-        return self._replace(inventory=replace(self.inventory, objects=table), clouds=clouds)
 
 
 class ComparedSurveys(NamedTuple):
@@ -314,10 +279,3 @@ def _kerb_points(inventory: RoadInventory) -> NDArray[np.float64]:
         at = np.linspace(0.0, along[-1], int(along[-1] / _KERB_STEP) + 2)
         found.append(np.column_stack([np.interp(at, along, axis) for axis in line[:, :2].T]))
     return np.concatenate(found)
-
-
-def class_chunks(survey: Recorded) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int16]]]:
-    """Yield the points of a survey with their classes, -1 for none."""
-    for cloud in survey.clouds:
-        for xyz, code, _ in cloud.chunks():
-            yield xyz, cloud.label[code]

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -190,3 +190,42 @@ def on_ground(xy: NDArray[np.float64], clouds: Sequence[LabelledCloud]) -> NDArr
             heights.append(ground[near[known], 2])
     median = pd.Series(np.concatenate(heights)).groupby(np.concatenate(rows)).median()
     return np.column_stack([xy, median.reindex(np.arange(len(xy)))])
+
+
+class Recorded(NamedTuple):
+    """A labelled survey: its corrected inventory and its clouds."""
+
+    output: LabelledOutput
+    inventory: RoadInventory
+    clouds: list[LabelledCloud]
+
+    @classmethod
+    def of(cls, output: LabelledOutput, inventory: RoadInventory) -> "Recorded":
+        """Return a survey with the inventory that is compared."""
+        return cls(output, inventory, labelled_clouds(output, inventory))
+
+    @property
+    def objects(self) -> pd.DataFrame:
+        """Poles, signs and trees."""
+        table = self.inventory.objects
+        return table[table["kind"].isin(COMPARED)].reset_index(drop=True)
+
+    @property
+    def path(self) -> NDArray[np.float64] | None:
+        """Positions of the scanner."""
+        paths = [cloud.trajectory.xyz for cloud in self.clouds if cloud.trajectory is not None]
+        return np.concatenate(list({id(path): path for path in paths}.values())) if paths else None
+
+    def moved(self, move: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> "Recorded":
+        """Return the survey in another place; lines stay."""
+        table = self.inventory.objects
+        places = move(table[["x", "y", "z"]].to_numpy(dtype=np.float64))
+        table = table.assign(**{axis: places[:, k] for k, axis in enumerate("xyz")})
+        clouds = [replace(cloud, move=move) for cloud in self.clouds]
+        return self._replace(inventory=replace(self.inventory, objects=table), clouds=clouds)
+
+    def class_chunks(self) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int16]]]:
+        """Yield the points with their classes, -1 for none."""
+        for cloud in self.clouds:
+            for xyz, code, _ in cloud.chunks():
+                yield xyz, cloud.label[code]
