@@ -124,6 +124,8 @@ def test_every_file_of_predictions_is_checked_before_the_survey_is_read(run, fol
     (folder / "map.csv").write_text("\n".join(["number,name,class", *rows]))
     done = run("label", "two", "-o", "unread", "--labels", predictions, "--labels-map", "map.csv", cwd=folder)
     line = done.stderr.splitlines()[-1]
-    assert done.returncode == 1 and message in line and line.startswith(f"Error: {predictions / 'survey_001.npy'}"), line
+    assert done.returncode == 1 and message in line and line.startswith(f"Error: {predictions / 'survey_001.npy'}"), (
+        line
+    )
     assert not list(folder.glob("unread/**/*.laz"))
     assert not list(folder.glob("unread/**/*.npz"))  # no part of the survey was read

@@ -70,7 +70,9 @@ def test_a_year_is_always_the_same_and_unlike_others(years):
 
 
 def test_cars_are_parked_anew(years):
-    cars = [{tuple(p.base.round(3)) for p in year.values() if p.design in ("sedan", "hatchback", "suv")} for year in years]
+    cars = [
+        {tuple(p.base.round(3)) for p in year.values() if p.design in ("sedan", "hatchback", "suv")} for year in years
+    ]
     assert cars[0] and cars[1] and not cars[0] & cars[1]
 
 

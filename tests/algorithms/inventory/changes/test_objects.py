@@ -40,17 +40,28 @@ def evidence(rows, empty, standing, rays=900):
 def compared(first, second, *, empty=1.0, standing=0.0, rays=900, growth=None):
     pairs = pair_objects(first, second)
     sides = (evidence(rows, empty, standing, rays) for rows in (pairs.left_first, pairs.left_second))
-    return changed_objects(first, second, pairs, *sides, np.full(len(pairs.first), np.nan if growth is None else growth))
+    return changed_objects(
+        first, second, pairs, *sides, np.full(len(pairs.first), np.nan if growth is None else growth)
+    )
 
 
 def test_each_state_is_that_of_its_planted_case():
-    first = objects_of(("pole", 0, 0, 5), ("pole", 20, 0, 5), ("sign", 40, 0, 3), ("tree", 60, 0, 8), ("tree", 80, 0, 9))
+    first = objects_of(
+        ("pole", 0, 0, 5), ("pole", 20, 0, 5), ("sign", 40, 0, 3), ("tree", 60, 0, 8), ("tree", 80, 0, 9)
+    )
     second = objects_of(("pole", 0.3, 0, 5.1), ("pole", 23, 0, 5.2), ("pole", 40.2, 0, 3), ("tree", 63, 0, 3))
     table = compared(first, second)
     # The second tree is not half as high: it is no tree that moved.
     assert table["state"].tolist() == [UNCHANGED, OTHER_KIND, MOVED, GONE, GONE, NEW]
     assert table["evidence"].tolist() == [BY_BOTH, BY_BOTH, BY_BOTH, BY_RAYS, BY_RAYS, BY_RAYS]
-    assert table["first_id"].tolist() == [11, 13, 12, 14, 15, 0] and table["second_id"].tolist() == [11, 13, 12, 0, 0, 14]
+    assert table["first_id"].tolist() == [11, 13, 12, 14, 15, 0] and table["second_id"].tolist() == [
+        11,
+        13,
+        12,
+        0,
+        0,
+        14,
+    ]
     moved = table.set_index("state").loc[MOVED]
     assert (moved["x"], moved["dx"], moved["distance"]) == pytest.approx((23, 3, 3))
 
@@ -98,7 +109,9 @@ def test_tilts_of_short_poles_and_of_poles_seen_to_other_heights_are_not_compare
         assert compared(first, second)["state"].tolist() == [UNCHANGED]
 
 
-@pytest.mark.parametrize(("growth", "state"), [(0.9, CHANGED), (0.1, UNCHANGED), (-0.9, UNCHANGED), (np.nan, UNCHANGED)])
+@pytest.mark.parametrize(
+    ("growth", "state"), [(0.9, CHANGED), (0.1, UNCHANGED), (-0.9, UNCHANGED), (np.nan, UNCHANGED)]
+)
 def test_a_tree_grew_where_its_top_did_too(growth, state):
     first, second = (objects_of(("tree", 0, 0, high)) for high in (8.0, 9.0))
     assert compared(first, second, growth=growth)["state"].tolist() == [state]
