@@ -56,11 +56,11 @@ def write_changes(compared: ComparedSurveys, folder: Path, warnings: Sequence[st
         areas, shapes = changed_areas(compared.surfaces)
         areas = areas.round(3)
         layers["surfaces"] = (areas, shapes, "MultiPolygon")
-        raster = distance_raster(compared.surfaces)
-        if raster is not None:
-            write_geotiff(raster.values, folder / RASTER, corner=(raster.west, raster.north), edge=raster.edge, crs=crs)
-        else:
-            (folder / RASTER).unlink(missing_ok=True)
+    raster = None if compared.surfaces is None else distance_raster(compared.surfaces)
+    if raster is not None:
+        write_geotiff(raster.values, folder / RASTER, corner=(raster.west, raster.north), edge=raster.edge, crs=crs)
+    else:
+        (folder / RASTER).unlink(missing_ok=True)  # of an earlier comparison
     write_atomic(folder / TABLE, without_formulas(table).to_csv(index=False, lineterminator="\n").encode())
     write_shapes(layers, folder / LAYERS, crs=crs)
     further = [] if compared.surfaces is None else [
