@@ -35,7 +35,8 @@ def folder(run, tmp_path_factory):
     """Inventories of a street and of the same street in another year, with an offset."""
     place = tmp_path_factory.mktemp("compared")
     kind = StreetParameters(lamp_spacing=12.0, signs=3.0, parked=0.2)
-    first = replace(PRESETS["small"], length=40.0, seed=72, with_images=False, street=kind)
+    sparse = {"length": 30.0, "pulse_rate": 25_000.0, "profile_rate": 60.0, "with_images": False}
+    first = replace(PRESETS["small"], seed=72, street=kind, **sparse)
     for name, parameters in (("first", first), ("later", another_year(first, 2, offset=tuple(OFFSET)))):
         write_simulated_survey(parameters=parameters, folder=str(place / name), n_threads=1)
         las = laspy.read(place / name / "survey.laz")

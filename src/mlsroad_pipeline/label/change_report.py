@@ -83,11 +83,11 @@ def offset_text(compared: ComparedSurveys) -> str:
     if offset is None:
         return "not measured: too few unchanged surfaces in common"
     parts = [
-        f"{-shift:+.3f} m in {axis} (standard error {error:.3f} m)"
+        f"{shift:+.3f} m in {axis} (standard error {error:.3f} m)"
         for axis, shift, error in zip("xyz", offset.shift, offset.error, strict=True)
         if np.isfinite(shift)
     ]
-    turn = f", turned by {np.degrees(-offset.heading):+.3f}°" if offset.heading else ""
+    turn = f", turned by {np.degrees(offset.heading):+.3f}°" if offset.heading else ""
     end = "; the earlier survey was moved by it" if compared.aligned else "; nothing was moved"
     return f"{', '.join(parts)}{turn}, from {offset.n_surfaces:,} surfaces{end}"
 

@@ -136,13 +136,15 @@ def _standing_shares(
 ) -> NDArray[np.float64]:
     """Return the share of the points of objects, thinned to `STANDING_CELL`, that have points of the other survey near.
 
-    Objects without points of their own, such as those that a user added, have 0.
+    Objects without points of their own, such as those that a user added, have NaN.
     """
-    share = np.zeros(len(numbers))
+    share = np.full(len(numbers), np.nan)
     parts = [part for cloud in own for part in cloud.points_of(numbers)] if len(numbers) else []
     if not parts:
         return share
     xyz, owner = (np.concatenate(column) for column in zip(*parts, strict=True))
+    if not len(xyz):
+        return share
     kept = np.concatenate(
         [rows[first_in_cells(xyz[rows], STANDING_CELL)] for rows in map(np.flatnonzero, _each(owner, len(numbers)))]
     )
@@ -154,7 +156,8 @@ def _standing_shares(
             if len(near):
                 met |= np.isfinite(cKDTree(near).query(xyz, distance_upper_bound=STANDING_CELL)[0])
     count = np.bincount(owner, minlength=len(numbers))
-    return np.bincount(owner, met, minlength=len(numbers)) / np.maximum(count, 1)
+    share[count > 0] = np.bincount(owner, met, minlength=len(numbers))[count > 0] / count[count > 0]
+    return share
 
 
 def _each(owner: NDArray[np.int64], n: int) -> Iterator[NDArray[np.bool_]]:

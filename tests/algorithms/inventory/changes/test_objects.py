@@ -32,8 +32,8 @@ def objects_of(*rows):
 
 def evidence(rows, empty, standing, rays=900):
     n = len(rows)
-    nothing = np.zeros(n, dtype=np.bool_)
-    found = Evidence(np.zeros(n, np.int64), nothing, nothing, np.broadcast_to(float(empty), n))
+    nothing, upright = np.zeros(n, dtype=np.bool_), np.full(n, empty == 0)
+    found = Evidence(np.zeros(n, np.int64), nothing, upright, np.broadcast_to(float(empty), n))
     return Unmatched(np.asarray(rows), found, np.broadcast_to(float(standing), n), np.full(n, rays))
 
 
@@ -74,6 +74,8 @@ def test_each_state_is_that_of_its_planted_case():
         (0.0, 0.9, 900, UNCHANGED, UNCHANGED),  # it stands, but is not listed
         (0.0, 0.0, 900, GONE, NEW),  # another object stands at the place
         (0.0, 0.0, 20, UNSEEN_SECOND, UNSEEN_FIRST),
+        (1.0, np.nan, 900, GONE, NEW),  # an object that a user added has no points of its own
+        (0.0, np.nan, 900, UNCHANGED, UNCHANGED),
     ],
 )
 def test_what_the_other_survey_saw_decides_about_objects_of_one_survey(empty, standing, rays, before, after):

@@ -39,8 +39,19 @@ class Unmatched(NamedTuple):
 
     rows: NDArray[np.int64]  # Their rows
     evidence: Evidence
-    standing: NDArray[np.float64]  # Share of the volume of each that has points in the other survey
+    standing: NDArray[np.float64]  # Share of the volume of each that has points in the other survey; NaN: no own points
     rays: NDArray[np.int64]  # Rays of the other survey through each place
+
+    @property
+    def is_empty(self) -> NDArray[np.bool_]:
+        """Objects that do not stand in the other survey."""
+        empty = (self.evidence.empty_share >= EMPTY) & ~(self.standing > IS_GONE)
+        return empty | ((self.rays >= MANY_RAYS) & (self.standing <= BARE))
+
+    @property
+    def stands(self) -> NDArray[np.bool_]:
+        """Objects that stand in the other survey; of those without own points, points of upright classes decide."""
+        return (self.standing >= STANDS) | (np.isnan(self.standing) & (self.evidence.own | self.evidence.other))
 
 
 class Pairs(NamedTuple):
@@ -106,10 +117,8 @@ def changed_objects(
         ("second", pairs.left_second, of_second, NEW, UNSEEN_FIRST),
     ):
         state[name][left] = unseen
-        empty = (found.evidence.empty_share >= EMPTY) & (found.standing <= IS_GONE)
-        empty |= (found.rays >= MANY_RAYS) & (found.standing <= BARE)
-        state[name][found.rows[empty]] = gone
-        state[name][found.rows[found.standing >= STANDS]] = UNCHANGED
+        state[name][found.rows[found.is_empty]] = gone
+        state[name][found.rows[found.stands]] = UNCHANGED
     taken = {name: np.zeros(len(own), dtype=np.bool_) for name, own in state.items()}
     for reach, same, kept in ((min(REACH.values()), False, OTHER_KIND), (MOVED_REACH, True, MOVED)):
         for i, j in _further_pairs(first, second, state, taken, reach, same_kind=same):

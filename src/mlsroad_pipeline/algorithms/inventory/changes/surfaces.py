@@ -3,6 +3,7 @@
 M3C2 and its level of detection are those of Lague et al. (2013), computed by py4dgeo.
 """
 
+import logging
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, NamedTuple
@@ -61,6 +62,7 @@ def py4dgeo() -> Any:
             "surfaces are compared by py4dgeo, which is not installed: install it (pip install "
             "'mlsroad_pipeline[change]'), or leave them out with --no-surfaces"
         ) from error
+    logging.getLogger("py4dgeo").setLevel(logging.WARNING)  # it prints its progress on standard output
     return library
 
 
