@@ -38,8 +38,9 @@ def distances(first, second, core, surface=ROAD, path=None, error=0.0):
     )  # fmt: skip
 
 
-def test_distances_equal_those_of_py4dgeo():
-    py4dgeo = pytest.importorskip("py4dgeo")
+def test_distances_equal_those_of_py4dgeo(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    py4dgeo = surfaces.py4dgeo()
     rng = np.random.default_rng(1)
     first, second, core = plane(rng, 9000), plane(rng, 7000) + [0, 0, 0.03], core_points()
     found = distances(first, second, core, error=0.01)
@@ -51,6 +52,7 @@ def test_distances_equal_those_of_py4dgeo():
     distance, uncertainty = own.run()
     assert found.distance == pytest.approx(distance, abs=1e-6)
     assert found.detection == pytest.approx(uncertainty["lodetection"], abs=1e-6)
+    assert capsys.readouterr().out == "" and not list(tmp_path.iterdir())  # it logs nothing of its own
 
 
 def test_distances_equal_a_slow_reference():

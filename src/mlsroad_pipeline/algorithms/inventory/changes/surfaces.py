@@ -62,7 +62,11 @@ def py4dgeo() -> Any:
             "surfaces are compared by py4dgeo, which is not installed: install it (pip install "
             "'mlsroad_pipeline[change]'), or leave them out with --no-surfaces"
         ) from error
-    logging.getLogger("py4dgeo").setLevel(logging.WARNING)  # it prints its progress on standard output
+    # Its own handlers print progress on standard output and into a file of the working folder.
+    logger = logging.getLogger("py4dgeo")
+    logger.setLevel(logging.WARNING)
+    for handler in logger.handlers[:]:
+        logger.removeHandler(handler)
     return library
 
 
