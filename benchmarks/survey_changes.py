@@ -35,8 +35,7 @@ from mlsroad_pipeline.surveys.truth_tables import counted_objects, point_counts,
 SEEDS = dict(zip(range(81, 85), ("town", "suburb", "campus", "ring_road"), strict=True))
 OFFSET = (0.05, -0.04, 0.03)
 WITHIN = 1.0
-FALSE = (states.CHANGED, states.MOVED, states.NEW, states.GONE, states.OTHER_KIND)
-"""States that are false between two passes."""
+FALSE = (states.CHANGED, states.MOVED, states.NEW, states.GONE, states.OTHER_KIND)  # between two passes
 
 
 def surveys_of(seed: int, kind: str) -> dict[str, SimulationParameters]:
@@ -74,10 +73,9 @@ def objects_of(street: Path, parameters: SimulationParameters) -> tuple[pd.DataF
     truth = read_truth(street)
     table = truth.objects.assign(points=point_counts(truth, [street / "survey.laz"]))
     table = counted_objects(truth._replace(objects=table), table["points"], {})
-    table = table[table["counted"] & table["kind"].isin(REACH)]
     drawn = draw_street(parameters.seed, length=parameters.length, parameters=parameters.street)
     built = {p.instance for block in range(-2, 4) for p in populate(drawn, block)}
-    return table.set_index("instance"), built
+    return table[table["counted"] & table["kind"].isin(REACH)].set_index("instance"), built
 
 
 def axis_of(table: pd.DataFrame) -> np.ndarray:
@@ -86,13 +84,13 @@ def axis_of(table: pd.DataFrame) -> np.ndarray:
     return np.column_stack([np.sin(tilt) * np.sin(way), np.sin(tilt) * np.cos(way), np.cos(tilt)])
 
 
-def found_at(rows: pd.DataFrame, true: pd.DataFrame) -> tuple[int, int, int]:
-    """Return the true objects, the rows, and the pairs of one kind within `WITHIN`."""
+def found_at(rows: pd.DataFrame, true: pd.DataFrame) -> tuple[int, int]:
+    """Return the number of rows, and the number of true objects with one of their kind within `WITHIN`."""
     hits = 0
     for kind, part in true.groupby("kind"):
         own = rows[rows["kind"] == kind][["x", "y"]].to_numpy(float)
         hits += int((cKDTree(own).query(part[["x", "y"]])[0] < WITHIN).sum()) if len(own) else 0
-    return len(true), len(rows), hits
+    return len(rows), hits
 
 
 def scored(table: pd.DataFrame, before: pd.DataFrame, after: pd.DataFrame, built: tuple[set[int], set[int]]) -> dict:
@@ -104,13 +102,12 @@ def scored(table: pd.DataFrame, before: pd.DataFrame, after: pd.DataFrame, built
         states.GONE: before[~before.index.isin(built[1])],
         states.MOVED: after.loc[both[way > WITHIN]],
     }
-    counts = {state: found_at(table[table["state"] == state], part) for state, part in parts.items()}
+    counts = {state: (len(part), *found_at(table[table["state"] == state], part)) for state, part in parts.items()}
     poles = both[(before.loc[both, "kind"] == "pole") & (way <= WITHIN)]
     turn = np.degrees(np.arccos((axis_of(before.loc[poles]) * axis_of(after.loc[poles])).sum(axis=1).clip(-1, 1)))
     own = table[table["kind"].eq("pole") & table["tilt_change"].notna()]
-    near, row = cKDTree(own[["x", "y"]]).query(after.loc[poles, ["x", "y"]]) if len(own) else (np.ones(len(poles)), 0)
-    told = own["changes"].str.contains("tilt").to_numpy()[row] if len(own) else np.zeros(len(poles), bool)
-    listed = near < WITHIN
+    near, row = cKDTree(own[["x", "y"]]).query(after.loc[poles, ["x", "y"]])
+    told, listed = own["changes"].str.contains("tilt").to_numpy()[row], near < WITHIN
     for name, low, high in (("1 degree", 0.75, 1.5), ("2 degrees", 1.5, 10.0)):
         inside = listed & (turn >= low) & (turn < high)
         counts[f"tilt of {name}"] = (int(inside.sum()), *2 * (int((told & inside).sum()),))
@@ -124,7 +121,6 @@ def main() -> None:
     arguments.add_argument("--streets", nargs="+", type=int, choices=list(SEEDS), default=list(SEEDS))
     options = arguments.parse_args()
     folder = options.folder.absolute()
-    folder.mkdir(parents=True, exist_ok=True)
     rows = []
     for labels in ("true", "model"):
         for seed in options.streets:
