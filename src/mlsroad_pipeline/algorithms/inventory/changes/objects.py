@@ -214,7 +214,7 @@ def _angle_between(before: pd.DataFrame, after: pd.DataFrame) -> NDArray[np.floa
         tilt, way = (np.radians(table[name].to_numpy(dtype=np.float64)) for name in ("tilt", "lean_azimuth"))
         way = np.where(tilt == 0, 0.0, way)
         axes.append(np.column_stack([np.sin(tilt) * np.sin(way), np.sin(tilt) * np.cos(way), np.cos(tilt)]))
-    across = np.linalg.norm(np.cross(*axes), axis=1)
+    across = np.linalg.norm(np.cross(axes[0], axes[1]), axis=1)
     return np.degrees(np.arctan2(across, (axes[0] * axes[1]).sum(axis=1)))
 
 
@@ -226,7 +226,7 @@ def _with_changes(table: pd.DataFrame, confirmed: dict[str, NDArray[np.bool_]]) 
         size = np.fmax(table[f"first_{name}"].to_numpy(), table[f"second_{name}"].to_numpy())
         least = np.maximum(LEAST_CHANGE[name], LEAST_SHARE.get(name, 0.0) * np.nan_to_num(size))
         is_change = table["kind"].isin(kinds).to_numpy() & (change >= least)
-        for row in np.flatnonzero(is_change & confirmed.get(name, True)):
+        for row in np.flatnonzero(is_change & confirmed.get(name, True)).tolist():
             ends = (table.loc[row, f"{end}_{name}"] for end in ("first", "second"))
             text = f"{name.replace('_', ' ')} " + " to ".join(f"{value:.1f}" for value in ends)
             text += f"°, axis turned by {change[row]:.1f}°" if name == "tilt" else " m"
