@@ -1,6 +1,5 @@
 """Comparison of two labelled surveys of one place: offset, objects, surfaces."""
 
-import uuid
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -28,7 +27,6 @@ from mlsroad_pipeline.algorithms.registration.offset import Offset, find_offset
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, line_vertices
 from mlsroad_pipeline.label.labelled_clouds import LabelledCloud, Recorded, on_ground, seen_space
 from mlsroad_pipeline.label.object_scoring import warn_of_distance
-from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 
 TABLE = "changes.csv"
 """File with the states and keys of a comparison."""
@@ -41,7 +39,6 @@ CROWN = 1.0
 NEAR_KERB = 0.2
 """Distance of a core point from a kerb up to which it is of the kerb, metres."""
 _FACADE, _ROAD = SURFACES.index("facade"), SURFACES.index("road")
-_KEYS = uuid.UUID("0c2f7d0e-3a52-5f1b-9a57-6c1f8f3f2c60")  # name space of keys
 _KERB_STEP = 0.1  # between the points of kerbs, metres
 
 
@@ -82,7 +79,7 @@ def compare_surveys(first: Recorded, second: Recorded, *, align: bool, surfaces:
         first = first.moved(move)
         points[0] = points[0]._replace(xyz=move(points[0].xyz))
     objects = compared_objects(first, second)
-    objects.insert(0, "key", keys_of(objects, first.output, second.output))
+    objects.insert(0, "key", keys_of(objects, first, second))
     found = None
     if surfaces:
         error = 0.0 if offset is None else _remaining(offset, aligned=align)
@@ -178,22 +175,12 @@ def _evidence(
     return Unmatched(rows, evidence, standing, seen.rays)
 
 
-def keys_of(objects: pd.DataFrame, first: LabelledOutput, second: LabelledOutput) -> list[str]:
-    """Return the lasting key of each object: that of the earlier survey, from its own comparison where it has one."""
-    known = _known_keys(first.path)
-
-    def key(row: tuple[int, int]) -> str:
-        survey, number = (first, row[0]) if row[0] else (second, row[1])
-        own = known.get(number) if row[0] else None
-        return own or str(uuid.uuid5(_KEYS, f"{_identity(survey)} {number}"))
-
-    return [key(row) for row in zip(objects["first_id"].tolist(), objects["second_id"].tolist(), strict=True)]
-
-
-def _identity(survey: LabelledOutput) -> str:
-    """Return the digest of the inventory that a survey was labelled to: equal wherever its folder lies."""
-    digests = {entry["path"]: entry["blake2b"] for entry in survey.record["outputs"]}
-    return str(next(digest for path, digest in sorted(digests.items()) if path.endswith("inventory.gpkg")))
+def keys_of(objects: pd.DataFrame, first: Recorded, second: Recorded) -> list[str]:
+    """Return the key of each object: that of the earlier survey, from its own comparison where it has one."""
+    own = [dict(zip(s.objects["object_id"].tolist(), s.objects["key"], strict=True)) for s in (first, second)]
+    own[0] |= _known_keys(first.output.path)
+    numbers = zip(objects["first_id"].tolist(), objects["second_id"].tolist(), strict=True)
+    return [str(own[0][one] if one else own[1][other]) for one, other in numbers]
 
 
 def _known_keys(folder: Path) -> dict[int, str]:

@@ -17,6 +17,7 @@ from mlsroad_pipeline.algorithms.core.las_codes import NOISE_CODES
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import ground_classes
 from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import candidate_rules
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import GROUPS, group_shares
+from mlsroad_pipeline.algorithms.inventory.objects.keys import new_keys
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.algorithms.inventory.register.seen_space import (
     FURNITURE,
@@ -201,7 +202,9 @@ class Recorded(NamedTuple):
 
     @classmethod
     def of(cls, output: LabelledOutput, inventory: RoadInventory) -> "Recorded":
-        """Return a survey with the inventory that is compared."""
+        """Return a survey with the inventory that is compared; objects of earlier versions get their keys."""
+        table = inventory.objects
+        inventory = replace(inventory, objects=table.assign(key=new_keys(table, crs=inventory.crs)))
         return cls(output, inventory, labelled_clouds(output, inventory))
 
     @property
