@@ -4,7 +4,7 @@ import errno
 import os
 import sqlite3
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -103,12 +103,20 @@ def check_closed(path: Path) -> None:
         )
 
 
-def write_points(table: pd.DataFrame, path: str | Path, *, layer: str, crs: str | None) -> None:
-    """Write a table with `x` and `y` as a layer of points of a GeoPackage."""
-    points = np.asarray(shapely.points(table[["x", "y"]].to_numpy()))
+def write_shapes(
+    layers: Mapping[str, tuple[pd.DataFrame, np.ndarray, str]], path: str | Path, *, crs: str | None
+) -> None:
+    """Write layers of a GeoPackage: by name a table, its shapely shapes and their type, such as ``Point``."""
     system = None if crs is None else CRS.from_user_input(crs)
-    written = _layer(layer, table, geometry=points, kind="Point", crs=system)
-    _write_whole(Path(path), lambda place: _write_layers(place, [written]))
+    written = [
+        _layer(name, table, geometry=shapes, kind=kind, crs=system) for name, (table, shapes, kind) in layers.items()
+    ]
+    _write_whole(Path(path), lambda place: _write_layers(place, written))
+
+
+def points_of(table: pd.DataFrame) -> tuple[pd.DataFrame, np.ndarray, str]:
+    """Return a table with `x` and `y` as a layer of points for `write_shapes`."""
+    return table, np.asarray(shapely.points(table[["x", "y"]].to_numpy())), "Point"
 
 
 def _write_whole(target: Path, fill: Callable[[Path], None]) -> None:

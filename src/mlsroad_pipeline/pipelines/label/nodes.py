@@ -22,7 +22,13 @@ from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.label.alignment import moves_of_passes, offsets_of_pieces
 from mlsroad_pipeline.label.checks import check_headers, check_outputs
 from mlsroad_pipeline.label.devices import check_device
-from mlsroad_pipeline.label.given_classes import GIVEN_SCHEME, check_any_kept, given_classes, given_counts
+from mlsroad_pipeline.label.given_classes import (
+    GIVEN_SCHEME,
+    check_any_kept,
+    check_predictions,
+    given_classes,
+    given_counts,
+)
 from mlsroad_pipeline.label.images import LabelImages, images_of_survey, images_to_label
 from mlsroad_pipeline.label.inventory import (
     OBJECTS,
@@ -56,10 +62,13 @@ ImageLabelsParameters: Any = METHODS["image_labels"].load("parameters")
 logger = logging.getLogger(__name__)
 
 
-def plan_label_files(parameters: LabelParameters, ingest: IngestParameters, run: RunFolder) -> SurveyPlan:
+def plan_label_files(
+    parameters: LabelParameters, ingest: IngestParameters, run: RunFolder, classes: Mapping[str, Any]
+) -> SurveyPlan:
     """Return the plan of a survey, and begin its run: lock the output and check what would be replaced."""
     plan = plan_labelling(parameters, ingest)
     check_headers(plan, parameters)
+    check_predictions(plan, classes)
     open_run(plan, parameters, run)
     return plan
 
