@@ -7,8 +7,8 @@ pulses of a VMX-450, and `hdl32`), labelled by the default model. In each metre 
 
 - width: between the true kerb lines across the path; where it meets none within 15 m, a listed width is `false`;
 - crossfall, slope: of the least-squares plane of the true ground, 3 m wide and 5 m long, from 0.4 m beside kerbs on;
-- clearance: lowest point, of points with their true classes, 2 to 12 m above the true ground between the true edges,
-  or within 1.75 m of the path where an edge is unknown, without those of vehicles, persons and two-wheelers.
+- clearance: lowest point, of points with their true classes, 2 to 12 m above the true ground between the listed edges,
+  or within 1.75 m of the path where none is listed, without those of vehicles, persons and two-wheelers.
 
 `share` is the share of the stations with a true value that have a listed one. Prints a table in Markdown and writes
 `road_measures.json` into the folder.
@@ -34,6 +34,7 @@ from mlsroad_pipeline.simulation.runtime.stream import SurveyStream
 
 LENGTH, STEP, GUTTER = 100, 0.01, 0.4
 FIXED = [c for name, c in TAXONOMY.items() if 20 <= c < 50 or c >= 70 if name != "outlier"]
+SIDES = {"left_offset": -1.75, "right_offset": 1.75}
 UNITS = {"width": "m", "crossfall": "%", "slope": "%", "clearance": "m"}
 
 
@@ -45,7 +46,7 @@ class Errors(NamedTuple):
     false: int  # Stations with a listed value alone
 
 
-def truth(stream: SurveyStream, street: Path, path: RoadPath) -> pd.DataFrame:
+def truth(stream: SurveyStream, street: Path, path: RoadPath, listed: pd.DataFrame) -> pd.DataFrame:
     """Return the true measures of each station."""
     ground, alignment = stream.street.ground, stream.street.alignment
     number, right = np.arange(len(path)), np.column_stack([path.forward[:, 1], -path.forward[:, 0]])
@@ -66,16 +67,16 @@ def truth(stream: SurveyStream, street: Path, path: RoadPath) -> pd.DataFrame:
     planes = [np.linalg.lstsq(design[own], z[own], rcond=None)[0] for own, z in zip(inside, heights, strict=True)]
     _, slope, rise = np.array(planes).T
     found = {"width": edges[1] - edges[0], "crossfall": -100 * rise, "slope": 100 * slope}
-    return pd.DataFrame({**found, "clearance": _clearance(stream, street, path, edges)}, index=number)
+    return pd.DataFrame({**found, "clearance": _clearance(stream, street, path, listed)}, index=number)
 
 
-def _clearance(stream: SurveyStream, street: Path, path: RoadPath, edges: NDArray) -> NDArray[np.float64]:
+def _clearance(stream: SurveyStream, street: Path, path: RoadPath, listed: pd.DataFrame) -> NDArray[np.float64]:
     points = laspy.read(street / "survey.laz")
     xyz = np.asarray(points.xyz)[np.isin(np.asarray(points["label"]), FIXED)]
     row, station, offset = path.locate(xyz)
     local = xyz[row] - stream.origin
     height = local[:, 2] - stream.street.ground.height(*stream.street.alignment.locate(local[:, :2]))
-    lane, at = np.where(np.isfinite(edges), edges, [[-1.75], [1.75]]), station.astype(np.int64)
+    lane, at = listed[["left_offset", "right_offset"]].fillna(SIDES).to_numpy().T, station.astype(np.int64)
     over = (offset > lane[0, at]) & (offset < lane[1, at]) & (height >= 2.0) & (height < 12.0)
     return pd.Series(height[over]).groupby(at[over]).min().reindex(np.arange(len(path))).to_numpy()
 
@@ -91,7 +92,8 @@ def errors_of(folder: Path, number: int, seed: int) -> dict[str, Errors]:
     stream = SurveyStream(simulation_parameters(described))
     trajectory = read_geopackage(results / "inventory.gpkg").trajectory
     assert trajectory is not None, f"{results}: no path"
-    true, table = truth(stream, street, RoadPath.along(trajectory)), pd.read_csv(results / "road/road.csv")
+    table = pd.read_csv(results / "road/road.csv")
+    true = truth(stream, street, RoadPath.along(trajectory), table)
     found = {}
     for name in UNITS:
         error = (table[name] - true[name]).to_numpy()

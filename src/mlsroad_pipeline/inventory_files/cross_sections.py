@@ -19,7 +19,7 @@ from mlsroad_pipeline.inventory_files.vector_files import without_formulas
 _THINNED = 0.02  # edge of the squares that keep one point of each class in drawings, metres
 _PIXELS = 40  # per metre
 _BELOW, _ABOVE = 2.0, 12.0  # what an image shows below and above the road, metres
-_REACH = 15.0  # and on both sides of the path
+_REACH = 20.0  # and on both sides of the path
 _SURFACE = "carriageway"
 _NO_CLASS = "no_class"
 

@@ -20,6 +20,7 @@ NEAREST = 0.8
 
 _SAMPLE = 0.1  # of kerb lines, metres
 _RISING = 0.5  # cosine between the rise of a kerb and the direction away from the path
+_AROUND, _LEAP = 15, 2.5  # stations before and after a kerb, and how much farther it may be than most, metres
 _GAP, _CHANGE = 12, 0.4  # stations that are bridged between kerbs, and their largest difference in offset, metres
 _END, _TURN = (
     2,
@@ -72,12 +73,23 @@ def kerb_offsets(path: RoadPath, kerbs: Sequence[NDArray[np.float64]]) -> NDArra
     forward, along = path.forward[at], along[row]
     rise = np.column_stack([-along[:, 1], along[:, 0]])
     outward = np.column_stack([forward[:, 1], -forward[:, 0]]) * np.where(side > 0, 1.0, -1.0)[:, None]
-    fits = ((rise * outward).sum(axis=1) > _RISING) & (np.abs(offset) > NEAREST)
-    table = pd.DataFrame({"side": side, "at": at, "line": number[row], "offset": np.abs(offset)})[fits]
-    nearest = table.groupby(["side", "at", "line"])["offset"].median().groupby(["side", "at"]).min()
-    sides, stations = (nearest.index.get_level_values(k).to_numpy() for k in range(2))
-    out[sides, stations] = np.where(sides > 0, 1.0, -1.0) * nearest.to_numpy()
-    return out
+    rising = (rise * outward).sum(axis=1)
+    columns = {"side": side, "at": at, "line": number[row], "offset": np.abs(offset)}
+    table = pd.DataFrame(columns).assign(away=rising > 0)[(np.abs(rising) > _RISING) & (np.abs(offset) > NEAREST)]
+    medians = table.groupby(["side", "at", "line", "away"])["offset"].median().reset_index()
+    nearest = medians.loc[medians.groupby(["side", "at"])["offset"].idxmin()]
+    nearest = nearest[nearest["away"]]  # the other side of an island means that its near side was not found
+    sides = nearest["side"].to_numpy()
+    out[sides, nearest["at"].to_numpy()] = np.where(sides > 0, 1.0, -1.0) * nearest["offset"].to_numpy()
+    return _without_leaps(out)
+
+
+def _without_leaps(offset: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Leave out kerbs that are much farther away than those before and after them: of the other carriageway."""
+    padded = np.pad(offset, ((0, 0), (_AROUND, _AROUND)), constant_values=np.nan)
+    around = np.abs(np.lib.stride_tricks.sliding_window_view(padded, 2 * _AROUND + 1, axis=1))
+    common = pd.DataFrame(around.reshape(-1, around.shape[2])).median(axis=1).to_numpy().reshape(offset.shape)
+    return np.where(np.abs(offset) > common + _LEAP, np.nan, offset)
 
 
 def _sampled(

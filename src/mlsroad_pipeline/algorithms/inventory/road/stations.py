@@ -13,7 +13,7 @@ from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 STEP = 1.0
 """Length of a station along the path, metres."""
-REACH = 15.0
+REACH = 20.0
 """Largest distance of points from the path, metres."""
 
 _SMOOTH = 1.5  # standard deviation of the weights of positions, metres: headings of recorded paths jitter
