@@ -16,7 +16,7 @@ from mlsroad_pipeline.formats.files import write_atomic
 from mlsroad_pipeline.inventory_files.drawing import VERSION, layer_name, without_dates
 from mlsroad_pipeline.inventory_files.vector_files import without_formulas
 
-_THINNED = 0.02  # edge of the squares that keep one point of each class in drawings, metres
+_THINNED = 0.05  # edge of the squares that keep one point of each class in drawings, metres
 _PIXELS = 40  # per metre
 _BELOW, _ABOVE = 2.0, 12.0  # what an image shows below and above the road, metres
 _REACH = 20.0  # and on both sides of the path

@@ -173,8 +173,9 @@ def ruts(ground: Ground, planes: Planes, edges: NDArray[np.float64]) -> tuple[ND
     for i, (first, last) in enumerate(strip_cells(edges, _RUT).T):
         part = slice(first, last)
         reaches = REACH - first * CELL >= _LEAST_RUT, last * CELL - REACH >= _LEAST_RUT
-        certain = last > first and _is_certain(ground.count[i, part], ground.squares[i, part])
-        if np.isfinite(planes.slope[i]) and certain:
+        known = np.isfinite(planes.slope[i]) and last > first
+        certain = known and _is_certain(ground.count[i, part], ground.squares[i, part], planes.slope[i] * STEP)
+        if certain:
             gaps = lath_gaps(ground.height[i, part] - planes.slope[i] * ground.place[i, part], round(_LATH / CELL) + 1)
             left = (np.arange(first, last) + 0.5) * CELL < REACH
             for side, own in enumerate((left, ~left)):
@@ -191,16 +192,20 @@ def evenness(ground: Ground, planes: Planes) -> NDArray[np.float64]:
     out = np.full(n, np.nan)
     for i in range(WINDOW, n - WINDOW):
         part = slice((i - WINDOW) * _ALONG, (i + WINDOW + 1) * _ALONG)
-        if _is_certain(count[part], squares[part]) and np.isfinite(level[part]).all():
+        if _is_certain(count[part], squares[part], planes.slope[i] * STEP / _ALONG) and np.isfinite(level[part]).all():
             out[i] = lath_gaps(level[part], size)[WINDOW * _ALONG : (WINDOW + 1) * _ALONG].max()
     return out
 
 
-def _is_certain(count: NDArray, squares: NDArray) -> bool:
-    """Return whether a profile has points in all cells, and heights that are certain enough."""
+def _is_certain(count: NDArray, squares: NDArray, rise: float) -> bool:
+    """Return whether a profile has points in all cells, and heights that are certain enough.
+
+    `rise` is that of the road along a cell, whose share of the variance is no noise.
+    """
     if (count < _LEAST).any():
         return False
-    return bool(np.median(np.sqrt(squares / (count - 1) / count)) <= _CERTAIN)
+    variance = np.maximum(squares / (count - 1) - rise**2 / 12, 0.0)
+    return bool(np.median(np.sqrt(variance / count)) <= _CERTAIN)
 
 
 @njit(cache=True, nogil=True)
