@@ -176,7 +176,8 @@ def _parts(row: Mapping[str, Any], state: ObjectState) -> Iterator[dict[str, Any
         if k == 0 and state["status"] == "rejected":
             continue
         share = _outline(row).intersection(_nearest(bases, k))
-        part = {**row, **unknown, **({"key": ""} if k else {}), **dict(zip("xyz", base.tolist(), strict=True)), "kind": row["kind"]}
+        part = {**row, **unknown, **dict(zip("xyz", base.tolist(), strict=True)), "kind": row["kind"]}
+        part |= {"key": ""} if k else {}
         part |= {"object_id": 0 if k else row["object_id"], "status": "split" if k else row["status"]}
         part |= {"reasons": f"part {k + 1} of {len(bases)} of object {row['object_id']}"}
         yield part | _outlined(part, share) | {"height": row["z_max"] - base[2]}
