@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.commands.console import (
     collected_warnings,
     count_table,
@@ -20,9 +19,6 @@ from mlsroad_pipeline.commands.session import configure, find_place
 
 if TYPE_CHECKING:
     from mlsroad_pipeline.label.road import MeasuredRoad
-
-PAGE = "road.html"
-"""Page of the measures."""
 
 _ENVELOPE = re.compile(r"(\d+(?:\.\d+)?)x(\d+(?:\.\d+)?)")
 
@@ -54,33 +50,21 @@ def road(  # typer reads the options from the signature
         check_exist([folder, *places[1:]])
         target = Path(folder) / "road" if output is None else Path(expanded([output])[0])
         configure(find_place())
-        from mlsroad_pipeline.formats.files import write_atomic
-        from mlsroad_pipeline.inventory_files.cross_sections import write_cross_section
-        from mlsroad_pipeline.inventory_files.geopackage import check_closed
-        from mlsroad_pipeline.inventory_files.road_files import LAYERS, SECTIONS, TABLE, write_road
         from mlsroad_pipeline.label.road import measure_road
-        from mlsroad_pipeline.reporting.road_page import road_page
+        from mlsroad_pipeline.label.road_output import check_target, write_measures
         from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
         from mlsroad_pipeline.review.delivery.files import Delivery
         from mlsroad_pipeline.surveys.trajectory_files import read_trajectory
 
-        if any((target / name).exists() for name in (TABLE, SECTIONS, LAYERS, PAGE)) and not overwrite:
-            raise ParameterError(
-                f"{target} holds measures of a road: name another folder with --output, or use --overwrite"
-            )
-        check_closed(target / LAYERS)
+        check_target(target, overwrite=overwrite)
         with collected_warnings(verbose=verbose) as logged:
-            inventory = Delivery(Path(folder)).corrected
+            labelled, inventory = LabelledOutput.at(folder), Delivery(Path(folder)).corrected
             along = read_trajectory(places[1], crs=inventory.crs) if path is not None else None
-            found = measure_road(LabelledOutput.at(folder), inventory, trajectory=along, envelope=size, at=stations)
-            target.mkdir(parents=True, exist_ok=True)
-            written = write_road(found.table, found.sections, found.path, found.crs, target)
-            page = road_page(found.table, found.sections, str(folder), envelope)
-            write_atomic(target / PAGE, page.encode())
-            drawn = [file for section in found.across for file in write_cross_section(section, target)]
+            found = measure_road(labelled, inventory, trajectory=along, envelope=size, at=stations)
+            written = write_measures(found, target, survey=folder, envelope=envelope)
         print_road(output_console(), found)
         print_warnings(output_console(), logged)
-        for place in (*written, target / PAGE, *drawn):
+        for place in written:
             output_console().print(f"  {shown_path(place)}", markup=False)
 
 

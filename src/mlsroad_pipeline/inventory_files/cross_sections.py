@@ -80,7 +80,8 @@ def _dxf(section: CrossSection) -> bytes:
         thinned = section.thinned()
         for (name, places), colour in zip(thinned.items(), class_palette(tuple(thinned)), strict=False):
             layer = layer_name("points", name)
-            doc.layers.add(layer).rgb = tuple(int(part) for part in colour)
+            red, green, blue = colour.tolist()
+            doc.layers.add(layer).rgb = (red, green, blue)
             for offset, z in places.tolist():
                 space.add_point((offset, z), dxfattribs={"layer": layer})
         doc.layers.add(_SURFACE)

@@ -110,11 +110,13 @@ def write_points(table: pd.DataFrame, path: str | Path, *, layer: str, crs: str 
     write_layers(Path(path), [layer_of(layer, table, geometry=points, kind="Point", crs=system)])
 
 
-def write_layers(path: Path, layers: Sequence[Layer]) -> None:
-    """Write layers as a GeoPackage, whole or not at all."""
+def write_layers(path: Path, layers: Sequence[Layer], *, described: bool = False) -> None:
+    """Write layers as a GeoPackage, whole or not at all, on request with the aliases of known fields."""
 
     def write(place: Path) -> None:
         _write_layers(place, layers)
+        if described:
+            add_tables(place, {}, date=_FIXED_DATE)
 
     _write_whole(path, write)
 

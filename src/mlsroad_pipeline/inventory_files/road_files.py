@@ -8,7 +8,7 @@ import shapely
 from pyproj import CRS
 
 from mlsroad_pipeline.algorithms.inventory.road.stations import STEP, RoadPath
-from mlsroad_pipeline.algorithms.inventory.road.table import INTRUDED
+from mlsroad_pipeline.algorithms.inventory.road.table import INTRUDED, ROAD_LAYERS
 from mlsroad_pipeline.formats.files import write_atomic
 from mlsroad_pipeline.inventory_files.geopackage import Layer, layer_of, write_layers
 from mlsroad_pipeline.inventory_files.vector_files import without_formulas
@@ -25,7 +25,8 @@ def write_road(
     """Write the table of stations, that of sections and the layers; return their paths."""
     for name, rows in ((TABLE, table), (SECTIONS, sections)):
         write_atomic(folder / name, without_formulas(rows).to_csv(index=False, lineterminator="\n").encode())
-    write_layers(folder / LAYERS, _layers(table, sections, path, None if crs is None else CRS.from_user_input(crs)))
+    system = None if crs is None else CRS.from_user_input(crs)
+    write_layers(folder / LAYERS, _layers(table, sections, path, system), described=True)
     return [folder / name for name in (TABLE, SECTIONS, LAYERS)]
 
 
@@ -42,9 +43,12 @@ def _layers(table: pd.DataFrame, sections: pd.DataFrame, path: RoadPath, crs: CR
     whole = [np.clip([low, max(high, low + 1)], 0, len(path)) for low, high in bounds]
     parts = [shapely.linestrings(path.xyz[min(low, len(path) - 1) : high + 1]) for low, high in whole]
     layers = [
-        ("road", rows, lines, "LineString Z"),
-        ("road_widths", rows.loc[wide, edges], np.asarray(shapely.linestrings(np.stack(ends, axis=1))), "LineString"),
-        ("road_sections", sections, np.array(parts, dtype=object), "LineString Z"),
-        ("intrusions", rows.iloc[inside], np.asarray(shapely.points(places)), "Point"),
+        (rows, lines, "LineString Z"),
+        (rows.loc[wide, edges], np.asarray(shapely.linestrings(np.stack(ends, axis=1))), "LineString"),
+        (sections, np.array(parts, dtype=object), "LineString Z"),
+        (rows.iloc[inside], np.asarray(shapely.points(places)), "Point"),
     ]
-    return [layer_of(name, own, geometry=shapes, kind=kind, crs=crs) for name, own, shapes, kind in layers]
+    return [
+        layer_of(name, own, geometry=shapes, kind=kind, crs=crs)
+        for name, (own, shapes, kind) in zip(ROAD_LAYERS, layers, strict=True)
+    ]

@@ -165,9 +165,9 @@ def measure_road(
             parts.append(_slice(points, places, station))
         places = _of_rows(places, fixed[points.label[places.row]])
         height = above_road(places, points.xyz[places.row, 2] - ground.base, surface, planes)
-        station = (places.station / STEP).astype(np.int64)
+        row = (places.station / STEP).astype(np.int64)
         over = (height >= LOWEST) & (height < HIGHEST)
-        over &= (places.offset > lane[0, station]) & (places.offset < lane[1, station])
+        over &= (places.offset > lane[0, row]) & (places.offset < lane[1, row])
         _add(above, points, places, height, over)
         if envelope:
             width, top = envelope
@@ -224,7 +224,7 @@ def _read_ground(clouds: _Clouds, path: RoadPath) -> Ground:
 
 
 def _of_rows(places: Located, kept: NDArray[np.bool_]) -> Located:
-    return Located(*(column[kept] for column in places))
+    return Located(places.row[kept], places.station[kept], places.offset[kept])
 
 
 def _add(
@@ -251,7 +251,7 @@ def _cross_section(
     points = points.assign(**{"class": names[points["label"]]}).drop(columns="label")
     row = int(station / STEP)
     offset = (np.arange(CELLS) + 0.5) * CELL - CELLS * CELL / 2
-    low, high = (table.at[row, f"{side}_offset"] for side in ("left", "right"))
+    low, high = (float(table[f"{side}_offset"].iloc[row]) for side in ("left", "right"))
     within = (offset >= (low if np.isfinite(low) else -BESIDE)) & (offset <= (high if np.isfinite(high) else BESIDE))
     profile = np.column_stack([offset, surface[row]])[within]
     return CrossSection(float(station), points, profile[np.isfinite(profile[:, 1])], table.iloc[row])

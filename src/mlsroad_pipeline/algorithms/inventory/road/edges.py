@@ -109,7 +109,7 @@ def _sampled(
 def _bridged(offset: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return offsets with gaps filled between kerbs at nearly the same distance, which do not turn away there."""
     out, known = offset.copy(), np.flatnonzero(np.isfinite(offset))
-    for a, b in pairwise(known):
+    for a, b in pairwise(known.tolist()):
         turns = np.array([offset[max(a - _END, 0)] - offset[a], offset[min(b + _END, len(offset) - 1)] - offset[b]])
         steady = not (np.abs(turns) > _TURN).any()  # an end that is not known turns nowhere
         if 1 < b - a <= _GAP + 1 and abs(offset[b] - offset[a]) <= _CHANGE and steady:
@@ -119,7 +119,7 @@ def _bridged(offset: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def paved_ends(ground: Ground) -> NDArray[np.float64]:
     """Return where paved ground ends at natural ground, by side and station; NaN where that is not seen."""
-    found = _paved_ends(ground.count, ground.natural)
+    found = _paved_ends(ground.number, ground.natural)
     padded = np.pad(found, ((0, 0), (_BESIDE, _BESIDE)), constant_values=np.nan)
     around = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1, axis=1)
     confirmed = (np.abs(around - found[:, :, None]) <= _AGREE).sum(axis=2) > _BESIDE  # at the ends of a path, most

@@ -41,7 +41,7 @@ class RoadPath:
         """Return the smooth path of a trajectory, which keeps its stations."""
         if trajectory.length < STEP:
             raise DataError(f"{trajectory.source}: the path is {trajectory.length:.2f} m long, shorter than a station")
-        station = np.arange(int(trajectory.length / STEP) + 1) * STEP
+        station = np.arange(int(trajectory.length / STEP) + 1, dtype=np.float64) * STEP
         moving = np.append(True, np.diff(trajectory.station) > 0)
         fine = np.arange(0.0, station[-1] + STEP / 8, STEP / 4)
         known = [np.interp(fine, trajectory.station[moving], axis[moving]) for axis in trajectory.xyz.T]

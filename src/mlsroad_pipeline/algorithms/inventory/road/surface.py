@@ -33,7 +33,7 @@ _BOUND = 0.02  # residuals above this have no weight, metres
 class Ground(NamedTuple):
     """Ground points by station and cell: number, mean height, mean station, sum of squared deviations, natural ones."""
 
-    count: NDArray[np.int32]  # (stations, CELLS)
+    number: NDArray[np.int32]  # (stations, CELLS)
     height: NDArray[np.float64]  # Above the height `base`
     place: NDArray[np.float32]  # Metres after the middle of the station
     squares: NDArray[np.float32]
@@ -52,7 +52,7 @@ class Ground(NamedTuple):
 
     def add(self, places: Located, z: NDArray[np.float64], natural: NDArray[np.bool_]) -> None:
         """Add points, in place; `z` and `natural` are those of the located rows."""
-        arrays = (self.count, self.height, self.place, self.squares, self.natural, self.wheel)
+        arrays = (self.number, self.height, self.place, self.squares, self.natural, self.wheel)
         _add(places.station / STEP, places.offset, z - self.base, natural, *arrays)
 
 
@@ -101,7 +101,7 @@ def strip_cells(edges: NDArray[np.float64], half: float) -> NDArray[np.int64]:
 def fit_planes(ground: Ground, edges: NDArray[np.float64]) -> Planes:
     """Return the planes of all stations; `edges` are the offsets of the left and right edge, NaN without."""
     strip = strip_cells(edges, LANE)
-    return Planes(*_planes(ground.count, ground.height, ground.place, ground.natural, strip).T)
+    return Planes(*_planes(ground.number, ground.height, ground.place, ground.natural, strip).T)
 
 
 @njit(cache=True, nogil=True)
@@ -160,7 +160,7 @@ def surface_heights(ground: Ground, planes: Planes) -> NDArray[np.float64]:
     offset = (np.arange(CELLS) + 0.5) * CELL - REACH
     flat = planes.height[:, None] - planes.crossfall[:, None] * offset
     level = ground.height - planes.slope[:, None] * ground.place - flat
-    sound = (ground.count > 0) & (np.abs(level) < _STRAY + _BENT * np.abs(offset))
+    sound = (ground.number > 0) & (np.abs(level) < _STRAY + _BENT * np.abs(offset))
     for i in np.flatnonzero(sound.any(axis=1)):
         known = np.flatnonzero(sound[i])
         flat[i] += np.interp(np.arange(CELLS), known, level[i, known])
@@ -174,7 +174,7 @@ def ruts(ground: Ground, planes: Planes, edges: NDArray[np.float64]) -> tuple[ND
         part = slice(first, last)
         reaches = REACH - first * CELL >= _LEAST_RUT, last * CELL - REACH >= _LEAST_RUT
         known = np.isfinite(planes.slope[i]) and last > first
-        certain = known and _is_certain(ground.count[i, part], ground.squares[i, part], planes.slope[i] * STEP)
+        certain = known and _is_certain(ground.number[i, part], ground.squares[i, part], planes.slope[i] * STEP)
         if certain:
             gaps = lath_gaps(ground.height[i, part] - planes.slope[i] * ground.place[i, part], round(_LATH / CELL) + 1)
             left = (np.arange(first, last) + 0.5) * CELL < REACH

@@ -39,6 +39,9 @@ ROAD_FIELDS: dict[str, Field] = {
 }
 """Columns of the road. Offsets are positive to the right; NaN where something is not seen."""
 
+ROAD_LAYERS = ("road", "road_widths", "road_sections", "intrusions")
+"""Layers of stations, of lines from edge to edge, of sections, and of places inside an envelope."""
+
 FREE, INTRUDED = "free", "intruded"
 
 _MEDIANS = ("width", "crossfall", "slope", "rut_left", "rut_right", "evenness")
@@ -65,10 +68,12 @@ def road_table(
         known = np.isfinite(planes.height)
         state = np.select([~known, np.isfinite(inside.height)], ["", INTRUDED], FREE)
         table = table.assign(envelope=state, **_named("intrusion", inside, classes))
-    blank = {"str": "", "int64": 0, "float64": np.nan}
-    table = table.assign(**{n: blank[f.dtype] for n, f in ROAD_FIELDS.items() if n not in table})
+    blank: dict[str, str | int | float] = {"str": "", "int64": 0, "float64": np.nan}
+    for name, field in ROAD_FIELDS.items():
+        if name not in table:
+            table[name] = blank[field.dtype]
     table = table[list(ROAD_FIELDS)].astype({name: field.dtype for name, field in ROAD_FIELDS.items()})
-    return table.round({name: _DECIMALS.get(name, 3) for name in table})
+    return table.round({name: _DECIMALS.get(name, 3) for name in ROAD_FIELDS})
 
 
 def _named(name: str, found: Lowered, classes: Sequence[str]) -> dict[str, NDArray]:
