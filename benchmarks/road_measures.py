@@ -2,23 +2,22 @@
 
     python benchmarks/road_measures.py [--only town_demo ...] [--seed 951] [--folder FOLDER]
 
-Streets of 100 m of four kinds (town, suburb, ring_road, campus), seen by two scanners (presets `demo`, a sixth of the
-pulses of a VMX-450, and `hdl32`), labelled by the default model. In each metre along the smoothed path:
+Streets of 100 m of four kinds, seen by two scanners (presets `demo`, a sixth of the pulses of a VMX-450, and `hdl32`),
+labelled by the default model. In each metre along the smoothed path:
 
-- width: between the true kerb lines across the path; where it meets none within 15 m, a listed width is `false`;
-- crossfall, slope: of the least-squares plane of the true ground, 3 m wide and 5 m long, from 0.4 m beside kerbs on;
+- width: between the true kerb lines across the path, at most 20 m away;
+- crossfall, slope: of the least-squares plane of the true ground, 3 m wide, 5 m long, from 0.4 m beside kerbs on;
 - clearance: lowest point, of points with their true classes, 2 to 12 m above the true ground between the listed edges,
   or within 1.75 m of the path where none is listed, without those of vehicles, persons and two-wheelers.
 
-`share` is the share of the stations with a true value that have a listed one. Prints a table in Markdown and writes
-`road_measures.json` into the folder.
+`share` is that of the stations with a true value that have a listed one, `false` the number with a listed one alone.
+Prints the table and writes it as `road_measures.json` into the folder.
 """
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import NamedTuple
 
 import laspy
 import numpy as np
@@ -32,25 +31,16 @@ from mlsroad_pipeline.inventory_files.geopackage import read_geopackage
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 from mlsroad_pipeline.simulation.runtime.stream import SurveyStream
 
-LENGTH, STEP, GUTTER = 100, 0.01, 0.4
+LENGTH, STEP, GUTTER = 100, 0.01, 0.4  # metres
 FIXED = [c for name, c in TAXONOMY.items() if 20 <= c < 50 or c >= 70 if name != "outlier"]
 SIDES = {"left_offset": -1.75, "right_offset": 1.75}
 UNITS = {"width": "m", "crossfall": "%", "slope": "%", "clearance": "m"}
 
 
-class Errors(NamedTuple):
-    """Errors of a measure: listed minus true."""
-
-    errors: NDArray[np.float64]
-    true: int  # Stations with a true value
-    false: int  # Stations with a listed value alone
-
-
 def truth(stream: SurveyStream, street: Path, path: RoadPath, listed: pd.DataFrame) -> pd.DataFrame:
     """Return the true measures of each station."""
     ground, alignment = stream.street.ground, stream.street.alignment
-    number, right = np.arange(len(path)), np.column_stack([path.forward[:, 1], -path.forward[:, 0]])
-    middle = path.middles[:, :2] - stream.origin[:2]
+    right, middle = np.column_stack([path.forward[:, 1], -path.forward[:, 0]]), path.middles[:, :2] - stream.origin[:2]
 
     def on_street(ahead: float, offset: NDArray | float) -> tuple[NDArray, NDArray]:
         return alignment.locate(middle + ahead * path.forward + np.reshape(offset, (-1, 1)) * right)
@@ -67,7 +57,7 @@ def truth(stream: SurveyStream, street: Path, path: RoadPath, listed: pd.DataFra
     planes = [np.linalg.lstsq(design[own], z[own], rcond=None)[0] for own, z in zip(inside, heights, strict=True)]
     _, slope, rise = np.array(planes).T
     found = {"width": edges[1] - edges[0], "crossfall": -100 * rise, "slope": 100 * slope}
-    return pd.DataFrame({**found, "clearance": _clearance(stream, street, path, listed)}, index=number)
+    return pd.DataFrame({**found, "clearance": _clearance(stream, street, path, listed)})
 
 
 def _clearance(stream: SurveyStream, street: Path, path: RoadPath, listed: pd.DataFrame) -> NDArray[np.float64]:
@@ -81,58 +71,49 @@ def _clearance(stream: SurveyStream, street: Path, path: RoadPath, listed: pd.Da
     return pd.Series(height[over]).groupby(at[over]).min().reindex(np.arange(len(path))).to_numpy()
 
 
-def errors_of(folder: Path, number: int, seed: int) -> dict[str, Errors]:
-    """Simulate, label and measure a street, and return the errors of its measures."""
+def measured(folder: Path, number: int, seed: int) -> pd.DataFrame:
+    """Simulate, label and measure a street; return the listed and the true values of its stations."""
     kind, scanner = STREETS[number]
     street = simulated_street(folder, kind, scanner, seed + number, LENGTH)
     results = folder / f"{kind}_{scanner}"
     mlsroad("label", street, "-o", results, "--overwrite")
     mlsroad("road", results, "--overwrite")
     described = {"preset": scanner, "seed": seed + number, "length": LENGTH, "street": kind, "with_images": False}
-    stream = SurveyStream(simulation_parameters(described))
     trajectory = read_geopackage(results / "inventory.gpkg").trajectory
-    assert trajectory is not None, f"{results}: no path"
     table = pd.read_csv(results / "road/road.csv")
-    true = truth(stream, street, RoadPath.along(trajectory), table)
-    found = {}
-    for name in UNITS:
-        error = (table[name] - true[name]).to_numpy()
-        false = int((table[name].notna() & true[name].isna()).sum())
-        found[name] = Errors(error[np.isfinite(error)], int(true[name].notna().sum()), false)
-    return found
+    true = truth(SurveyStream(simulation_parameters(described)), street, RoadPath.along(trajectory), table)
+    return table[list(UNITS)].join(true, rsuffix=" true")
 
 
-def row(name: str, measure: str, values: Errors) -> list[str]:
-    """Return a row of the table."""
-    size = np.abs(values.errors) if len(values.errors) else np.array([np.nan])
-    quantiles = [f"{q:.3f}" for q in np.quantile(size, [0.5, 0.9])]
-    bias = f"{np.median(values.errors):+.3f}" if len(values.errors) else ""
-    share = f"{len(values.errors) / max(values.true, 1):.2f}"
-    return [f"{name}: {measure}", UNITS[measure], *quantiles, bias, str(values.true), share, str(values.false)]
+def rows_of(name: str, values: pd.DataFrame) -> list[list[str]]:
+    """Return the rows of a street, and print them."""
+    rows = []
+    for measure, unit in UNITS.items():
+        listed, true = values[measure], values[f"{measure} true"]
+        error, known = (listed - true).dropna(), int(true.notna().sum())
+        found = [f"{x:.3f}" for x in error.abs().quantile([0.5, 0.9])] if len(error) else ["", ""]
+        bias = f"{error.median():+.3f}" if len(error) else ""
+        counts = [str(known), f"{len(error) / max(known, 1):.2f}", str((listed.notna() & true.isna()).sum())]
+        rows.append([f"{name}: {measure}", unit, *found, bias, *counts])
+        print("| " + " | ".join(rows[-1]) + " |", flush=True)
+    return rows
 
 
 def main() -> None:
     """Measure all streets and print the errors."""
-    arguments = parser(__doc__)
-    names = [f"{kind}_{scanner}" for kind, scanner in STREETS]
+    arguments, names = parser(__doc__), [f"{kind}_{scanner}" for kind, scanner in STREETS]
     arguments.add_argument("--only", nargs="+", choices=names, default=names)
     arguments.add_argument("--seed", type=int, default=951)
     arguments.add_argument("--folder", type=Path, default=RESULTS / "road_measures")
     options = arguments.parse_args()
-    folder = options.folder.absolute()
-    record, every = [], {name: [] for name in UNITS}
+    folder, record, every = options.folder.absolute(), [], []
     print(
         "| data and measure | unit | median error | 90 % quantile | bias | true | share | false |\n" + "|---" * 8 + "|"
     )
     for name in options.only:
-        for measure, values in errors_of(folder, names.index(name), options.seed).items():
-            every[measure].append(values)
-            record.append(row(name, measure, values))
-            print("| " + " | ".join(record[-1]) + " |", flush=True)
-    for measure, parts in every.items():
-        errors, true, false = zip(*parts, strict=True)
-        record.append(row("all streets", measure, Errors(np.concatenate(errors), sum(true), sum(false))))
-        print("| " + " | ".join(record[-1]) + " |", flush=True)
+        every.append(measured(folder, names.index(name), options.seed))
+        record += rows_of(name, every[-1])
+    record += rows_of("all streets", pd.concat(every))
     (folder / "road_measures.json").write_text(json.dumps(record, indent=1) + "\n")
 
 
