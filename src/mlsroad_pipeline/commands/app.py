@@ -20,6 +20,7 @@ from mlsroad_pipeline.commands.label import inventory, label
 from mlsroad_pipeline.commands.learn import learn
 from mlsroad_pipeline.commands.models import models
 from mlsroad_pipeline.commands.open_results import open_results
+from mlsroad_pipeline.commands.road import road
 from mlsroad_pipeline.commands.score import score
 from mlsroad_pipeline.commands.simulate import simulate
 from mlsroad_pipeline.commands.warm_up import warm_up
@@ -31,7 +32,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["--help", "-h"]},
 )
-for command in (label, inventory, learn, export, inspect, simulate, models, score, compare):
+for command in (label, inventory, road, learn, export, inspect, simulate, models, score, compare):
     app.command()(command)
 app.command("open")(open_results)
 app.command("warm-up")(warm_up)

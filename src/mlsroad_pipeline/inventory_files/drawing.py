@@ -40,7 +40,7 @@ _FORBIDDEN = re.compile(r"[<>/\\\":;?*|=,`]")
 
 
 @contextmanager
-def _without_dates() -> Iterator[None]:
+def without_dates() -> Iterator[None]:
     """Write drawings without times and random numbers: equal inventories give equal bytes."""
     before = options.write_fixed_meta_data_for_testing
     options.write_fixed_meta_data_for_testing = True
@@ -167,7 +167,7 @@ def write_dxf(inventory: RoadInventory, folder: Path) -> list[Path]:
     target = folder / "inventory.dxf"
     table, crs = checked(inventory, target)
     text = io.StringIO()
-    with _without_dates():
+    with without_dates():
         doc = _drawn(inventory, table, crs)
         doc.write(text)
     write_atomic(target, doc.encode(text.getvalue()))
