@@ -33,6 +33,7 @@ class Field(NamedTuple):
 
 FIELDS: dict[str, Field] = {
     "object_id": Field("int64", "Object", "Number of the object, from 1, by class and place."),
+    "key": Field("str", "Key", "UUID that the object keeps in later runs and surveys; empty in tables of one scene."),
     "class": Field("str", "Class", "Class of the scheme that the survey was labelled in."),
     "kind": Field("str", "Kind", "What is measured of it: pole, sign, vehicle or tree."),
     "score": Field("float64", "Score", "Probability that it is an object of its kind, 0 to 1."),
@@ -185,7 +186,7 @@ def object_table(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
     unknown: dict[str, Any] = {
         **dict.fromkeys(("object_id", "pole_id", *SEEN_BY), 0),
         **dict.fromkeys(("station", "offset", "first_time", "last_time"), np.nan),
-        **dict.fromkeys(("method", "model_version", "status", "checked_class", "reasons", "motion"), ""),
+        **dict.fromkeys(("method", "model_version", "status", "checked_class", "reasons", "motion", "key"), ""),
     }
     known = pd.DataFrame(list(rows))
     missing = {name: value for name, value in unknown.items() if name not in known}
