@@ -46,10 +46,8 @@ class Comparison:
     def verdict(self) -> tuple[str, str]:
         """Return whether the new model is better, and why."""
         gains = [_signed(table) for table in (self.answers, self.objects)]
-        reasons = [
-            text for text in (_said(self.answers, "voxels of held-out answers"), _said(self.objects, "held-out objects"))
-            if text
-        ]  # fmt: skip
+        said = (_said(self.answers, "voxels of held-out answers"), _said(self.objects, "held-out objects"))
+        reasons = [text for text in said if text]
         lost = [
             f"{row['changed'] / row['voxels']:.0%} of the sure {row['class']} without an answer become {row['to']}"
             for row in self.lost.to_dict("records")
