@@ -1,0 +1,165 @@
+"""Errors that a user meets in the first places of the page, in its order, in the order of questions and at random.
+
+    kedro run --env=recordings
+    python benchmarks/places.py [--sources NAME...] [--folder FOLDER] [--json FILE]
+
+Scans of a recording of conf/recordings are placed in the frame of the drive, at most eight of a drive whose scans are
+dense, and labelled as one survey by the shipped model (also PandaSet and ika, which it was trained on). A simulated
+user goes through the places of the page. The user answers places of at least 100 points within 40 m of the scanner's
+path (Oakland has none). An error is a place of which 80 % of the points with a reference have one common class, and
+another one than the label; mixed classes of a recording count as in the benchmark of recordings. Places with the same
+points count once. Also prints how many clusters of each reason for doubt are wrong.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import laspy
+import numpy as np
+import pandas as pd
+import yaml
+from _common import CONF, REPOSITORY, RESULTS, configured_scheme, mlsroad, parser
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.inventory.objects.doubts import FARTHEST, LEAST_POINTS, Cells, doubtful_clusters
+from mlsroad_pipeline.algorithms.models.boosted_trees.segments import order_of_questions
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.execution.store import SceneStore
+from mlsroad_pipeline.papers.comparison.recordings.parameters import Source, sources_of
+from mlsroad_pipeline.review.page_server import point_groups
+from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
+from mlsroad_pipeline.review.page_server.point_groups import PointGroups
+from mlsroad_pipeline.review.page_server.tile_building import build_tiles
+from mlsroad_pipeline.review.page_server.tile_format import TileIndex
+
+SCENES = "data/03_primary/recordings/recordings_study/scenes"
+COMMON, FINE = configured_scheme("common"), configured_scheme("road_inventory")
+PURE, FEWEST, STEPS, DENSE = 0.8, 6, (20, 50), {"pandaset_002": 8}
+
+
+def prepare(source: Source, store: SceneStore, folder: Path) -> None:
+    """Write a recording as a survey with its path, and its reference; label it."""
+    names = sorted((k for k in store.stored_records() if k.partition(".")[0] == source.name), key=lambda k: (len(k), k))
+    names = names[:: -(-len(names) // DENSE.get(source.name, len(names)))]
+    scenes = SceneCollection(store, {name: store.stored_records()[name] for name in names})
+    parts, path = [], []
+    for i, name in enumerate(names):
+        cloud, pose = scenes[name].load(), source.pose(name.partition(".")[2])
+        world = cloud.world_xyz().astype(np.float64)
+        if pose is not None:
+            world[:, :2] = pose.placed(world[:, :2])
+            path.append((0.1 * i, pose.x, pose.y, 0.0))
+        intensity = cloud.get("intensity", np.zeros(len(cloud))).astype(np.float64)
+        truth = COMMON.encode(cloud["label"], source=name)
+        parts.append((world, intensity, truth, 0.1 * i + np.linspace(0, 0.09, len(cloud))))
+    xyz, intensity, truth, time = (np.concatenate(column) for column in zip(*parts, strict=True))
+    if source.name.startswith("pandaset"):  # it stands
+        path = [(0.0, -0.5, 0.0, 0.0), (10.0, 0.5, 0.0, 0.0)]
+    las = laspy.LasData(laspy.LasHeader(point_format=6, version="1.4"))
+    las.header.scales = [0.001] * 3
+    las.xyz, las.gps_time = xyz, time
+    las.intensity = (intensity / max(intensity.max(), 1e-9) * 65535).astype(np.uint16)
+    folder.mkdir(parents=True)
+    las.write(str(folder / "survey.laz"))
+    np.save(folder / "truth.npy", truth)
+    if path:
+        pd.DataFrame(path, columns=["gps_time", "x", "y", "z"]).to_csv(folder / "trajectory.csv", index=False)
+    mlsroad("label", folder / "survey.laz", "-o", folder / "out")
+
+
+class User:
+    """Simulated user of one recording."""
+
+    def __init__(self, source: Source, folder: Path) -> None:
+        self.source, self.truth = source, np.load(folder / "truth.npy").astype(np.int64)
+        output = OutputFolder.find(folder / "out")
+        assert output is not None
+        if TileIndex.read(folder / "tiles") is None:
+            build_tiles(output.clouds, folder / "tiles")
+        self.names = output.class_names()
+        path = np.array(output.path_vertices()).reshape(-1, 3) - output.clouds.origin
+        self.groups = PointGroups(TileIndex.read(folder / "tiles"), names=self.names, path=path)
+        self.distance = self.groups._facts[3]
+        self.file = folder / "out/survey.laz"
+
+    def wrong(self, rows: NDArray[np.integer], name: str) -> bool:
+        """Return whether most points with a reference have another class than the label."""
+        known = self.truth[rows][self.truth[rows] >= 0]
+        counts = np.bincount(known, minlength=len(COMMON))
+        true = COMMON.classes[int(counts.argmax())]
+        if name not in FINE.classes or 2 * len(known) < len(rows) or counts.max() < PURE * max(len(known), 1):
+            return False
+        label = COMMON.classes[FINE.coarsen(COMMON)[FINE.classes.index(name)]]
+        held = self.source.mixed.get(true, ())
+        return true in (*self.source.classes, "other") and label != true and label not in held
+
+    def met(self, order: NDArray[np.int64]) -> list[int]:
+        """Return the errors met in the first places."""
+        seen, found = set[tuple[int, int, int]](), list[bool]()
+        for segment in order.tolist():
+            code = int(self.groups._codes[segment])
+            place = self.groups._sample.xyz[self.groups._places[segment]].astype(np.float64)
+            rows = self.groups.points(place, code).rows
+            can_judge = len(rows) >= LEAST_POINTS and not self.distance[segment] > FARTHEST
+            key = (code, len(rows), int(rows[0]) if len(rows) else -1)
+            if can_judge and key in seen:
+                continue
+            seen.add(key)
+            found.append(can_judge and self.wrong(rows, self.names[code]))
+            if len(found) == max(STEPS):
+                break
+        return [sum(found[:step]) for step in STEPS]
+
+    def doubts(self) -> pd.DataFrame:
+        """Return the doubtful clusters of all points, and whether each is wrong."""
+        las = laspy.read(self.file)
+        xyz, codes = np.asarray(las.xyz), np.asarray(las.classification)
+        label = np.array(
+            [FINE.classes.index(self.names[c]) if self.names.get(c) in FINE.classes else -1 for c in range(256)]
+        )
+        height = point_groups._heights(xyz.astype(np.float32))
+        table, owner = doubtful_clusters(Cells(xyz, height, label[codes], FINE.classes))
+        wrong = [self.wrong(np.flatnonzero(owner == k), str(name)) for k, name in enumerate(table["class"])]
+        return table.assign(wrong=wrong)
+
+
+def measured(user: User) -> dict[str, Any]:
+    """Return the errors met in each order, and the doubtful clusters by reason."""
+    segments, large = user.groups._segments, np.flatnonzero(user.groups._segments.size >= FEWEST)
+    random = [user.met(np.random.default_rng(seed).permutation(large)) for seed in range(5)]
+    doubts = user.doubts().groupby("reason")["wrong"].agg(["size", "sum"])
+    return {
+        "page": user.met(np.array(user.groups.order(3 * max(STEPS)))),
+        "questions": user.met(order_of_questions(segments, len(large), least=FEWEST)),
+        "random": np.mean(random, axis=0).tolist(),
+        "doubts": {str(reason): [int(n), int(wrong)] for reason, n, wrong in doubts.itertuples()},
+    }
+
+
+def main() -> None:
+    """Prepare and measure each recording; print a table of means too."""
+    arguments = parser(__doc__)
+    arguments.add_argument("--sources", nargs="*")
+    arguments.add_argument("--folder", type=Path, default=RESULTS / "places")
+    arguments.add_argument("--json", type=Path)
+    given = arguments.parse_args()
+    config = yaml.safe_load((CONF / "recordings/parameters.yml").read_text(encoding="utf-8"))["recordings_study"]
+    store, found = SceneStore(str(REPOSITORY / SCENES)), {}
+    for name, source in sources_of(config["sources"]).items():
+        if given.sources and name not in given.sources:
+            continue
+        if not (given.folder / name / "out/inventory.gpkg").is_file():
+            prepare(source, store, given.folder / name)
+        found[name] = measured(User(source, given.folder / name))
+        print(source.title, json.dumps(found[name]), flush=True)
+    for order in ("page", "questions", "random"):
+        print(f"mean, {order}:", np.mean([result[order] for result in found.values()], axis=0).round(2).tolist())
+    if given.json:
+        given.json.write_text(json.dumps(found, indent=1), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
