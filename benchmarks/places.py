@@ -1,7 +1,7 @@
 """Errors that a user meets in the first places of the page, in its order, in the order of questions and at random.
 
     kedro run --env=recordings
-    python benchmarks/places.py [--sources NAME...] [--folder FOLDER] [--json FILE]
+    python benchmarks/places.py [--folder FOLDER] [--json FILE]
 
 Scans of a recording of conf/recordings are placed in the frame of the drive, at most eight of a drive whose scans are
 dense, and labelled as one survey by the shipped model (also PandaSet and ika, which it was trained on). A simulated
@@ -21,15 +21,17 @@ import laspy
 import numpy as np
 import pandas as pd
 import yaml
-from _common import CONF, REPOSITORY, RESULTS, configured_scheme, mlsroad, parser
+from _common import CONF, REPOSITORY, RESULTS, configured, configured_scheme, mlsroad, parser
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.inventory.objects.doubts import FARTHEST, LEAST_POINTS, Cells, doubtful_clusters
 from mlsroad_pipeline.algorithms.models.boosted_trees.segments import order_of_questions
+from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.store import SceneStore
 from mlsroad_pipeline.papers.comparison.recordings.parameters import Source, sources_of
-from mlsroad_pipeline.review.page_server import point_groups
 from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
 from mlsroad_pipeline.review.page_server.point_groups import PointGroups
 from mlsroad_pipeline.review.page_server.tile_building import build_tiles
@@ -117,13 +119,16 @@ class User:
         """Return the doubtful clusters of all points, and whether each is wrong."""
         las = laspy.read(self.file)
         xyz, codes = np.asarray(las.xyz), np.asarray(las.classification)
-        label = np.array(
-            [FINE.classes.index(self.names[c]) if self.names.get(c) in FINE.classes else -1 for c in range(256)]
-        )
-        height = point_groups._heights(xyz.astype(np.float32))
-        table, owner = doubtful_clusters(Cells(xyz, height, label[codes], FINE.classes))
-        wrong = [self.wrong(np.flatnonzero(owner == k), str(name)) for k, name in enumerate(table["class"])]
-        return table.assign(wrong=wrong)
+        known = {code: FINE.classes.index(name) for code, name in self.names.items() if name in FINE.classes}
+        label = np.array([known.get(code, -1) for code in range(256)])[codes]
+        origin = np.floor(xyz.min(axis=0))
+        ground = find_ground(PointCloud(xyz - origin, {}, origin), GroundParameters(**configured("ground_removal")))
+        cells = Cells(xyz - origin, np.nan_to_num(ground["height"]), label, FINE.classes)
+        table, owner = doubtful_clusters(cells)
+        rows = [np.flatnonzero(owner == k) for k in range(len(table))]
+        known_share = np.array([(self.truth[own] >= 0).mean() for own in rows], np.float64)
+        wrong = [self.wrong(own, str(name)) for own, name in zip(rows, table["class"], strict=True)]
+        return table.assign(wrong=wrong)[known_share >= 0.5]
 
 
 def measured(user: User) -> dict[str, Any]:
@@ -142,23 +147,19 @@ def measured(user: User) -> dict[str, Any]:
 def main() -> None:
     """Prepare and measure each recording; print a table of means too."""
     arguments = parser(__doc__)
-    arguments.add_argument("--sources", nargs="*")
     arguments.add_argument("--folder", type=Path, default=RESULTS / "places")
-    arguments.add_argument("--json", type=Path)
+    arguments.add_argument("--json", type=Path, default=RESULTS / "places.json")
     given = arguments.parse_args()
     config = yaml.safe_load((CONF / "recordings/parameters.yml").read_text(encoding="utf-8"))["recordings_study"]
     store, found = SceneStore(str(REPOSITORY / SCENES)), {}
     for name, source in sources_of(config["sources"]).items():
-        if given.sources and name not in given.sources:
-            continue
         if not (given.folder / name / "out/inventory.gpkg").is_file():
             prepare(source, store, given.folder / name)
         found[name] = measured(User(source, given.folder / name))
         print(source.title, json.dumps(found[name]), flush=True)
     for order in ("page", "questions", "random"):
         print(f"mean, {order}:", np.mean([result[order] for result in found.values()], axis=0).round(2).tolist())
-    if given.json:
-        given.json.write_text(json.dumps(found, indent=1), encoding="utf-8")
+    given.json.write_text(json.dumps(found, indent=1), encoding="utf-8")
 
 
 if __name__ == "__main__":

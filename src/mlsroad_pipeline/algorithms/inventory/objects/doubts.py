@@ -4,13 +4,15 @@ Each rule was kept for its share of wrong clusters in labelled recordings, see `
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+
+from mlsroad_pipeline.algorithms.geometry.thinning import first_in_cells
 
 VEHICLE_SIZED, ON_FACADE, IN_VEGETATION, IN_THE_AIR = (
     "low vegetation of the size of a vehicle",
@@ -26,6 +28,8 @@ CELL = 0.4
 
 LEAST_POINTS, FARTHEST = 100, 40.0
 """Fewest points, and largest distance from the path in metres, at which a person can judge a cluster."""
+
+_THINNED = 8.0  # points of a dense cluster per point of the sample that clusters are found in, at least
 
 _LOW, _VEGETATION, _BUILDING = ("low vegetation",), ("low vegetation", "tree", "vegetation"), ("building",)
 _MOVING = ("vehicle", "two-wheeler", "person")
@@ -56,20 +60,29 @@ class _Grid:
     """Cells of points: one per class that a cube of space has points of, ordered by cube and class."""
 
     def __init__(self, cells: Cells, size: float) -> None:
-        index = np.floor((cells.xyz - cells.xyz.min(axis=0)) / size).astype(np.int64) + 1
-        ny, nz = (int(n) + 2 for n in index[:, 1:].max(axis=0))
-        n_labels = len(cells.names) + 1
-        keys = ((index[:, 0] * ny + index[:, 1]) * nz + index[:, 2]) * n_labels + cells.label
-        kept, self.first, self.owner, self.points = np.unique(
-            keys, return_index=True, return_inverse=True, return_counts=True
-        )
-        self.label, self.cube = cells.label[self.first], kept // n_labels
+        self._corner, self._size = cells.xyz.min(axis=0), size
+        extent = np.floor((cells.xyz.max(axis=0) - self._corner) / size).astype(np.int64)
+        self._ny, self._nz = (int(n) + 3 for n in extent[1:])
+        self._n_labels = len(cells.names) + 1
+        apart = np.zeros((len(cells.label), 3))  # a share of the points of each class has nearly all of its cells
+        apart[:, 0] = (cells.label + 1) * (np.ptp(cells.xyz[:, 0]) + 2 * size)
+        thin = first_in_cells(cells.xyz - self._corner + apart, size / 2)
+        keys = self.keys(cells.xyz[thin], cells.label[thin])
+        self.kept, first, self.points = np.unique(keys, return_index=True, return_counts=True)
+        self.first = thin[first]
+        self.label, self.cube = cells.label[self.first], self.kept // self._n_labels
         around = (-1, 0, 1)
-        self.offsets = [(i * ny + j) * nz + k for i in around for j in around for k in around]
+        self.offsets = [(i * self._ny + j) * self._nz + k for i in around for j in around for k in around]
+
+    def keys(self, xyz: NDArray[np.floating], label: NDArray[np.integer]) -> NDArray[np.int64]:
+        """Return the number of the cell of each point."""
+        index = np.floor((xyz - self._corner) / self._size).astype(np.int64) + 1
+        return ((index[:, 0] * self._ny + index[:, 1]) * self._nz + index[:, 2]) * self._n_labels + label
 
     def occupied(self, labels: Sequence[int]) -> NDArray[np.int64]:
         """Return the cubes with points of classes, in order."""
-        return np.unique(self.cube[np.isin(self.label, labels)])
+        cubes = self.cube[np.isin(self.label, labels)]
+        return cubes[np.diff(cubes, prepend=-1) > 0]
 
     def components(self, occupied: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the connected component of each cube; cubes touch at faces, edges and corners."""
@@ -102,36 +115,40 @@ def doubtful_clusters(cells: Cells, *, size: float = CELL, least: int = LEAST_PO
     The table has the reason (one of `DOUBTS`), the class, the number of points, and the mean place in the coordinates
     of the cells. A cluster is the connected cells of one class; `least` is its fewest points.
     """
+    owner, tables = np.full(len(cells.label), -1, np.int64), [pd.DataFrame(columns=["reason", "class", *"xyz"])]
     if not len(cells.label):
-        return pd.DataFrame(columns=["reason", "class", "points", "x", "y", "z"]), np.full(0, -1)
+        return tables[0].assign(points=0), owner
     grid = _Grid(cells, size)
-    around = [grid.occupied(_numbers(cells.names, wanted)) for wanted in (_VEGETATION, _BUILDING, _GROUND)]
-    owner = np.full(len(grid.label), -1, np.int64)
-    tables: list[pd.DataFrame] = []
+    flagged: dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]] = {}
     for label in _numbers(cells.names, (*_VEGETATION, *_SOLID, *_MOVING)):
         rows = np.flatnonzero(grid.label == label)
-        if not len(rows):
-            continue
-        found, own = _of_class(cells, label, grid, around, least)
-        owner[rows] = np.where(own >= 0, own + sum(map(len, tables)), -1)
-        tables.append(found)
-    table = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
-    return table, owner[grid.owner]
+        if len(rows):
+            found, own = _of_class(cells, label, grid, least / _THINNED)
+            flagged[label] = grid.kept[rows[own >= 0]], own[own >= 0] + sum(map(len, tables))
+            tables += [found] if len(found) else []
+    for label, (keys, number) in flagged.items():
+        points = np.flatnonzero(cells.label == label) if len(keys) else np.zeros(0, np.int64)
+        start, place = _found(keys, grid.keys(cells.xyz[points], cells.label[points]))
+        owner[points[start]] = number[place]
+    table = pd.concat(tables[1:] or tables, ignore_index=True)
+    counts = np.bincount(owner[owner >= 0], minlength=len(table))
+    large = counts >= least
+    number = np.append(np.where(large, np.cumsum(large) - 1, -1), -1)
+    return table.assign(points=counts)[large].reset_index(drop=True), number[owner]
 
 
-def _of_class(
-    cells: Cells, label: int, grid: _Grid, around: Sequence[NDArray[np.int64]], least: int
-) -> tuple[pd.DataFrame, NDArray[np.int64]]:
+def _of_class(cells: Cells, label: int, grid: _Grid, least: float) -> tuple[pd.DataFrame, NDArray[np.int64]]:
     """Return the doubtful clusters of a class, and the cluster of each of its cells."""
     name, rows = cells.names[label], np.flatnonzero(grid.label == label)
     own, weight, first = grid.cube[rows], grid.points[rows], grid.first[rows]
     component = grid.components(own)
     n = int(component.max()) + 1
     points = np.bincount(component, weights=weight, minlength=n).astype(np.int64)
-    vegetation, building, ground = (
-        grid.beside(own, component, n, np.setdiff1d(each, own) if name in _VEGETATION else each) for each in around
+    every = [number for number in range(len(cells.names)) if number != label]
+    groups = [_numbers(cells.names, wanted) for wanted in (_VEGETATION, _BUILDING, _GROUND)]
+    vegetation, building, ground, others = (
+        grid.beside(own, component, n, grid.occupied([k for k in group if k != label])) for group in (*groups, every)
     )
-    others = grid.beside(own, component, n, grid.occupied([k for k in range(len(cells.names)) if k != label]))
     standing = np.maximum(others - ground, 1.0)
     shares = vegetation / standing, building / standing
     reason = np.full(n, -1)
@@ -143,7 +160,7 @@ def _of_class(
     chosen = np.flatnonzero(reason >= 0)
     number = np.full(n, -1)
     number[chosen] = np.arange(len(chosen))
-    table = {"reason": [DOUBTS[k] for k in reason[chosen]], "class": name, "points": points[chosen]}
+    table: dict[str, Any] = {"reason": [DOUBTS[k] for k in reason[chosen]], "class": name}
     for k, axis in enumerate("xyz"):
         table[axis] = (np.bincount(component, weights=weight * cells.xyz[first, k], minlength=n) / points)[chosen]
     return pd.DataFrame(table), number[component]
