@@ -1,19 +1,17 @@
-"""Errors that a user meets in the first places of the page, in its order, in the order of questions and at random.
+"""Errors that a user meets in the first places of the page: in its order, in the order of questions, at random.
 
     kedro run --env=recordings
-    python benchmarks/places.py [--folder FOLDER] [--json FILE]
+    python benchmarks/places.py [--folder FOLDER]
 
-Scans of a recording of conf/recordings are placed in the frame of the drive, at most eight of a drive whose scans are
-dense, and labelled as one survey by the shipped model (also PandaSet and ika, which it was trained on). A simulated
-user goes through the places of the page. The user answers places of at least 100 points within 40 m of the scanner's
-path (Oakland has none). An error is a place of which 80 % of the points with a reference have one common class, and
-another one than the label; mixed classes of a recording count as in the benchmark of recordings. Places with the same
-points count once. Also prints how many clusters of each reason for doubt are wrong.
+Scans of conf/recordings are placed in the frame of the drive (every fourth of PandaSet 002) and labelled as one survey
+by the shipped model. A simulated user goes through the places of the page, and answers those of at least 100 points
+within 40 m of the path (Oakland has none). An error is a place of which 80 % of the points with a reference have one
+common class, and another one than the label. Places with the same points count once. Also prints, by reason for doubt,
+the number of clusters and of wrong ones.
 """
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -39,14 +37,15 @@ from mlsroad_pipeline.review.page_server.tile_format import TileIndex
 
 SCENES = "data/03_primary/recordings/recordings_study/scenes"
 COMMON, FINE = configured_scheme("common"), configured_scheme("road_inventory")
-PURE, FEWEST, STEPS, DENSE = 0.8, 6, (20, 50), {"pandaset_002": 8}
+PURE, FEWEST, STEPS = 0.8, 6, (20, 50)
 
 
 def prepare(source: Source, store: SceneStore, folder: Path) -> None:
     """Write a recording as a survey with its path, and its reference; label it."""
-    names = sorted((k for k in store.stored_records() if k.partition(".")[0] == source.name), key=lambda k: (len(k), k))
-    names = names[:: -(-len(names) // DENSE.get(source.name, len(names)))]
-    scenes = SceneCollection(store, {name: store.stored_records()[name] for name in names})
+    records = store.stored_records()
+    names = sorted((k for k in records if k.partition(".")[0] == source.name), key=lambda k: (len(k), k))
+    names = names[:: 4 if source.name == "pandaset_002" else 1]
+    scenes = SceneCollection(store, {name: records[name] for name in names})
     parts, path = [], []
     for i, name in enumerate(names):
         cloud, pose = scenes[name].load(), source.pose(name.partition(".")[2])
@@ -54,16 +53,15 @@ def prepare(source: Source, store: SceneStore, folder: Path) -> None:
         if pose is not None:
             world[:, :2] = pose.placed(world[:, :2])
             path.append((0.1 * i, pose.x, pose.y, 0.0))
-        intensity = cloud.get("intensity", np.zeros(len(cloud))).astype(np.float64)
-        truth = COMMON.encode(cloud["label"], source=name)
-        parts.append((world, intensity, truth, 0.1 * i + np.linspace(0, 0.09, len(cloud))))
+        time = 0.1 * i + np.linspace(0, 0.09, len(cloud))
+        parts.append((world, cloud.get("intensity", 0 * time), COMMON.encode(cloud["label"], source=name), time))
     xyz, intensity, truth, time = (np.concatenate(column) for column in zip(*parts, strict=True))
     if source.name.startswith("pandaset"):  # it stands
         path = [(0.0, -0.5, 0.0, 0.0), (10.0, 0.5, 0.0, 0.0)]
     las = laspy.LasData(laspy.LasHeader(point_format=6, version="1.4"))
     las.header.scales = [0.001] * 3
     las.xyz, las.gps_time = xyz, time
-    las.intensity = (intensity / max(intensity.max(), 1e-9) * 65535).astype(np.uint16)
+    las.intensity = (intensity.astype(np.float64) / max(intensity.max(), 1e-9) * 65535).astype(np.uint16)
     folder.mkdir(parents=True)
     las.write(str(folder / "survey.laz"))
     np.save(folder / "truth.npy", truth)
@@ -77,15 +75,12 @@ class User:
 
     def __init__(self, source: Source, folder: Path) -> None:
         self.source, self.truth = source, np.load(folder / "truth.npy").astype(np.int64)
-        output = OutputFolder.find(folder / "out")
-        assert output is not None
+        self.file, output = folder / "out/survey.laz", OutputFolder.find(folder / "out")
         if TileIndex.read(folder / "tiles") is None:
             build_tiles(output.clouds, folder / "tiles")
         self.names = output.class_names()
         path = np.array(output.path_vertices()).reshape(-1, 3) - output.clouds.origin
         self.groups = PointGroups(TileIndex.read(folder / "tiles"), names=self.names, path=path)
-        self.distance = self.groups._facts[3]
-        self.file = folder / "out/survey.laz"
 
     def wrong(self, rows: NDArray[np.integer], name: str) -> bool:
         """Return whether most points with a reference have another class than the label."""
@@ -95,36 +90,31 @@ class User:
         if name not in FINE.classes or 2 * len(known) < len(rows) or counts.max() < PURE * max(len(known), 1):
             return False
         label = COMMON.classes[FINE.coarsen(COMMON)[FINE.classes.index(name)]]
-        held = self.source.mixed.get(true, ())
-        return true in (*self.source.classes, "other") and label != true and label not in held
+        return true in (*self.source.classes, "other") and label not in (true, *self.source.mixed.get(true, ()))
 
     def met(self, order: NDArray[np.int64]) -> list[int]:
         """Return the errors met in the first places."""
         seen, found = set[tuple[int, int, int]](), list[bool]()
-        for segment in order.tolist():
+        for segment in order[: 3 * max(STEPS)].tolist():
             code = int(self.groups._codes[segment])
             place = self.groups._sample.xyz[self.groups._places[segment]].astype(np.float64)
             rows = self.groups.points(place, code).rows
-            can_judge = len(rows) >= LEAST_POINTS and not self.distance[segment] > FARTHEST
+            can_judge = len(rows) >= LEAST_POINTS and not self.groups._facts[3][segment] > FARTHEST
             key = (code, len(rows), int(rows[0]) if len(rows) else -1)
-            if can_judge and key in seen:
-                continue
+            if len(found) < max(STEPS) and not (can_judge and key in seen):
+                found.append(can_judge and self.wrong(rows, self.names[code]))
             seen.add(key)
-            found.append(can_judge and self.wrong(rows, self.names[code]))
-            if len(found) == max(STEPS):
-                break
         return [sum(found[:step]) for step in STEPS]
 
     def doubts(self) -> pd.DataFrame:
         """Return the doubtful clusters of all points, and whether each is wrong."""
         las = laspy.read(self.file)
         xyz, codes = np.asarray(las.xyz), np.asarray(las.classification)
-        known = {code: FINE.classes.index(name) for code, name in self.names.items() if name in FINE.classes}
-        label = np.array([known.get(code, -1) for code in range(256)])[codes]
+        known = [self.names.get(code) for code in range(256)]
+        label = np.array([FINE.classes.index(name) if name in FINE.classes else -1 for name in known])[codes]
         origin = np.floor(xyz.min(axis=0))
         ground = find_ground(PointCloud(xyz - origin, {}, origin), GroundParameters(**configured("ground_removal")))
-        cells = Cells(xyz - origin, np.nan_to_num(ground["height"]), label, FINE.classes)
-        table, owner = doubtful_clusters(cells)
+        table, owner = doubtful_clusters(Cells(xyz - origin, np.nan_to_num(ground["height"]), label, FINE.classes))
         rows = [np.flatnonzero(owner == k) for k in range(len(table))]
         known_share = np.array([(self.truth[own] >= 0).mean() for own in rows], np.float64)
         wrong = [self.wrong(own, str(name)) for own, name in zip(rows, table["class"], strict=True)]
@@ -137,7 +127,7 @@ def measured(user: User) -> dict[str, Any]:
     random = [user.met(np.random.default_rng(seed).permutation(large)) for seed in range(5)]
     doubts = user.doubts().groupby("reason")["wrong"].agg(["size", "sum"])
     return {
-        "page": user.met(np.array(user.groups.order(3 * max(STEPS)))),
+        "page": user.met(np.array(user.groups.order(max(STEPS)))),
         "questions": user.met(order_of_questions(segments, len(large), least=FEWEST)),
         "random": np.mean(random, axis=0).tolist(),
         "doubts": {str(reason): [int(n), int(wrong)] for reason, n, wrong in doubts.itertuples()},
@@ -145,21 +135,16 @@ def measured(user: User) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Prepare and measure each recording; print a table of means too."""
+    """Prepare and measure each recording."""
     arguments = parser(__doc__)
     arguments.add_argument("--folder", type=Path, default=RESULTS / "places")
-    arguments.add_argument("--json", type=Path, default=RESULTS / "places.json")
     given = arguments.parse_args()
     config = yaml.safe_load((CONF / "recordings/parameters.yml").read_text(encoding="utf-8"))["recordings_study"]
-    store, found = SceneStore(str(REPOSITORY / SCENES)), {}
+    store = SceneStore(str(REPOSITORY / SCENES))
     for name, source in sources_of(config["sources"]).items():
         if not (given.folder / name / "out/inventory.gpkg").is_file():
             prepare(source, store, given.folder / name)
-        found[name] = measured(User(source, given.folder / name))
-        print(source.title, json.dumps(found[name]), flush=True)
-    for order in ("page", "questions", "random"):
-        print(f"mean, {order}:", np.mean([result[order] for result in found.values()], axis=0).round(2).tolist())
-    given.json.write_text(json.dumps(found, indent=1), encoding="utf-8")
+        print(source.title, measured(User(source, given.folder / name)), flush=True)
 
 
 if __name__ == "__main__":
