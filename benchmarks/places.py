@@ -122,7 +122,6 @@ class User:
 
 
 def measured(user: User) -> dict[str, Any]:
-    """Return the errors met in each order, and the doubtful clusters by reason."""
     segments, large = user.groups._segments, np.flatnonzero(user.groups._segments.size >= FEWEST)
     random = [user.met(np.random.default_rng(seed).permutation(large)) for seed in range(5)]
     doubts = user.doubts().groupby("reason")["wrong"].agg(["size", "sum"])
