@@ -31,6 +31,8 @@ LEAST_POINTS, FARTHEST = 100, 40.0
 
 _THINNED = 8.0  # points of a dense cluster per point of the sample that clusters are found in, at least
 
+_TYPES = {"reason": "str", "class": "str", "points": "int64", **dict.fromkeys("xyz", "float64")}
+
 _LOW, _VEGETATION, _BUILDING = ("low vegetation",), ("low vegetation", "tree", "vegetation"), ("building",)
 _MOVING = ("vehicle", "two-wheeler", "person")
 _SOLID = ("sign", "wall or fence", "street furniture")
@@ -117,7 +119,7 @@ def doubtful_clusters(cells: Cells, *, size: float = CELL, least: int = LEAST_PO
     """
     owner, tables = np.full(len(cells.label), -1, np.int64), [pd.DataFrame(columns=["reason", "class", *"xyz"])]
     if not len(cells.label):
-        return tables[0].assign(points=0), owner
+        return tables[0].assign(points=0).astype(_TYPES), owner
     grid = _Grid(cells, size)
     flagged: dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]] = {}
     for label in _numbers(cells.names, (*_VEGETATION, *_SOLID, *_MOVING)):
@@ -134,7 +136,7 @@ def doubtful_clusters(cells: Cells, *, size: float = CELL, least: int = LEAST_PO
     counts = np.bincount(owner[owner >= 0], minlength=len(table))
     large = counts >= least
     number = np.append(np.where(large, np.cumsum(large) - 1, -1), -1)
-    return table.assign(points=counts)[large].reset_index(drop=True), number[owner]
+    return table.assign(points=counts)[large].reset_index(drop=True).astype(_TYPES), number[owner]
 
 
 def _of_class(cells: Cells, label: int, grid: _Grid, least: float) -> tuple[pd.DataFrame, NDArray[np.int64]]:
