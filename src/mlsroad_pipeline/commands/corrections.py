@@ -43,20 +43,28 @@ def list_corrections(out: Out, verbose: Verbose = False) -> None:
             decision.identifier
             for decision in unmatched_strokes(states.painted, files_of(states.painted, Path(folder)))
         }
-        rows = [_row(decision, decision.identifier in lost | misplaced) for decision in decisions]
+        missing = {decision.identifier for decision in states.added}
+        rows = [_row(decision, decision.identifier in lost | misplaced, missing) for decision in decisions]
         console.print(count_table(rows, ("decision", "made", "who", "action", "object", "what", "matches")))
         console.print(f"\n{len(decisions)} decisions, {len(lost)} match no object or line of the inventory.")
+        n_missing = sum(row[-1] == ADDED for row in rows)
+        if n_missing:
+            console.print(f"{n_missing} are about objects that are not listed any more: they count as added.")
         if misplaced:
             console.print(f"{len(misplaced)} strokes are about files that are missing or have other points.")
 
 
-def _row(decision: Decision, lost: bool) -> tuple[str, ...]:
+ADDED = "added"  # an accepted or changed object that is not listed any more
+
+
+def _row(decision: Decision, lost: bool, missing: set[int]) -> tuple[str, ...]:
     given = decision.correction
     of_file = f"{given.payload['file']}, " if given.action == "paint" else ""
     number = "" if given.object_id is None else str(given.object_id)
     what = f"{of_file}{given.described}"
     row = (decision.made[:19], decision.who, given.action, number, what)
-    return (str(decision.identifier), *row, "no" if lost else "yes")
+    is_missing = given.action != "add" and decision.identifier in missing
+    return (str(decision.identifier), *row, ADDED if is_missing else "no" if lost else "yes")
 
 
 @corrections.command("import")

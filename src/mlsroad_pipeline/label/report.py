@@ -135,6 +135,12 @@ LINE_NOTE = (
     "Kerbs, wires and markings after the decisions about them, long ones first. Kerbs have no score: their steps are "
     "within limits of height and width, and no probability was learned."
 )
+MOST_PLACES = 50
+"""Most doubtful clusters that the report lists, those with most points."""
+PLACES_NOTE = (
+    f"Clusters whose class is unlikely where they stand, at most the {MOST_PLACES} largest. mlsroad open shows them: J "
+    "lists places, these first."
+)
 SECTION_NOTE = "Number of objects, and metres of each kind of line, by station along the path."
 OBJECT_NOTE = "From above and from the south; a red cross marks the base point. Colours are those of the classes."
 CONFIDENCE_NOTE = (
@@ -157,6 +163,7 @@ def label_report_sections(
     inventory: RoadInventory,
     pictures: ReportPictures,
     warnings: Sequence[str],
+    doubts: pd.DataFrame,
 ) -> list[Section]:
     """Return the sections of the report."""
     scheme = bundle_scheme(bundle)
@@ -185,6 +192,7 @@ def label_report_sections(
         ),
         facts_section("Run", facts),
         warnings_section("Warnings", list(warnings)),
+        *([] if doubts.empty else [table_section("Places to check", _first_doubts(doubts), PLACES_NOTE)]),
         distribution_section("Classes", class_counts(bundle, total), scheme=scheme),
         table_section("Confidence", confidence_table(total["confidences"], scheme.classes), CONFIDENCE_NOTE),
         _object_table(inventory.objects, pictures),
@@ -236,6 +244,10 @@ def _object_table(objects: pd.DataFrame, pictures: ReportPictures) -> Section:
     names = {name: field.alias for name, field in fields_with_notes(shown).items() if name not in _NOT_LISTED}
     places = pictures.frame.place(shown[["x", "y"]].to_numpy())
     return object_table_section("Inventory", shown, total, names, places, geopackage="inventory.gpkg")
+
+
+def _first_doubts(doubts: pd.DataFrame) -> pd.DataFrame:
+    return doubts.sort_values("points", ascending=False, kind="stable").head(MOST_PLACES).round({a: 1 for a in "xyz"})
 
 
 def _seen_by_cameras(bundle: ModelBundle, counts: Mapping[str, LabelCounts]) -> dict[str, str]:

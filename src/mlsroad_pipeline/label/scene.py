@@ -24,6 +24,7 @@ from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import (
 from mlsroad_pipeline.algorithms.inventory.lines.wires import wire_points, wire_probability
 from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import candidate_rules
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import ClassEvidence, evidence_of_soft_labels
+from mlsroad_pipeline.algorithms.inventory.objects.doubts import Cells, doubtful_clusters
 from mlsroad_pipeline.algorithms.inventory.objects.extraction import SceneObjects, extract_objects
 from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectClassifier
 from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
@@ -137,7 +138,7 @@ class LabelledScene(TypedDict):
     """Stored parts of a labelled scene.
 
     `objects`, `fragments` and `evidence` are those of `SceneObjects`, `kerbs` the steps of `kerb_steps`, `wires` the
-    points of `wire_points`, `markings` the stripes of `marking_stripes`.
+    points of `wire_points`, `markings` the stripes of `marking_stripes`, `doubts` the clusters of `scene_doubts`.
     """
 
     labels: CoreLabels
@@ -148,6 +149,7 @@ class LabelledScene(TypedDict):
     evidence: pd.DataFrame
     sightings: pd.DataFrame
     sample: PictureSample
+    doubts: pd.DataFrame
     kerbs: pd.DataFrame
     wires: pd.DataFrame
     markings: pd.DataFrame
@@ -188,10 +190,24 @@ def label_new_scene(
         "evidence": extracted.evidence,
         "sightings": sightings_of_scene(extracted.part, scene, core),
         "sample": scene_sample(scene.xyz, scene.origin, label, core),
+        "doubts": scene_doubts(scene, label, height, scheme),
         "kerbs": _kerbs(scene, label, height, scheme, settings.kerbs),
         "wires": wire_points(scene.xyz, height, wire_probability(evidence), core=core, origin=scene.origin),
         "markings": _markings(scene, label, height, scheme, settings.least_contrast),
     }
+
+
+def scene_doubts(
+    scene: PointCloud, label: NDArray[np.integer], height: NDArray[np.float32], scheme: ClassScheme
+) -> pd.DataFrame:
+    """Return the doubtful clusters that lie mostly in the core of a scene; none where the ground is unknown."""
+    known = np.where(np.isfinite(height), label, -1)
+    table, owner = doubtful_clusters(Cells(scene.xyz, np.nan_to_num(height), known, scheme.classes))
+    own = owner >= 0
+    counts = np.bincount(owner[own], minlength=len(table))
+    inside = np.bincount(owner[own], weights=scene["core"][own], minlength=len(table))
+    kept = table[inside > counts / 2].reset_index(drop=True)
+    return kept.assign(**{axis: kept[axis] + scene.origin[k] for k, axis in enumerate("xyz")})
 
 
 def _core_labels(scene: PointCloud, soft: SoftLabels, part: NDArray[np.int32], n_classes: int) -> CoreLabels:

@@ -41,7 +41,7 @@ from mlsroad_pipeline.label.inventory import (
 from mlsroad_pipeline.label.model_choice import ModelRequest, choose_model, image_request
 from mlsroad_pipeline.label.photos import write_photos
 from mlsroad_pipeline.label.report import label_report_sections, report_pictures
-from mlsroad_pipeline.label.result_warnings import label_warnings, unusual_properties, unusual_warnings
+from mlsroad_pipeline.label.result_warnings import doubt_warnings, label_warnings, unusual_properties, unusual_warnings
 from mlsroad_pipeline.label.runs import open_run
 from mlsroad_pipeline.label.scene import LabelSettings, object_rules
 from mlsroad_pipeline.label.summary import LabelSummary, summarise_labels
@@ -243,12 +243,13 @@ def write_report(
     """Return the report of the labelled survey as HTML and its summary, and log the warnings."""
     bundle = model.load()
     counts, files = results.load_all("counts"), written.load_all()
-    warnings = label_warnings(bundle, counts, files)
+    doubts = pd.concat(results.load_all("doubts").values(), ignore_index=True)
+    warnings = [*label_warnings(bundle, counts, files), *doubt_warnings(doubts)]
     for warning in warnings:
         logger.warning(warning)
     warnings += survey_warnings
     pictures = report_pictures(results, inventory, class_palette(bundle_scheme(bundle)))
-    sections = label_report_sections(bundle, parameters, quality, counts, files, inventory, pictures, warnings)
+    sections = label_report_sections(bundle, parameters, quality, counts, files, inventory, pictures, warnings, doubts)
     given = given_counts(counts.values())
     summary = summarise_labels(
         *(bundle, parameters, quality, files, inventory, warnings),

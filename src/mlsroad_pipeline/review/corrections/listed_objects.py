@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import sqlite3
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
@@ -83,11 +83,14 @@ class ListedObjects:
             for kind, own in self.table.groupby(self.table["kind"].astype(str))
         }
 
-    def find(self, anchors: Mapping[int, Sequence[tuple[int, Anchor, str]]]) -> dict[int, int | None]:
+    def find(
+        self, anchors: Mapping[int, Sequence[tuple[int, Anchor, str]]], *, of_any_kind: Collection[int] = ()
+    ) -> dict[int, int | None]:
         """Find the objects of decisions again.
 
         `anchors` has, per group of decisions about one object (any key), the number then, the object then, and the kind
         that the user gave ("" for the same). Each group gets the number of the object now, None where there is none.
+        Groups `of_any_kind` get an object of another kind, one that no other group has, where there is none of theirs.
         """
         found: dict[int, int | None] = {}
         of_others: dict[str, list[int]] = {}
@@ -101,9 +104,19 @@ class ListedObjects:
         if len(self.table):
             for keys in of_others.values():  # objects of one inventory are different objects
                 found |= self._nearest(keys, anchors)
+                left = [key for key in keys if found[key] is None and key in of_any_kind]
+                taken = [number for number in found.values() if number is not None]
+                found |= self._nearest(left, anchors, without=taken) if left else {}
         return found
 
-    def _nearest(self, keys: Sequence[int], anchors: Mapping[int, Sequence[tuple[int, Anchor, str]]]) -> dict[int, int]:
+    def _nearest(
+        self,
+        keys: Sequence[int],
+        anchors: Mapping[int, Sequence[tuple[int, Anchor, str]]],
+        *,
+        without: Collection[int] | None = None,
+    ) -> dict[int, int]:
+        """Return the nearest objects of the kind of each group; `without` some, those of all kinds."""
         numbers, kinds = self.table["object_id"].to_numpy(dtype=np.int64), self.table["kind"].astype(str).to_numpy()
         places = self.table[["x", "y"]].to_numpy(dtype=np.float64)
         far = 1e6
@@ -111,6 +124,8 @@ class ListedObjects:
         for row, key in enumerate(keys):
             _, anchor, given = anchors[key][-1]
             alike = np.isin(kinds, [kind for kind in (anchor.kind, given) if kind])
+            if without is not None:
+                alike = ~np.isin(numbers, list(without))
             distance = np.hypot(*(places - (anchor.x, anchor.y)).T)
             near = alike & (distance <= FARTHEST.get(anchor.kind, NEAR))
             if anchor.nearest is not None:

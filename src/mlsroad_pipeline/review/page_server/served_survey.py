@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -190,16 +190,7 @@ class ServedSurvey:
         if self.tiles.index() is None:
             return []
         self._check_current()
-        groups = self._point_groups().first(number, self._in_force())
-        return sorted((dict(group) for group in groups), key=self._is_far)
-
-    def _is_far(self, group: Mapping[str, Any]) -> bool:
-        """Return whether a group is so far from the path that it comes last."""
-        from mlsroad_pipeline.algorithms.inventory.objects.review import FAR  # noqa: PLC0415  # pandas
-
-        path = np.array(self.output.path_vertices()).reshape(-1, 3)
-        away = path[:, :2] - self.output.clouds.origin[:2] - group["place"][:2]
-        return bool(len(away)) and float(np.hypot(*away.T).min()) > FAR
+        return [dict(group) for group in self._point_groups().first(number, self._in_force())]
 
     def _point_groups(self) -> PointGroups:
         """Return the groups of the points, found at the first request."""
@@ -210,7 +201,8 @@ class ServedSurvey:
             raise ReadError("the points are still being prepared: paint when that is finished")
         with self._grouping:
             if self._groups is None:
-                self._groups = PointGroups(index)
+                path = np.array(self.output.path_vertices()).reshape(-1, 3) - self.output.clouds.origin
+                self._groups = PointGroups(index, names=self.output.class_names(), path=path)
             return self._groups
 
     def leave_out(self, wanted: dict[str, Any]) -> dict[str, Any]:
