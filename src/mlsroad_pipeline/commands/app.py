@@ -1,10 +1,13 @@
 """The command `mlsroad`."""
 
+import codecs
+import io
 import os
 import signal
 import sys
+import unicodedata
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -51,10 +54,27 @@ def options(
     """Options of `mlsroad` itself; typer takes the help from the application."""
 
 
+def write_any_character(stream: Any) -> None:
+    """Let a stream of few characters, such as that of an ASCII terminal, write the others as like ones: m2 for m²."""
+    codecs.register_error("like", _like)
+    if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+        stream.reconfigure(errors="like")
+
+
+def _like(error: UnicodeError) -> tuple[str, int]:
+    """Return the plain characters that unencodable ones are made of, question marks for those without."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = error.object[error.start : error.end]
+    parts = [unicodedata.normalize("NFKD", letter).encode("ascii", "ignore").decode() or "?" for letter in text]
+    return "".join(parts), error.end
+
+
 def main() -> None:
     """Run the command line; SIGTERM ends it like Ctrl-C."""
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed; libraries flush both
             setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115  # until the end
+        write_any_character(getattr(sys, name))
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     app()

@@ -1,8 +1,10 @@
 """State and order of review of each object after all decisions in force."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypedDict
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 import pandas as pd
@@ -47,6 +49,18 @@ class ObjectState(TypedDict, total=False):
     made: str
 
 
+class Note(NamedTuple):
+    """Texts about an object that a user has typed."""
+
+    text: str
+    attributes: dict[str, str]
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> Note:
+        """Return the note in the payload of a decision."""
+        return cls(str(given.get("note", "")), dict(given.get("attributes", {})))
+
+
 @dataclass(frozen=True)
 class States:
     """Result of the decisions in force."""
@@ -57,57 +71,55 @@ class States:
     painted: list[Decision] = field(default_factory=list)  # Painted points, in order
     added: list[Decision] = field(default_factory=list)  # Objects that were missing
     lines: list[Decision] = field(default_factory=list)  # Decisions about lines, in order
+    # Note and attributes of objects by number, and of added ones by the decision that added them
+    notes: dict[int, Note] = field(default_factory=dict)
+    notes_of_added: dict[int, Note] = field(default_factory=dict)
 
 
 def fold_states(decisions: Sequence[Decision], objects: ListedObjects) -> States:
     """Return the state of each object of an inventory after the decisions in force."""
     states = States()
     present = _present_numbers(decisions, objects)
-    kinds = dict(zip(objects.table["object_id"].tolist(), objects.table["kind"].astype(str).tolist(), strict=True))
-    names = dict(zip(objects.table["object_id"].tolist(), objects.table["class"].astype(str).tolist(), strict=True))
+    columns = (objects.table[name].astype(str).tolist() for name in ("kind", "class"))
+    listed = dict(zip(objects.table["object_id"].tolist(), zip(*columns, strict=True), strict=True))
     for decision in decisions:
         action = decision.correction.action
         if action == "paint":
             states.painted.append(decision)
         elif action == "add":
             states.added.append(decision)
+            states.notes_of_added[decision.identifier] = Note.of(decision.correction.payload)
+        elif action == "note" and decision.correction.object_id is None:
+            of = decision.correction.payload["added"]
+            if of in states.notes_of_added:  # the object was not taken back
+                states.notes_of_added[of] = Note.of(decision.correction.payload)
         elif action in LINE_ACTIONS:
             states.lines.append(decision)
         else:
             numbers = [present.get((decision.identifier, number)) for number in named_objects(decision.correction)]
-            own = numbers[0]
-            if own is None:
-                states.unmatched.append(decision)
-                continue
-            _apply(states.of_objects, decision, own, (kinds.get(own, ""), names.get(own, "")))
-            for other in numbers[1:]:
-                if other is not None and other != own:
-                    _apply(states.of_objects, decision, other, (kinds.get(other, ""), names.get(other, "")))
-                    states.of_objects[other]["merged_into"] = own
+            _apply_to_objects(states, decision, numbers, listed)
     for number, state in states.of_objects.items():
         if "merged_into" in state:
             states.of_objects[state["merged_into"]].setdefault("merged", []).append(number)
     return states
 
 
-_LINE_MOVED = 0.5  # largest distance of the first vertex of a line that was found again, metres
-
-
-def line_states(decisions: Sequence[Decision], lines: pd.DataFrame) -> dict[int, str]:
-    """Return the status of lines by number, `accepted` or `rejected`; they are found by kind and first vertex.
-
-    `lines` has at least `line_id`, `kind`, `x` and `y`.
-    """
-    found: dict[int, str] = {}
-    places = lines[["x", "y"]].to_numpy(np.float64)
-    numbers, kinds = lines["line_id"].to_numpy(np.int64), lines["kind"].astype(str).to_numpy()
-    for decision in decisions:
-        given = decision.correction
-        apart = np.hypot(*(places - (given.payload["x"], given.payload["y"])).T)
-        apart = np.where(kinds == given.kind, apart, np.inf)
-        if len(apart) and apart.min() <= _LINE_MOVED:
-            found[int(numbers[int(apart.argmin())])] = f"{given.action.removesuffix('_line')}ed"
-    return found
+def _apply_to_objects(
+    states: States, decision: Decision, numbers: Sequence[int | None], listed: Mapping[int, tuple[str, str]]
+) -> None:
+    """Apply a decision to the objects that it names, its own first; `listed` has their kinds and classes."""
+    own = numbers[0]
+    if own is None:
+        states.unmatched.append(decision)
+        return
+    if decision.correction.action == "note":
+        states.notes[own] = Note.of(decision.correction.payload)
+        return
+    _apply(states.of_objects, decision, own, listed.get(own, ("", "")))
+    for other in numbers[1:]:
+        if other is not None and other != own:
+            _apply(states.of_objects, decision, other, listed.get(other, ("", "")))
+            states.of_objects[other]["merged_into"] = own
 
 
 def _apply(states: dict[int, ObjectState], decision: Decision, number: int, listed: tuple[str, str]) -> None:
