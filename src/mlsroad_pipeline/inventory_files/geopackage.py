@@ -51,7 +51,7 @@ _POINT, _POLYGON, _LINE = "Point Z", "Polygon Z", "LineString Z"
 _OF_FOOTPRINTS = ["object_id", "class", "kind", "score", "height"]  # repeated in the layer of footprints
 
 
-class Layer(NamedTuple):
+class _Layer(NamedTuple):
     """A layer: its name, its rows with shapes, and the type of the shapes."""
 
     name: str
@@ -59,10 +59,9 @@ class Layer(NamedTuple):
     kind: str
 
 
-def layer_of(name: str, table: pd.DataFrame, *, geometry: np.ndarray, kind: str, crs: CRS | None) -> Layer:
-    """Return a layer of a table and its shapes."""
+def _layer(name: str, table: pd.DataFrame, *, geometry: np.ndarray, kind: str, crs: CRS | None) -> _Layer:
     shapes = gpd.GeoSeries(geometry, dtype="geometry")
-    return Layer(name, gpd.GeoDataFrame(table.reset_index(drop=True), geometry=shapes, crs=crs), kind)
+    return _Layer(name, gpd.GeoDataFrame(table.reset_index(drop=True), geometry=shapes, crs=crs), kind)
 
 
 @contextmanager
@@ -105,27 +104,32 @@ def check_closed(path: Path) -> None:
 
 
 def write_shapes(
-    layers: Mapping[str, tuple[pd.DataFrame, np.ndarray, str]], path: str | Path, *, crs: str | None
+    layers: Mapping[str, tuple[pd.DataFrame, np.ndarray, str]],
+    path: str | Path,
+    *,
+    crs: str | None,
+    described: bool = False,
 ) -> None:
-    """Write layers of a GeoPackage: by name a table, its shapely shapes and their type, such as ``Point``."""
+    """Write layers of a GeoPackage: by name a table, its shapely shapes and their type, such as ``Point``.
+
+    `described` adds the aliases of fields.
+    """
     system = None if crs is None else CRS.from_user_input(crs)
-    write_layers(Path(path), [layer_of(name, t, geometry=g, kind=k, crs=system) for name, (t, g, k) in layers.items()])
+    written = [
+        _layer(name, table, geometry=shapes, kind=kind, crs=system) for name, (table, shapes, kind) in layers.items()
+    ]
+
+    def write(place: Path) -> None:
+        _write_layers(place, written)
+        if described:
+            add_tables(place, {}, date=_FIXED_DATE)
+
+    _write_whole(Path(path), write)
 
 
 def points_of(table: pd.DataFrame) -> tuple[pd.DataFrame, np.ndarray, str]:
     """Return a table with `x` and `y` as a layer of points for `write_shapes`."""
     return table, np.asarray(shapely.points(table[["x", "y"]].to_numpy())), "Point"
-
-
-def write_layers(path: Path, layers: Sequence[Layer], *, described: bool = False) -> None:
-    """Write layers as a GeoPackage, whole or not at all, on request with the aliases of known fields."""
-
-    def write(place: Path) -> None:
-        _write_layers(place, layers)
-        if described:
-            add_tables(place, {}, date=_FIXED_DATE)
-
-    _write_whole(path, write)
 
 
 def _write_whole(target: Path, fill: Callable[[Path], None]) -> None:
@@ -156,7 +160,7 @@ def _check_whole(path: Path, target: Path) -> None:
         raise OSError(errno.EIO, "a part of the GeoPackage was not written", str(target))
 
 
-def _write_layers(path: Path, layers: Sequence[Layer]) -> None:
+def _write_layers(path: Path, layers: Sequence[_Layer]) -> None:
     for layer in layers:
         with warnings.catch_warnings():
             # A survey may have no known CRS; GeoPackage has a code for it (-1, undefined Cartesian).
@@ -167,27 +171,27 @@ def _write_layers(path: Path, layers: Sequence[Layer]) -> None:
             pyogrio.write_dataframe(layer.rows, path, layer=layer.name, dataset_options=options, **layer_options)
 
 
-def _layers(inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> list[Layer]:
+def _layers(inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> list[_Layer]:
     """Return the layers in the order of the file."""
     columns, points = attributes(table), base_points(table)
-    layers = [layer_of("objects", columns, geometry=points, kind=_POINT, crs=crs)]
+    layers = [_layer("objects", columns, geometry=points, kind=_POINT, crs=crs)]
     for name, kind in LAYERS.items():
         rows = (table["kind"] == kind).to_numpy()
         shapes = vehicle_boxes(table[rows]) if kind == "vehicle" else points[rows]
         shape = _POLYGON if kind == "vehicle" else _POINT
         typed = [n for n in note_columns(columns) if columns.loc[rows, n].notna().any()]
         own = columns.loc[rows, [*fields_of_layer(name), *typed]]
-        layers.append(layer_of(name, own, geometry=shapes, kind=shape, crs=crs))
+        layers.append(_layer(name, own, geometry=shapes, kind=shape, crs=crs))
     layers.append(_footprints(table, crs))
     for name, kind in LINE_LAYERS.items():
         if inventory.lines is None:
             break
         of_kind = inventory.lines[inventory.lines["kind"] == kind]
         own = line_attributes(of_kind)[list(fields_of_layer(name))]
-        layers.append(layer_of(name, own, geometry=line_shapes(of_kind), kind=_LINE, crs=crs))
+        layers.append(_layer(name, own, geometry=line_shapes(of_kind), kind=_LINE, crs=crs))
     if inventory.trajectory is not None:
         length, line = path_of(inventory.trajectory)
-        layers.append(layer_of("trajectory", length, geometry=line, kind=_LINE, crs=crs))
+        layers.append(_layer("trajectory", length, geometry=line, kind=_LINE, crs=crs))
         if inventory.sections is not None:
             lines = np.array(
                 [
@@ -195,16 +199,16 @@ def _layers(inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> l
                     for ends in inventory.sections[["from_station", "to_station"]].to_numpy()
                 ]
             )
-            layers.append(layer_of("sections", inventory.sections, geometry=lines, kind=_LINE, crs=crs))
+            layers.append(_layer("sections", inventory.sections, geometry=lines, kind=_LINE, crs=crs))
     return layers
 
 
-def _footprints(table: pd.DataFrame, crs: CRS | None) -> Layer:
+def _footprints(table: pd.DataFrame, crs: CRS | None) -> _Layer:
     shapes = hulls(table)
     present = ~shapely.is_missing(shapes)
     areas = [polygon_area(shapely.get_coordinates(shape)) for shape in shapes[present]]
     rows = table.loc[present, _OF_FOOTPRINTS].assign(area=np.round(np.array(areas, dtype=np.float64), 2))
-    return layer_of("footprints", rows, geometry=shapes[present], kind="Polygon", crs=crs)
+    return _layer("footprints", rows, geometry=shapes[present], kind="Polygon", crs=crs)
 
 
 def read_geopackage(path: str | Path) -> RoadInventory:

@@ -5,12 +5,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import shapely
-from pyproj import CRS
 
 from mlsroad_pipeline.algorithms.inventory.road.stations import STEP, RoadPath
 from mlsroad_pipeline.algorithms.inventory.road.table import INTRUDED, ROAD_LAYERS
 from mlsroad_pipeline.formats.files import write_atomic
-from mlsroad_pipeline.inventory_files.geopackage import Layer, layer_of, write_layers
+from mlsroad_pipeline.inventory_files.geopackage import write_shapes
 from mlsroad_pipeline.inventory_files.vector_files import without_formulas
 
 TABLE, SECTIONS, LAYERS = "road.csv", "road_sections.csv", "road.gpkg"
@@ -25,12 +24,13 @@ def write_road(
     """Write the table of stations, that of sections and the layers; return their paths."""
     for name, rows in ((TABLE, table), (SECTIONS, sections)):
         write_atomic(folder / name, without_formulas(rows).to_csv(index=False, lineterminator="\n").encode())
-    system = None if crs is None else CRS.from_user_input(crs)
-    write_layers(folder / LAYERS, _layers(table, sections, path, system), described=True)
+    write_shapes(_layers(table, sections, path), folder / LAYERS, crs=crs, described=True)
     return [folder / name for name in (TABLE, SECTIONS, LAYERS)]
 
 
-def _layers(table: pd.DataFrame, sections: pd.DataFrame, path: RoadPath, crs: CRS | None) -> list[Layer]:
+def _layers(
+    table: pd.DataFrame, sections: pd.DataFrame, path: RoadPath
+) -> dict[str, tuple[pd.DataFrame, np.ndarray, str]]:
     """Return the layers: parts of the path, edge to edge, sections, and places inside the envelope."""
     rows = table.assign(**{name: table[name].astype(object).where(table[name] != "", None) for name in _TEXTS})
     lines = np.asarray(shapely.linestrings(np.stack([path.xyz[:-1], path.xyz[1:]], axis=1)))
@@ -48,7 +48,4 @@ def _layers(table: pd.DataFrame, sections: pd.DataFrame, path: RoadPath, crs: CR
         (sections, np.array(parts, dtype=object), "LineString Z"),
         (rows.iloc[inside], np.asarray(shapely.points(places)), "Point"),
     ]
-    return [
-        layer_of(name, own, geometry=shapes, kind=kind, crs=crs)
-        for name, (own, shapes, kind) in zip(ROAD_LAYERS, layers, strict=True)
-    ]
+    return dict(zip(ROAD_LAYERS, layers, strict=True))

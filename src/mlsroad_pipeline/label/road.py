@@ -30,6 +30,7 @@ from mlsroad_pipeline.algorithms.inventory.road.surface import (
     CELL,
     CELLS,
     Ground,
+    Planes,
     fit_planes,
     surface_heights,
 )
@@ -154,33 +155,49 @@ def measure_road(
             f"{output.path}: no paved ground within 1.5 m of the path {found.source}: name the path of the vehicle "
             "with --path"
         )
-    lane = np.where(np.isfinite(edges.offset), edges.offset, [[-BESIDE], [BESIDE]])
-    surface = surface_heights(ground, planes)
-    above, inside = Lowest.empty(len(path)), Lowest.empty(len(path) if envelope else 0)
-    slices: list[list[pd.DataFrame]] = [[] for _ in at]
-    fixed = clouds.roles()[2]
-    for points in clouds.chunks():
-        places = path.locate(points.xyz)
-        for parts, station in zip(slices, at, strict=True):
-            parts.append(_slice(points, places, station))
-        places = _of_rows(places, fixed[points.label[places.row]])
-        height = above_road(places, points.xyz[places.row, 2] - ground.base, surface, planes)
-        row = (places.station / STEP).astype(np.int64)
-        over = (height >= LOWEST) & (height < HIGHEST)
-        over &= (places.offset > lane[0, row]) & (places.offset < lane[1, row])
-        _add(above, points, places, height, over)
-        if envelope:
-            width, top = envelope
-            _add(
-                inside, points, places, height, (height >= FROM) & (height < top) & (np.abs(places.offset) < width / 2)
-            )
-    lowest = lowest_points(above), lowest_points(inside) if envelope else None
-    table = road_table(path, ground, planes, edges, *lowest, clouds.scheme.classes)
+    above = _Above.empty(len(path), envelope, at)
+    above.read(clouds, path, ground, planes, np.where(np.isfinite(edges.offset), edges.offset, [[-BESIDE], [BESIDE]]))
+    inside = None if envelope is None else lowest_points(above.inside)
+    table = road_table(path, ground, planes, edges, lowest_points(above.over), inside, clouds.scheme.classes)
+    surface = surface_heights(ground, planes) + ground.base
     across = [
-        _cross_section(station, parts, table, surface + ground.base, clouds.scheme)
-        for parts, station in zip(slices, at, strict=True)
+        _cross_section(station, parts, table, surface, clouds.scheme)
+        for parts, station in zip(above.slices, at, strict=True)
     ]
     return MeasuredRoad(table, section_medians(table, _sections(inventory, found)), path, across, inventory.crs)
+
+
+class _Above(NamedTuple):
+    """What the second reading collects: lowest points over the road and in an envelope, and points of sections."""
+
+    over: Lowest
+    inside: Lowest
+    envelope: tuple[float, float] | None
+    at: Sequence[float]
+    slices: list[list[pd.DataFrame]]  # By section
+
+    @classmethod
+    def empty(cls, stations: int, envelope: tuple[float, float] | None, at: Sequence[float]) -> "_Above":
+        inside = Lowest.empty(0 if envelope is None else stations)
+        return cls(Lowest.empty(stations), inside, envelope, at, [[] for _ in at])
+
+    def read(self, clouds: _Clouds, path: RoadPath, ground: Ground, planes: Planes, lane: NDArray[np.float64]) -> None:
+        """Read all points; `lane` are the offsets between which points are over the road, shape (2, stations)."""
+        fixed, surface = clouds.roles()[2], surface_heights(ground, planes)
+        for points in clouds.chunks():
+            places = path.locate(points.xyz)
+            for parts, station in zip(self.slices, self.at, strict=True):
+                parts.append(_slice(points, places, station))
+            places = _of_rows(places, fixed[points.label[places.row]])
+            height = above_road(places, points.xyz[places.row, 2] - ground.base, surface, planes)
+            row = (places.station / STEP).astype(np.int64)
+            over = (height >= LOWEST) & (height < HIGHEST)
+            over &= (places.offset > lane[0, row]) & (places.offset < lane[1, row])
+            _add(self.over, points, places, height, over)
+            if self.envelope is not None:
+                width, top = self.envelope
+                near = (height >= FROM) & (height < top) & (np.abs(places.offset) < width / 2)
+                _add(self.inside, points, places, height, near)
 
 
 def _sections(inventory: RoadInventory, found: Trajectory) -> pd.DataFrame:
