@@ -35,6 +35,7 @@ from mlsroad_pipeline.algorithms.models.labelling import Labeller, SoftLabels, l
 from mlsroad_pipeline.algorithms.scenes.joining import SceneSpan, join_pieces
 from mlsroad_pipeline.algorithms.scenes.parameters import OutlierParameters
 from mlsroad_pipeline.algorithms.stages import inliers
+from mlsroad_pipeline.label.alignment import PassMove, aligned
 from mlsroad_pipeline.label.confidence import count_confidences
 from mlsroad_pipeline.label.given_classes import (
     GivenClasses,
@@ -94,6 +95,7 @@ class LabelSettings:
     # Least contrast of a marking, standard deviations of the road; None finds no markings
     least_contrast: float | None = None
     given: GivenClasses | None = None  # Class maps of the classes that the survey comes with
+    moves: tuple[PassMove, ...] = ()  # Moves of the files and passes that lie apart
 
 
 class CoreLabels(TypedDict):
@@ -164,7 +166,7 @@ def label_new_scene(
     """Label the points of a scene and extract the objects; ground parameters of the model take precedence."""
     trained = bundle.metadata.get("parameters", {}).get("ground")
     scheme = bundle_scheme(bundle)
-    scene = with_given(scene, settings.given, scheme)
+    scene = with_given(aligned(scene, settings.moves), settings.given, scheme)
     ground = ground_of_scene(scene, settings.ground if trained is None else GroundParameters(**trained))
     soft = label_softly(bundle, scene.with_columns(**ground), labeller=labeller)
     kinds = kind_probabilities(bundle, scene)

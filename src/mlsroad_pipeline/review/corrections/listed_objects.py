@@ -7,6 +7,7 @@ import sqlite3
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 from scipy.optimize import linear_sum_assignment
+from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.review.corrections.decisions import Anchor
@@ -60,15 +62,26 @@ class ListedObjects:
 
     def anchor(self, number: int) -> Anchor | None:
         """Return an object as a decision records it; None if there is no object of that number."""
-        rows = self.table[self.table["object_id"] == number]
-        if rows.empty:
+        if number not in self._rows:
             return None
-        row = rows.iloc[0]
+        row = self.table.iloc[self._rows[number]]
         x, y, z = (float(row[axis]) for axis in "xyz")
-        others = self.table[(self.table["kind"] == row["kind"]) & (self.table["object_id"] != number)]
-        apart = np.hypot(others["x"].to_numpy(np.float64) - x, others["y"].to_numpy(np.float64) - y)
-        nearest = round(float(apart.min()), 3) if len(apart) else None
+        apart, _ = self._trees[str(row["kind"])].query((x, y), k=2)  # the first one is the object itself
+        nearest = round(float(apart[1]), 3) if np.isfinite(apart[1]) else None
         return Anchor(self.digest, str(row["kind"]), str(row["class"]), x, y, z, int(row["point_count"]), nearest)
+
+    @cached_property
+    def _rows(self) -> dict[int, int]:
+        """Number of each object to its row."""
+        return {int(number): row for row, number in reversed([*enumerate(self.table["object_id"])])}
+
+    @cached_property
+    def _trees(self) -> dict[str, cKDTree]:
+        """Places in plan of the objects of each kind."""
+        return {
+            str(kind): cKDTree(own[["x", "y"]].to_numpy(np.float64))
+            for kind, own in self.table.groupby(self.table["kind"].astype(str))
+        }
 
     def find(
         self, anchors: Mapping[int, Sequence[tuple[int, Anchor, str]]], *, of_any_kind: Collection[int] = ()

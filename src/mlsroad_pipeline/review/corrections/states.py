@@ -1,8 +1,10 @@
 """State and order of review of each object after all decisions in force."""
 
-from collections.abc import Mapping, Sequence
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypedDict
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 import pandas as pd
@@ -52,6 +54,18 @@ class ObjectState(TypedDict, total=False):
     made: str
 
 
+class Note(NamedTuple):
+    """Texts about an object that a user has typed."""
+
+    text: str
+    attributes: dict[str, str]
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> Note:
+        """Return the note in the payload of a decision."""
+        return cls(str(given.get("note", "")), dict(given.get("attributes", {})))
+
+
 @dataclass(frozen=True)
 class States:
     """Result of the decisions in force."""
@@ -63,42 +77,73 @@ class States:
     # Objects that were missing: added ones, and accepted or changed ones that the present inventory does not have
     added: list[Decision] = field(default_factory=list)
     lines: list[Decision] = field(default_factory=list)  # Decisions about lines, in order
+    # Note and attributes of objects by number, and of added ones by the decision that added them
+    notes: dict[int, Note] = field(default_factory=dict)
+    notes_of_added: dict[int, Note] = field(default_factory=dict)
 
 
 def fold_states(decisions: Sequence[Decision], objects: ListedObjects) -> States:
     """Return the state of each object of an inventory after the decisions in force."""
     states, lost = States(), dict[tuple[str, int], list[Decision]]()
     present = _present_numbers(decisions, objects)
-    kinds = dict(zip(objects.table["object_id"].tolist(), objects.table["kind"].astype(str).tolist(), strict=True))
-    names = dict(zip(objects.table["object_id"].tolist(), objects.table["class"].astype(str).tolist(), strict=True))
+    columns = (objects.table[name].astype(str).tolist() for name in ("kind", "class"))
+    listed = dict(zip(objects.table["object_id"].tolist(), zip(*columns, strict=True), strict=True))
     for decision in decisions:
         action = decision.correction.action
         if action == "paint":
             states.painted.append(decision)
         elif action == "add":
             states.added.append(decision)
+            states.notes_of_added[decision.identifier] = Note.of(decision.correction.payload)
+        elif action == "note" and decision.correction.object_id is None:
+            of = decision.correction.payload["added"]
+            if of in states.notes_of_added:  # the object was not taken back
+                states.notes_of_added[of] = Note.of(decision.correction.payload)
         elif action in LINE_ACTIONS:
             states.lines.append(decision)
         else:
             numbers = [present.get((decision.identifier, number)) for number in named_objects(decision.correction)]
-            own = numbers[0]
-            if own is None:
+            if numbers[0] is None:
                 lost.setdefault(_key(decision), []).append(decision)
-                continue
-            _apply(states.of_objects, decision, own, (kinds.get(own, ""), names.get(own, "")))
-            for other in numbers[1:]:
-                if other is not None and other != own:
-                    _apply(states.of_objects, decision, other, (kinds.get(other, ""), names.get(other, "")))
-                    states.of_objects[other]["merged_into"] = own
+            else:
+                _apply_to_objects(states, decision, numbers[0], numbers[1:], listed)
     for number, state in states.of_objects.items():
         if "merged_into" in state:
             states.of_objects[state["merged_into"]].setdefault("merged", []).append(number)
-    for group in lost.values():
-        missing = _missing(group)
-        (states.unmatched.extend(group) if missing is None else states.added.append(missing))
+    _keep_missing(states, lost.values())
+    return states
+
+
+def _keep_missing(states: States, lost: Iterable[Sequence[Decision]]) -> None:
+    """Add the objects of decisions that the inventory does not list; decisions that say of none what it is stay."""
+    for group in lost:
+        notes = [decision for decision in group if decision.correction.action == "note"]
+        missing = _missing([decision for decision in group if decision.correction.action != "note"])
+        if missing is None:
+            states.unmatched.extend(group)
+            continue
+        states.added.append(missing)
+        states.notes_of_added[missing.identifier] = Note.of(notes[-1].correction.payload if notes else {})
     states.added.sort(key=lambda decision: decision.identifier)
     states.unmatched.sort(key=lambda decision: decision.identifier)
-    return states
+
+
+def _apply_to_objects(
+    states: States,
+    decision: Decision,
+    own: int,
+    others: Sequence[int | None],
+    listed: Mapping[int, tuple[str, str]],
+) -> None:
+    """Apply a decision to its object and to the others that it names; `listed` has their kinds and classes."""
+    if decision.correction.action == "note":
+        states.notes[own] = Note.of(decision.correction.payload)
+        return
+    _apply(states.of_objects, decision, own, listed.get(own, ("", "")))
+    for other in others:
+        if other is not None and other != own:
+            _apply(states.of_objects, decision, other, listed.get(other, ("", "")))
+            states.of_objects[other]["merged_into"] = own
 
 
 def _key(decision: Decision) -> tuple[str, int]:
@@ -112,6 +157,8 @@ def _missing(decisions: Sequence[Decision]) -> Decision | None:
     """Return the decisions about an object that is not listed any more as an added object; None unless it is one."""
     moved = [decision for decision in decisions if decision.correction.action == "move_base"]
     others = [decision for decision in decisions if decision.correction.action != "move_base"]
+    if not decisions:
+        return None
     last = (others or moved)[-1]
     given, anchor = last.correction, last.anchors.get(named_objects(last.correction)[0])
     if anchor is None or given.action not in FOLLOWED:
@@ -124,26 +171,6 @@ def _missing(decisions: Sequence[Decision]) -> Decision | None:
     place = {axis: float((moved[-1].correction.payload if moved else vars(anchor))[axis]) for axis in "xyz"}
     added = Correction("add", kind=kind, payload=place | ({} if name is None else {"class": name}))
     return replace(last, correction=added, anchors={})
-
-
-_LINE_MOVED = 0.5  # largest distance of the first vertex of a line that was found again, metres
-
-
-def line_states(decisions: Sequence[Decision], lines: pd.DataFrame) -> dict[int, str]:
-    """Return the status of lines by number, `accepted` or `rejected`; they are found by kind and first vertex.
-
-    `lines` has at least `line_id`, `kind`, `x` and `y`.
-    """
-    found: dict[int, str] = {}
-    places = lines[["x", "y"]].to_numpy(np.float64)
-    numbers, kinds = lines["line_id"].to_numpy(np.int64), lines["kind"].astype(str).to_numpy()
-    for decision in decisions:
-        given = decision.correction
-        apart = np.hypot(*(places - (given.payload["x"], given.payload["y"])).T)
-        apart = np.where(kinds == given.kind, apart, np.inf)
-        if len(apart) and apart.min() <= _LINE_MOVED:
-            found[int(numbers[int(apart.argmin())])] = f"{given.action.removesuffix('_line')}ed"
-    return found
 
 
 def _apply(states: dict[int, ObjectState], decision: Decision, number: int, listed: tuple[str, str]) -> None:
