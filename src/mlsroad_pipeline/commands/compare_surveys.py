@@ -36,7 +36,8 @@ def compare_two_surveys(earlier: str, later: str, target: Path, options: SurveyO
     configure(find_place())
     from mlsroad_pipeline.algorithms.inventory.changes.surfaces import py4dgeo
     from mlsroad_pipeline.label.change_report import FILES, write_changes
-    from mlsroad_pipeline.label.compared_surveys import Recorded, compare_surveys
+    from mlsroad_pipeline.label.compared_surveys import compare_surveys
+    from mlsroad_pipeline.label.labelled_clouds import Recorded
     from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
     from mlsroad_pipeline.review.delivery.files import Delivery
 

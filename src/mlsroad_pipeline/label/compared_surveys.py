@@ -241,22 +241,17 @@ def compared_surfaces(
     if len(kerbs) and len(places):
         near = cKDTree(kerbs).query(places[:, :2], distance_upper_bound=NEAR_KERB)[0] <= NEAR_KERB
         numbers[near & (numbers == _ROAD)] = SURFACES.index("kerb")
-    parts = [
-        surface_distances(
-            *(points.xyz[np.isin(points.surface, chosen)] for points in (first, second)),
-            places[own], numbers[own], later.path, registration_error=registration_error, parameters=parameters,
-        )
-        for chosen in ((_ROAD,), (_FACADE,))
-        if (own := np.isin(numbers, (*chosen, *((SURFACES.index("kerb"),) if chosen == (_ROAD,) else ())))).any()
-    ]  # fmt: skip
-    joined = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return (
-        SurfaceDistances(*joined)
-        if parts
-        else surface_distances(
-            first.xyz, second.xyz, places, numbers, None, registration_error=0.0, parameters=parameters
-        )
-    )
+    parts = []
+    for facade in (False, True):
+        before, after = (points.xyz[(points.surface == _FACADE) == facade] for points in (first, second))
+        own = (numbers == _FACADE) == facade
+        parts.append(
+            surface_distances(
+                before, after, places[own], numbers[own], later.path, registration_error=registration_error,
+                parameters=parameters,
+            )
+        )  # fmt: skip
+    return SurfaceDistances(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 def _kerb_points(inventory: RoadInventory) -> NDArray[np.float64]:

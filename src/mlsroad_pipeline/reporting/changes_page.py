@@ -50,9 +50,8 @@ def changes_page(
     counts = table["state"].value_counts()
     order = table.assign(rank=table["state"].map(counts)).sort_values(["rank", "state"], kind="stable").index
     listed = table.loc[order].reset_index(drop=True)
-    shown = listed.assign(
-        **{"object_id": np.arange(1, len(listed) + 1), "class": listed["kind"], "kind": listed["state"]}
-    )
+    shown = listed.assign(object_id=np.arange(1, len(listed) + 1), kind=listed["state"])
+    shown["class"] = listed["kind"]
     shown = shown.head(MOST_OBJECTS)
     headings = {"object_id": "Row", "kind": "State", "class": "Kind", **names}
     total = pd.crosstab(table["kind"], table["state"]).reset_index().rename_axis(columns=None)

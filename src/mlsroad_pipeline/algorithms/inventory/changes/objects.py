@@ -227,7 +227,7 @@ def _with_changes(table: pd.DataFrame, confirmed: dict[str, NDArray[np.bool_]]) 
         least = np.maximum(LEAST_CHANGE[name], LEAST_SHARE.get(name, 0.0) * np.nan_to_num(size))
         is_change = table["kind"].isin(kinds).to_numpy() & (change >= least)
         for row in np.flatnonzero(is_change & confirmed.get(name, True)).tolist():
-            ends = (table.loc[row, f"{end}_{name}"] for end in ("first", "second"))
+            ends = (float(table[f"{end}_{name}"].iloc[row]) for end in ("first", "second"))
             text = f"{name.replace('_', ' ')} " + " to ".join(f"{value:.1f}" for value in ends)
             text += f"°, axis turned by {change[row]:.1f}°" if name == "tilt" else " m"
             texts[row] = f"{texts[row]}; {text}" if texts[row] else text
