@@ -12,6 +12,7 @@ import yaml
 from helpers.tracked_project import write_and_run
 from kedro_mlflow.config.kedro_mlflow_config import KedroMlflowConfig
 
+from mlsroad_pipeline.hooks import mlflow_run
 from mlsroad_pipeline.hooks.mlflow_run import MlflowDetailsHooks, resolve_store
 from mlsroad_pipeline.hooks.run_details import fingerprint_files
 
@@ -151,6 +152,7 @@ def test_node_inputs_are_left_alone_while_nothing_is_tracked():
 )
 def test_only_relative_databases_are_moved_below_the_project(uri, expected, monkeypatch):
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    monkeypatch.setattr(mlflow_run, "_check_server", lambda uri, wait: None)  # there is none
     loader = SimpleNamespace(config_patterns={"mlflow": []})
 
     class Loader(dict):

@@ -148,7 +148,7 @@ def offsets_of_files(
     parameters: InspectParameters, files: Sequence[FileInspection], *, read: Mapping[str, Any]
 ) -> SurveyOffsets:
     """Return the offsets between the files and passes of an inspected survey; a file of one pass alone has none."""
-    if len(files) < 2 and not any(file.facts["time"]["longest_gap"] > PASS_GAP for file in files):
+    if len(files) < 2 and not any((file.facts["time"]["longest_gap"] or 0.0) > PASS_GAP for file in files):
         return NO_OFFSETS
     options = ReadOptions.from_config({**NEW_SURVEY, **read})
     return survey_offsets(
