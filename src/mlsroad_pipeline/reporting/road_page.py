@@ -39,7 +39,7 @@ def strip_figure(table: pd.DataFrame, sections: pd.DataFrame) -> Figure:
         part.grid(color=GRID, lw=0.6)
         tidy_axes(part)
     for part in (axes[0], axes[2], axes[3]):
-        part.set_ylim(bottom=0)
+        part.set_ylim(0.0, 1.08 * part.get_ylim()[1])  # nearly equal widths would lie on the frame
     axes[3].set_xlabel("Station [m]")
     return figure
 

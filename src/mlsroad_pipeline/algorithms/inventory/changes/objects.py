@@ -28,6 +28,8 @@ LEAST_CHANGE = {"tilt": 0.8, "height": 0.5, "panel_bottom": 0.5}
 """Smallest change of a measure: tilt in degrees, others in metres."""
 LEAST_SHARE = {"height": 0.05}
 """Smallest change of a measure as a share of it."""
+MOVABLE = ("pole", "sign")
+"""Kinds whose objects can move; a tree elsewhere is another tree."""
 MEASURED = {"tilt": ("pole",), "height": ("tree",), "panel_bottom": ("sign",)}
 """Measures to the kinds whose changes are reported."""
 LEAST_POLE, ALIKE = 3.0, 0.15
@@ -151,7 +153,7 @@ def _further_pairs(
 ) -> list[tuple[int, int]]:
     """Return pairs of the objects without a match: of another kind at one place, or gone here and new there."""
     pairs = []
-    for kind in sorted(set(first["kind"])):
+    for kind in sorted(set(first["kind"]) & set(MOVABLE)) if same_kind else sorted(set(first["kind"])):
         own = (first["kind"] == kind).to_numpy() & ~taken["first"]
         other = ((second["kind"] == kind).to_numpy() == same_kind) & ~taken["second"]
         # Only what is proved to be gone has moved; its new place may have been hidden before.
