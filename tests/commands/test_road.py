@@ -167,6 +167,17 @@ def test_measures_are_not_replaced_unasked_and_are_the_same_again(run, street):
         assert (place / "other" / name).read_bytes() == (place / "street/road" / name).read_bytes()
 
 
+def test_sections_of_earlier_measures_go(run, street):
+    place = street[0]
+    for at in ("20,40", "30"):
+        done = run("road", "street", "--at", at, "-o", "again", "--overwrite", cwd=place)
+        assert done.returncode == 0, done.stderr
+        (place / "again/section_notes.txt").write_text("mine")
+    names = {path.name for path in (place / "again").glob("section_*")}
+    assert names == {"section_notes.txt", *(f"section_000030.00.{end}" for end in ("csv", "svg", "dxf"))}
+    assert not (place / "street/corrections.sqlite").exists()
+
+
 def test_without_a_path_the_main_axis_or_a_named_path_serves(run, street):
     place = street[0]
     write_street(place / "without", trajectory=False)

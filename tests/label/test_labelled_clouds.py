@@ -1,15 +1,19 @@
 """Meaning of the class codes of a labelled survey for a register, and positions of the scanner."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from helpers.labelled import scheme as configured_scheme
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.algorithms.inventory.register.seen_space import FURNITURE, LOW_VEGETATION, NO_KIND
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+from mlsroad_pipeline.label.compared_surveys import _check_places
 from mlsroad_pipeline.label.labelled_clouds import _of_folder, meaning_of_codes, scanner_positions
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 
@@ -61,3 +65,13 @@ def test_a_cloud_has_the_trajectory_of_its_folder(folder, found):
     if folder:
         assert _of_folder(folder, paths) == found
     assert _of_folder(("d",), {Path("/s/trajectory.csv"): "only"}) == "only"
+
+
+def test_surveys_of_two_places_are_not_compared():
+    def survey(name, x):
+        objects = pd.DataFrame({"x": [x, x + 50.0], "y": [0.0, 10.0]})
+        return SimpleNamespace(objects=objects, output=SimpleNamespace(path=Path(name)))
+
+    _check_places(survey("a", 0.0), survey("b", 120.0))
+    with pytest.raises(DataError, match="a and b lie 4,950 m apart"):
+        _check_places(survey("a", 0.0), survey("b", 5000.0))

@@ -73,9 +73,9 @@ def test_points_and_objects_have_the_same_numbers(labelled):
     assert number.dtype == np.uint32 and len(table) > 2
     assert np.bincount(number, minlength=len(table) + 1)[1:].tolist() == table["point_count"].tolist()
     codes = np.asarray(las.classification)
-    for row in table.itertuples():
+    for row, name in zip(table.itertuples(), table["class"], strict=True):
         mine = number == row.object_id
-        assert set(codes[mine]) == {scheme()["classes"][row._asdict()["_2"]]["asprs"]}
+        assert set(codes[mine]) == {scheme()["classes"][name]["asprs"]}
         sides = [[getattr(row, f"{axis}_{end}") for axis in "xyz"] for end in ("min", "max")]
         np.testing.assert_allclose(sides, [las.xyz[mine].min(axis=0), las.xyz[mine].max(axis=0)], atol=2e-3)
         times = np.floor(las.gps_time[mine])

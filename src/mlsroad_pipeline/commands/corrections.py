@@ -83,6 +83,7 @@ def import_corrections(
     """Import corrections from an inventory or a labelled file that was edited in another program."""
     from mlsroad_pipeline.review.corrections import open_corrections
     from mlsroad_pipeline.review.corrections.edited_inventory import corrections_of_inventory, known_names, system_of
+    from mlsroad_pipeline.review.corrections.line_decisions import edited_lines
 
     with one_line_errors(verbose=verbose):
         path, folder = Path(expanded([edited])[0]), Path(results_folder(expanded([out])[0]))
@@ -100,6 +101,7 @@ def import_corrections(
                     notes_before=states.notes,
                 )
                 found, matched = _new_ones(found, store), ""
+                unread += edited_lines(path, folder) if (folder / "inventory.gpkg").is_file() else []
             elif path.suffix.lower() in (".laz", ".las"):
                 found, matched = _edited_points(path, folder, file, store)
                 unread = []

@@ -169,8 +169,8 @@ def label_files(
             parameters["execution"] = {"n_workers": workers}
         parameters = merged(parameters, changed)
         place = find_place()
+        is_first = not compiled_kernels()  # before the workers start, which compile
         configure(place)
-        is_first = not compiled_kernels()
         if is_first:
             error_console().print("First run: the kernels are compiled once, which takes one to two minutes.")
             if kernels_in_temporary_folder:

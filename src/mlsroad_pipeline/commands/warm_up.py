@@ -1,6 +1,8 @@
 """Command `mlsroad warm-up`: compile the kernels before the first survey."""
 
+import io
 import tempfile
+from contextlib import redirect_stdout
 from pathlib import Path
 
 from mlsroad_pipeline.commands.console import one_line_errors, output_console
@@ -17,8 +19,8 @@ def warm_up(verbose: Verbose = False) -> None:
     """
     with one_line_errors(verbose=verbose), tempfile.TemporaryDirectory(prefix="mlsroad-") as folder:
         street = Path(folder, "street")
-        write_street({"preset": "tiny"}, street, overwrite=False)
-        label_files(
-            [str(street)], str(Path(folder, "labelled")), {"given": {}}, params=None, workers=None, verbose=verbose
-        )
+        with redirect_stdout(io.StringIO()):  # of results that go
+            write_street({"preset": "tiny"}, street, overwrite=False)
+            labelled = str(Path(folder, "labelled"))
+            label_files([str(street)], labelled, {"given": {}}, params=None, workers=None, verbose=verbose)
         output_console().print(f"\n{compiled_kernels()} kernels are compiled.")

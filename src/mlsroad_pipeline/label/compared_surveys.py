@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+import shapely
 from numpy.typing import NDArray
 from pyproj import CRS
 from scipy.spatial import cKDTree
@@ -26,12 +27,12 @@ from mlsroad_pipeline.algorithms.inventory.register.states import evidence_of
 from mlsroad_pipeline.algorithms.registration.offset import Offset, find_offset
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, line_vertices
 from mlsroad_pipeline.label.labelled_clouds import LabelledCloud, Recorded, on_ground, seen_space
-from mlsroad_pipeline.label.object_scoring import warn_of_distance
 
 TABLE = "changes.csv"
 """File with the states and keys of a comparison."""
 THINNED = 0.05
 """Edge of the cells of which one point of a surface is kept, metres."""
+_APART = 100.0  # distance of the objects of two surveys that have nothing in common, metres
 STANDING_CELL = 0.2
 """Distance of points in two surveys that belong to one surface, metres."""
 CROWN = 1.0
@@ -64,7 +65,7 @@ def compare_surveys(first: Recorded, second: Recorded, *, align: bool, surfaces:
     `align` moves the earlier survey by the offset of unchanged surfaces; else the offset is only measured.
     """
     _check_systems(first, second)
-    warn_of_distance(second.objects, first.objects, "objects of the first survey")
+    _check_places(first, second)
     points = [surface_points(survey) for survey in (first, second)]
     origin = np.floor(points[1].xyz.mean(axis=0)) if len(points[1].xyz) else np.zeros(3)
     offset = find_offset(points[1].xyz - origin, points[0].xyz - origin) if all(len(p.xyz) for p in points) else None
@@ -85,6 +86,14 @@ def compare_surveys(first: Recorded, second: Recorded, *, align: bool, surfaces:
         error = 0.0 if offset is None else _remaining(offset, aligned=align)
         found = compared_surfaces(points[0], points[1], second, error)
     return ComparedSurveys(objects, found, offset, align, first, second)
+
+
+def _check_places(first: Recorded, second: Recorded) -> None:
+    """Raise DataError where two surveys lie apart."""
+    boxes = [shapely.MultiPoint(survey.objects[["x", "y"]].to_numpy()).envelope for survey in (first, second)]
+    metres = 0.0 if any(box.is_empty for box in boxes) else float(shapely.distance(*boxes))
+    if metres > _APART:
+        raise DataError(f"{first.output.path} and {second.output.path} lie {metres:,.0f} m apart: nothing is compared")
 
 
 def _check_systems(first: Recorded, second: Recorded) -> None:

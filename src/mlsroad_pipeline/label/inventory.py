@@ -7,6 +7,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
+from pyproj import CRS
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
@@ -27,6 +28,7 @@ from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, line_
 from mlsroad_pipeline.label.joined_objects import join_objects
 from mlsroad_pipeline.model_store.bundle_files import ModelFile
 from mlsroad_pipeline.model_store.object_classifiers import classifier_digest
+from mlsroad_pipeline.review.corrections.edited_inventory import system_of
 from mlsroad_pipeline.review.corrections.inventory_columns import corrected_table
 from mlsroad_pipeline.review.corrections.listed_objects import read_objects
 from mlsroad_pipeline.surveys.parameters import LabelParameters
@@ -132,7 +134,10 @@ def inventory_of(
     trajectory = corridor if isinstance(corridor, Trajectory) else None
     crs = survey_crs(plan, files)
     found = joined.part("objects")[OBJECTS].load()
-    found["key"] = lasting_keys(found, earlier_keys(output, parameters.keys_from), crs=crs)
+    earlier = [] if parameters.keys_from is None else [_keys_of_survey(Path(parameters.keys_from), crs)]
+    found["key"] = lasting_keys(found, *earlier, _with_keys(read_objects(output).table), crs=crs)
+    if earlier and not found["key"].isin(earlier[0]["key"]).any():
+        logger.warning("label.keys_from: no object stands where one of %s does: no key is taken", parameters.keys_from)
     objects = corrected_table(found, output)
     given = None if parameters.sections is None else read_sections(Path(parameters.sections))
     if given is not None and trajectory is None:
@@ -146,22 +151,22 @@ def inventory_of(
     return RoadInventory(objects, crs, trajectory, sections, lines)
 
 
-def earlier_keys(output: Path, other: str | None) -> pd.DataFrame:
-    """Return kind, place and key of the objects of earlier inventories: of the output folder, then of another survey.
-
-    Objects that a user changed have the kind that the user gave. Parked vehicles of another survey are left out.
-    """
-    tables = [_with_keys(read_objects(output).table)]
-    if other is not None:
-        table = read_objects(Path(other)).table
-        if "key" not in table:
-            raise ReadError(f"label.keys_from: {other} has no inventory with keys")
-        tables.append(_with_keys(table[table["kind"] != "vehicle"]))
-    return pd.concat(tables, ignore_index=True)
+def _keys_of_survey(folder: Path, crs: str | None) -> pd.DataFrame:
+    """Return kind, place and key of the objects of an earlier survey, without its parked vehicles."""
+    table = read_objects(folder).table
+    if "key" not in table:
+        raise ReadError(f"label.keys_from: {folder} has no inventory with keys")
+    own = system_of(folder)
+    if own is not None and crs is not None and not own.equals(CRS.from_user_input(crs), ignore_axis_order=True):
+        raise DataError(f"label.keys_from: {folder} is in {own.name}, this survey in {CRS.from_user_input(crs).name}")
+    return _with_keys(table[table["kind"] != "vehicle"])
 
 
 def _with_keys(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the columns that keys are matched by; an inventory of an earlier version has no keys."""
+    """Return the columns that keys are matched by; an inventory of an earlier version has no keys.
+
+    Objects that a user changed have the kind that the user gave.
+    """
     if "key" not in table:
         table = table.iloc[:0].assign(key="")
     given = table["checked_class"].fillna("") if "checked_class" in table else pd.Series("", index=table.index)

@@ -1,5 +1,6 @@
 """Files of the measures of a road: tables, layers, page and sections across it."""
 
+import re
 from pathlib import Path
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
@@ -9,6 +10,8 @@ from mlsroad_pipeline.inventory_files.geopackage import check_closed
 from mlsroad_pipeline.inventory_files.road_files import LAYERS, SECTIONS, TABLE, write_road
 from mlsroad_pipeline.label.road import MeasuredRoad
 from mlsroad_pipeline.reporting.road_page import road_page
+
+_SECTION = re.compile(r"section_\d{6}\.\d\d\.(csv|svg|dxf)")
 
 PAGE = "road.html"
 """Page of the measures."""
@@ -24,8 +27,12 @@ def check_target(folder: Path, *, overwrite: bool) -> None:
 
 
 def write_measures(found: MeasuredRoad, folder: Path, *, survey: str, envelope: str | None) -> list[Path]:
-    """Write all files, and return their paths; sections across the road of earlier runs stay."""
+    """Write all files, and return their paths; sections across the road of earlier measures go."""
     folder.mkdir(parents=True, exist_ok=True)
+    if (folder / TABLE).exists():
+        for path in folder.glob("section_*"):
+            if _SECTION.fullmatch(path.name):
+                path.unlink()
     written = write_road(found.table, found.sections, found.path, found.crs, folder)
     write_atomic(folder / PAGE, road_page(found.table, found.sections, survey, envelope).encode())
     drawn = [path for section in found.across for path in write_cross_section(section, folder)]

@@ -9,6 +9,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.algorithms.scenes.weeks import LEAP_SECONDS, WEEK, base_shift
 from mlsroad_pipeline.formats.crs import reproject
@@ -132,7 +133,8 @@ def _read_trajectory(source: Path, crs: str | None, factors: NDArray[np.float64]
     names = [_meaning(name) for name in rows[0][1]] if has_names else said or ["time", "x", "y", "z"]
     missing = [name for name in ("x", "y", "z") if name not in names]
     if missing:
-        raise ReadError(f"{source}: a trajectory needs the column {missing[0]} (has {', '.join(rows[0][1])})")
+        has = printable(", ".join(rows[0][1][:8]))[:80]
+        raise ReadError(f"{source}: a trajectory needs the column {missing[0]} (its first line: {has})")
     columns_of = {name: names.index(name) for name in _NAMES if name in names}
     body = rows[1:] if has_names else rows
     if not body:

@@ -61,6 +61,16 @@ def test_pixels_that_are_points_and_world_files_lie_half_a_pixel_apart(tmp_path)
     assert (pictures[0] == pictures[2]).all() and (pictures[1] == pictures[2]).all()
 
 
+def test_a_photo_of_another_place_is_named_once(tmp_path, caplog):
+    write_geotiff(tmp_path / "photo.tif", photo(), WEST, NORTH, 0.1, epsg=25833)
+    background = Background(tmp_path / "photo.tif", UTM33)
+    for _ in range(2):
+        background.picture((WEST + 5000, NORTH - 10, WEST + 5010, NORTH), (20, 20))
+    assert [record.getMessage() for record in caplog.records] == [
+        f"{tmp_path / 'photo.tif'} shows nothing of the survey: it lies elsewhere, or its system is another one"
+    ]
+
+
 def test_beyond_a_geotiff_nothing_is_drawn_and_far_views_are_means(tmp_path):
     checks = np.where((np.indices((1600, 1600)).sum(axis=0) % 2)[..., None], 255, 0).astype(np.uint8).repeat(3, axis=2)
     write_geotiff(tmp_path / "photo.tif", checks, WEST, NORTH, 0.1, epsg=25833)

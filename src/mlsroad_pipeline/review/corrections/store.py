@@ -270,6 +270,8 @@ def open_corrections(folder: str | Path, *, write: bool = True) -> CorrectionSto
         raise ReadError(f"{place}: no such folder: label the survey first (mlsroad label FILE)")
     path = place / NAME
     with readable(path):
+        if not write and not os.path.lexists(path):
+            return CorrectionStore(place, empty_in_memory(), writable=False)
         if os.access(place, os.W_OK) and (not path.exists() or os.access(path, os.W_OK)):
             return CorrectionStore(place, connected(path))
         if write:

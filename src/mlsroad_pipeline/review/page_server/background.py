@@ -2,6 +2,7 @@
 
 import base64
 import io
+import logging
 import sqlite3
 import struct
 import threading
@@ -19,6 +20,8 @@ from pyproj.exceptions import CRSError, ProjError
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ParameterError, ReadError
 from mlsroad_pipeline.review.page_server.tile_files import MbTiles, PmTiles, TileSource, mosaic
 from mlsroad_pipeline.review.page_server.wanted import LARGEST
+
+logger = logging.getLogger(__name__)
 
 Area = tuple[float, float, float, float]
 """West, south, east, north."""
@@ -47,6 +50,7 @@ class Background:
                 f"{path}: map tiles need a survey with a coordinate reference system: label it with --crs"
             )
         self._moved: Transformer | None = None
+        self._is_empty = False
         if own is not None and system is not None and own.to_2d() != system.to_2d():
             try:
                 self._moved = Transformer.from_crs(system.to_2d(), own.to_2d(), always_xy=True)
@@ -70,6 +74,11 @@ class Background:
             found = self._source.sample(x, y)
         else:
             found = _sample_tiles(self._source, x, y)
+        if not found[..., 3].any() and not self._is_empty:
+            self._is_empty = True
+            logger.warning(
+                "%s shows nothing of the survey: it lies elsewhere, or its system is another one", self._path
+            )
         stream, is_whole = io.BytesIO(), bool((found[..., 3] == 255).all())
         image = Image.fromarray(found)
         if is_whole:

@@ -96,13 +96,32 @@ def test_objects_without_evidence_are_not_visible():
 
 @pytest.mark.parametrize(
     ("before", "after", "angle", "is_change"),
-    [((0.0, 0), (1.0, 90), 1.0, True), ((1.0, 0), (1.0, 180), 2.0, True), ((2.0, 45), (2.5, 45), 0.5, False)],
+    [
+        ((0.0, 0), (1.0, 90), 1.0, True),
+        ((1.0, 0), (1.0, 180), 2.0, True),
+        ((2.0, 45), (2.5, 45), 0.5, False),
+        ((0.4, np.nan), (2.8, 90), 2.4, True),  # too upright for a direction: at least the difference
+        ((0.4, np.nan), (0.3, np.nan), 0.1, False),
+    ],
 )
 def test_the_tilt_of_a_pole_is_the_angle_between_its_axes(before, after, angle, is_change):
     first, second = (objects_of(("pole", 0, 0, 8, *axis)) for axis in (before, after))
     table = compared(first, second)
     assert table["tilt_change"].to_numpy() == pytest.approx([angle], abs=1e-6)
     assert (table["state"].tolist() == [CHANGED]) == is_change == ("axis turned by" in table.loc[0, "changes"])
+
+
+def test_tilts_of_poles_whose_bases_lie_apart_are_not_compared():
+    first, second = objects_of(("pole", 0, 0, 8, 2.6, 0)), objects_of(("pole", 0.45, 0, 8, 5.1, 90))
+    assert compared(first, second)["state"].tolist() == [UNCHANGED]
+
+
+def test_trees_do_not_move():
+    first, second = (objects_of((kind, x, 0, 8)) for kind, x in (("tree", 0), ("tree", 3.5)))
+    both = compared(first, second)
+    assert sorted(both["state"]) == [GONE, NEW]
+    poles = (table.assign(kind="pole") for table in (first, second))
+    assert compared(*poles)["state"].tolist() == [MOVED]
 
 
 def test_tilts_of_short_poles_and_of_poles_seen_to_other_heights_are_not_compared():

@@ -41,6 +41,13 @@ def test_an_object_of_another_kind_keeps_its_key_nearby_unless_it_is_a_vehicle(s
     assert found[1] not in {*earlier["key"]}
 
 
+def test_the_first_inventory_with_an_object_gives_its_key(street):
+    keys = lasting_keys(street, NONE)
+    own = street.assign(key=[f"own{row}" for row in range(len(street))])
+    found = lasting_keys(street, street.iloc[:40].assign(key=keys[:40]), own)
+    assert (found[:40] == keys[:40]).all() and (found[40:] == own["key"][40:]).all()
+
+
 def test_two_objects_at_one_place_have_two_keys():
     twice = pd.DataFrame({"kind": ["pole"] * 2, "x": [1.0] * 2, "y": [2.0] * 2})
     assert len({*lasting_keys(twice, NONE)}) == 2

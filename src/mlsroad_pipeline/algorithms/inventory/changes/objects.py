@@ -32,8 +32,9 @@ MOVABLE = ("pole", "sign")
 """Kinds whose objects can move; a tree elsewhere is another tree."""
 MEASURED = {"tilt": ("pole",), "height": ("tree",), "panel_bottom": ("sign",)}
 """Measures to the kinds whose changes are reported."""
-LEAST_POLE, ALIKE = 3.0, 0.15
-"""Height from which the tilt of a pole is compared, metres, and the largest relative difference of its heights."""
+LEAST_POLE, ALIKE, SAME_BASE = 3.0, 0.15, 0.4
+"""Height from which the tilt of a pole is compared, metres, and the largest relative difference of its heights and
+distance of its bases: otherwise its axis was measured on another part."""
 
 
 class Unmatched(NamedTuple):
@@ -200,6 +201,7 @@ def _table(
         table = table.assign(**{f"first_{name}": own, f"second_{name}": other, f"{name}_change": change})
     heights = table[["first_height", "second_height"]].to_numpy()
     alike = (heights.min(axis=1) >= LEAST_POLE) & (np.ptp(heights, axis=1) <= ALIKE * heights.max(axis=1))
+    alike &= table["distance"].to_numpy() <= SAME_BASE
     return _with_changes(table, {"tilt": alike, "height": _confirmed(table["height_change"].to_numpy(), growth)})
 
 
@@ -210,12 +212,16 @@ def _confirmed(change: NDArray[np.float64], growth: NDArray[np.float64]) -> NDAr
 
 
 def _angle_between(before: pd.DataFrame, after: pd.DataFrame) -> NDArray[np.float64]:
-    """Return the angle between the axes of objects, degrees; NaN where one is not measured."""
+    """Return the angle between the axes of objects, degrees; NaN where one is not measured.
+
+    An axis that is too upright for a direction is taken to lean as the other one: the angle is at least this.
+    """
     axes = []
-    for table in (before, after):
-        tilt, way = (np.radians(table[name].to_numpy(dtype=np.float64)) for name in ("tilt", "lean_azimuth"))
-        way = np.where(tilt == 0, 0.0, way)
-        axes.append(np.column_stack([np.sin(tilt) * np.sin(way), np.sin(tilt) * np.cos(way), np.cos(tilt)]))
+    ways = [np.radians(table["lean_azimuth"].to_numpy(dtype=np.float64)) for table in (before, after)]
+    for table, way, other in ((before, *ways), (after, *ways[::-1])):
+        tilt = np.radians(table["tilt"].to_numpy(dtype=np.float64))
+        to = np.where(np.isfinite(way), way, np.nan_to_num(other))
+        axes.append(np.column_stack([np.sin(tilt) * np.sin(to), np.sin(tilt) * np.cos(to), np.cos(tilt)]))
     across = np.linalg.norm(np.cross(axes[0], axes[1]), axis=1)
     return np.degrees(np.arctan2(across, (axes[0] * axes[1]).sum(axis=1)))
 

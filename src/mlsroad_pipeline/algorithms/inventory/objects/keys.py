@@ -17,8 +17,8 @@ _OTHER_KIND = 0.5  # an object whose kind is another now, metres
 _SPACE = UUID("5f0a1d5e-7c0b-4f0e-9a55-3d1c6c0f4a21")
 
 
-def lasting_keys(objects: pd.DataFrame, earlier: pd.DataFrame, *, crs: str | None = None) -> NDArray[np.object_]:
-    """Return the key of each object: that of the same object in an earlier inventory, else a new one.
+def lasting_keys(objects: pd.DataFrame, *earlier: pd.DataFrame, crs: str | None = None) -> NDArray[np.object_]:
+    """Return the key of each object: that of the first earlier inventory with the same object, else a new one.
 
     Objects are the same if they are of one kind and at most `REACH` apart, one to one. What is left is matched
     regardless of its kind within 0.5 m, vehicles excepted: a user may have changed a tree to a pole. A new key follows
@@ -26,8 +26,10 @@ def lasting_keys(objects: pd.DataFrame, earlier: pd.DataFrame, *, crs: str | Non
 
     Parameters
     ----------
-    objects, earlier : DataFrame
-        Columns `kind`, `x` and `y`, metres; `earlier` also `key`. Its rows without a key are left out.
+    objects : DataFrame
+        Columns `kind`, `x` and `y`, metres.
+    *earlier : DataFrame
+        Earlier inventories: the same columns and `key`. Rows without a key are left out.
     crs : str or None
         Reference system of the coordinates.
 
@@ -37,16 +39,18 @@ def lasting_keys(objects: pd.DataFrame, earlier: pd.DataFrame, *, crs: str | Non
         Keys in the form of a UUID, one per row, all different.
     """
     keys = np.full(len(objects), "", dtype=np.object_)
-    known = earlier[earlier["key"] != ""].drop_duplicates("key")
-    free = np.ones(len(known), dtype=np.bool_)
     groups = [((kind,), reach) for kind, reach in REACH.items()]
-    for kinds, reach in [*groups, (tuple(kind for kind in KINDS if kind != "vehicle"), _OTHER_KIND)]:
-        here = np.flatnonzero(objects["kind"].isin(kinds).to_numpy() & (keys == ""))
-        there = np.flatnonzero(known["kind"].isin(kinds).to_numpy() & free)
-        mine, other = assign_one_to_one(_places(objects, here), _places(known, there), reach)
-        keys[here[mine]] = known["key"].to_numpy(dtype=np.object_)[there[other]]
-        free[there[other]] = False
-    return new_keys(objects.assign(key=keys), taken=set(known["key"]), crs=crs)
+    for table in earlier:
+        known = table[(table["key"] != "") & ~table["key"].isin(keys)].drop_duplicates("key")
+        free = np.ones(len(known), dtype=np.bool_)
+        for kinds, reach in [*groups, (tuple(kind for kind in KINDS if kind != "vehicle"), _OTHER_KIND)]:
+            here = np.flatnonzero(objects["kind"].isin(kinds).to_numpy() & (keys == ""))
+            there = np.flatnonzero(known["kind"].isin(kinds).to_numpy() & free)
+            mine, other = assign_one_to_one(_places(objects, here), _places(known, there), reach)
+            keys[here[mine]] = known["key"].to_numpy(dtype=np.object_)[there[other]]
+            free[there[other]] = False
+    taken = {key for table in earlier for key in table["key"]}
+    return new_keys(objects.assign(key=keys), taken=taken, crs=crs)
 
 
 def new_keys(objects: pd.DataFrame, *, taken: Set[str] = frozenset(), crs: str | None = None) -> NDArray[np.object_]:
