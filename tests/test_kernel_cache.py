@@ -7,7 +7,7 @@ import pytest
 
 import mlsroad_pipeline
 from mlsroad_pipeline.commands.options import login_name
-from mlsroad_pipeline.commands.session import kernels_compiled
+from mlsroad_pipeline.commands.session import compiled_kernels
 
 
 @pytest.fixture
@@ -26,10 +26,10 @@ def test_kernels_go_into_a_folder_of_the_user_alone(nowhere):
     assert mlsroad_pipeline._place_kernels()
     folder = nowhere / f"mlsroad-kernels-{os.geteuid()}"
     assert os.environ["NUMBA_CACHE_DIR"] == str(folder) and folder.stat().st_mode & 0o777 == 0o700
-    assert not kernels_compiled()
+    assert not compiled_kernels()
     (folder / "part").mkdir()
     (folder / "part" / "a.nbi").touch()
-    assert kernels_compiled() and not mlsroad_pipeline._place_kernels()
+    assert compiled_kernels() and not mlsroad_pipeline._place_kernels()
     del os.environ["NUMBA_CACHE_DIR"]
     assert mlsroad_pipeline._place_kernels() and os.environ["NUMBA_CACHE_DIR"] == str(folder)
 

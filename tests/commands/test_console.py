@@ -2,6 +2,7 @@
 
 import errno
 import io
+import threading
 
 import pytest
 import typer
@@ -11,7 +12,7 @@ from rich.console import Console
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.commands import console
-from mlsroad_pipeline.commands.console import Stages, describe, one_line_errors, survey_progress
+from mlsroad_pipeline.commands.console import Compiling, Stages, describe, one_line_errors, survey_progress
 from mlsroad_pipeline.commands.options import expanded
 from mlsroad_pipeline.execution.task import SceneError, SceneFailure
 
@@ -44,6 +45,29 @@ def test_a_log_file_has_a_line_of_progress_per_interval(clock):
     assert out.getvalue().count("\n") == 2
 
 
+def test_a_first_run_counts_its_kernels_and_then_estimates_from_what_followed(clock):
+    out, counted = io.StringIO(), threading.Event()
+
+    def compiled():
+        clock[0] += 40  # the next interval
+        if clock[0] > 100:
+            counted.set()
+        return int(clock[0])
+
+    compiling = Compiling(compiled, 200, until="Labelling")
+    stages = Stages({"pieces": ("Cutting", 0.4), "results": ("Labelling", 0.6)}, Console(file=out), compiling=compiling)
+    with stages.shown():
+        stages.start("pieces", 1).step()
+        assert counted.wait(20)
+        labelling = stages.start("results", 3)
+        labelling.step()
+        clock[0] += 50
+        labelling.step()
+    lines = out.getvalue().splitlines()
+    assert lines[:2] == [f"Compiling, once: {number} of about 200 kernels" for number in (40, 80)]
+    assert lines[-1] == "Labelling: 80 %, about 50 s left"  # 0.2 in 50 s, not in all of the time
+
+
 def test_a_simulation_in_a_log_file_has_lines_in_metres(clock):
     out = io.StringIO()
     with survey_progress(Console(file=out), 60.0) as move:
@@ -63,6 +87,11 @@ def caused(error, cause):
 def test_the_projects_own_error_is_shown_and_not_what_kedro_wraps_it_in():
     own = ReadError("/data/a.las: header ends after 3 bytes")
     assert describe(caused(DatasetError("Failed while loading\n'label'"), own)) == str(own)
+
+
+def test_a_missing_package_is_named():
+    lacking = ModuleNotFoundError("No module named 'torch'", name="torch")
+    assert "the package torch," in describe(caused(DatasetError("Failed"), lacking))
 
 
 def test_a_failed_stage_names_its_first_scenes():

@@ -103,11 +103,11 @@ def test_the_root_folder_has_a_name_too():
 def test_kernels_in_the_cache_folder_count_as_compiled(monkeypatch, tmp_path):
     monkeypatch.setattr(session, "files", lambda _: tmp_path / "package")
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
-    assert not session.kernels_compiled()
+    assert not session.compiled_kernels()
     kernel = tmp_path / "cache" / "supervoxels_1" / "growth.grow-10.py311.nbi"
     kernel.parent.mkdir(parents=True)
     kernel.touch()
-    assert session.kernels_compiled()
+    assert session.compiled_kernels()
 
 
 @pytest.mark.parametrize(

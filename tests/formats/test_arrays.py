@@ -158,3 +158,10 @@ def test_what_npz_cannot_hold(tmp_path, rng):
         NpzFormat().write(tmp_path / "a.npy", make_cloud(rng, 3), WriteOptions())
     with pytest.raises(DataError, match="'crs' has a name"):
         NpzFormat().write(tmp_path / "a.npz", make_cloud(rng, 3).with_columns(crs=np.zeros(3)), WriteOptions())
+
+
+def test_of_a_thousand_arrays_the_first_are_named(tmp_path):
+    arrays = {name: np.zeros(3) for name in ("x", "y", *(f"ground_{k}" for k in range(998)))}
+    np.savez(tmp_path / "polygons.npz", **arrays)
+    with pytest.raises(MissingColumnError, match=r"ground_17 and 980 more\)"):
+        NpzFormat().read(tmp_path / "polygons.npz", DEFAULT)

@@ -1,7 +1,11 @@
 """An unusable database of runs gives an error that names it and a remedy."""
 
+import socket
 import sqlite3
+import threading
+import time
 from contextlib import closing
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
@@ -23,8 +27,8 @@ def test_a_store_that_works_is_left_as_it_is(store):
     assert store.read_bytes() == before
 
 
-@pytest.mark.parametrize("uri", ["", "https://tracking.example.org", "sqlite:///:memory:"])
-def test_servers_are_not_asked(uri):
+@pytest.mark.parametrize("uri", ["", "databricks", "sqlite:///:memory:"])
+def test_other_addresses_are_not_asked(uri):
     check_tracking_store(uri)
 
 
@@ -56,3 +60,24 @@ def test_a_store_that_cannot_be_written_is_named(store, monkeypatch):
     monkeypatch.setattr(tracking_store.sqlite3, "connect", lambda *a, **k: connect(*a, factory=ReadOnly, **k))
     with pytest.raises(TrackingStoreError, match="readonly database: it cannot be written"):
         check_tracking_store(f"sqlite:///{store}")
+
+
+def test_a_server_that_does_not_answer_is_named_within_the_time_to_wait():
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        listening.listen(1)  # it accepts and never answers
+        port = listening.getsockname()[1]
+        start = time.monotonic()
+        with pytest.raises(TrackingStoreError, match=rf"127\.0\.0\.1:{port} .*MLFLOW_TRACKING_URI"):
+            check_tracking_store(f"http://user:secret@127.0.0.1:{port}", wait=0.3)
+        assert time.monotonic() - start < 5
+    with pytest.raises(TrackingStoreError) as refused:
+        check_tracking_store(f"http://user:secret@127.0.0.1:{port}", wait=0.3)
+    assert "secret" not in str(refused.value)
+
+
+def test_a_server_that_answers_anything_is_taken():
+    with ThreadingHTTPServer(("127.0.0.1", 0), BaseHTTPRequestHandler) as server:  # 501 to every request
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        check_tracking_store(f"http://127.0.0.1:{server.server_port}")
+        server.shutdown()

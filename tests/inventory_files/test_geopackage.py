@@ -1,5 +1,6 @@
 """GeoPackages: typed layers with aliases and styles, equal bytes, atomic writes."""
 
+import json
 import sqlite3
 from contextlib import closing
 from dataclasses import replace
@@ -129,7 +130,7 @@ def test_fields_have_names_with_units(inventory, tmp_path):
     write_geopackage(inventory, path)
     rows = query(path, "SELECT column_name, name, description FROM gpkg_data_columns WHERE table_name = 'poles'")
     assert {name: (alias, text) for name, alias, text in rows} == {
-        n: FIELDS[n][1:] for n in WRITTEN if "pole" in FIELDS_OF_KINDS.get(n, ("pole",))
+        n: FIELDS[n][1:3] for n in WRITTEN if "pole" in FIELDS_OF_KINDS.get(n, ("pole",))
     }
     extensions = query(path, "SELECT table_name FROM gpkg_extensions WHERE extension_name = 'gpkg_schema'")
     assert {name for (name,) in extensions} == {"gpkg_data_columns", "gpkg_data_column_constraints"}
@@ -255,6 +256,21 @@ def test_bad_input_is_named(inventory, tmp_path):
     gpd.GeoDataFrame({"a": [1]}, geometry=gpd.points_from_xy([0], [0]), crs=4326).to_file(path, layer="footprints")
     with pytest.raises(ReadError, match="layer 'objects' has no field 'object_id'"):
         read_geopackage(path)
+
+
+def test_value_lists_descriptions_and_metadata_are_there_for_a_gis(tmp_path, inventory):
+    path = tmp_path / "inventory.gpkg"
+    write_geopackage(inventory, path)
+    lists = "SELECT value FROM gpkg_data_columns JOIN gpkg_data_column_constraints USING (constraint_name)"
+    values = query(path, f"{lists} WHERE table_name = 'signs' AND column_name = 'facing_from'")
+    assert sorted(values) == [("pole",), ("post",), ("unknown",)]
+    assert query(path, "SELECT description FROM gpkg_contents WHERE table_name = 'trees'") == [
+        ("Objects of kind tree.",)
+    ]
+    ((facts,),) = query(path, "SELECT metadata FROM gpkg_metadata JOIN gpkg_metadata_reference ON id = md_file_id")
+    facts = json.loads(facts)
+    assert facts["models"] == ["any_method"] and facts["trajectoryMetres"] == pytest.approx(10.0, abs=0.1)
+    assert read_geopackage(path).objects["facing_from"].tolist() == ["", "post", "", ""]
 
 
 def test_a_part_that_the_disk_has_lost_is_an_error(tmp_path, monkeypatch):

@@ -19,6 +19,7 @@ from mlsroad_pipeline.commands.models import models
 from mlsroad_pipeline.commands.open_results import open_results
 from mlsroad_pipeline.commands.score import score
 from mlsroad_pipeline.commands.simulate import simulate
+from mlsroad_pipeline.commands.warm_up import warm_up
 
 app = typer.Typer(
     name="mlsroad",
@@ -30,6 +31,7 @@ app = typer.Typer(
 for command in (label, inventory, learn, export, inspect, simulate, models, score, compare):
     app.command()(command)
 app.command("open")(open_results)
+app.command("warm-up")(warm_up)
 app.add_typer(corrections, name="corrections")
 
 

@@ -6,12 +6,13 @@ import errno
 import logging
 import re
 import sys
+import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 from rich.console import Console
@@ -46,6 +47,11 @@ class _Lines:
     def __init__(self, console: Console) -> None:
         self._console = console
         self._begin = self._last = time.monotonic()
+        self._first = 0.0
+
+    def begin(self, share: float) -> None:
+        """Estimate the time left from here on: what was done before says nothing of the rest."""
+        self._begin, self._first = time.monotonic(), share
 
     def show(self, title: str, share: float, done: str) -> None:
         """Print what is done and the time left, at most every `LINE_INTERVAL` seconds."""
@@ -53,15 +59,35 @@ class _Lines:
         if self._console.is_terminal or now - self._last < LINE_INTERVAL or not 0 < share < 1:
             return
         self._last = now
-        left = (now - self._begin) * (1 - share) / share
-        self._console.print(f"{title}: {done}, about {left:.0f} s left", markup=False)
+        steps = share - self._first
+        left = f", about {(now - self._begin) * (1 - share) / steps:.0f} s left" if steps > 0 else ""
+        self._console.print(f"{title}: {done}{left}", markup=False)
+
+    def show_compiling(self, text: str) -> None:
+        """Print how many kernels are compiled, at most every `LINE_INTERVAL` seconds."""
+        now = time.monotonic()
+        if not self._console.is_terminal and now - self._last >= LINE_INTERVAL:
+            self._last = now
+            self._console.print(text, markup=False)
+
+
+class Compiling(NamedTuple):
+    """Kernels that a first run compiles."""
+
+    compiled: Callable[[], int]  # Number of those that are compiled now
+    total: int
+    until: str  # Title of the stage whose first step ends it
 
 
 class Stages:
     """One progress bar over the stages of a pipeline."""
 
-    def __init__(self, stages: Mapping[str, tuple[str, float]], console: Console) -> None:
+    def __init__(
+        self, stages: Mapping[str, tuple[str, float]], console: Console, *, compiling: Compiling | None = None
+    ) -> None:
         self._stages = stages
+        self._compiling = compiling
+        self._compiled = threading.Event()
         self._bar = _bar(console, TextColumn("{task.description}"), TextColumn("{task.percentage:>3.0f} %"))
         self._title = "Starting"
         self._task: TaskID = self._bar.add_task(self._title, total=1.0)
@@ -71,18 +97,39 @@ class Stages:
     @contextmanager
     def shown(self) -> Iterator[None]:
         """Draw the bar while the body runs."""
+        watch = None if self._compiling is None else threading.Thread(target=self._watch, args=[self._compiling])
         with self._bar, reporting_to(self.start):
-            yield
+            try:
+                if watch is not None:
+                    watch.start()
+                yield
+            finally:
+                self._compiled.set()
+                if watch is not None:
+                    watch.join()
+
+    def _watch(self, compiling: Compiling) -> None:
+        """Show the number of compiled kernels once a second."""
+        while not self._compiled.wait(1.0):
+            text = f"Compiling, once: {compiling.compiled()} of about {compiling.total} kernels"
+            self._bar.update(self._task, description=text)
+            self._lines.show_compiling(text)
 
     def start(self, stage: str, n_scenes: int) -> _Stage:
         """Start a stage; stages that are not listed leave the bar where it is."""
         self._title, share = self._stages.get(stage, (stage, 0.0))
-        self._bar.update(self._task, description=self._title)
+        if self._compiling is None or self._compiled.is_set():
+            self._bar.update(self._task, description=self._title)
         return _Stage(self, share, n_scenes)
 
     def advance(self, share: float) -> None:
         """Move the bar by a share of the time."""
         self._done += share
+        if self._compiling is not None and not self._compiled.is_set():
+            if self._title != self._compiling.until:
+                return
+            self._compiled.set()
+            self._lines.begin(self._done)
         self._bar.update(self._task, completed=min(self._done, 1.0))
         self._lines.show(self._title, self._done, f"{100 * self._done:.0f} %")
 
@@ -223,6 +270,9 @@ def _described(error: BaseException) -> str:
         return "; ".join(failures) + (f"; and {more} more scenes" if more > 0 else "")
     if own is not None:
         return printable(own)
+    lacking = next((cause.name for cause in chain if isinstance(cause, ModuleNotFoundError) and cause.name), None)
+    if lacking is not None:
+        return f"this needs the package {lacking}, which is not installed: a light installation lacks it"
     system = next((cause for cause in chain if isinstance(cause, OSError) and cause.strerror), None)
     if isinstance(system, OSError):
         text = f"{system.filename}: {system.strerror}" if system.filename else str(system.strerror)

@@ -13,6 +13,7 @@ from rich.console import Console
 from mlsroad_pipeline import kernels_in_temporary_folder
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.commands.console import (
+    Compiling,
     Stages,
     collected_warnings,
     count_table,
@@ -35,7 +36,7 @@ from mlsroad_pipeline.commands.options import (
     nested,
     survey_of,
 )
-from mlsroad_pipeline.commands.session import configure, find_place, kernels_compiled, run_pipeline
+from mlsroad_pipeline.commands.session import KERNELS_OF_LABEL, compiled_kernels, configure, find_place, run_pipeline
 from mlsroad_pipeline.execution.parameter_checks import merged
 
 STAGES = {
@@ -169,12 +170,15 @@ def label_files(
         parameters = merged(parameters, changed)
         place = find_place()
         configure(place)
-        if not kernels_compiled():
-            error_console().print("First run: compiling the kernels takes about a minute.")
+        is_first = not compiled_kernels()
+        if is_first:
+            error_console().print("First run: the kernels are compiled once, which takes one to two minutes.")
             if kernels_in_temporary_folder:
                 kept = f"Neither package nor cache can be written: kernels are kept in {os.environ['NUMBA_CACHE_DIR']}."
                 error_console().print(kept, markup=False)
-        with collected_warnings(verbose=verbose) as logged, Stages(STAGES, error_console()).shown():
+        compiling = Compiling(compiled_kernels, KERNELS_OF_LABEL, until="Labelling") if is_first else None
+        stages = Stages(STAGES, error_console(), compiling=compiling)
+        with collected_warnings(verbose=verbose) as logged, stages.shown():
             run = run_pipeline("label", parameters, place=place)
             summary = run.catalog.load("label_summary")
         seconds = None if REPEATED in run.nodes else time.perf_counter() - begin

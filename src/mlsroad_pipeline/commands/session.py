@@ -43,16 +43,18 @@ def find_place() -> Place:
     return Place(here, str(files(PACKAGE) / "conf"), False, tracked)
 
 
-def kernels_compiled() -> bool:
-    """Return whether compiled kernels lie beside the package, or in the cache folder that Numba uses in its place."""
+KERNELS_OF_LABEL = 214
+"""Kernels that a first `label` compiles."""
+
+
+def compiled_kernels() -> int:
+    """Return how many compiled kernels lie beside the package, or in the cache folder that Numba uses in its place."""
     caches = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
     elsewhere = Path(os.environ.get("NUMBA_CACHE_DIR") or caches / "numba")
-    beside = Path(str(files(PACKAGE) / "algorithms"))
+    found = sum(1 for _ in elsewhere.glob("*/*.nbi"))
     if os.environ.get("NUMBA_CACHE_DIR"):  # Numba uses no other then
-        return any(elsewhere.glob("*/*.nbi"))
-    return any(
-        any(folder.glob(pattern)) for folder, pattern in ((beside, "*/__pycache__/*.nbi"), (elsewhere, "*/*.nbi"))
-    )
+        return found
+    return found + sum(1 for _ in Path(str(files(PACKAGE))).rglob("__pycache__/*.nbi"))
 
 
 def model_store(place: Place) -> Any:

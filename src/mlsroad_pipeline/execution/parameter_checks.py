@@ -19,7 +19,7 @@ PLACES = ("label.survey", "label.output", "inspect.survey", "inspect.output")
 SCORED = ("score.inventory", "score.truth", "score.output")
 
 PATHS = (
-    *(*PLACES, "label.trajectory", "label.images", "label.sections", *SCORED),
+    *(*PLACES, "label.trajectory", "label.images", "label.sections", "label.keys_from", *SCORED),
     *("inspect.trajectory", "survey.root", "survey.trajectory"),
     *("image_labels.masks", "image_labels.weights", "image_labels.classes"),
 )

@@ -144,6 +144,10 @@ class SceneTask:
         except TypeError as error:
             raise ParameterError(f"{name}: {error}") from error
 
+    def __call__(self) -> Any:
+        """Return the result, computed here: what Kedro's own data sets do with a callable that they save."""
+        return self.function(**load_inputs(self.inputs), **self.parameters)
+
     def sources(self) -> list[str]:
         """Return the paths of the source files among the inputs."""
         return [item.path for value in self.inputs.values() for item in _flatten(value) if isinstance(item, SourceFile)]
@@ -170,14 +174,30 @@ def scene_tasks(
 
 
 def load_inputs(value: Any) -> Any:
-    """Replace handles by their values, also inside lists, tuples and mappings."""
+    """Replace handles by their values, also inside lists, tuples and mappings.
+
+    Handles are those of this module, tasks that nobody has stored, and the methods `load` that Kedro's
+    `PartitionedDataset` gives for its partitions.
+    """
     if isinstance(value, StoredResult | SourceFile | Deferred):
         return value.load()
+    if isinstance(value, SceneTask) or is_loader(value):
+        return value()
     if isinstance(value, Mapping):
         return {name: load_inputs(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
         return [load_inputs(item) for item in value]
     return value
+
+
+def is_loader(value: Any) -> bool:
+    """Return whether a value is the method of a data set that loads it."""
+    return inspect.ismethod(value) and value.__name__ == "load"
+
+
+def load_all(results: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the results of all scenes: of a scene store, or of any data set of Kedro that keeps one per scene."""
+    return {key: load_inputs(value) for key, value in results.items()}
 
 
 def _flatten(value: Any) -> list[Any]:

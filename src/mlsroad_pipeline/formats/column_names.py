@@ -195,4 +195,10 @@ def _mapped(file_names: Sequence[str], options: ReadOptions, source: Path) -> di
 
 
 def _missing(name: object, have: Sequence[str], source: Path, more: str = "") -> MissingColumnError:
-    return MissingColumnError(f"{source} has no column {name!r} (columns: {', '.join(have) or 'none'}){more}")
+    return MissingColumnError(f"{source} has no column {name!r} (columns: {_some(have)}){more}")
+
+
+def _some(names: Sequence[str], most: int = 20) -> str:
+    """Return the first names: an archive may have a thousand."""
+    rest = f" and {len(names) - most} more" if len(names) > most else ""
+    return (", ".join(names[:most]) or "none") + rest

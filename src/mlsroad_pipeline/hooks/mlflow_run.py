@@ -5,11 +5,14 @@ This module imports MLflow only where a run is tracked: `mlsroad` also runs pipe
 
 from __future__ import annotations
 
+import http.client
 import logging
 import os
 import re
 import sqlite3
 import sys
+import urllib.error
+import urllib.request
 from collections.abc import Callable, Generator, Mapping
 from contextlib import closing
 from pathlib import Path
@@ -88,7 +91,12 @@ def _absolute(uri: str, folder: Path) -> str:
 
 
 def check_tracking_store(uri: str, *, wait: float = WAIT) -> None:
-    """Raise TrackingStoreError for an SQLite store that is locked, read-only or no database; skip servers."""
+    """Raise TrackingStoreError for an SQLite store that is locked, read-only or no database, or a server out of reach.
+
+    MLflow itself would try for more than six minutes to reach the server.
+    """
+    if uri.startswith(("http://", "https://")):
+        _check_server(uri, wait)
     match = _SQLITE.fullmatch(uri)
     if match is None:
         return
@@ -103,6 +111,23 @@ def check_tracking_store(uri: str, *, wait: float = WAIT) -> None:
     except sqlite3.Error as error:
         advice = next((text for word, text in _ADVICE.items() if word in str(error)), "")
         raise TrackingStoreError(f"{path}: {error}" + (f": {advice}" if advice else "")) from error
+
+
+def _check_server(uri: str, wait: float) -> None:
+    """Raise TrackingStoreError for a server that does not answer; any answer will do, also a refusal."""
+    try:
+        with urllib.request.urlopen(
+            urllib.request.Request(f"{uri.rstrip('/')}/health"), timeout=wait
+        ):  # an address of the user
+            return
+    except urllib.error.HTTPError:
+        return
+    except (OSError, ValueError, http.client.HTTPException) as error:
+        source = f"{TRACKING_URI} or conf/base/mlflow.yml"
+        reason = getattr(error, "reason", None) or error
+        raise TrackingStoreError(
+            f"the MLflow server {without_password(uri)} does not answer ({reason}): start it, or change {source}"
+        ) from error
 
 
 def is_of_store(error: BaseException) -> bool:

@@ -27,7 +27,7 @@ LAYERS = {"poles": "pole", "signs": "sign", "trees": "tree", "vehicles": "vehicl
 MAY_LACK = ("complete", "motion", "facing_from", "status", "checked_class", "reasons", "method", "model_version")
 """Text columns whose empty values are NULL in files."""
 
-DECIDED = ("complete", "motion", "status", "checked_class")
+DECIDED = ("key", "complete", "motion", "status", "checked_class")
 """Columns that files of earlier versions lack; they are read as empty."""
 
 

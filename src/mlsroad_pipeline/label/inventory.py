@@ -12,7 +12,8 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_KINDS
 from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import paved_classes
-from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
+from mlsroad_pipeline.algorithms.inventory.objects.keys import lasting_keys
+from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, KINDS, ObjectRule
 from mlsroad_pipeline.algorithms.inventory.objects.sections import line_lengths, section_table
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
 from mlsroad_pipeline.algorithms.scenes.corridor import corridor_from_arrays
@@ -27,6 +28,7 @@ from mlsroad_pipeline.label.joined_objects import join_objects
 from mlsroad_pipeline.model_store.bundle_files import ModelFile
 from mlsroad_pipeline.model_store.object_classifiers import classifier_digest
 from mlsroad_pipeline.review.corrections.inventory_columns import corrected_table
+from mlsroad_pipeline.review.corrections.listed_objects import read_objects
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import SurveyPlan
 
@@ -130,7 +132,10 @@ def inventory_of(
     passes = list(plan.passes())
     corridor = corridor_from_arrays(corridors[passes[0]].load()) if len(passes) == 1 else None
     trajectory = corridor if isinstance(corridor, Trajectory) else None
-    objects = corrected_table(joined.part("objects")[OBJECTS].load(), output)
+    crs = survey_crs(plan, files)
+    found = joined.part("objects")[OBJECTS].load()
+    found["key"] = lasting_keys(found, earlier_keys(output, parameters.keys_from), crs=crs)
+    objects = corrected_table(found, output)
     given = None if parameters.sections is None else read_sections(Path(parameters.sections))
     if given is not None and trajectory is None:
         logger.warning("label.sections is not used: the survey has no path with stations")
@@ -140,7 +145,30 @@ def inventory_of(
         for kind in LINE_KINDS:
             of_kind = line_vertices(lines[lines["kind"] == kind])
             sections[f"{kind}_length"] = line_lengths(of_kind, trajectory, sections)
-    return RoadInventory(objects, survey_crs(plan, files), trajectory, sections, lines)
+    return RoadInventory(objects, crs, trajectory, sections, lines)
+
+
+def earlier_keys(output: Path, other: str | None) -> pd.DataFrame:
+    """Return kind, place and key of the objects of earlier inventories: of the output folder, then of another survey.
+
+    Objects that a user changed have the kind that the user gave. Parked vehicles of another survey are left out.
+    """
+    tables = [_with_keys(read_objects(output).table)]
+    if other is not None:
+        table = read_objects(Path(other)).table
+        if "key" not in table:
+            raise ReadError(f"label.keys_from: {other} has no inventory with keys")
+        tables.append(_with_keys(table[table["kind"] != "vehicle"]))
+    return pd.concat(tables, ignore_index=True)
+
+
+def _with_keys(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the columns that keys are matched by; an inventory of an earlier version has no keys."""
+    if "key" not in table:
+        table = table.iloc[:0].assign(key="")
+    given = table["checked_class"].fillna("") if "checked_class" in table else pd.Series("", index=table.index)
+    kind = given.map(KIND_OF_CLASS | {name: name for name in KINDS}).fillna(table["kind"])
+    return table.assign(kind=kind, key=table["key"].fillna(""))[["kind", "x", "y", "key"]]
 
 
 def read_sections(path: Path) -> pd.DataFrame:

@@ -8,7 +8,7 @@ from typing import Any, get_type_hints
 from kedro.pipeline import Node
 
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.execution.task import SceneTask, SourceFile, scene_tasks
+from mlsroad_pipeline.execution.task import SceneTask, SourceFile, is_loader, scene_tasks
 
 
 class PerScene:
@@ -45,13 +45,21 @@ class PerScene:
     def __call__(self, *args: Any, **kwargs: Any) -> dict[str, SceneTask]:
         """Return the task of each scene."""
         values = self.__signature__.bind(*args, **kwargs).arguments
-        inputs = {k: values[k] for k in self._own if isinstance(values[k], SceneCollection | SourceFile)}
+        inputs = {k: values[k] for k in self._own if isinstance(values[k], SourceFile) or _has_scenes(values[k])}
         parameters = {k: values[k] for k in self._own if k not in inputs}
         for name, find in self._derived.items():
             parameters[name] = find(**{k: values[k] for k in _required(find)})
-        stores = {name: value for name, value in inputs.items() if isinstance(value, SceneCollection)}
+        stores = {name: value for name, value in inputs.items() if _has_scenes(value)}
         scenes = stores[self._over or next(iter(stores))]
         return scene_tasks(self._keys(scenes), self._function, inputs, parameters | self._fixed)
+
+
+def _has_scenes(value: Any) -> bool:
+    """Return whether a value has one result per scene: a scene store, or a data set of Kedro that keeps tasks."""
+    if isinstance(value, SceneCollection):
+        return True
+    results = list(value.values()) if isinstance(value, Mapping) else []
+    return bool(results) and all(isinstance(result, SceneTask) or is_loader(result) for result in results)
 
 
 _ENTRIES = {

@@ -10,7 +10,7 @@ from mlsroad_pipeline.algorithms import stages
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.segmentation.stage import measure_segmentation, segment_scene, segmentation_table
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.execution.task import SceneTask
+from mlsroad_pipeline.execution.task import SceneTask, load_all
 from mlsroad_pipeline.papers.shared import evaluation
 from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters, object_classes
 from mlsroad_pipeline.papers.shared.patches.labelling import build_patches, label_patches_along
@@ -45,9 +45,9 @@ def min_points(parameters: DetectionParameters) -> int:
     return parameters.min_points
 
 
-def score_scenes(measured: SceneCollection, *, tabulate: Callable[..., pd.DataFrame]) -> pd.DataFrame:
+def score_scenes(measured: Mapping[str, Any], *, tabulate: Callable[..., pd.DataFrame]) -> pd.DataFrame:
     """Score a stage per split from the measures of its scenes."""
-    return tabulate(measured.load_all())
+    return tabulate(load_all(measured))
 
 
 def _scored(tabulate: Callable[..., pd.DataFrame], measured: str, scores: str, name: str) -> Node:

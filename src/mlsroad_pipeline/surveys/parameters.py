@@ -77,7 +77,7 @@ def _formats(given: object) -> tuple[str, ...]:
 _KINDS: dict[str, tuple[Any, str]] = {
     **dict.fromkeys(("copc", "coloured_ply", "photos", "overwrite", "keep_state"), (bool, "be true or false")),
     "join_drives": (bool | None, "be true, false or null"),
-    **dict.fromkeys(("trajectory", "images", "sections"), (str | Path | None, "be the name of a file")),
+    **dict.fromkeys(("trajectory", "images", "sections", "keys_from"), (str | Path | None, "be the name of a file")),
     **dict.fromkeys(("read", "inventory", "given"), (Mapping, "have parameters below it")),
 }
 """Parameter of `label` to its type and what a message says of it."""
@@ -117,6 +117,8 @@ class LabelParameters:
     # CSV file of road sections: `section`, `from_station`, `to_station` in metres along the trajectory. None counts
     # objects per 100 m.
     sections: str | None = None
+    # Output folder of an earlier survey of the same street: objects that stand at their place keep its keys
+    keys_from: str | None = None
     photos: bool = False  # Whether to write a photo of each object that an image beside the points shows
     # Name of the camera file beside the points, or its path, for methods that use images; see
     # `camera_files.read_images`. None means a survey without images.

@@ -11,6 +11,7 @@ import shapely
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.boxes import oriented_box
+from mlsroad_pipeline.algorithms.inventory.objects.keys import new_keys
 from mlsroad_pipeline.algorithms.inventory.objects.measures import EXTENT, MEASURES
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.sections import equal_sections, line_lengths, section_table
@@ -73,6 +74,7 @@ def corrected_inventory(
     objects = _typed([row for row in kept if row["status"] or not checked])
     lost = ~objects["pole_id"].isin(objects.loc[objects["kind"] == "pole", "object_id"])
     objects["pole_id"] = objects["pole_id"].mask(lost, 0)
+    objects["key"] = new_keys(objects, crs=inventory.crs)
     lines = None if inventory.lines is None else _kept_lines(inventory.lines, states, keep_rejected, checked)
     return _measured_along(replace(inventory, objects=objects, lines=lines))
 
@@ -175,6 +177,7 @@ def _parts(row: Mapping[str, Any], state: ObjectState) -> Iterator[dict[str, Any
             continue
         share = _outline(row).intersection(_nearest(bases, k))
         part = {**row, **unknown, **dict(zip("xyz", base.tolist(), strict=True)), "kind": row["kind"]}
+        part |= {"key": ""} if k else {}
         part |= {"object_id": 0 if k else row["object_id"], "status": "split" if k else row["status"]}
         part |= {"reasons": f"part {k + 1} of {len(bases)} of object {row['object_id']}"}
         yield part | _outlined(part, share) | {"height": row["z_max"] - base[2]}

@@ -26,7 +26,9 @@ LINE_KINDS = tuple(LINE_LAYERS.values())
 
 LINE_FIELDS: dict[str, Field] = {
     "line_id": Field("int64", "Line", "Number of the line, from 1, by kind and station."),
-    "kind": Field("str", "Kind", "What it is: kerb, wire, lane_line, stop_line, crossing or other_marking."),
+    "kind": Field(
+        "str", "Kind", "What it is: kerb, wire, lane_line, stop_line, crossing or other_marking.", LINE_KINDS
+    ),
     "score": Field(
         "float64", "Score", "Mean probability of the class wire of a wire's points; probability of a marking, 0 to 1."
     ),
@@ -38,7 +40,9 @@ LINE_FIELDS: dict[str, Field] = {
     "clearance": Field("float64", "Clearance [m]", "Smallest height of a wire's points above the ground."),
     "width": Field("float64", "Width [m]", "Width of a marking; of a crossing the length of its bars."),
     "contrast": Field("float64", "Contrast", "Intensity of a marking above the road, standard deviations of the road."),
-    "pattern": Field("str", "Pattern", "Pattern of a lane line: solid, or dashed for each dash of one."),
+    "pattern": Field(
+        "str", "Pattern", "Pattern of a lane line: solid, or dashed for each dash of one.", ("solid", "dashed")
+    ),
     "from_station": Field("float64", "From station [m]", "Smallest way along the trajectory beside the line."),
     "to_station": Field("float64", "To station [m]", "Largest way along the trajectory beside the line."),
     "offset": Field("float64", "Offset [m]", "Median distance from the trajectory, positive to the right."),

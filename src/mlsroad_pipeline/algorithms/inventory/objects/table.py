@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.inventory.objects.measures import EXTENT, MEASURES
+from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 
@@ -24,17 +25,21 @@ class Field(NamedTuple):
         Heading for users of the map, with the unit.
     description : str
         Definition in one sentence.
+    values : tuple of str
+        All values beside an empty one; empty where there is no such list.
     """
 
     dtype: str
     alias: str
     description: str
+    values: tuple[str, ...] = ()
 
 
 FIELDS: dict[str, Field] = {
     "object_id": Field("int64", "Object", "Number of the object, from 1, by class and place."),
+    "key": Field("str", "Key", "UUID that the object keeps in later runs and surveys; empty in tables of one scene."),
     "class": Field("str", "Class", "Class of the scheme that the survey was labelled in."),
-    "kind": Field("str", "Kind", "What is measured of it: pole, sign, vehicle or tree."),
+    "kind": Field("str", "Kind", "What is measured of it: pole, sign, vehicle or tree.", KINDS),
     "score": Field("float64", "Score", "Probability that it is an object of its kind, 0 to 1."),
     "x": Field("float64", "Easting [m]", "Base point, first coordinate of the survey's reference system."),
     "y": Field("float64", "Northing [m]", "Base point, second coordinate of the survey's reference system."),
@@ -48,7 +53,9 @@ FIELDS: dict[str, Field] = {
         "float64", "Heading [deg]", "Direction of a vehicle's length, clockwise from grid north, 0 to 180."
     ),
     "complete": Field("str", "Box", "Of a vehicle: measured, or which sides of its box are assumed to be a car's."),
-    "motion": Field("str", "Motion", "moving: a vehicle seen more briefly than what stands beside it; else empty."),
+    "motion": Field(
+        "str", "Motion", "moving: a vehicle seen more briefly than what stands beside it; else empty.", ("moving",)
+    ),
     "tilt": Field("float64", "Tilt [deg]", "Angle between the axis of a pole or post and the vertical."),
     "lean_azimuth": Field(
         "float64", "Leans towards [deg]", "Where its top leans, clockwise from grid north, 0 to 360."
@@ -61,7 +68,8 @@ FIELDS: dict[str, Field] = {
     "panel_width": Field("float64", "Panel width [m]", "Horizontal size of a sign's panel."),
     "facing": Field("float64", "Facing [deg]", "Direction of a sign's front, clockwise from grid north, 0 to 360."),
     "facing_from": Field(
-        "str", "Front known from", "Evidence for a sign's front: post, pole or unknown (facing below 180)."
+        *("str", "Front known from", "Evidence for a sign's front: post, pole or unknown (facing below 180)."),
+        ("post", "pole", "unknown"),
     ),
     "clearance": Field("float64", "Clearance [m]", "Its lowest part above the ground."),
     "visible_share": Field("float64", "Visible share", "How much of its height or outline has points, 0 to 1."),
@@ -86,7 +94,12 @@ FIELDS: dict[str, Field] = {
     ),
     "last_time": Field("float64", "Last seen [s]", "Time of its last point, in whole seconds of the files' GPS time."),
     "status": Field(
-        "str", "Status", "Decision of a user: accepted, rejected, changed, merged, split or moved; empty without one."
+        *(
+            "str",
+            "Status",
+            "Decision of a user: accepted, rejected, changed, merged, split, moved or added, else empty.",
+        ),
+        ("accepted", "rejected", "changed", "merged", "split", "moved", "added"),
     ),
     "checked_class": Field("str", "Checked class", "Class or kind that a user gave; empty without one."),
     "reasons": Field("str", "Reasons", "What the score rests on, in phrases separated by semicolons."),
@@ -185,7 +198,7 @@ def object_table(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
     unknown: dict[str, Any] = {
         **dict.fromkeys(("object_id", "pole_id", *SEEN_BY), 0),
         **dict.fromkeys(("station", "offset", "first_time", "last_time"), np.nan),
-        **dict.fromkeys(("method", "model_version", "status", "checked_class", "reasons", "motion"), ""),
+        **dict.fromkeys(("method", "model_version", "status", "checked_class", "reasons", "motion", "key"), ""),
     }
     known = pd.DataFrame(list(rows))
     missing = {name: value for name, value in unknown.items() if name not in known}
