@@ -28,6 +28,7 @@ ROOT = Path(__file__).resolve().parents[1]
 GROUPS = {
     "objects": "Objects of the inventory",
     "lines": "Kerbs, wires and markings",
+    "road": "The road",
     "points": "Labels of points",
     "methods": "Published methods",
     "studies": "Studies of the papers",

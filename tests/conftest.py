@@ -22,6 +22,7 @@ LONG = (
     "pipelines/test_luo2019_study.py",
     "execution/test_backends.py",
     "commands/test_mlsroad.py",
+    "commands/test_tutorial.py",
     "pipelines/test_tomic2019_study.py",
     "pipelines/test_label.py",
     "test_notebooks.py",

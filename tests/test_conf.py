@@ -62,6 +62,7 @@ def test_every_dataset_of_every_pipeline_can_be_made(project, env):
         "image_labels.drives",
         "label_exports",
         "label_facts",
+        "label_offsets",
         "label_images",
         "label_model_request",
         "label_read_quality",

@@ -2,8 +2,11 @@
 
 import type { Cloud } from "./cloud";
 import { ask } from "./ask";
+import { Lines } from "./lines";
+import { listing } from "./listing";
 import { KINDS, type List, type Model, type Place, type Tool } from "./model";
-import type { PointGroup, RoadLine, Wanted } from "./types";
+import { Together } from "./together";
+import type { PointGroup, Wanted } from "./types";
 
 const UNCLASSED = new Set([0, 1, 7, 18]); // last in lists of classes
 
@@ -11,6 +14,8 @@ export class Actions {
   /** Places that a tool has collected. */
   places: Place[] = [];
   onPlaces: () => void = () => {};
+  readonly lines = new Lines(this);
+  private readonly together = new Together(this);
   /** Step that waits for the list. */
   private awaited: number | null = null;
 
@@ -45,7 +50,9 @@ export class Actions {
 
   showList(list: List): void {
     const { model } = this;
+    if ((list === "lines") !== (model.list === "lines")) model.setMarked([]);
     model.set("queue", "list", list);
+    model.emit("filter"); // kinds of lines in place of those of objects
     if (list === "groups" && !model.groups.length) void model.loadGroups();
   }
 
@@ -53,40 +60,20 @@ export class Actions {
   next(step = 1): void {
     const { model } = this;
     if (model.list === "groups") return this.nextGroup(step);
-    if (model.list === "lines") return this.nextLine(step);
+    if (model.list === "lines") return this.lines.next(step);
     if (!model.queued) {
       this.awaited = step;
       return this.hint("The list is being read.", () => !model.queued);
     }
-    const ids = model.queue.map((item) => item.object_id).filter((id) => model.byId.has(id) && model.shown(model.byId.get(id)!));
+    const ids = this.listed();
     if (!ids.length) return;
     const here = ids.indexOf(model.selected ?? -1);
     this.go(ids[here < 0 ? 0 : (here + step + ids.length) % ids.length]);
   }
 
-  goLine(line: RoadLine): void {
-    this.tool("look");
-    this.model.selectLine(line);
-    const { origin } = this.model.survey;
-    const [x, y, z] = line.vertices[Math.floor(line.vertices.length / 2)];
-    this.cloud.look([x - origin[0], y - origin[1], z - origin[2]], Math.min(40, 8 + line.length), undefined, 0.8);
-  }
-
-  private nextLine(step = 1): void {
-    const lines = this.model.lineOrder();
-    if (!lines.length) return;
-    const here = this.model.line === null ? -1 : lines.indexOf(this.model.line);
-    this.goLine(lines[here < 0 ? 0 : (here + step + lines.length) % lines.length]);
-  }
-
-  private async decideLine(line: RoadLine, action: string): Promise<void> {
-    const { model } = this;
-    if (model.busy) return;
-    const { line_id, kind, x, y } = line;
-    const lines = model.lineOrder();
-    const following = lines[lines.indexOf(line) + 1];
-    const done = await model.decide({ action, kind, payload: { line: line_id, x, y } });
-    if (done && following && model.line === line) this.goLine(following);
+  /** Numbers of the objects in the list that can be decided. */
+  private listed(): number[] {
+    return listing(this.model).filter((object) => !object.made).map((object) => object.id);
   }
 
   private nextGroup(step = 1): void {
@@ -139,7 +126,7 @@ export class Actions {
   private async decideAndGoOn(wanted: Wanted & { object_id: number }): Promise<void> {
     if (this.model.busy) return; // a second key is for the object that is shown next
     const id = wanted.object_id;
-    const ids = this.model.queue.map((item) => item.object_id);
+    const ids = this.listed();
     const following = ids[ids.indexOf(id) + 1];
     const inList = ids.includes(id);
     if ((await this.model.decide(wanted)) && inList && following !== undefined && this.model.selected === id) {
@@ -151,27 +138,31 @@ export class Actions {
   async undo(decision?: number): Promise<void> {
     const undone = await this.model.undo(decision);
     if (undone?.object_id && this.model.byId.has(undone.object_id)) this.go(undone.object_id);
-    const line = undone?.action.endsWith("_line") && this.model.survey.lines.find(({ kind, line_id }) => `${kind} ${line_id}` === undone.what);
-    if (line) this.goLine(line);
+    const line = undone?.line && this.model.lineOf(undone.line);
+    if (line) this.lines.go(line);
   }
 
   accept(): void {
-    const { group, line } = this.model;
-    if (line) return void this.decideLine(line, "accept_line");
+    const { group, line, marked } = this.model;
+    if (marked.size) return void this.together.decide("accept", "accepted");
+    if (line) return void this.lines.decide(line, "accept_line");
     if (group) return void this.answer(group, this.model.className(group.code));
     const id = this.chosen();
     if (id !== null) void this.decideAndGoOn({ action: "accept", object_id: id });
   }
 
   reject(): void {
-    if (this.model.line) return void this.decideLine(this.model.line, "reject_line");
+    if (this.model.marked.size) return void this.together.decide("reject", "rejected");
+    if (this.model.line) return void this.lines.decide(this.model.line, "reject_line");
     if (this.model.group) return void this.leaveOut(this.model.group);
     const id = this.chosen();
     if (id !== null) void this.decideAndGoOn({ action: "reject", object_id: id });
   }
 
   otherKind(): void {
-    const { group } = this.model;
+    const { group, line, marked } = this.model;
+    if (marked.size) return this.together.askKind();
+    if (line) return this.lines.askKind(line);
     if (group) {
       const own = this.model.className(group.code);
       const codes = [...this.model.classNames.keys()].sort((a, b) => Number(UNCLASSED.has(a)) - Number(UNCLASSED.has(b)) || a - b);
@@ -189,8 +180,8 @@ export class Actions {
 
   tool(tool: Tool): void {
     const { model } = this;
-    if (["base", "merge", "split"].includes(tool) && this.chosen() === null) return;
-    if (["base", "merge", "split", "paint", "add"].includes(tool) && model.source.readOnly) {
+    if (["base", "merge", "split"].includes(tool) && !model.line && this.chosen() === null) return;
+    if (["base", "merge", "split", "paint", "add", "line"].includes(tool) && model.source.readOnly) {
       this.hint("This page is a copy to look at: it saves nothing.", () => true);
       return;
     }
@@ -199,8 +190,17 @@ export class Actions {
       return;
     }
     this.places = [];
-    this.onPlaces();
+    this.lines.vertex = null;
     model.set("tool", "tool", tool === model.tool && tool !== "look" ? "look" : tool);
+    this.onPlaces();
+  }
+
+  /** End a tool; without one, unmark what is marked, else choose nothing. */
+  escape(): void {
+    const { model } = this;
+    if (model.tool !== "look") this.tool("look");
+    else if (model.marked.size) model.setMarked([]);
+    else model.select(null);
   }
 
   private world(place: Place): Record<string, number> {
@@ -233,6 +233,7 @@ export class Actions {
 
   /** End a tool that collects places. */
   finish(): void {
+    if (this.model.tool === "line") return this.lines.finish();
     if (this.model.tool === "split" && this.places.length > 1) {
       const bases = this.places.map((place) => Object.values(this.world(place)));
       const id = this.model.selected;

@@ -4,7 +4,7 @@ import { el } from "./dom";
 import type { Model } from "./model";
 
 /** Ask for a kind by number keys, or for a class. */
-export function ask(model: Model, question: string, kinds: string[], answer: (kind: string, name: string) => void): void {
+export function ask(model: Model, question: string, kinds: string[], answer: (kind: string, name: string) => void, classes = model.group === null): void {
   const dialog = el("dialog", { class: "ask", "aria-label": question });
   const finish = (kind: string, name: string) => {
     dialog.close();
@@ -15,8 +15,8 @@ export function ask(model: Model, question: string, kinds: string[], answer: (ki
   select.addEventListener("change", () => select.value && finish("", select.value));
   dialog.append(
     el("h2", {}, question),
-    el("div", { class: "buttons" }, ...kinds.map((kind, i) => el("button", { type: "button", click: () => finish(kind, "") }, kind, i < 9 && el("kbd", {}, String(i + 1))))),
-    ...(model.group === null ? [el("p", {}, "It is no object of these kinds, but of ", select)] : []),
+    el("div", { class: "buttons" }, ...kinds.map((kind, i) => el("button", { type: "button", click: () => finish(kind, "") }, kind.replaceAll("_", " "), i < 9 && el("kbd", {}, String(i + 1))))),
+    ...(classes ? [el("p", {}, "It is no object of these kinds, but of ", select)] : []),
     el("button", { type: "button", click: () => dialog.close() }, "Cancel", el("kbd", {}, "Esc")),
   );
   dialog.addEventListener("keydown", (event) => {

@@ -68,7 +68,7 @@ export class Cloud {
     uniforms.heights.value.set(...model.survey.first.height);
     uniforms.intensities.value.set(...model.survey.first.intensity);
     new ResizeObserver(() => this.resize()).observe(host);
-    model.on(["view", "filter", "decisions", "selection", "theme"], () => this.recolour());
+    model.on(["view", "filter", "decisions", "selection", "theme", "marked"], () => this.recolour());
     model.on(["paint"], () => this.repaint());
     this.resize();
     this.recolour();

@@ -37,4 +37,6 @@ export const STATUS_COLOURS: Record<string, string> = {
   merged: "#8e5bd6",
   split: "#8e5bd6",
   added: "#00a38b",
+  cut: "#8e5bd6",
+  joined: "#8e5bd6",
 };

@@ -1,8 +1,8 @@
 // Left side: what colours the points, classes, kinds, score and status.
 
-import { classColour, kindColour, STATUS_COLOURS } from "./colours";
+import { classColour, kindColour, lineColour, STATUS_COLOURS } from "./colours";
 import { clear, count, el, short, swatch } from "./dom";
-import { type Model, STATUSES, type View, VIEWS } from "./model";
+import { LINE_KINDS, type Model, STATUSES, type View, VIEWS } from "./model";
 
 const NAMES: Record<View, string> = {
   class: "Class",
@@ -31,6 +31,8 @@ export function filters(model: Model, setSplat: (value: number) => void): HTMLEl
   const estimated = el("small", { id: "estimated", title: "The points are still being prepared" }, " estimates from a sample");
   const classes = el("ul", { class: "rows", id: "classes" });
   const kinds = el("ul", { class: "rows", id: "kinds" });
+  const lineKinds = el("ul", { class: "rows", id: "lines" });
+  const [lineTitle, statusTitle] = [el("h2", {}, "Lines"), el("h2", {}, "Status")];
   const statuses = el("ul", { class: "rows", id: "statuses" });
   const slider = el("input", { type: "range", min: 0, max: 1, step: 0.01, value: 0, id: "score", "aria-label": "Least score of the objects" });
   slider.addEventListener("input", () => model.set("filter", "leastScore", Number(slider.value)));
@@ -99,9 +101,26 @@ export function filters(model: Model, setSplat: (value: number) => void): HTMLEl
       );
       (kinds.lastElementChild as HTMLElement).title = `${n} shown, about ${right.toFixed(1)} of them right`;
     }
+    clear(lineKinds);
+    lineTitle.hidden = !model.lines.length;
+    for (const kind of LINE_KINDS) {
+      const own = model.lines.filter((line) => line.kind === kind);
+      if (!own.length) continue;
+      lineKinds.append(
+        row(
+          kind.replace("_", " "), swatch(lineColour(kind), "dot"), count(own.length), model.hiddenLines.has(kind),
+          () => model.set("filter", "hiddenLines", toggled(model.hiddenLines, kind)),
+          () => model.set("filter", "hiddenLines", othersThan(LINE_KINDS, kind, model.hiddenLines)),
+        ),
+      );
+    }
     clear(statuses);
+    const ofLines = model.list === "lines";
+    statusTitle.textContent = ofLines ? "Status of the lines" : "Status";
     for (const status of STATUSES) {
-      const n = model.objects.filter((object) => model.status(object.id) === status).length;
+      const n = ofLines
+        ? model.lines.filter((line) => model.lineStatus(line) === status).length
+        : model.objects.filter((object) => model.status(object.id) === status).length;
       if (!n && status !== "" && !model.hiddenStatuses.has(status)) continue;
       statuses.append(
         row(
@@ -131,7 +150,9 @@ export function filters(model: Model, setSplat: (value: number) => void): HTMLEl
     kinds,
     el("label", { class: "inline" }, "Score from", slider, least),
     expected,
-    el("h2", {}, "Status"),
+    lineTitle,
+    lineKinds,
+    statusTitle,
     statuses,
   );
 }

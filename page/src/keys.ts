@@ -8,30 +8,32 @@ import type { Model } from "./model";
 
 type Key = [keys: string[], text: string, act: (key: string) => void];
 
-export function keys(model: Model, cloud: Cloud, actions: Actions, theme: () => void): { help: () => void } {
+export function keys(model: Model, cloud: Cloud, actions: Actions, theme: () => void, largerMap: () => void): { help: () => void } {
   const views = viewsOf(model);
   const groups: [string, Key[]][] = [
     ["Review", [
       [["n"], "next object or place to look at", () => actions.next()],
       [["N"], "the one before", () => actions.next(-1)],
-      [["a"], "accept: the object, or the class of the place, is right", () => actions.accept()],
-      [["r"], "reject the object; leave the place out", () => actions.reject()],
+      [["a"], "accept: the object or line, all marked ones, or the class of the place", () => actions.accept()],
+      [["r"], "reject the object or line, or all marked ones; leave the place out", () => actions.reject()],
       [["k"], "other kind or class", () => actions.otherKind()],
-      [["m"], "merge with another object", () => actions.tool("merge")],
-      [["s"], "split: click bases, then Enter", () => actions.tool("split")],
-      [["b"], "move the base", () => actions.tool("base")],
+      [["m"], "merge with another object; join with another line", () => actions.tool("merge")],
+      [["s"], "split: click bases, then Enter; cut a line", () => actions.tool("split")],
+      [["b"], "move the base, or a vertex of the line", () => actions.tool("base")],
       [["i"], "add a missing object", () => actions.tool("add")],
+      [["w"], "draw a missing line: click its vertices, then Enter", () => actions.tool("line")],
+      [["/"], "search in the list", () => document.querySelector<HTMLInputElement>("#search")?.focus()],
       [["j"], "list of objects or of uncertain places", () => actions.toggleList()],
       [["u", "z"], "undo the last decision", () => void actions.undo()],
     ]],
     ["Tools", [
-      [["v", "Escape"], "look: end a tool", () => (model.tool === "look" ? model.select(null) : actions.tool("look"))],
+      [["v", "Escape"], "look: end a tool, unmark what is marked", () => actions.escape()],
       [["d"], "measure a distance", () => actions.tool("measure")],
       [["x"], "section across the road, on and off", () => actions.section()],
       [[",", "."], "move the section along the road", (key) => actions.moveSection(key === "." ? 1 : -1)],
       [["[", "]"], "thinner, thicker section", (key) => actions.moveSection(0, key === "]" ? 1.5 : 1 / 1.5)],
       [["p"], "paint points", () => actions.tool("paint")],
-      [["Enter"], "end a split", () => actions.finish()],
+      [["Enter"], "end a split, or a line that is drawn", () => actions.finish()],
     ]],
     ["View", [
       [views.map((_, i) => String(i + 1)), `colour by ${views.join(", ")}`, (key) => model.set("view", "view", views[Number(key) - 1])],
@@ -50,6 +52,7 @@ export function keys(model: Model, cloud: Cloud, actions: Actions, theme: () => 
         cloud.marks.update();
         cloud.draw();
       }],
+      [["g"], "larger map", largerMap],
       [["l"], "light or dark", theme],
       [["?"], "this list", () => help()],
     ]],

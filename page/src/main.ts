@@ -6,6 +6,7 @@ import { Actions } from "./actions";
 import { Cloud } from "./cloud";
 import { deliver } from "./deliver";
 import { count, el, short } from "./dom";
+import { SectionGrid } from "./grid";
 import { filters } from "./filters";
 import { keys } from "./keys";
 import { SurveyMap } from "./map";
@@ -81,19 +82,24 @@ async function start(): Promise<void> {
   app.append(header, left, host, right, status);
   const cloud = new Cloud(host, model);
   const actions = new Actions(model, cloud);
-  const map = new SurveyMap(model, cloud, (id) => actions.go(id));
+  const map = new SurveyMap(model, cloud, (id) => actions.go(id), (line) => {
+    actions.showList("lines");
+    actions.lines.go(line);
+  });
+  const grid = new SectionGrid(model, cloud);
   host.append(tools(model, cloud, actions));
   left.append(filters(model, (value) => {
     cloud.splat = value;
   }));
   right.append(map.element, review(model, actions));
-  const keyboard = keys(model, cloud, actions, toggleTheme);
-  (window as any).page = { model, cloud, actions, map }; // for tests and the console
+  const keyboard = keys(model, cloud, actions, toggleTheme, () => map.toggleSize());
+  (window as any).page = { model, cloud, actions, map, grid }; // for tests and the console
 
   cloud.onFrame = () => {
     shown.textContent = `${short(cloud.shown)} of ${short(survey.n_points)} points drawn${model.tiles.state === "ready" ? "" : " (a sample)"}${cloud.hiding ? ", those in front of the object are hidden (C)" : ""}${cloud.loading ? ", loading" : ""}`;
     if (cloud.failed) progress.textContent = cloud.failed;
     map.draw();
+    grid.draw();
   };
   const showTotal = () => {
     total.textContent = `${count(survey.n_points)} points, ${count(model.objects.length)} objects`;
@@ -109,7 +115,7 @@ async function start(): Promise<void> {
   cloud.setFirst(data);
   await cloud.drawn();
   performance.mark("first-picture");
-  map.setBackground(...sampled(data, survey));
+  map.setPoints(...sampled(data, survey));
   await model.load();
   if (!source.readOnly) await watch(model, cloud, map, progress);
 }
@@ -143,7 +149,8 @@ async function watch(model: Model, cloud: Cloud, map: SurveyMap, progress: HTMLE
         await model.load(); // with the counts of all points
         model.emit("status");
         const coarse = await coarsePoints(model.source, facts);
-        map.setBackground(coarse.places, coarse.codes);
+        map.setPoints(coarse.places, coarse.codes);
+        (window as any).page.complete = true;
       }
       progress.textContent =
         status.state === "building" ? `Preparing the points: ${Math.round(100 * status.share)} %, a sample is shown`

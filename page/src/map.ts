@@ -1,9 +1,12 @@
 // Map of path and objects, drawn without a network; it moves with the cloud.
 
+import { Background } from "./background";
 import { channels, classColour, kindColour, lineColour, STATUS_COLOURS } from "./colours";
 import type { Cloud } from "./cloud";
 import { el } from "./dom";
 import type { Model, RoadObject } from "./model";
+import { Selecting } from "./selecting";
+import type { RoadLine } from "./types";
 
 /** Box of an object in plan, world coordinates. */
 function boxRing({ cells }: RoadObject): [number, number][] | undefined {
@@ -18,14 +21,20 @@ export class SurveyMap {
   private scale = 1; // pixels per metre
   private centre: [number, number] = [0, 0];
   private drag: { x: number; y: number; moved: number } | null = null;
-  private background: { picture: HTMLCanvasElement; low: [number, number]; metres: number } | null = null;
+  private points: { picture: HTMLCanvasElement; low: [number, number]; metres: number } | null = null;
+  readonly background: Background | null;
+  readonly selecting: Selecting;
+  private readonly small: { parent: Element; before: Element | null } = { parent: document.body, before: null };
   private waiting = false;
 
   constructor(
     private readonly model: Model,
     private readonly cloud: Cloud,
     private readonly pick: (id: number) => void,
+    private readonly pickLine: (line: RoadLine) => void,
   ) {
+    this.selecting = new Selecting(model);
+    this.background = model.survey.background ? new Background(model.source, () => this.draw()) : null;
     this.canvas = el("canvas", { tabindex: 0, "aria-label": "Map of the objects. It moves with the cloud." });
     const button = (text: string, label: string, act: () => void) =>
       el("button", { type: "button", title: label, "aria-label": label, click: act }, text);
@@ -39,6 +48,9 @@ export class SurveyMap {
         button("+", "Zoom in on the map", () => this.zoom(1.5)),
         button("−", "Zoom out of the map", () => this.zoom(1 / 1.5)),
         button("All", "Show the whole map", () => this.fit()),
+        button("⤢", "Larger map (G)", () => this.toggleSize()),
+        ...this.selecting.buttons,
+        this.background && button("Background", `Show ${model.survey.background} or the points`, () => this.toggleBackground()),
       ),
     );
     this.canvas.addEventListener("pointerdown", (event) => this.down(event));
@@ -49,11 +61,26 @@ export class SurveyMap {
       this.zoom(Math.exp(-event.deltaY / 400));
     }, { passive: false });
     new ResizeObserver(() => this.fit()).observe(this.element);
-    model.on(["filter", "decisions", "selection", "view", "theme", "tool"], () => this.draw());
+    model.on(["filter", "decisions", "selection", "view", "theme", "tool", "marked"], () => this.draw());
+  }
+
+  private toggleBackground(): void {
+    this.background!.shown = !this.background!.shown;
+    this.draw();
+  }
+
+  /** Show the map below the cloud, in its full width, or back at the upper right. */
+  toggleSize(): void {
+    const app = document.getElementById("app")!;
+    const larger = app.classList.toggle("large-map");
+    if (larger) {
+      Object.assign(this.small, { parent: this.element.parentElement, before: this.element.nextElementSibling });
+      app.append(this.element);
+    } else this.small.parent.insertBefore(this.element, this.small.before);
   }
 
   /** Draw points, x, y, z each, under the objects. */
-  setBackground(places: Float32Array, codes: Uint8Array): void {
+  setPoints(places: Float32Array, codes: Uint8Array): void {
     const [least, most] = this.model.survey.first.bounds;
     const area = (most[0] - least[0]) * (most[1] - least[1]);
     const metres = Math.max(0.25, Math.max(most[0] - least[0], most[1] - least[1]) / 1200, Math.sqrt(area / Math.max(1, codes.length)));
@@ -72,7 +99,7 @@ export class SurveyMap {
       image.data.set([...channels(classColour(codes[i])), 255], 4 * at);
     }
     context.putImageData(image, 0, 0);
-    this.background = { picture, low: [least[0], least[1]], metres };
+    this.points = { picture, low: [least[0], least[1]], metres };
     this.draw();
   }
 
@@ -130,8 +157,9 @@ export class SurveyMap {
     context.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
     context.fillStyle = style.getPropertyValue("--panel").trim();
     context.fillRect(0, 0, this.element.clientWidth, this.element.clientHeight);
-    if (this.background) {
-      const { picture, low, metres } = this.background;
+    const drawn = this.drawBackground(context);
+    if (this.points && !drawn) {
+      const { picture, low, metres } = this.points;
       const [left, bottom] = this.at(low[0] - metres / 2, low[1] - metres / 2);
       const size = metres * this.scale;
       context.globalAlpha = 0.55;
@@ -141,14 +169,32 @@ export class SurveyMap {
     }
     this.line(context, model.survey.path.map(([x, y]) => this.at(x - model.survey.origin[0], y - model.survey.origin[1])), "#2b8be0", 2);
     const { origin } = model.survey;
-    for (const line of model.survey.lines) {
-      if (model.lineStates[line.line_id] === "rejected" && line !== model.line) continue;
-      const chosen = line === model.line;
+    for (const line of model.lines) {
+      const chosen = line === model.line || (model.list === "lines" && model.marked.has(line.line_id));
+      if (!chosen && (model.lineStatus(line) === "rejected" || !model.shownLine(line))) continue;
       this.line(context, line.vertices.map(([x, y]) => this.at(x - origin[0], y - origin[1])), chosen ? "#ffd21f" : lineColour(line.kind), chosen ? 3 : 1);
     }
     this.objects(context, ink);
     this.camera(context);
     this.bar(context, ink);
+    context.setLineDash([5, 4]);
+    this.line(context, this.selecting.drawn.map(([x, y]) => this.at(x, y)), "#ffd21f", 1.5, true);
+    context.setLineDash([]);
+  }
+
+  /** Draw the orthophoto or tiles; true where there are some. */
+  private drawBackground(context: CanvasRenderingContext2D): boolean {
+    const { background, centre, scale } = this;
+    if (!background?.shown) return false;
+    const { origin } = this.model.survey;
+    const half = [this.element.clientWidth / 2 / scale, this.element.clientHeight / 2 / scale];
+    const [x, y] = [centre[0] + origin[0], centre[1] + origin[1]];
+    const sheet = background.at([x - half[0], y - half[1], x + half[0], y + half[1]], scale * devicePixelRatio);
+    if (!sheet) return false;
+    const [left, bottom] = this.at(sheet.area[0] - origin[0], sheet.area[1] - origin[1]);
+    const [right, top] = this.at(sheet.area[2] - origin[0], sheet.area[3] - origin[1]);
+    context.drawImage(sheet.picture, left, top, right - left, bottom - top);
+    return true;
   }
 
   private line(context: CanvasRenderingContext2D, places: [number, number][], colour: string, width: number, closed = false): void {
@@ -179,8 +225,9 @@ export class SurveyMap {
       context.fillStyle = colour;
       context.globalAlpha = status === "rejected" ? 0.3 : 1;
       context.fill();
-      context.lineWidth = object.id === model.selected ? 3 : 1;
-      context.strokeStyle = object.id === model.selected ? "#ffd21f" : ink;
+      const marked = object.id === model.selected || (model.list !== "lines" && model.marked.has(object.id));
+      context.lineWidth = marked ? 3 : 1;
+      context.strokeStyle = marked ? "#ffd21f" : ink;
       context.stroke();
       context.globalAlpha = 1;
     }
@@ -226,6 +273,7 @@ export class SurveyMap {
   private down(event: PointerEvent): void {
     this.drag = { x: event.clientX, y: event.clientY, moved: 0 };
     this.canvas.setPointerCapture(event.pointerId);
+    if (this.selecting.shape) this.selecting.start(this.world(event));
   }
 
   private move(event: PointerEvent): void {
@@ -233,6 +281,10 @@ export class SurveyMap {
     const [dx, dy] = [event.clientX - this.drag.x, event.clientY - this.drag.y];
     this.drag = { x: event.clientX, y: event.clientY, moved: this.drag.moved + Math.abs(dx) + Math.abs(dy) };
     if (this.drag.moved < 4) return;
+    if (this.selecting.shape) {
+      this.selecting.move(this.world(event));
+      return this.draw();
+    }
     const [x, y] = this.cloud.target;
     if (this.whole) this.centre = [this.centre[0] - dx / this.scale, this.centre[1] + dy / this.scale];
     else this.cloud.moveTo(x - dx / this.scale, y + dy / this.scale);
@@ -242,6 +294,7 @@ export class SurveyMap {
   private up(event: PointerEvent): void {
     const { drag } = this;
     this.drag = null;
+    if (drag && drag.moved >= 4 && this.selecting.shape) this.selecting.end(event.shiftKey);
     if (!drag || drag.moved >= 4) return;
     const [x, y] = this.world(event);
     let best = 10 / this.scale;
@@ -251,7 +304,27 @@ export class SurveyMap {
       const distance = Math.hypot(object.place[0] - x, object.place[1] - y);
       if (distance < best) [best, found] = [distance, object.id];
     }
+    const line = found === null ? this.lineAt(x, y) : null;
     if (found !== null) this.pick(found);
+    else if (line) this.pickLine(line);
     else this.cloud.moveTo(x, y);
+  }
+
+  /** Line within some pixels of a place. */
+  private lineAt(x: number, y: number): RoadLine | null {
+    const { origin } = this.model.survey;
+    let best = 5 / this.scale;
+    let found: RoadLine | null = null;
+    for (const line of this.model.lines) {
+      if (!this.model.shownLine(line) || this.model.lineStatus(line) === "rejected") continue;
+      line.vertices.slice(1).forEach((end, i) => {
+        const [ax, ay] = [line.vertices[i][0] - origin[0], line.vertices[i][1] - origin[1]];
+        const [ux, uy] = [end[0] - origin[0] - ax, end[1] - origin[1] - ay];
+        const share = Math.min(1, Math.max(0, ((x - ax) * ux + (y - ay) * uy) / (ux * ux + uy * uy || 1)));
+        const apart = Math.hypot(x - ax - share * ux, y - ay - share * uy);
+        if (apart < best) [best, found] = [apart, line];
+      });
+    }
+    return found;
   }
 }

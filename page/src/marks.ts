@@ -4,6 +4,7 @@ import * as THREE from "three";
 
 import { kindColour, lineColour, STATUS_COLOURS } from "./colours";
 import type { Model, Place, RoadObject } from "./model";
+import type { RoadLine } from "./types";
 
 export class Marks {
   readonly group = new THREE.Group();
@@ -17,6 +18,7 @@ export class Marks {
     new THREE.BufferGeometry(),
     new THREE.LineBasicMaterial({ color: "#ffd21f", depthTest: false }),
   );
+  private readonly vertices = new THREE.Points(new THREE.BufferGeometry(), new THREE.PointsMaterial({ size: 7, sizeAttenuation: false, color: "#ffd21f", depthTest: false }));
   private readonly path = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: "#53b7ff" }));
   readonly brush = new THREE.LineSegments(
     new THREE.WireframeGeometry(new THREE.IcosahedronGeometry(1, 1)),
@@ -25,11 +27,12 @@ export class Marks {
   /** Lines of the inventory: kerbs and wires. */
   private readonly surveyed = new THREE.Group();
   private tops: { id: number; place: THREE.Vector3 }[] = [];
-  private drawn = "";
+  /** Drawn lines, each with its colour. */
+  private drawn: (RoadLine | string)[] = [];
   visible = true;
 
   constructor(private readonly model: Model) {
-    for (const part of [this.masts, this.dots, this.box, this.lines, this.path, this.brush]) {
+    for (const part of [this.masts, this.dots, this.box, this.lines, this.vertices, this.path, this.brush]) {
       part.frustumCulled = false;
       this.group.add(part);
     }
@@ -45,20 +48,22 @@ export class Marks {
 
   /** Draw the lines of the inventory by kind; rejected ones are left out, the chosen one is yellow. */
   private drawLines(): void {
-    const { survey, lineStates, line: chosen } = this.model;
-    const key = JSON.stringify([lineStates, chosen?.line_id]);
-    if (key === this.drawn) return;
-    this.drawn = key;
+    const { survey, line: chosen, marked, list } = this.model;
+    const colourOf = (line: RoadLine) => (line === chosen || (list === "lines" && marked.has(line.line_id)) ? "#ffd21f" : lineColour(line.kind));
+    const shown = this.model.lines.filter((line) => line === chosen || (this.model.lineStatus(line) !== "rejected" && this.model.shownLine(line)));
+    const drawn = shown.flatMap((line) => [line, colourOf(line)]);
+    if (drawn.length === this.drawn.length && drawn.every((part, i) => part === this.drawn[i])) return;
+    this.drawn = drawn;
+    setPositions(this.vertices.geometry, (chosen?.vertices ?? []).flatMap((vertex) => vertex.map((value, axis) => value - survey.origin[axis])));
     for (const part of this.surveyed.children as THREE.LineSegments[]) part.geometry.dispose();
     this.surveyed.clear();
-    const shown = survey.lines.filter((line) => line === chosen || lineStates[line.line_id] !== "rejected");
-    for (const colour of new Set(shown.map((line) => (line === chosen ? "#ffd21f" : lineColour(line.kind))))) {
-      const own = shown.filter((line) => (line === chosen ? "#ffd21f" : lineColour(line.kind)) === colour);
+    for (const colour of new Set(shown.map(colourOf))) {
+      const own = shown.filter((line) => colourOf(line) === colour);
       const ends = own.flatMap(({ vertices }) => vertices.slice(1).flatMap((end, i) => [vertices[i], end]));
-      const drawn = new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: colour }));
-      setPositions(drawn.geometry, ends.flatMap((end) => end.map((value, axis) => value - survey.origin[axis])));
-      drawn.frustumCulled = false;
-      this.surveyed.add(drawn);
+      const segments = new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: colour }));
+      setPositions(segments.geometry, ends.flatMap((end) => end.map((value, axis) => value - survey.origin[axis])));
+      segments.frustumCulled = false;
+      this.surveyed.add(segments);
     }
   }
 
@@ -84,7 +89,7 @@ export class Marks {
     for (const object of model.objects) {
       if (!model.shown(object) || beside(object.place)) continue;
       const status = model.status(object.id);
-      const name = model.view === "status" || status === "rejected" ? STATUS_COLOURS[status] : kindColour(object.kind, model.kinds);
+      const name = model.list !== "lines" && model.marked.has(object.id) ? "#ffd21f" : model.view === "status" || status === "rejected" ? STATUS_COLOURS[status] : kindColour(object.kind, model.kinds);
       this.tops.push({ id: object.id, place: add(object.place, object.height || 2, name) });
     }
     setPositions(this.dots.geometry, dots, colours);
@@ -95,6 +100,7 @@ export class Marks {
     if (chosen) setPositions(this.box.geometry, boxLines(this.extent(chosen)));
     this.drawLines();
     this.masts.visible = this.dots.visible = this.visible;
+    this.vertices.visible = model.line !== null;
     this.surveyed.visible = this.visible && model.section === null;
     this.path.visible = model.survey.path.length > 1 && model.section === null;
   }

@@ -9,7 +9,10 @@ export * from "./state";
 
 const OWN = "mlsroad-own-"; // decisions of this tab about a folder, for a reload
 
-const DONE: Record<string, string> = { accept: "accepted", reject: "rejected", merge: "merged", split: "split", move_base: "moved" };
+const DONE: Record<string, string> = {
+  accept: "accepted", reject: "rejected", merge: "merged", split: "split", move_base: "moved", note: "has a new note",
+  accept_line: "accepted", reject_line: "rejected", shape_line: "moved", cut_line: "cut", join_lines: "joined", add_line: "added",
+};
 
 export class Model extends State {
   /** Group that was left out last, until something is saved. */
@@ -138,14 +141,28 @@ export class Model extends State {
   /** Send a decision; true once the server has it on disk. */
   async decide(wanted: Wanted): Promise<boolean> {
     return this.save(async () => {
-      const object = this.byId.get(wanted.object_id ?? 0);
+      const said = this.said(wanted); // by the kind of before
       const { ids } = await this.source.decide(wanted);
       this.keep([...this.own, ids]);
-      if (wanted.action.endsWith("_line")) return `${wanted.kind} ${wanted.payload?.line} ${wanted.action === "accept_line" ? "accepted" : "rejected"}`;
-      const given = String(wanted.payload?.class ?? wanted.kind ?? "");
-      if (!object) return `${given} added`;
-      return `${title(object)} ${wanted.action === "other_kind" ? `is ${given} now` : DONE[wanted.action]}`;
+      return said;
     });
+  }
+
+  /** Send decisions that are written, and taken back, together. */
+  async decideAll(all: Wanted[], said: string): Promise<boolean> {
+    return this.save(async () => {
+      const { ids } = await this.source.decide({ all });
+      this.keep([...this.own, ids]);
+      return said;
+    });
+  }
+
+  private said({ action, kind, payload, object_id }: Wanted): string {
+    const given = String(payload?.to ?? payload?.class ?? kind ?? "");
+    const object = [...this.objects].find(({ id, made }) => id === object_id || (made && made.decision === payload?.added));
+    const what = object ? title(object) : payload?.line ? `${kind} ${payload.line}` : given;
+    const done = action === "other_kind" || action === "kind_line" ? `is ${given} now` : (DONE[action] ?? "added");
+    return `${what} ${done}`.replaceAll("_", " ");
   }
 
   async paint(wanted: Paint): Promise<boolean> {
@@ -178,8 +195,9 @@ export class Model extends State {
     const valid = new Set(this.decisions.map((decision) => decision.id));
     const own = [...this.own].reverse().find((ids) => ids.some((id) => valid.has(id)));
     if (own) return own.filter((id) => valid.has(id));
-    const last = [...this.decisions].reverse().find((decision) => decision.who === this.survey.user && !this.foreign.has(decision.id));
-    return last ? [last.id] : [];
+    const free = this.decisions.filter((decision) => decision.who === this.survey.user && !this.foreign.has(decision.id));
+    const made = free.at(-1)?.made; // decisions that were made together have one time
+    return free.filter((decision) => decision.made === made).map(({ id }) => id);
   }
 
   /** Take a decision back, by default the last one of this tab; return it. */
@@ -205,6 +223,10 @@ export class Model extends State {
       undone = decision;
       if (ids.filter((id) => this.strokes.delete(id)).length) this.repaint();
       if (this.groups.length) this.groups = await this.source.groups(50); // an answer that was taken back is asked again
+      if (ids.length > 1 && decision.action !== "paint") {
+        undone = null;
+        return `Undone: ${ids.length} decisions, ${decision.action.replace("_", " ")}`;
+      }
       const about = decision.object_id ? ` ${decision.object_id}` : "";
       return `Undone: ${decision.action.replace("_", " ")}${about} ${decision.what}`.trim();
     });

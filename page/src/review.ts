@@ -3,21 +3,27 @@
 import { classColour, kindColour, lineColour, STATUS_COLOURS } from "./colours";
 import { clear, count, el, swatch } from "./dom";
 import type { Actions } from "./actions";
-import type { List, Model, RoadObject } from "./model";
+import { objectList } from "./list";
+import type { Model, RoadObject } from "./model";
+import { NoteForm } from "./notes";
 import type { PointGroup, RoadLine } from "./types";
-
-const LISTS: [List, string, string][] = [
-  ["objects", "Objects", "Objects to look at first"],
-  ["lines", "Lines", "Kerbs, wires and markings: uncertain and long ones first"],
-  ["decided", "Decided", "Objects that were decided, the last ones first"],
-  ["groups", "Places", "Points of no object to look at first: uncertain, many, unlike the places that were answered"],
-];
 
 const HIDDEN = new Set(["object_id", "class", "kind", "score", "reasons", "scene", "x_min", "x_max", "y_min", "y_max", "z_min", "z_max",
   "passes", "passes_there", "scanners", "scanners_there", "file_count", "first_time", "last_time", "pole_id", "status", "checked_class"]);
 
-function percent(value: number): string {
-  return `${(100 * value).toFixed(1)}\u00a0%`;
+const LINE_MEASURES: [keyof RoadLine, string][] = [
+  ["length", "Length [m]"], ["score", "Score"], ["height", "Height [m]"], ["sag", "Sag [m]"], ["clearance", "Clearance [m]"], ["width", "Width [m]"],
+  ["contrast", "Contrast"], ["pattern", "Pattern"], ["from_station", "From station [m]"], ["to_station", "To station [m]"], ["offset", "Offset [m]"],
+];
+
+/** Replace the children but the one that has the focus, so that typing goes on. */
+function replaceAround(parent: HTMLElement, children: (Node | string)[]): void {
+  const kept = children.findIndex((child) => child instanceof HTMLElement && child.contains(document.activeElement));
+  if (kept < 0) return parent.replaceChildren(...children);
+  const own = children[kept] as HTMLElement;
+  for (const child of [...parent.childNodes]) if (child !== own) child.remove();
+  own.before(...children.slice(0, kept));
+  own.after(...children.slice(kept + 1));
 }
 
 function number(value: number): string {
@@ -34,9 +40,7 @@ function seenBy(object: RoadObject): string {
 
 export function review(model: Model, actions: Actions): HTMLElement {
   const chosen = el("section", { class: "chosen", id: "chosen", "aria-live": "polite" });
-  const list = el("ol", { class: "queue", id: "queue" });
-  const progress = el("p", { class: "progress", id: "progress" });
-  const lists = el("div", { class: "lists", role: "radiogroup", "aria-label": "What the list holds" });
+  const notes = new NoteForm(model);
   const history = el("ol", { class: "history", id: "history" });
   const readOnly = model.source.readOnly;
 
@@ -55,7 +59,7 @@ export function review(model: Model, actions: Actions): HTMLElement {
     const { headings, columns } = model.survey.objects;
     for (const name of columns) {
       const value = object.cells[name];
-      if (HIDDEN.has(name) || value === null || value === "") continue;
+      if (HIDDEN.has(name) || name === "note" || name.startsWith("attr_") || value === null || value === "") continue;
       rows.push(el("tr", {}, el("th", { scope: "row" }, headings[name] ?? name), el("td", {}, typeof value === "number" ? number(value) : value)));
     }
     const seen = seenBy(object);
@@ -73,6 +77,7 @@ export function review(model: Model, actions: Actions): HTMLElement {
       el("h2", { class: "title" }, swatch(kindColour(kind, model.kinds), "dot"), `${kind} ${object.id}`, el("span", { class: "score" }, `score ${object.score.toFixed(2)}`), meter),
       ...(status ? [status] : []),
       ...(readOnly ? [] : [el("div", { class: "buttons" }, ...buttons.map(([text, key, act]) => el("button", { type: "button", "data-action": text, click: act }, text, key && el("kbd", {}, key))))]),
+      ...[notes.show(object)].filter((form) => form !== null),
       ...(reasons.length ? [el("ul", { class: "reasons" }, ...reasons.map((reason) => el("li", {}, reason)))] : []),
       ...(model.survey.photos.includes(object.id) ? [el("img", { class: "photo", src: model.source.photo(object.id), alt: `Photo of ${object.kind} ${object.id}`, loading: "lazy" })] : []),
       el("table", { class: "measures" }, el("tbody", {}, ...rows)),
@@ -94,26 +99,22 @@ export function review(model: Model, actions: Actions): HTMLElement {
   }
 
   function linePart(line: RoadLine): (Node | string)[] {
-    const buttons: [string, string, () => void][] = [["Accept", "A", () => actions.accept()], ["Reject", "R", () => actions.reject()]];
-    const status = model.lineStates[line.line_id];
-    const rows: [string, string | number | null | undefined][] = [["Length [m]", line.length], ["Score", line.score], ["Offset [m]", line.offset]];
+    const buttons: [string, string, () => void][] = [
+      ["Accept", "A", () => actions.accept()],
+      ["Reject", "R", () => actions.reject()],
+      ["Other kind", "K", () => actions.otherKind()],
+      ["Join", "M", () => actions.tool("merge")],
+      ["Cut", "S", () => actions.tool("split")],
+      ["Move vertex", "B", () => actions.tool("base")],
+    ];
+    const status = model.lineStatus(line);
+    const measures = LINE_MEASURES.filter(([name]) => typeof line[name] === "number" || (typeof line[name] === "string" && line[name] !== ""));
     return [
       el("h2", { class: "title" }, swatch(lineColour(line.kind), "dot"), `${line.kind.replace("_", " ")} ${line.line_id}`),
       ...(status ? [el("p", { class: "state" }, swatch(STATUS_COLOURS[status], "dot"), status)] : []),
       ...(readOnly ? [] : [el("div", { class: "buttons" }, ...buttons.map(([text, key, act]) => el("button", { type: "button", "data-action": text, click: act }, text, el("kbd", {}, key))))]),
-      el("table", { class: "measures" }, el("tbody", {}, ...rows.filter(([, value]) => typeof value === "number").map(([name, value]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", {}, number(value as number)))))),
+      el("table", { class: "measures" }, el("tbody", {}, ...measures.map(([name, heading]) => el("tr", {}, el("th", { scope: "row" }, heading), el("td", {}, typeof line[name] === "number" ? number(line[name]) : String(line[name])))))),
     ];
-  }
-
-  function showLines(): void {
-    clear(list);
-    const lines = model.lineOrder();
-    for (const line of lines.slice(0, 500)) {
-      const parts = [swatch(lineColour(line.kind), "dot"), el("span", { class: "name" }, `${line.kind.replace("_", " ")} ${line.line_id}`), el("span", { class: "reason" }, model.lineStates[line.line_id] ?? ""), el("span", { class: "after" }, `${line.length.toFixed(0)} m`)];
-      list.append(el("li", { "data-id": line.line_id }, el("button", { type: "button", click: () => actions.goLine(line) }, ...parts)));
-    }
-    progress.textContent = lines.length ? `${count(Object.keys(model.lineStates).length)} of ${count(lines.length)} lines looked at.` : "The survey has no lines.";
-    showChosen();
   }
 
   function pointPart(): (Node | string)[] {
@@ -134,70 +135,33 @@ export function review(model: Model, actions: Actions): HTMLElement {
     return [el("h2", { class: "title" }, "Point"), el("table", { class: "measures" }, el("tbody", {}, ...rows.map(([name, value]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", {}, value)))))];
   }
 
+  function markedPart(): Node[] {
+    const { marked } = model;
+    if (!marked.size || readOnly) return [];
+    const lines = model.list === "lines";
+    const kinds = [...marked].map((id) => (lines ? model.lineOf(id)?.kind : model.byId.get(id)?.kind) ?? "");
+    const words = [...new Set(kinds)].sort().map((kind) => `${count(kinds.filter((other) => other === kind).length)} × ${kind.replace("_", " ")}`);
+    const buttons: [string, string, () => void][] = [
+      ["Accept all", "A", () => actions.accept()],
+      ["Reject all", "R", () => actions.reject()],
+      ["Other kind", "K", () => actions.otherKind()],
+      ["Unmark", "Esc", () => model.setMarked([])],
+    ];
+    return [
+      el("h2", { class: "title", id: "marked" }, `${count(marked.size)} ${lines ? "lines" : "objects"} marked`),
+      el("p", { class: "state" }, words.join(", ")),
+      el("div", { class: "buttons two" }, ...buttons.map(([text, key, act]) => el("button", { type: "button", "data-action": text, click: act }, text, el("kbd", {}, key)))),
+    ];
+  }
+
   function showChosen(): void {
     const object = model.selected === null ? undefined : model.byId.get(model.selected);
-    chosen.replaceChildren(...(model.line ? linePart(model.line) : model.group ? groupPart(model.group) : object ? objectPart(object) : pointPart()));
-    for (const item of list.children) item.classList.toggle("here", (item as HTMLElement).dataset.id === String(model.group?.place ?? model.line?.line_id ?? model.selected));
-  }
-
-  function showGroups(): void {
-    clear(list);
-    for (const group of model.groups) {
-      const [name, mark] = [model.className(group.code), swatch(classColour(group.code), "dot")];
-      const button = el("button", { type: "button", click: () => actions.goGroup(group) }, mark, el("span", { class: "name" }, name), el("span", { class: "after", title: "Mean confidence" }, percent(group.confidence)));
-      list.append(el("li", { "data-id": String(group.place) }, button));
-    }
-    const answered = model.decisions.filter((decision) => decision.action === "paint").length;
-    progress.textContent =
-      model.tiles.state !== "ready" ? "The points are still being prepared."
-      : model.groups.length ? `${count(answered)} answered or painted. Fifty answers are worth a run of mlsroad learn.`
-      : "There is no place to ask about.";
-    showChosen();
-  }
-
-  function showList(): void {
-    for (const button of lists.querySelectorAll("button")) button.setAttribute("aria-checked", String(button.dataset.list === model.list));
-    if (model.list === "groups") showGroups();
-    else if (model.list === "lines") showLines();
-    else if (model.list === "decided") showDecided();
-    else showQueue();
-  }
-
-  function showQueue(): void {
-    clear(list);
-    for (const object of model.objects.filter((object) => object.made).reverse()) entry(object.id, object.kind, model.status(object.id));
-    for (const item of model.queue) {
-      const object = model.byId.get(item.object_id);
-      if (!object || !model.shown(object)) continue;
-      const after = el("span", { class: "after", title: "Expected precision of the inventory after this look and those above" }, percent(item.expected_precision));
-      entry(item.object_id, item.kind, item.reason, after);
-    }
-    const looked = model.objects.filter((object) => model.status(object.id) !== "").length;
-    const kept = model.objects.filter((object) => model.status(object.id) !== "rejected");
-    const right = kept.reduce((sum, object) => sum + model.probability(object), 0);
-    progress.textContent = model.objects.length
-      ? `${count(looked)} of ${count(model.objects.length)} looked at. Expected precision ${percent(kept.length ? right / kept.length : 1)}.`
-      : "The survey has no objects.";
-    showChosen();
-  }
-
-  function entry(id: number, kind: string, reason: string, after?: HTMLElement): void {
-    const parts = [swatch(kindColour(kind, model.kinds), "dot"), el("span", { class: "name" }, `${kind} ${id}`), el("span", { class: "reason" }, reason)];
-    list.append(el("li", { "data-id": id }, el("button", { type: "button", click: () => actions.go(id) }, ...parts, after)));
-  }
-
-  /** List what was decided, the last decisions first. */
-  function showDecided(): void {
-    clear(list);
-    const last = (object: RoadObject) => object.made?.decision ?? model.state(object.id)?.decision ?? 0;
-    const decided = model.objects.filter((object) => model.status(object.id) !== "").sort((a, b) => last(b) - last(a) || b.id - a.id);
-    for (const object of decided.slice(0, 500)) {
-      const state = model.state(object.id);
-      const what = state?.status === "changed" ? `changed to ${state.checked_class}` : model.status(object.id);
-      entry(object.id, object.kind, what, el("span", { class: "after" }, state?.who ?? ""));
-    }
-    progress.textContent = decided.length ? `${count(decided.length)} objects were decided.` : "No object was decided.";
-    showChosen();
+    const parts = model.line ? linePart(model.line) : model.group ? groupPart(model.group) : object ? objectPart(object) : pointPart();
+    // Buttons and keys decide about the marked ones while there are any.
+    const single = model.marked.size ? parts.filter((part) => !(part instanceof HTMLElement && part.classList.contains("buttons"))) : parts;
+    const children = [...markedPart(), ...single];
+    if (chosen.contains(document.activeElement)) replaceAround(chosen, children);
+    else chosen.replaceChildren(...children);
   }
 
   function showHistory(): void {
@@ -206,25 +170,24 @@ export function review(model: Model, actions: Actions): HTMLElement {
       const about = decision.object_id ? ` ${decision.object_id}` : "";
       history.append(el("li", {}, el("b", {}, `${decision.action.replace("_", " ")}${about}`), ` ${decision.what} `, el("small", {}, `${decision.who}, ${new Date(decision.made).toLocaleString()}`)));
     }
-    showList();
   }
 
-  for (const [which, text, title] of LISTS) {
-    lists.append(el("button", { type: "button", role: "radio", title, "data-list": which, click: () => actions.showList(which) }, text));
-  }
-  lists.append(el("kbd", { title: "The other list" }, "J"));
-  model.on(["selection"], () => {
+  model.on(["selection", "marked"], () => {
     showChosen();
     if (model.selected !== null || model.group || model.line) panel.scrollTop = 0; // to the buttons
   });
-  model.on(["queue", "filter"], showList);
-  model.on(["decisions"], showHistory);
-  showList();
+  model.on(["queue", "filter"], showChosen);
+  model.on(["decisions"], () => {
+    showHistory();
+    showChosen();
+  });
+  const list = objectList(model, actions);
+  showChosen();
   const panel = el(
     "aside",
     { class: "right", "aria-label": "Review" },
     chosen,
-    el("section", { class: "first" }, el("h2", {}, "Look at first", el("kbd", { title: "Next" }, "N")), !readOnly && lists, progress, list),
+    list,
     el("details", {}, el("summary", {}, "Decisions"), el("button", { type: "button", click: () => void actions.undo() }, "Undo the last", el("kbd", {}, "U")), history),
   );
   return panel;

@@ -17,12 +17,16 @@ export interface Source {
   groups(number: number): Promise<PointGroup[]>;
   group(group: PointGroup): Promise<number[]>;
   leaveOut(group: PointGroup, back: boolean): Promise<unknown>;
-  decide(wanted: Wanted): Promise<{ ids: number[] }>;
+  decide(wanted: Wanted | { all: Wanted[] }): Promise<{ ids: number[] }>;
   paint(wanted: Paint): Promise<{ ids: number[]; rows: number[]; before: Record<string, number> }>;
   undo(ids: number[]): Promise<void>;
   deliver(formats: string[], checked: boolean): Promise<Delivered>;
   photo(object: number): string;
+  /** Address of a picture of the background, and the area that it shows (west, south, east, north). */
+  background(area: Area, width: number, height: number): { address: string; area: Area };
 }
+
+type Area = [number, number, number, number];
 
 async function answer(address: string, options: RequestInit = {}): Promise<Response> {
   let response: Response;
@@ -70,6 +74,7 @@ export const server: Source = {
   undo: (ids) => post("/api/undo", { ids }),
   deliver: (formats, checked) => post("/api/deliver", { formats, checked }),
   photo: (object) => `/files/photos/${object}.jpg`,
+  background: (area, width, height) => ({ address: `/background?area=${area.map((value) => value.toFixed(2))}&size=${width},${height}`, area }),
 };
 
 interface Embedded {
@@ -77,6 +82,7 @@ interface Embedded {
   corrections: Corrections;
   queue: QueueItem[];
   photos: Record<string, string>;
+  background: { address: string; area: Area } | null;
 }
 
 async function unpacked(element: Element): Promise<ArrayBuffer> {
@@ -96,7 +102,11 @@ export function embedded(): Source | null {
   if (!facts || !points) return null;
   const content = unpacked(facts).then((data) => JSON.parse(new TextDecoder().decode(data)) as Embedded);
   let photos: Record<string, string> = {};
-  content.then((found) => (photos = found.photos));
+  let background: Embedded["background"] = null;
+  content.then((found) => {
+    photos = found.photos;
+    background = found.background;
+  });
   return {
     readOnly: true,
     survey: async () => (await content).survey,
@@ -115,5 +125,6 @@ export function embedded(): Source | null {
     undo: refuse,
     deliver: refuse,
     photo: (object) => photos[object] ?? "",
+    background: () => background ?? refuse(),
   };
 }

@@ -2,13 +2,13 @@
 
 import { setColours } from "./colours";
 import type { Source } from "./source";
-import type { Cell, Corrections, Decision, ObjectState, PointGroup, QueueItem, RoadLine, Status, Survey } from "./types";
+import type { Cell, Corrections, Decision, Note, ObjectState, PointGroup, QueueItem, RoadLine, Status, Survey } from "./types";
 
 export const VIEWS = ["class", "confidence", "intensity", "height", "colour", "object", "status", "error"] as const;
 export type View = (typeof VIEWS)[number];
-export type Tool = "look" | "measure" | "section" | "paint" | "base" | "merge" | "split" | "add";
+export type Tool = "look" | "measure" | "section" | "paint" | "base" | "merge" | "split" | "add" | "line";
 export type List = "objects" | "lines" | "groups" | "decided";
-export type Change = "view" | "filter" | "selection" | "decisions" | "queue" | "tool" | "status" | "saved" | "paint" | "theme";
+export type Change = "view" | "filter" | "selection" | "decisions" | "queue" | "tool" | "status" | "saved" | "paint" | "theme" | "marked";
 export type Place = [number, number, number];
 
 export interface RoadObject {
@@ -42,11 +42,11 @@ export interface Message {
   holds?: () => boolean;
 }
 
-/** Distance from the path beyond which objects and lines come last, metres. */
-const FAR = 25;
-
-export const STATUSES = ["", "accepted", "rejected", "changed", "moved", "merged", "split", "added"];
+export const STATUSES = ["", "accepted", "rejected", "changed", "moved", "merged", "split", "added", "cut", "joined"];
 export const KINDS = ["pole", "sign", "tree", "vehicle"];
+export const LINE_KINDS = ["kerb", "wire", "lane_line", "stop_line", "crossing", "other_marking"];
+export const ORDERS = ["first", "number", "kind", "lowest", "highest"] as const;
+export type Order = (typeof ORDERS)[number];
 
 export class State {
   /** Objects as they are after the decisions, new ones last. */
@@ -79,6 +79,15 @@ export class State {
   /** Chosen line, and the status of decided ones. */
   line: RoadLine | null = null;
   lineStates: Record<string, string> = {};
+  /** Lines after the decisions. */
+  lines: RoadLine[] = [];
+  hiddenLines = new Set<string>();
+  /** Numbers of the objects, or lines where these are listed, that are decided together. */
+  marked = new Set<number>();
+  order: Order = "first";
+  search = "";
+  private notes: Corrections["notes"] = {};
+  private addedNotes: Corrections["notes"] = {};
   /** Rows of the points of the chosen group. */
   highlighted = new Set<number>();
   painted = new Map<number, number>();
@@ -97,6 +106,7 @@ export class State {
     const { columns, rows } = survey.objects;
     this.listed = rows.map((row) => this.road(Object.fromEntries(columns.map((name, i) => [name, row[i]])), false));
     this.arrange([]);
+    this.lines = survey.lines;
     for (const [code, name] of Object.entries(survey.classes)) this.classNames.set(Number(code), name);
     const share = survey.n_points / Math.max(1, survey.first.n_points);
     for (const [code, n] of Object.entries(survey.first.classes)) this.classCounts.set(Number(code), Math.round(n * share));
@@ -135,8 +145,12 @@ export class State {
   protected accept(found: Corrections): boolean {
     this.states = found.states;
     this.decisions = found.decisions;
-    this.lineStates = found.lines;
+    this.lineStates = found.lines.status;
+    this.notes = found.notes;
+    this.addedNotes = found.notes_of_added;
     this.arrange(found.objects);
+    this.arrangeLines(found.lines);
+    this.marked = new Set([...this.marked].filter((id) => (this.list === "lines" ? this.lineOf(id) : this.byId.has(id))));
     if (found.counts) {
       this.classCounts = new Map(Object.entries(found.counts).map(([code, n]) => [Number(code), n]));
       this.counted = true;
@@ -144,6 +158,33 @@ export class State {
     const before = [...this.recoded].join();
     this.recoded = new Map(Object.entries(found.codes).map(([number, code]) => [Number(number), code]));
     return [...this.recoded].join() !== before;
+  }
+
+  private arrangeLines({ rows, gone }: Corrections["lines"]): void {
+    const changed = new Map(rows.map((line) => [line.line_id, line]));
+    const left = new Set(gone);
+    this.lines = this.survey.lines.filter((line) => !left.has(line.line_id)).map((line) => changed.get(line.line_id) ?? line);
+    const known = new Set(this.survey.lines.map((line) => line.line_id));
+    this.lines.push(...rows.filter((line) => !known.has(line.line_id)));
+    if (this.line) this.line = this.lineOf(this.line.line_id) ?? null;
+  }
+
+  lineOf(id: number): RoadLine | undefined {
+    return this.lines.find((line) => line.line_id === id);
+  }
+
+  lineStatus(line: RoadLine): string {
+    return this.lineStates[line.line_id] ?? "";
+  }
+
+  /** Note and attributes of an object. */
+  noteOf(object: RoadObject): Note | undefined {
+    return object.made?.of === 0 ? this.addedNotes[object.made.decision] : this.notes[object.made?.of ?? object.id];
+  }
+
+  /** Names of the attributes that any object has. */
+  get attributeNames(): string[] {
+    return [...new Set([...Object.values(this.notes), ...Object.values(this.addedNotes)].flatMap((note) => Object.keys(note.attributes)))].sort();
   }
 
   on(changes: Change[], listener: () => void): void {
@@ -204,6 +245,10 @@ export class State {
     );
   }
 
+  shownLine(line: RoadLine): boolean {
+    return !this.hiddenLines.has(line.kind) && !this.hiddenStatuses.has(this.lineStatus(line)) && (line.score ?? 1) >= this.leastScore;
+  }
+
   /** Object of a point with a number: of a split object the part with the nearest base. */
   objectAt(number: number, place: Place): number {
     const parts = this.objects.filter((object) => object.made?.of === number);
@@ -225,25 +270,15 @@ export class State {
     return status === "" ? object.score : status === "rejected" ? 0 : 1;
   }
 
-  /** Lines to look at: undecided ones first, uncertain and long ones before others, those far from the path last. */
-  lineOrder(): RoadLine[] {
-    const rank = (line: RoadLine) => [
-      Number(this.lineStates[line.line_id] !== undefined),
-      Number(Math.abs(line.offset ?? 0) > FAR),
-      (line.score ?? 1) - Math.log10(1 + line.length) / 10,
-    ];
-    const ranks = new Map(this.survey.lines.map((line) => [line, rank(line)]));
-    return [...this.survey.lines].sort((a, b) => {
-      const [one, other] = [ranks.get(a)!, ranks.get(b)!];
-      const i = one.findIndex((value, k) => value !== other[k]);
-      return i < 0 ? a.line_id - b.line_id : one[i] - other[i];
-    });
-  }
-
   selectLine(line: RoadLine): void {
     this.select(null);
     this.line = line;
     this.emit("selection");
+  }
+
+  /** Mark objects or lines for a decision about all of them; `add` keeps those that are marked. */
+  setMarked(ids: Iterable<number>, add = false): void {
+    this.set("marked", "marked", new Set([...(add ? this.marked : []), ...ids]));
   }
 
   select(id: number | null, point: PickedPoint | null = null): void {

@@ -13,8 +13,14 @@ const TOOLS: [Tool, string, string, string][] = [
   ["section", "Section", "X", "Section across the road. Keys , and . move it, [ and ] make it thinner or thicker."],
   ["paint", "Paint", "P", "Drag over points to give them the class. Right drag turns the view."],
   ["add", "Add object", "I", "Click the base of an object that is missing."],
+  ["line", "Draw line", "W", "Click the vertices of a line that is missing, then press Enter."],
 ];
 const MOST_PLACES = 150; // of a request; the server takes 200
+const LINE_HINTS: Partial<Record<Tool, string>> = {
+  base: "Click a vertex of the line (a cross), then its right place.",
+  merge: "Click the line that belongs to the chosen one.",
+  split: "Click the place at which the line is cut.",
+};
 const HINTS: Partial<Record<Tool, string>> = {
   base: "Click the right base of the chosen object.",
   merge: "Click the object that belongs to the chosen one.",
@@ -24,7 +30,7 @@ const HINTS: Partial<Record<Tool, string>> = {
 export function tools(model: Model, cloud: Cloud, actions: Actions): HTMLElement {
   const bar = el("div", { class: "tools", role: "toolbar", "aria-label": "Tools" });
   for (const [tool, name, key, text] of TOOLS) {
-    if (model.source.readOnly && (tool === "paint" || tool === "add")) continue;
+    if (model.source.readOnly && ["paint", "add", "line"].includes(tool)) continue;
     const act = () => (tool === "section" ? actions.section() : actions.tool(tool));
     bar.append(el("button", { type: "button", title: text, "data-tool": tool, click: act }, name, el("kbd", {}, key)));
   }
@@ -41,7 +47,8 @@ export function tools(model: Model, cloud: Cloud, actions: Actions): HTMLElement
       button.setAttribute("aria-pressed", String(tool === "section" ? model.section !== null : tool === model.tool));
     }
     const section = model.section && model.tool === "look" ? `Section of ${model.section.thickness.toFixed(1)} m. , and . move it, [ and ] change its thickness, X ends it.` : "";
-    hint.textContent = HINTS[model.tool] ?? (model.tool === "look" ? section : (TOOLS.find(([tool]) => tool === model.tool)?.[3] ?? ""));
+    const ofLine = model.tool === "base" && actions.lines.vertex !== null ? "Click the right place of the vertex." : LINE_HINTS[model.tool];
+    hint.textContent = (model.line ? ofLine : undefined) ?? HINTS[model.tool] ?? (model.tool === "look" ? section : (TOOLS.find(([tool]) => tool === model.tool)?.[3] ?? ""));
     brush.hidden = model.tool !== "paint";
     cloud.canvas.dataset.tool = model.tool;
     const painting = model.tool === "paint";
@@ -49,17 +56,17 @@ export function tools(model: Model, cloud: Cloud, actions: Actions): HTMLElement
       ? { MIDDLE: THREE.MOUSE.PAN, RIGHT: THREE.MOUSE.ROTATE }
       : { LEFT: THREE.MOUSE.ROTATE, MIDDLE: THREE.MOUSE.DOLLY, RIGHT: THREE.MOUSE.PAN };
     if (!painting) cloud.marks.brush.visible = false;
-    cloud.draw();
+    showPlaces();
   }
 
   function showPlaces(): void {
     const { places } = actions;
-    const lines: Place[] = [];
+    const lines: Place[] = actions.lines.drawn();
     if (model.tool === "measure" && places.length === 2) {
       const [a, b] = places;
       const corner: Place = [b[0], b[1], a[2]];
       lines.push(a, b, a, corner, corner, b);
-    } else for (const [x, y, z] of places) lines.push([x - 0.3, y, z], [x + 0.3, y, z], [x, y - 0.3, z], [x, y + 0.3, z], [x, y, z], [x, y, z + 1.5]);
+    } else if (model.tool !== "line") for (const [x, y, z] of places) lines.push([x - 0.3, y, z], [x + 0.3, y, z], [x, y - 0.3, z], [x, y + 0.3, z], [x, y, z], [x, y, z + 1.5]);
     cloud.marks.setLines(lines);
     placeLabel();
     cloud.draw();
@@ -82,6 +89,7 @@ export function tools(model: Model, cloud: Cloud, actions: Actions): HTMLElement
     const { clientX: x, clientY: y } = event;
     const mark = cloud.pickMark(x, y);
     const point = cloud.pick(x, y);
+    if (actions.lines.click(x, y, point?.place ?? null)) return showPlaces();
     switch (model.tool) {
       case "look":
       case "section": {

@@ -21,6 +21,14 @@ export interface RoadLine {
   length: number;
   score?: number | null;
   offset?: number | null;
+  height?: number | null;
+  sag?: number | null;
+  clearance?: number | null;
+  width?: number | null;
+  contrast?: number | null;
+  pattern?: string | null;
+  from_station?: number | null;
+  to_station?: number | null;
   x: number;
   y: number;
   vertices: [number, number, number][];
@@ -41,6 +49,8 @@ export interface Survey {
   photos: number[];
   colours: { classes: Record<string, string>; kinds: Record<string, string>; lines: Record<string, string> };
   report: boolean;
+  /** Name of the file with the background of the map, empty without one. */
+  background: string;
   warnings: string[];
   first: FirstFacts;
 }
@@ -84,6 +94,14 @@ export interface Decision {
   action: string;
   object_id: number | null;
   what: string;
+  /** Number of the line that it is about. */
+  line: number | null;
+}
+
+/** Texts about an object that users have typed. */
+export interface Note {
+  text: string;
+  attributes: Record<string, string>;
 }
 
 export interface Corrections {
@@ -92,8 +110,11 @@ export interface Corrections {
   decisions: Decision[];
   /** Rows of objects that decisions have changed or made. */
   objects: Record<string, Cell>[];
-  /** Status of decided lines by number. */
-  lines: Record<string, string>;
+  /** Status of decided lines by number, lines that decisions have changed or made, and those that were joined into others. */
+  lines: { status: Record<string, string>; rows: RoadLine[]; gone: number[] };
+  /** Notes of objects by number, and of added ones by the decision that added them. */
+  notes: Record<string, Note>;
+  notes_of_added: Record<string, Note>;
   /** Class codes of the points of objects of another class. */
   codes: Record<string, number>;
   /** Points per class code; null while the tiles are not finished. */

@@ -12,6 +12,7 @@ from rich.console import Console
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.commands import console
+from mlsroad_pipeline.commands.app import write_any_character
 from mlsroad_pipeline.commands.console import Compiling, Stages, describe, one_line_errors, survey_progress
 from mlsroad_pipeline.commands.options import expanded
 from mlsroad_pipeline.execution.task import SceneError, SceneFailure
@@ -174,3 +175,16 @@ def test_no_password_and_no_control_character_is_shown():
     assert "secret" not in text and "abc" not in text and "\x1b" not in text
     assert "https://ann:***@registry/api failed with \\x1b[31mtoken=***" in text
     assert describe(ReadError("/data/a\x1b[2J\nb.laz: is empty")) == "/data/a\\x1b[2J b.laz: is empty"
+
+
+@pytest.mark.parametrize(
+    ("encoding", "written"),
+    [("ascii", "points per m2, Strasse ? a ?"), ("latin-1", "points per m\u00b2, Strasse ? \u00e4 ?"), ("utf-8", None)],
+)
+def test_a_terminal_of_few_characters_gets_like_ones(encoding, written):
+    text = "points per m\u00b2, Strasse \u2502 \u00e4 \u4e2d"
+    stream = io.TextIOWrapper(io.BytesIO(), encoding=encoding)
+    write_any_character(stream)
+    stream.write(text)
+    stream.flush()
+    assert stream.buffer.getvalue().decode(encoding) == (written or text)

@@ -100,3 +100,32 @@ def test_probabilities_of_another_network_are_the_labels(run, folder):
 def test_errors_are_one_line(run, folder, options, message):
     done = run("label", "classified.laz", "-o", "wrong", *options, cwd=folder)
     assert done.returncode == 1 and message in done.stderr and done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (lambda n: np.r_[np.zeros(n - 1, np.uint8), 99], "survey_001.npy: class number 99 (1 points) is not in"),
+        (lambda n: np.zeros(n - 3, np.uint8), "labels for the"),
+        (lambda n: np.full((n, 13), 0.5, np.float32), "survey_001.npy: the probabilities of row 0 sum to 6.5"),
+        (lambda n: np.full((n, 4), 0.25, np.float32), "survey_001.npy: has 4 classes"),
+    ],
+)
+def test_every_file_of_predictions_is_checked_before_the_survey_is_read(run, folder, values, message):
+    place, predictions = folder / "two", folder / "predictions_of_two"
+    shutil.rmtree(predictions, ignore_errors=True)
+    for made in (place, predictions):
+        made.mkdir(exist_ok=True)
+    for number, name in enumerate(("survey_000", "survey_001")):
+        shutil.copy(folder / "classified.laz", place / f"{name}.laz")
+        n = len(laspy.read(folder / "classified.laz").points)
+        np.save(predictions / f"{name}.npy", values(n) if number else np.zeros(n, np.uint8))
+    rows = [f"{k},{name},{name}" for k, name in enumerate(SCHEME.classes)]
+    (folder / "map.csv").write_text("\n".join(["number,name,class", *rows]))
+    done = run("label", "two", "-o", "unread", "--labels", predictions, "--labels-map", "map.csv", cwd=folder)
+    line = done.stderr.splitlines()[-1]
+    assert done.returncode == 1 and message in line and line.startswith(f"Error: {predictions / 'survey_001.npy'}"), (
+        line
+    )
+    assert not list(folder.glob("unread/**/*.laz"))
+    assert not list(folder.glob("unread/**/*.npz"))  # no part of the survey was read

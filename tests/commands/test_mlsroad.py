@@ -288,6 +288,15 @@ def test_learn_continues_the_model_and_keeps_the_corrections(forked, labelled, f
     assert (objects["status"] == "accepted").sum() == 1
     with open_corrections(out) as store:
         assert len(store.current()) == 2
+    assert "Comparison: no difference, because fewer than 8 answers are too few to hold some out" in said
+    assert "Changed by the learning" in said and f"mlsroad learn --undo {out}" in said
+    undone = forked("learn", "--undo", out, cwd=folder)
+    assert (undone.returncode, undone.stderr) == (0, "")
+    before = folder / "one, two_mlsroad"
+    for name in ("one, two.laz", "inventory.gpkg", "report.html"):
+        assert (out / name).read_bytes() == (before / name).read_bytes()
+    with open_corrections(out) as store:
+        assert len(store.current()) == 2
     (out / "corrections.sqlite").write_bytes(b"x" * 5000)
     refused = forked("label", folder / "one, two.laz", "-o", out, "--overwrite", *ALONE, cwd=folder)
     assert refused.returncode == 1 and "corrections.sqlite is damaged" in " ".join(refused.stderr.split())

@@ -3,12 +3,13 @@
 import io
 
 import numpy as np
+from helpers.page_output import ORIGIN
 from PIL import Image
 
 from mlsroad_pipeline.algorithms.core.palette import COLOURS, hex_to_rgb
 
 ROAD, POLE = (hex_to_rgb(COLOURS[name]) for name in ("road", "utility_pole"))  # of the classes 11 and 64
-READY = "window.page?.model.tiles.state === 'ready' && !page.cloud.loading && page.cloud.shown > 30000"
+READY = "window.page?.complete && page.model.tiles.state === 'ready' && !page.cloud.loading && page.cloud.shown > 30000"
 
 
 def settle(tab):
@@ -40,3 +41,30 @@ def errors(tab):
     """Return errors of the console and requests to other places; notes on the software renderer are none."""
     found = [m for m in tab.messages if '"source": "rendering"' not in m]
     return found, [a for a in tab.addresses if not a.startswith(("http://127.0.0.1", "data:", "blob:"))]
+
+
+def reload(tab, server):
+    tab.open(f"http://127.0.0.1:{server.port}/", width=1200, height=800)
+    tab.until(READY)
+    tab.until("page.model.queued && page.model.counted")
+
+
+def entries(tab):
+    return tab.js("[...document.querySelectorAll('#queue li')].map((li) => li.innerText.replace(/\\s+/g, ' ').trim())")
+
+
+def place_of(tab, x, y, z):
+    """Return the place in the window of local coordinates."""
+    return tab.js(
+        f"(() => {{ const p = page.cloud.project([{x}, {y}, {z}]); const b = page.cloud.canvas.getBoundingClientRect();"
+        " return [b.x + p.x, b.y + p.y]; })()"
+    )
+
+
+def click_at(tab, place):
+    tab.drag(place, place, steps=1)
+
+
+def local(x, y, z, tab):
+    origin = tab.js("page.model.survey.origin")
+    return [a + b - c for a, b, c in zip((x, y, z), ORIGIN.tolist(), origin, strict=True)]

@@ -175,3 +175,18 @@ def test_kitti_frames_and_sequences_are_read(tmp_path, real_data):
     (tmp_path / "calib.txt").write_text(f"P2: {text['P2']}\n")
     with pytest.raises(ReadError, match=r"calib.txt: Tr_velo_to_cam is missing \(found: P2\)"):
         read_images(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("key", "name"), [("model", "fisheye"), ("camera_model", "EQUIRECTANGULAR"), ("model", "Kannala-Brandt")]
+)
+def test_other_projections_are_refused_by_name(tmp_path, key, name):
+    path, _ = written(tmp_path, calibration(**{key: name}))
+    with pytest.raises(ReadError, match=f"image '00001_front': {key} '{name}' is not supported: .* k1, k2, p1, p2, k3"):
+        read_images(path)
+
+
+@pytest.mark.parametrize("name", ["pinhole", "Brown-Conrady", "OPENCV", "plumb_bob", ""])
+def test_names_of_the_perspective_projection_are_read(tmp_path, name):
+    path, _ = written(tmp_path, calibration(model=name))
+    assert len(read_images(path)) == 1

@@ -90,7 +90,7 @@ def test_a_survey_of_several_files(tmp_path, rng):
     told = table.groupby("file")["warning"].apply(" ".join)
     assert "cannot be read" in told["c.laz"]
     assert (
-        "different coordinate reference systems (b/b.laz: ETRS89 / UTM zone 33N; a.laz: ETRS89 / UTM zone 32N)"
+        "different coordinate reference systems (a.laz: ETRS89 / UTM zone 32N; b/b.laz: ETRS89 / UTM zone 33N)"
         in (told["a.laz"])
     )
     facts = survey_facts(str(tmp_path), files, table)

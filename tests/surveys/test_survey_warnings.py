@@ -10,7 +10,13 @@ from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk, merge
 from mlsroad_pipeline.algorithms.quality.density import cell_positions, count_places
 from mlsroad_pipeline.algorithms.quality.report import QualityReport
 from mlsroad_pipeline.formats.crs import parse_crs
-from mlsroad_pipeline.surveys.survey_warnings import AS_POINTS, SurveyFacts, file_warnings, survey_warnings
+from mlsroad_pipeline.surveys.survey_warnings import (
+    AS_POINTS,
+    SurveyFacts,
+    file_warnings,
+    looks_like_degrees,
+    survey_warnings,
+)
 
 UTM = parse_crs("EPSG:25832")
 
@@ -129,3 +135,16 @@ def test_places_against_their_definition():
     assert count_places(np.zeros((0, 2))) == 0 and count_places(np.array([[1.0, 1.0]])) == 1
     chain = np.column_stack([np.arange(0, 50_000, 400.0), np.arange(0, 50_000, 400.0)])
     assert count_places(chain) == 1 and count_places(np.concatenate([chain, chain + [0, 2_000_000]])) == 2
+
+
+@pytest.mark.parametrize(
+    ("high", "degrees"),
+    [
+        ([9.045, 48.02, 130.0], True),
+        ([9.0001, 48.0001, 102.0], True),
+        ([40.0, 60.0, 130.0], False),
+        ([9.04, 48.02, 100.5], False),
+    ],
+)
+def test_five_kilometres_in_degrees_are_recognised(high, degrees):
+    assert looks_like_degrees(np.array([9.0, 48.0, 100.0]), np.array(high)) == degrees

@@ -165,3 +165,53 @@ def test_a_trajectory_far_from_the_points_is_noted():
         "the trajectory path.csv is 350 m from the points"
     )
     assert distance_note(path, [np.nan] * 3, [np.nan] * 3) == ""
+
+
+@pytest.mark.parametrize("line", ["# x y z time", "#x, y, z, gps_time [s]", "% easting;northing;height;t"])
+def test_names_in_a_comment_order_the_columns(tmp_path, line):
+    path = tmp_path / "run.txt"
+    mark = ";" if ";" in line else "," if "," in line else " "
+    rows = [mark.join(str(value) for value in (*xyz, time)) for time, xyz in enumerate(XYZ, start=1)]
+    path.write_text("\n".join(["# exported", line, *rows]), encoding="utf-8")
+    trajectory = read_trajectory(path)
+    np.testing.assert_array_equal(trajectory.xyz, XYZ)
+    np.testing.assert_array_equal(trajectory.time, [1, 2, 3])
+
+
+def test_rows_go_on_after_the_end_of_a_week(tmp_path):
+    path = tmp_path / "run.csv"
+    times = (604_798.0, 604_799.5, 1.0)
+    path.write_text(
+        "\n".join(",".join(map(str, (t, *xyz))) for t, xyz in zip(times, XYZ, strict=True)), encoding="utf-8"
+    )
+    trajectory = read_trajectory(path)
+    np.testing.assert_array_equal(trajectory.xyz, XYZ)
+    np.testing.assert_array_equal(trajectory.time, [604_798.0, 604_799.5, 604_801.0])
+
+
+@pytest.mark.parametrize(("lead", "clock"), [(18.0, "UTC and theirs GPS"), (-18.0, "GPS and theirs UTC")])
+def test_leap_seconds_between_clocks_are_named(lead, clock):
+    path = Trajectory.from_positions(np.arange(120.0)[:, None] * [1, 0, 0], np.arange(120.0))
+    assert clock in coverage_note(path, lead + 0.5, lead + 118.5)
+    assert "18 s" in coverage_note(path, lead + 0.5, lead + 118.5)
+    assert "clock" not in coverage_note(path, 60.0, 300.0) and "UTC" not in coverage_note(path, 60.0, 300.0)
+
+
+def test_one_system_in_two_spellings_is_one_and_a_missing_one_is_named():
+    wkt = [pyproj.CRS.from_epsg(25832).to_wkt(version) for version in ("WKT1_GDAL", "WKT2_2019")]
+    rng = np.random.default_rng(1)
+    samples = [PointCloud(rng.random((50, 3)) * [60, 8, 3], crs=text, source=f"{k}.laz") for k, text in enumerate(wkt)]
+    assert "kind" in find_corridor(samples, [], trajectory=None, along=False) or len(samples) == 2
+    bare = PointCloud(samples[0].xyz, source="bare.laz")
+    with pytest.raises(DataError, match=r"0\.laz and bare\.laz .* \(ETRS89.*none\); set read\.crs \(label\.crs\)"):
+        find_corridor([samples[0], bare], [], trajectory=None, along=False)
+
+
+def test_points_over_the_end_of_a_week_have_a_covering_trajectory(tmp_path):
+    path = tmp_path / "trajectory.csv"
+    rows = [f"{t % 604800:.1f},{t - 604780:.1f},0,0" for t in np.arange(604_780.0, 604_821.0)]
+    path.write_text("time,x,y,z\n" + "\n".join(rows), encoding="utf-8")
+    time = np.concatenate([np.linspace(604_785, 604_799, 100), np.linspace(0, 15, 100)])
+    cloud = PointCloud(np.column_stack([np.linspace(5, 35, 200), np.zeros(200), np.zeros(200)]), {"gps_time": time})
+    corridor = find_corridor([cloud], [], trajectory=str(path), along=True)
+    assert "note" not in corridor

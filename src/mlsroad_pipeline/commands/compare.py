@@ -1,4 +1,4 @@
-"""Command `mlsroad compare`: a register against a labelled survey."""
+"""Command `mlsroad compare`: a register, or an earlier survey, against a labelled survey."""
 
 import os
 from pathlib import Path
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.commands.compare_surveys import SurveyOptions, compare_two_surveys
 from mlsroad_pipeline.commands.console import (
     collected_warnings,
     count_table,
@@ -24,7 +25,11 @@ if TYPE_CHECKING:
 
 def compare(  # typer reads the options from the signature
     register: Annotated[
-        str, typer.Argument(metavar="REGISTER", help="Register: CSV, GeoPackage, Shapefile or GeoJSON.")
+        str,
+        typer.Argument(
+            metavar="REGISTER",
+            help="CSV, GeoPackage, Shapefile, GeoJSON; or the folder of results of an earlier survey.",
+        ),
     ],
     survey: Annotated[str, typer.Argument(metavar="FOLDER", help="Folder of results of label.")],
     column: Annotated[
@@ -43,26 +48,47 @@ def compare(  # typer reads the options from the signature
         str | None, typer.Option("--crs", metavar="EPSG:...", help="Coordinate system of the register.")
     ] = None,
     output: Annotated[
-        str | None, typer.Option("--output", "-o", metavar="FOLDER", help="Folder of the states. Default: register.")
+        str | None,
+        typer.Option("--output", "-o", metavar="FOLDER", help="Folder of the states. Default: register, or changes."),
     ] = None,
+    align: Annotated[
+        bool, typer.Option("--align", help="Move the earlier survey by its offset, which is measured in any case.")
+    ] = False,
+    surfaces: Annotated[
+        bool, typer.Option("--surfaces/--no-surfaces", help="Compare road, kerbs and facades of two surveys.")
+    ] = True,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace earlier states in the folder.")] = False,
     verbose: Verbose = False,
 ) -> None:
-    """Say which entries of a register are confirmed, moved, of another kind, gone or not visible, and what is new."""
+    """Say what is confirmed, moved, gone, not visible or new: of a register, or of an earlier survey."""
     with one_line_errors(verbose=verbose):
         places = expanded([register, survey])
-        folder = results_folder(places[1])
+        folder, earlier = results_folder(places[1]), results_folder(places[0])
+        if os.path.isdir(earlier):
+            of_register = {"--column": column, "--value": value, "--kind": kind, "--layer": layer, "--crs": crs}
+            given = next((name for name, option in of_register.items() if option), None)
+            if given is not None:
+                raise ParameterError(f"{given} is for a register, and {places[0]} is a survey: leave it out")
+            target = Path(folder) / "changes" if output is None else Path(expanded([output])[0])
+            options = SurveyOptions(align, surfaces, overwrite, verbose)
+            compare_two_surveys(earlier, folder, target, options)
+            return
+        if align or not surfaces:
+            raise ParameterError(
+                f"{'--align' if align else '--no-surfaces'} is for two surveys, and {places[0]} is a register: leave "
+                "it out"
+            )
         check_exist([places[0], folder])
         target = Path(folder) / "register" if output is None else Path(expanded([output])[0])
         configure(find_place())
-        from mlsroad_pipeline.label.register import LAYER, TABLE, compare_register, write_compared
+        from mlsroad_pipeline.label.register import LAYER, PAGE, TABLE, compare_register, write_compared
         from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
         from mlsroad_pipeline.review.delivery.files import Delivery
         from mlsroad_pipeline.surveys.register_files import RegisterFile
 
-        if os.path.realpath(places[0]) in {os.path.realpath(target / name) for name in (TABLE, LAYER)}:
+        if os.path.realpath(places[0]) in {os.path.realpath(target / name) for name in (TABLE, LAYER, PAGE)}:
             raise ParameterError(f"{places[0]} is the register to compare: name another folder with --output")
-        if any((target / name).exists() for name in (TABLE, LAYER)) and not overwrite:
+        if any((target / name).exists() for name in (TABLE, LAYER, PAGE)) and not overwrite:
             raise ParameterError(
                 f"{target} holds the states of a register: name another folder with --output, or replace them with "
                 "--overwrite"
@@ -70,7 +96,7 @@ def compare(  # typer reads the options from the signature
         named = RegisterFile(Path(places[0]), _pairs(column, "--column"), _pairs(value, "--value"), kind, layer, crs)
         with collected_warnings(verbose=verbose) as logged:
             compared = compare_register(named, LabelledOutput.at(folder), Delivery(Path(folder)).corrected)
-            written = write_compared(compared, target)
+            written = write_compared(compared, target, register=Path(places[0]), warnings=list(logged))
         print_compared(output_console(), compared)
         print_warnings(output_console(), logged)
         for path in written:
@@ -88,6 +114,7 @@ def _pairs(given: list[str] | None, option: str) -> dict[str, str]:
 def print_compared(console: Any, compared: "ComparedRegister") -> None:
     """Print the number of entries by kind and state, and the offset of the register."""
     from mlsroad_pipeline.algorithms.inventory.register.states import STATES
+    from mlsroad_pipeline.label.register import offset_text
 
     table = compared.table
     rows = [
@@ -95,12 +122,4 @@ def print_compared(console: Any, compared: "ComparedRegister") -> None:
         for name, part in table.groupby("kind", sort=True)
     ]
     console.print(count_table(rows, ("kind", *STATES)))
-    offset = compared.offset
-    if offset.pairs:
-        (x, y), (error_x, error_y) = offset.shift, offset.error
-        console.print(
-            f"\nThe register was moved by {x:+.2f} m in x and {y:+.2f} m in y (standard errors {error_x:.2f} and "
-            f"{error_y:.2f} m, {offset.pairs} pairs)."
-        )
-    else:
-        console.print("\nToo few entries have an object of their kind for an offset of the register: it was not moved.")
+    console.print(f"\n{offset_text(compared.offset)}")

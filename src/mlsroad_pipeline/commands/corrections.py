@@ -25,6 +25,7 @@ def list_corrections(out: Out, verbose: Verbose = False) -> None:
     """List the decisions about a labelled survey, and those that match no object any more."""
     from mlsroad_pipeline.review.corrections import has_corrections, open_corrections
     from mlsroad_pipeline.review.corrections.answers import files_of, unmatched_strokes
+    from mlsroad_pipeline.review.corrections.line_decisions import lost_lines
 
     with one_line_errors(verbose=verbose):
         folder = results_folder(expanded([out])[0])
@@ -37,25 +38,33 @@ def list_corrections(out: Out, verbose: Verbose = False) -> None:
             return
         with open_corrections(folder, write=False) as store:
             decisions, states = store.current(), store.states()
-        lost = {decision.identifier for decision in states.unmatched}
+        lost = {decision.identifier for decision in (*states.unmatched, *lost_lines(states.lines, Path(folder)))}
         misplaced = {
             decision.identifier
             for decision in unmatched_strokes(states.painted, files_of(states.painted, Path(folder)))
         }
-        rows = [_row(decision, decision.identifier in lost | misplaced) for decision in decisions]
+        missing = {decision.identifier for decision in states.added}
+        rows = [_row(decision, decision.identifier in lost | misplaced, missing) for decision in decisions]
         console.print(count_table(rows, ("decision", "made", "who", "action", "object", "what", "matches")))
-        console.print(f"\n{len(decisions)} decisions, {len(lost)} match no object of the inventory.")
+        console.print(f"\n{len(decisions)} decisions, {len(lost)} match no object or line of the inventory.")
+        n_missing = sum(row[-1] == ADDED for row in rows)
+        if n_missing:
+            console.print(f"{n_missing} are about objects that are not listed any more: they count as added.")
         if misplaced:
             console.print(f"{len(misplaced)} strokes are about files that are missing or have other points.")
 
 
-def _row(decision: Decision, lost: bool) -> tuple[str, ...]:
+ADDED = "added"  # an accepted or changed object that is not listed any more
+
+
+def _row(decision: Decision, lost: bool, missing: set[int]) -> tuple[str, ...]:
     given = decision.correction
-    painted = f"{len(given.payload['points'])} points of {given.payload['file']}: " if given.action == "paint" else ""
+    of_file = f"{given.payload['file']}, " if given.action == "paint" else ""
     number = "" if given.object_id is None else str(given.object_id)
-    what = f"{painted}{given.checked_class}"
+    what = f"{of_file}{given.described}"
     row = (decision.made[:19], decision.who, given.action, number, what)
-    return (str(decision.identifier), *row, "no" if lost else "yes")
+    is_missing = given.action != "add" and decision.identifier in missing
+    return (str(decision.identifier), *row, ADDED if is_missing else "no" if lost else "yes")
 
 
 @corrections.command("import")
@@ -80,13 +89,15 @@ def import_corrections(
         check_exist([str(path), str(folder)])
         with open_corrections(folder) as store:
             if path.suffix.lower() == ".gpkg":
+                states = store.states()
                 found, unread = corrections_of_inventory(
                     path,
                     store.objects(),
-                    store.object_states(),
+                    states.of_objects,
                     classes=known_names(folder),
                     system=system_of(folder),
                     many_deleted=many_deleted,
+                    notes_before=states.notes,
                 )
                 found, matched = _new_ones(found, store), ""
             elif path.suffix.lower() in (".laz", ".las"):

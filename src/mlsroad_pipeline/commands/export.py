@@ -52,6 +52,7 @@ def export(
         names = [*(output or []), *(more or [])]
         if more and not output:
             raise typer.BadParameter("name the files to write after -o", param_hint="FILE")
+        from mlsroad_pipeline.review.corrections.line_decisions import lost_lines
         from mlsroad_pipeline.review.delivery.files import Delivery
 
         targets = [_target(name) for name in names] or [folder / "corrected.gpkg"]
@@ -64,12 +65,15 @@ def export(
         kept, listed = len(delivery.corrected.objects), len(delivery.listed.objects)
         console.print(
             f"{kept} objects, {listed} were listed. Decisions about {len(states.of_objects)} objects, "
-            f"{len(states.added)} added objects, {len(states.painted)} strokes.",
+            f"{len(states.added)} added objects, {len(states.painted)} strokes, {len(states.lines)} about lines, "
+            f"{len(states.notes)} notes.",
             markup=False,
         )
         for path in written:
             console.print(f"  {shown_path(path)}", markup=False)
-        print_warnings(console, [*logged, *_lost(len(states.unmatched), folder)])
+        print_warnings(
+            console, [*logged, *_lost(len(states.unmatched) + len(lost_lines(states.lines, folder)), folder)]
+        )
 
 
 def _target(name: str) -> Path:
@@ -81,4 +85,6 @@ def _target(name: str) -> Path:
 
 
 def _lost(count: int, folder: Path) -> list[str]:
-    return [f"{count} decisions match no object: mlsroad corrections list {shown_path(folder)}"] if count else []
+    return (
+        [f"{count} decisions match no object or line: mlsroad corrections list {shown_path(folder)}"] if count else []
+    )

@@ -27,6 +27,9 @@ from mlsroad_pipeline.commands.options import (
 from mlsroad_pipeline.commands.session import configure, find_place, run_pipeline
 from mlsroad_pipeline.execution.parameter_checks import merged
 
+MOST_PAIRS = 12
+"""Largest number of pairs of files or passes that are printed; inspection.json has all."""
+
 
 def inspect(files: Surveys, output: Output = None, params: Params = None, verbose: Verbose = False) -> None:
     """Report the quality of point clouds: extent, density, attributes, coordinate system, gaps, warnings."""
@@ -47,6 +50,15 @@ def inspect(files: Surveys, output: Output = None, params: Params = None, verbos
         print_facts(output_console(), facts, folder / "inspection.html")
 
 
+def print_offsets(console: Any, offsets: list[dict[str, Any]]) -> None:
+    """Print where files and passes lie relative to others where they overlap."""
+    if offsets:
+        console.print("\nWhere files or passes overlap, metres (blank: nothing measures it):")
+        shown = [["" if row[key] is None else f"{row[key]:+.3f}" for key in ("east", "north", "up")] for row in offsets]
+        rows = [(row["file"], row["other"], *values) for row, values in zip(offsets, shown, strict=True)]
+        console.print(count_table(rows[:MOST_PAIRS], ("lies", "relative to", "east", "north", "up")))
+
+
 def print_facts(console: Any, facts: dict[str, Any], report: Path) -> None:
     """Print the number of points, one line per file, warnings and the path of the report."""
     files = facts["files"]
@@ -57,5 +69,6 @@ def print_facts(console: Any, facts: dict[str, Any], report: Path) -> None:
         for file, per_area in zip(files, density, strict=True)
     ]
     console.print(count_table(rows, ("file", "points", "points per m²", "coordinate system")))
+    print_offsets(console, facts["offsets"])
     print_warnings(console, [f"{row['file']}: {row['warning']}" for row in facts["warnings"]])
     console.print(f"\nReport: {shown_path(report)}")

@@ -214,9 +214,12 @@ def print_summary(console: Console, summary: Mapping[str, Any], logged: list[str
 def _print_results(console: Console, summary: Mapping[str, Any]) -> None:
     """Print the paths of the results, and the command that opens them."""
     outputs = summary["outputs"]
-    clouds = [shown_path(path) for path in outputs["clouds"]]
+    clouds, n_files = [shown_path(path) for path in outputs["clouds"]], summary["n_files"]
     console.print("\nResults")
-    console.print(f"  points     {clouds[0] if len(clouds) == 1 else f'{len(clouds)} files, the first is {clouds[0]}'}")
+    more = len(clouds) - n_files
+    copies = f" and {more} {'copy' if more == 1 else 'copies'} in other formats" if more > 0 else ""
+    named = f"{n_files} {'file' if n_files == 1 else 'files'}{copies}, the first is {clouds[0]}"
+    console.print(f"  points     {clouds[0] if len(clouds) == 1 else named}")
     console.print(f"  inventory  {shown_path(outputs['inventory'])}")
     for path in _main_exports(outputs["exports"], summary["output"]):
         console.print(f"  export     {shown_path(path)}")

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.commands.console import one_line_errors
 from mlsroad_pipeline.commands.options import default_output, expanded, login_name
 
@@ -29,6 +29,10 @@ def open_results(
             help="Write one self-contained HTML file, to look at only: at most a million points.",
         ),
     ] = None,
+    background: Annotated[
+        str | None,
+        typer.Option(metavar="FILE", help="Orthophoto or tiles under the map: a GeoTIFF, .mbtiles or .pmtiles file."),
+    ] = None,
     user: Annotated[
         str | None, typer.Option(metavar="NAME", help="Name that is kept with decisions. Default: that of the login.")
     ] = None,
@@ -41,27 +45,39 @@ def open_results(
     with one_line_errors(verbose=False):
         place = Path(expanded([results])[0])
         folders = (place, default_output([str(place)]))
-        if report or not _show_page(folders, port=port, browser=browser, export=export, user=user):
+        under = None if background is None else Path(expanded([background])[0])
+        if under is not None and report:
+            raise ParameterError("--background is for the page: leave out --report")
+        if report or not _show_page(folders, under, port=port, browser=browser, export=export, user=user):
             _show_report(place, folders, browser=browser)
 
 
-def _show_page(folders: tuple[Path, Path], *, port: int, browser: bool, export: str | None, user: str | None) -> bool:
+def _show_page(
+    folders: tuple[Path, Path], under: Path | None, *, port: int, browser: bool, export: str | None, user: str | None
+) -> bool:
     """Serve or export the page of the first folder with labelled points; return whether there is one."""
     from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
 
     found = (OutputFolder.find(folder) for folder in folders)
     output = next((folder for folder in found if folder is not None and folder.cloud_names), None)
+    if output is None and under is not None:
+        raise ReadError(f"{folders[0]} holds no labelled points to show on a map: leave out --background")
     if output is None:
         return False
+    background = None
+    if under is not None:
+        from mlsroad_pipeline.review.page_server.background import open_background
+
+        background = open_background(under, output.path)
     if export is not None:
         from mlsroad_pipeline.review.page_server.export import export_page
 
-        typer.echo(str(export_page(output, Path(expanded([export])[0]))))
+        typer.echo(str(export_page(output, Path(expanded([export])[0]), background=background)))
         return True
     from mlsroad_pipeline.review.page_server.served_survey import ServedSurvey
     from mlsroad_pipeline.review.page_server.server import serve
 
-    survey = ServedSurvey(output, user=user or login_name())
+    survey = ServedSurvey(output, user=user or login_name(), background=background)
     serve(survey, port=port, browser=browser, show=typer.echo)
     return True
 

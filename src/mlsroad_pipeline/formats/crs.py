@@ -47,6 +47,11 @@ def is_same_crs(one: str, other: str) -> bool:
     return first is not None and second is not None and bool(first.equals(second, ignore_axis_order=True))
 
 
+def crs_label(crs: str | None) -> str:
+    """Return a short name of a CRS for messages."""
+    return "none" if crs is None else crs.partition('"')[2].partition('"')[0] or crs[:40]
+
+
 def _stem(path: Path) -> str:
     name = unpacked_name(path)
     return name.rpartition(".")[0] or name

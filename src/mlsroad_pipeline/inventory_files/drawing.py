@@ -2,7 +2,7 @@
 
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from pyproj import CRS
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.formats.files import write_atomic
 from mlsroad_pipeline.inventory_files.qgis_styles import COLOURS, LINE_COLOURS
-from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, checked, hulls, line_vertices
+from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, checked, hulls, line_vertices, note_columns
 from mlsroad_pipeline.inventory_files.vector_files import crs_name, write_prj
 
 VERSION = "R2010"
@@ -40,7 +40,7 @@ _FORBIDDEN = re.compile(r"[<>/\\\":;?*|=,`]")
 
 
 @contextmanager
-def _without_dates() -> Iterator[None]:
+def without_dates() -> Iterator[None]:
     """Write drawings without times and random numbers: equal inventories give equal bytes."""
     before = options.write_fixed_meta_data_for_testing
     options.write_fixed_meta_data_for_testing = True
@@ -56,7 +56,7 @@ def layer_name(kind: str, name: str) -> str:
     return _FORBIDDEN.sub("_", whole)
 
 
-def _add_blocks(doc: Drawing) -> None:
+def _add_blocks(doc: Drawing, names: Sequence[str]) -> None:
     """Add a block per symbol: unit sizes, the direction towards +y."""
     pole = doc.blocks.new("POLE")
     pole.add_circle((0, 0), 0.15)
@@ -73,11 +73,11 @@ def _add_blocks(doc: Drawing) -> None:
     vehicle = doc.blocks.new("VEHICLE")
     vehicle.add_lwpolyline([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)], close=True)
     for block in (pole, sign, plain, board, tree, vehicle):
-        _define(block)
+        _define(block, names)
 
 
-def _define(block: BlockLayout) -> None:
-    for name in ATTRIBUTES:
+def _define(block: BlockLayout, names: Sequence[str]) -> None:
+    for name in names:
         block.add_attdef(name.upper(), (0, 0), dxfattribs={"height": _TEXT_HEIGHT, "flags": 1})
 
 
@@ -94,11 +94,11 @@ def _placed(row: dict[str, Any]) -> tuple[str, dict[str, float]]:
     return "POLE", {}
 
 
-def _add_object(space: Modelspace, row: dict[str, Any]) -> None:
+def _add_object(space: Modelspace, row: dict[str, Any], names: Sequence[str]) -> None:
     block, place = _placed(row)
     layer, base = layer_name(row["kind"], row["class"]), (row["x"], row["y"], row["z"])
     reference = space.add_blockref(block, base, dxfattribs={"layer": layer, **place})
-    for name in ATTRIBUTES:
+    for name in names:
         value = row[name]
         if value == "" or pd.isna(value):
             continue
@@ -141,10 +141,11 @@ def _drawn(inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> Dr
     doc.appids.add(APPLICATION)
     doc.header.custom_vars.append("CRS", crs_name(crs) or "unknown")
     _add_layers(doc, table)
-    _add_blocks(doc)
+    names = (*ATTRIBUTES, *note_columns(table))
+    _add_blocks(doc, names)
     space = doc.modelspace()
     for row in table.to_dict("records"):
-        _add_object(space, {str(name): value for name, value in row.items()})
+        _add_object(space, {str(name): value for name, value in row.items()}, names)
     _add_outlines(space, table)
     if inventory.lines is not None:
         _add_lines(doc, space, inventory.lines)
@@ -166,7 +167,7 @@ def write_dxf(inventory: RoadInventory, folder: Path) -> list[Path]:
     target = folder / "inventory.dxf"
     table, crs = checked(inventory, target)
     text = io.StringIO()
-    with _without_dates():
+    with without_dates():
         doc = _drawn(inventory, table, crs)
         doc.write(text)
     write_atomic(target, doc.encode(text.getvalue()))

@@ -4,7 +4,7 @@ import errno
 import os
 import sqlite3
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadErro
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import ADDED_FIELDS, LINE_FIELDS, LINE_LAYERS, numbered
 from mlsroad_pipeline.algorithms.inventory.objects.boxes import polygon_area
 from mlsroad_pipeline.algorithms.inventory.objects.sections import part_of_path
-from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS, OBJECT_FIELDS
+from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.execution.run_folder import OPEN_ENDINGS
 from mlsroad_pipeline.inventory_files import qgis_styles
@@ -37,6 +37,7 @@ from mlsroad_pipeline.inventory_files.road_inventory import (
     hulls,
     line_attributes,
     line_shapes,
+    note_columns,
     path_of,
     vehicle_boxes,
     with_empty_text,
@@ -102,12 +103,33 @@ def check_closed(path: Path) -> None:
         )
 
 
-def write_points(table: pd.DataFrame, path: str | Path, *, layer: str, crs: str | None) -> None:
-    """Write a table with `x` and `y` as a layer of points of a GeoPackage."""
-    points = np.asarray(shapely.points(table[["x", "y"]].to_numpy()))
+def write_shapes(
+    layers: Mapping[str, tuple[pd.DataFrame, np.ndarray, str]],
+    path: str | Path,
+    *,
+    crs: str | None,
+    described: bool = False,
+) -> None:
+    """Write layers of a GeoPackage: by name a table, its shapely shapes and their type, such as ``Point``.
+
+    `described` adds the aliases of fields.
+    """
     system = None if crs is None else CRS.from_user_input(crs)
-    written = _layer(layer, table, geometry=points, kind="Point", crs=system)
-    _write_whole(Path(path), lambda place: _write_layers(place, [written]))
+    written = [
+        _layer(name, table, geometry=shapes, kind=kind, crs=system) for name, (table, shapes, kind) in layers.items()
+    ]
+
+    def write(place: Path) -> None:
+        _write_layers(place, written)
+        if described:
+            add_tables(place, {}, date=_FIXED_DATE)
+
+    _write_whole(Path(path), write)
+
+
+def points_of(table: pd.DataFrame) -> tuple[pd.DataFrame, np.ndarray, str]:
+    """Return a table with `x` and `y` as a layer of points for `write_shapes`."""
+    return table, np.asarray(shapely.points(table[["x", "y"]].to_numpy())), "Point"
 
 
 def _write_whole(target: Path, fill: Callable[[Path], None]) -> None:
@@ -157,7 +179,8 @@ def _layers(inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> l
         rows = (table["kind"] == kind).to_numpy()
         shapes = vehicle_boxes(table[rows]) if kind == "vehicle" else points[rows]
         shape = _POLYGON if kind == "vehicle" else _POINT
-        own = columns.loc[rows, list(fields_of_layer(name))]
+        typed = [n for n in note_columns(columns) if columns.loc[rows, n].notna().any()]
+        own = columns.loc[rows, [*fields_of_layer(name), *typed]]
         layers.append(_layer(name, own, geometry=shapes, kind=shape, crs=crs))
     layers.append(_footprints(table, crs))
     for name, kind in LINE_LAYERS.items():
@@ -235,8 +258,5 @@ def _lines_of(source: Path, layer: str) -> pd.DataFrame:
 def _objects_of(source: Path, frame: gpd.GeoDataFrame) -> pd.DataFrame:
     shapes = gpd.read_file(source, layer="footprints")
     text = footprint_text(shapes.geometry.to_numpy())
-    objects = with_empty_text(frame.drop(columns="geometry"))
-    objects["footprint"] = (
-        objects["object_id"].map(dict(zip(shapes["object_id"], text, strict=True))).astype(object).fillna("")
-    )
-    return objects[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
+    outlines = frame["object_id"].map(dict(zip(shapes["object_id"], text, strict=True))).astype(object).fillna("")
+    return with_empty_text(frame.drop(columns="geometry").assign(footprint=outlines))

@@ -23,6 +23,9 @@ from mlsroad_pipeline.inventory_files.road_inventory import (
     checked,
     footprint_text,
     hulls,
+    is_note,
+    note_columns,
+    note_field,
     with_empty_text,
 )
 
@@ -42,9 +45,9 @@ def _corrected(metadata: bytes, points: np.ndarray) -> str:
 
 def _described(field: pa.Field) -> pa.Field:
     """Return a field of a schema with the heading and the definition of its column."""
-    if field.name not in FIELDS or field.name == "footprint":
+    if field.name == "footprint" or not (field.name in FIELDS or is_note(field.name)):
         return field
-    column = FIELDS[field.name]
+    column = FIELDS.get(field.name) or note_field(field.name)
     return field.with_metadata({"alias": column.alias, "description": column.description})
 
 
@@ -57,7 +60,7 @@ def write_geoparquet(inventory: RoadInventory, path: str | Path) -> None:
     target = Path(path)
     table, crs = checked(inventory, target)
     points = base_points(table)
-    columns = attributes(table).astype(dict.fromkeys(MAY_LACK, "str"))
+    columns = attributes(table).astype(dict.fromkeys((*MAY_LACK, *note_columns(table)), "str"))
     frame = gpd.GeoDataFrame(columns, geometry=gpd.GeoSeries(points, crs=crs))
     frame["footprint"] = gpd.GeoSeries(hulls(table), crs=crs)
     written = BytesIO()
@@ -83,7 +86,7 @@ def read_geoparquet(path: str | Path) -> RoadInventory:
     missing = [name for name in OBJECT_FIELDS if name not in table and name not in DECIDED]
     if missing:
         raise ReadError(f"{source}: no column {missing[0]!r}")
-    objects = pd.DataFrame(table[[name for name in OBJECT_FIELDS if name in table]])
+    objects = pd.DataFrame(table[[name for name in (*OBJECT_FIELDS, *note_columns(table)) if name in table]])
     objects["footprint"] = footprint_text(table["footprint"].to_numpy())
     crs = None if table.crs is None else table.crs.to_wkt()
-    return RoadInventory(with_empty_text(objects)[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS), crs)
+    return RoadInventory(with_empty_text(objects), crs)

@@ -22,6 +22,7 @@ from mlsroad_pipeline.inventory_files.road_inventory import (
     base_points,
     checked,
     fields_of_layer,
+    is_note,
     line_attributes,
     line_shapes,
     vehicle_boxes,
@@ -87,7 +88,7 @@ def _layer(name: str, spec: Any, where: str) -> OwnLayer:
             )
         if isinstance(source, Mapping) and set(source) == {"value"}:
             continue
-        if column not in known:
+        if column not in known and not (spec["kind"] in LAYERS.values() and is_note(str(column))):
             raise ReadError(f"{where}, field {field!r}: {spec['kind']} has no {column!r}: use {', '.join(known)}")
         if isinstance(source, Mapping) and not isinstance(source.get("codes"), Mapping):
             raise ReadError(f"{where}, field {field!r}: needs 'codes', values of {column} to your own")
@@ -97,6 +98,8 @@ def _layer(name: str, spec: Any, where: str) -> OwnLayer:
 def own_table(layer: OwnLayer, table: pd.DataFrame) -> pd.DataFrame:
     """Return the rows of a kind with the fields of a layer; DataError for a value without a code."""
     columns: dict[str, Any] = {}
+    used = {str(s.get("from") if isinstance(s, Mapping) else s) for s in layer.fields.values()}
+    table = table.assign(**{name: None for name in used if is_note(name) and name not in table})  # nobody gave one
     for field, source in layer.fields.items():
         if not isinstance(source, Mapping):
             columns[str(field)] = table[source].to_numpy()

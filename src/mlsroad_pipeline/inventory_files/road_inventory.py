@@ -27,6 +27,9 @@ LAYERS = {"poles": "pole", "signs": "sign", "trees": "tree", "vehicles": "vehicl
 MAY_LACK = ("complete", "motion", "facing_from", "status", "checked_class", "reasons", "method", "model_version")
 """Text columns whose empty values are NULL in files."""
 
+ATTRIBUTE = "attr_"
+"""Begin of the names of columns that hold the attributes that users gave to objects."""
+
 DECIDED = ("key", "complete", "motion", "status", "checked_class")
 """Columns that files of earlier versions lack; they are read as empty."""
 
@@ -52,6 +55,29 @@ def fields_of_layer(layer: str) -> dict[str, Field]:
     return {name: FIELDS[name] for name in names if name != "footprint"}
 
 
+def note_columns(table: pd.DataFrame) -> list[str]:
+    """Return the columns with the notes and attributes of users."""
+    return [str(name) for name in table.columns if is_note(str(name))]
+
+
+def is_note(name: str) -> bool:
+    """Return whether a column holds notes or an attribute of users."""
+    return name == "note" or name.startswith(ATTRIBUTE)
+
+
+def note_field(name: str) -> Field:
+    """Return heading and definition of a column of `note_columns`."""
+    if name == "note":
+        return Field("str", "Note", "Note of the check.")
+    own = name.removeprefix(ATTRIBUTE)
+    return Field("str", f"Attribute {own}", f"Attribute {own} that users gave in the check.")
+
+
+def fields_with_notes(table: pd.DataFrame) -> dict[str, Field]:
+    """Return the columns of a table of objects that are part of an inventory."""
+    return FIELDS | {name: note_field(name) for name in note_columns(table)}
+
+
 def checked(inventory: RoadInventory, target: Path) -> tuple[pd.DataFrame, CRS | None]:
     """Return the typed table and the reference system of an inventory; error messages name the target file."""
     missing = [name for name in OBJECT_FIELDS if name not in inventory.objects]
@@ -61,13 +87,14 @@ def checked(inventory: RoadInventory, target: Path) -> tuple[pd.DataFrame, CRS |
         crs = None if inventory.crs is None else CRS.from_user_input(inventory.crs)
     except CRSError as error:
         raise DataError(f"{target}: the coordinate reference system {inventory.crs!r} is not understood") from error
-    return inventory.objects[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS).reset_index(drop=True), crs
+    types = OBJECT_FIELDS | dict.fromkeys(note_columns(inventory.objects), "str")
+    return inventory.objects[list(types)].astype(types).reset_index(drop=True), crs
 
 
 def attributes(table: pd.DataFrame) -> pd.DataFrame:
     """Return all columns but the footprint, with None in place of empty text."""
-    columns = table[[name for name in FIELDS if name != "footprint"]].copy()
-    for name in MAY_LACK:
+    columns = table[[name for name in fields_with_notes(table) if name != "footprint"]].copy()
+    for name in (*MAY_LACK, *note_columns(table)):
         columns[name] = columns[name].astype(object).where(columns[name] != "", None)
     return columns
 
@@ -76,9 +103,10 @@ def with_empty_text(objects: pd.DataFrame) -> pd.DataFrame:
     """Return a table read from a file with empty text in place of missing values: the inverse of `attributes`."""
     columns = pd.DataFrame(objects)
     columns = columns.assign(**{name: "" for name in DECIDED if name not in columns})
-    for name in MAY_LACK:
+    for name in (*MAY_LACK, *note_columns(columns)):
         columns[name] = columns[name].astype(object).where(columns[name].notna(), "")
-    return columns
+    types = OBJECT_FIELDS | dict.fromkeys(note_columns(columns), "str")
+    return columns[list(types)].astype(types)
 
 
 def base_points(table: pd.DataFrame) -> np.ndarray:

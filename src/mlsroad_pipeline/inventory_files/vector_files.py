@@ -2,6 +2,7 @@
 
 import logging
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +19,14 @@ from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS
 from mlsroad_pipeline.formats.files import write_atomic
 from mlsroad_pipeline.inventory_files.road_inventory import (
+    ATTRIBUTE,
     RoadInventory,
     attributes,
     base_points,
     checked,
+    fields_with_notes,
     hulls,
+    is_note,
     line_attributes,
     line_shapes,
     path_of,
@@ -48,6 +52,7 @@ SHAPEFILE_NAMES = {
 TEXT_BYTES = 254
 """Largest length of a text in a Shapefile, bytes of UTF-8."""
 
+_NAME_BYTES = 10  # of a field in a Shapefile
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 _WGS84 = "OGC:CRS84"
 _SECONDS = ("first_time", "last_time")  # whole numbers: a Shapefile has no room for their decimals
@@ -88,8 +93,8 @@ def write_csv(inventory: RoadInventory, folder: Path) -> list[Path]:
     table, crs = checked(inventory, target)
     columns = attributes(table).assign(footprint=table["footprint"])
     written = _write_table(columns, target)
-    types = target.with_suffix(".csvt")
-    text = ",".join(f'"{CSV_TYPES[FIELDS[str(name)].dtype]}"' for name in columns) + "\n"
+    types, fields = target.with_suffix(".csvt"), fields_with_notes(table)
+    text = ",".join(f'"{CSV_TYPES[fields[str(name)].dtype]}"' for name in columns) + "\n"
     write_atomic(types, text.encode())
     written += [types, *write_prj(crs, target.with_suffix(".prj"))]
     written += _write_table(inventory.sections, folder / "sections.csv")
@@ -190,19 +195,34 @@ def short_name(name: str) -> str:
     return SHAPEFILE_NAMES.get(name, name)
 
 
+def _short_names(names: Sequence[str]) -> dict[str, str]:
+    """Return the names of fields in a Shapefile; those of attributes are cut to ten different ones."""
+    found: dict[str, str] = {name: short_name(name) for name in names if not name.startswith(ATTRIBUTE)}
+    for name in (name for name in names if name.startswith(ATTRIBUTE)):
+        own, taken = name.removeprefix(ATTRIBUTE), {text.lower() for text in found.values()}
+        ends = ("", *map(str, range(1, 1000)))
+        cuts = (_cut(f"a_{own}", _NAME_BYTES - len(end)) + end for end in ends)
+        found[name] = next(text for text in cuts if text.lower() not in taken)
+    return found
+
+
+def _cut(text: str, size: int) -> str:
+    return text.encode()[:size].decode("utf-8", "ignore")
+
+
 def _short(columns: pd.DataFrame, path: Path) -> pd.DataFrame:
     """Return a table with the names, types and lengths of text that a Shapefile holds; shortened texts are logged."""
     table = columns.copy()
     for name in (name for name in _SECONDS if name in table):
         table[name] = table[name].astype("Int64")
     n_cut = 0
-    for name in (name for name in table if name in FIELDS and FIELDS[name].dtype == "str"):
-        text = [None if v is None else v.encode()[:TEXT_BYTES].decode("utf-8", "ignore") for v in table[name]]
+    for name in (n for n in map(str, table) if is_note(n) or (n in FIELDS and FIELDS[n].dtype == "str")):
+        text = [None if v is None else _cut(v, TEXT_BYTES) for v in table[name]]
         n_cut += sum(new != old for new, old in zip(text, table[name], strict=True))
         table[name] = pd.Series(text, dtype=object, index=table.index)
     if n_cut:
         logger.warning("%s: %d texts are cut to %d bytes, the limit of a Shapefile", path, n_cut, TEXT_BYTES)
-    return table.rename(columns=short_name)
+    return table.rename(columns=_short_names(list(table.columns)))
 
 
 def write_shapefile(inventory: RoadInventory, folder: Path) -> list[Path]:
@@ -231,8 +251,8 @@ def write_shapefile(inventory: RoadInventory, folder: Path) -> list[Path]:
     names = [str(name) for name in columns]
     if inventory.lines is not None:
         names += [name for name in LINE_FIELDS if name != "line" and name not in names]
-    fields = {**LINE_FIELDS, **FIELDS}
-    described = [(short_name(name), name, fields[name].alias, fields[name].description) for name in names]
+    fields, shorter = {**LINE_FIELDS, **fields_with_notes(columns)}, _short_names(names)
+    described = [(shorter[name], name, fields[name].alias, fields[name].description) for name in names]
     table = pd.DataFrame(described, columns=["shapefile_field", "field", "alias", "description"])
     write_atomic(target / "fields.csv", table.to_csv(index=False, lineterminator="\n").encode())
     return [*written, target / "fields.csv"]

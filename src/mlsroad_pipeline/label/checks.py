@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 import numpy as np
@@ -147,11 +148,23 @@ def _check_extent(path: Path, header: LasHeader, row: Mapping[Any, Any], factors
 def _check_degrees(row: Mapping[Any, Any], path: str) -> None:
     low, high = (np.array([row[f"{end}_{axis}"] for axis in "xyz"]) for end in ("min", "max"))
     if looks_like_degrees(low, high):
+        longitude, latitude = low[:2]
+        exchange = " ".join(f"--params label.read.columns.{axis}={n}" for axis, n in (("x", 1), ("y", 0), ("z", 2)))
+        exchanged = "" if abs(longitude) > 90 else (
+            f"; if x is the latitude: {exchange} --crs EPSG:4326 --params label.read.reproject="
+            f"{_utm_zone(latitude, longitude)}"
+        )  # fmt: skip
         raise DataError(
-            f"{path}: its coordinates look like degrees, {low[0]:.6f} to {high[0]:.6f}: set label.crs=EPSG:4326 and "
-            "label.read.reproject to a system in metres (x is the longitude: label.read.columns exchanges x and y), or "
+            f"{path}: its coordinates look like degrees, {longitude:.6f} to {high[0]:.6f}: mlsroad label {quote(path)} "
+            f"--crs EPSG:4326 --params label.read.reproject={_utm_zone(longitude, latitude)}{exchanged}; or set "
             "label.read.units if they are not degrees"
         )
+
+
+def _utm_zone(longitude: float, latitude: float) -> str:
+    """Return the code of the zone of UTM on WGS 84 at a place in degrees."""
+    zone = int((longitude + 180.0) // 6.0) % 60 + 1
+    return f"EPSG:{32600 if latitude >= 0 else 32700}".removesuffix("00") + f"{zone:02d}"
 
 
 def check_whole_numbers(row: Mapping[Any, Any], path: str) -> None:

@@ -1,6 +1,7 @@
 """Classes that a survey comes with, in a scene: resolved by their class maps, as ground, and in the labels."""
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
@@ -9,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.cameras.legend import Legend
-from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
-from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme, find_scheme
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
@@ -44,6 +45,8 @@ UNLABELLED, NOISE, ANY_GROUND = "unlabelled", "outlier", "other_ground"
 """Classes of a class map with a meaning here: labelled by the method; left out; the method chooses among ground."""
 MOST_BELOW = 1.0
 """Depth below the ground from which a kept class other than ground contradicts itself, metres."""
+
+_CHECKED = 2_000_000  # rows of predictions that are read at once
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,32 @@ def given_classes(
     if not any(get_format(file.source.path).name == "LAS" for file in plan.files):
         return found
     return found.with_clashes(codes, scheme)
+
+
+def check_predictions(plan: SurveyPlan, classes: Mapping[str, Any]) -> None:
+    """Read all predictions before the survey; raise an error that names the first wrong file and its value.
+
+    `classes` are the configured schemes and codings.
+    """
+    if plan.given.labels is None:
+        return
+    scheme = find_scheme(classes["schemes"], GIVEN_SCHEME)
+    legend = None
+    with suppress(ParameterError):  # it may name classes of the scheme of a model, which is not known yet
+        suffixes = {Path(name).suffix.lower() for name in plan.predictions.values()}
+        legend = plan.given.predicted_legend(scheme, classes["codings"], suffixes)
+    for file in plan.files:
+        cloud, predictions = file.source.path, Path(plan.predictions[file.key])
+        try:
+            n_points = get_format(cloud).info(Path(cloud), plan.options).n_points
+        except ReadError:
+            continue  # the reading of the survey reports a damaged cloud
+        for start in range(0, max(n_points, 1), _CHECKED):
+            columns = source.read_predictions(predictions, start, min(start + _CHECKED, n_points), n_points, cloud)
+            if legend is not None and source.PREDICTED in columns:
+                legend.places(columns[source.PREDICTED], source=str(predictions))
+            elif legend is not None:
+                legend.of_scores(columns[source.PROBABILITIES][:1][None], scheme, source=str(predictions))
 
 
 def with_given(scene: PointCloud, given: GivenClasses | None, scheme: ClassScheme) -> PointCloud:

@@ -31,6 +31,7 @@ from mlsroad_pipeline.review.corrections.inventory_columns import corrected_tabl
 from mlsroad_pipeline.review.corrections.listed_objects import read_objects
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import SurveyPlan
+from mlsroad_pipeline.surveys.reading import check_one_crs
 
 logger = logging.getLogger(__name__)
 
@@ -86,12 +87,9 @@ def objects_task(
 def survey_crs(plan: SurveyPlan, files: SceneCollection) -> str | None:
     """Return the coordinate reference system of a survey, which all of its files share."""
     samples = files.part("sample")
-    systems = {file.source.name: samples[file.key].load().crs for file in plan.files}
-    one, crs = next(iter(systems.items()))
-    other = next((name for name, system in systems.items() if system != crs), None)
-    if other is not None:
-        raise DataError(f"{one} and {other} have different coordinate reference systems: label them in separate runs")
-    return crs
+    systems = [(file.source.name, samples[file.key].load().crs) for file in plan.files]
+    check_one_crs(systems)
+    return systems[0][1]
 
 
 def marking_warnings(
@@ -176,9 +174,13 @@ def read_sections(path: Path) -> pd.DataFrame:
     if not path.is_file():
         raise ReadError(f"label.sections: {path} does not exist")
     try:
-        table = pd.read_csv(path)
+        with path.open(encoding="utf-8-sig", errors="replace") as stream:
+            separator = next((mark for mark in (";", "\t") if mark in stream.readline()), ",")
+        table = pd.read_csv(path, sep=separator, encoding="utf-8-sig", skipinitialspace=True)
         for name in ("from_station", "to_station"):
             if name in table:
+                if separator != "," and not pd.api.types.is_numeric_dtype(table[name]):  # decimal commas
+                    table[name] = table[name].str.strip().str.replace(",", ".", regex=False)
                 table[name] = pd.to_numeric(table[name]).astype(np.float64)
         section_table(pd.DataFrame({"kind": [], "station": []}), 0.0, sections=table)
     except (OSError, DataError, *WRONG) as error:  # the errors of pandas are values

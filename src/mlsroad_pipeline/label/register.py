@@ -1,60 +1,35 @@
 """Comparison of a register with a labelled survey: its inventory, and what its scanner has seen."""
 
-import logging
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path, PurePosixPath
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.algorithms.core.classes import ClassScheme
-from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.core.las_codes import NOISE_CODES
-from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import ground_classes
-from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import candidate_rules
-from mlsroad_pipeline.algorithms.inventory.objects.class_groups import GROUPS, group_shares
-from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.algorithms.inventory.register.offset import Offset, register_offset
-from mlsroad_pipeline.algorithms.inventory.register.seen_space import (
-    FURNITURE,
-    LOW_VEGETATION,
-    NO_KIND,
-    SeenSpace,
-    add_rays,
-    index_places,
-)
-from mlsroad_pipeline.algorithms.inventory.register.states import NOT_FOUND, confirm, decide, evidence_of
-from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+from mlsroad_pipeline.algorithms.inventory.register.states import confirm, decide, evidence_of
 from mlsroad_pipeline.formats.files import write_atomic
-from mlsroad_pipeline.formats.las.header import class_names, read_header
-from mlsroad_pipeline.formats.registry import get_format
-from mlsroad_pipeline.inventory_files.geopackage import check_closed, read_geopackage, write_points
+from mlsroad_pipeline.inventory_files.geopackage import check_closed, points_of, read_geopackage, write_shapes
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
 from mlsroad_pipeline.inventory_files.vector_files import without_formulas
+from mlsroad_pipeline.label.change_report import map_of
+from mlsroad_pipeline.label.labelled_clouds import Recorded, on_ground, seen_space
 from mlsroad_pipeline.label.object_scoring import warn_of_distance
+from mlsroad_pipeline.reporting.changes_page import changes_page
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
-from mlsroad_pipeline.surveys.given_classes import GivenParameters
-from mlsroad_pipeline.surveys.reading import options_in_use
 from mlsroad_pipeline.surveys.register_files import KINDS as REGISTERED
 from mlsroad_pipeline.surveys.register_files import RegisterFile
-from mlsroad_pipeline.surveys.trajectory_files import in_weeks_of, read_trajectory
-
-logger = logging.getLogger(__name__)
 
 INVENTORY = "inventory.gpkg"
 """Inventory of a survey; it has the path of the scanner too."""
-TABLE, LAYER = "register.csv", "register.gpkg"
+TABLE, LAYER, PAGE = "register.csv", "register.gpkg", "register.html"
 """Files of a comparison."""
-CHUNK = 2_000_000
-"""Points that are read at once."""
-GROUND_REACH = 2.0
-"""Distance in plan up to which ground points give the height of the ground at an entry, metres."""
-_FURNITURE = ("bus_shelter", "bin", "bench", "bollard", "hydrant", "mail_box", "parking_meter", "other_object")
-_FEET = 25  # ground points that are kept for each entry
+_HEADINGS = {
+    "id": "Entry", "evidence": "Evidence", "object_id": "Object", "object_kind": "Kind of the object",
+    "distance": "Distance [m]", "height_difference": "Height difference [m]", "x": "Easting [m]", "y": "Northing [m]",
+}  # fmt: skip
 
 
 class ComparedRegister(NamedTuple):
@@ -62,45 +37,7 @@ class ComparedRegister(NamedTuple):
 
     table: pd.DataFrame
     offset: Offset
-    crs: str | None
-
-
-@dataclass(frozen=True)
-class _Cloud:
-    """A labelled cloud, its trajectory, and the meaning of its codes."""
-
-    path: Path
-    trajectory: Trajectory | None  # Where rays begin; None: points alone are counted
-    output: LabelledOutput
-    is_ground: NDArray[np.bool_]  # By class code
-    kind: NDArray[np.uint8]  # Number of the kind of each class code, or `NO_KIND`
-
-    def chunks(self) -> Iterator[Any]:
-        """Yield world coordinates, codes and the positions of the scanner of a part of the points."""
-        form, options = get_format(self.path), self.output.read_options()
-        info = form.info(self.path, options)
-        names = tuple(name for name in ("classification", "gps_time") if name in info.columns)
-        for start in range(0, info.n_points, CHUNK):
-            cloud = form.read(self.path, replace(options, only=names), start=start, stop=start + CHUNK)
-            cloud = cloud.select(~np.isin(cloud["classification"], NOISE_CODES))
-            xyz = cloud.world_xyz()
-            path = self.trajectory  # a ray without length crosses nothing
-            scanner = xyz if path is None else scanner_positions(path, xyz, cloud.get("gps_time"))
-            yield xyz, cloud["classification"].astype(np.uint8), scanner
-
-
-def scanner_positions(
-    trajectory: Trajectory, xyz: NDArray[np.float64], time: NDArray[np.float64] | None
-) -> NDArray[np.float64]:
-    """Return the position of the trajectory at each point: at its time, or the nearest one without times."""
-    if trajectory.time is not None and time is not None and len(time):
-        path = in_weeks_of(trajectory, float(time.min()), float(time.max()))
-        clock = np.asarray(path.time)
-        if ((time >= clock[0]) & (time <= clock[-1])).mean() > 0.5:
-            return np.column_stack([np.interp(time, clock, axis) for axis in path.xyz.T])
-    _, row = cKDTree(trajectory.xyz[:, :2]).query(xyz[:, :2])
-    nearest: NDArray[np.float64] = trajectory.xyz[row]
-    return nearest
+    survey: Recorded
 
 
 def compare_register(
@@ -114,113 +51,44 @@ def compare_register(
     offset = register_offset(*_places(entries), *_places(objects))
     moved = entries.assign(x=entries["x"] + offset.shift[0], y=entries["y"] + offset.shift[1])
     matches = confirm(moved, objects)
-    clouds, rows = _clouds(output, inventory), np.flatnonzero(matches.state == "")
-    places = _on_ground(moved[["x", "y"]].to_numpy(dtype=np.float64)[rows], clouds)
+    survey, rows = Recorded.of(output, inventory), np.flatnonzero(matches.state == "")
+    clouds = survey.clouds
+    places = on_ground(moved[["x", "y"]].to_numpy(dtype=np.float64)[rows], clouds)
     rows, places = rows[np.isfinite(places[:, 2])], places[np.isfinite(places[:, 2])]
     kind = moved["kind"].to_numpy(dtype=str)[rows]
     seen = seen_space(places, kind, clouds)
     evidence = evidence_of(seen, kind, moved["height"].to_numpy(dtype=np.float64)[rows])
     table = decide(moved, objects, matches, rows, evidence, seen.rays)
-    return ComparedRegister(table, offset, inventory.crs)
+    return ComparedRegister(table, offset, survey)
 
 
 def _places(table: pd.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.str_]]:
     return table[["x", "y"]].to_numpy(dtype=np.float64), table["kind"].to_numpy(dtype=str)
 
 
-def seen_space(places: NDArray[np.float64], kind: NDArray[np.str_], clouds: Sequence[_Cloud]) -> SeenSpace:
-    """Return what the rays of all clouds say about places on the ground."""
-    seen = SeenSpace.unseen(len(places))
-    if not len(places):
-        return seen
-    index, number = index_places(places), np.array([KINDS.index(name) for name in kind], dtype=np.uint8)
-    for cloud in clouds:
-        for xyz, code, scanner in cloud.chunks():
-            add_rays(seen, index, number, scanner, xyz, cloud.kind[code])
-    return seen
-
-
-def _on_ground(xy: NDArray[np.float64], clouds: Sequence[_Cloud]) -> NDArray[np.float64]:
-    """Return places with the median height of their nearest ground points; NaN without one within `GROUND_REACH`."""
-    rows, heights = [np.zeros(0, np.int64)], [np.zeros(0)]
-    for cloud in clouds if len(xy) else ():
-        for xyz, code, _ in cloud.chunks():
-            ground = xyz[cloud.is_ground[code]]
-            if not len(ground):
-                continue
-            distance, near = cKDTree(ground[:, :2]).query(xy, k=_FEET, distance_upper_bound=GROUND_REACH)
-            known = np.isfinite(distance)
-            rows.append(np.nonzero(known)[0])
-            heights.append(ground[near[known], 2])
-    median = pd.Series(np.concatenate(heights)).groupby(np.concatenate(rows)).median()
-    return np.column_stack([xy, median.reindex(np.arange(len(xy)))])
-
-
-def _clouds(output: LabelledOutput, inventory: RoadInventory) -> list[_Cloud]:
-    """Return the labelled clouds with their trajectories; DataError where there is none."""
-    files = output.clouds()
-    paths = _trajectories(output, inventory)
-    found = []
-    for name, path in files.items():
-        scheme = output.model_scheme(class_names(read_header(path)))
-        if scheme is None:
-            raise DataError(
-                f"{path}: the scheme of its model is not configured (classes.schemes), so its codes have no meaning"
-            )
-        trajectory = _of_folder(PurePosixPath(name).parent.parts, paths) or inventory.trajectory
-        found.append(_Cloud(path, trajectory, output, *_of_codes(output, scheme)))
-    without = [cloud.path for cloud in found if cloud.trajectory is None]
-    if without:
-        more = f" and {len(without) - 1} more files have" if len(without) > 1 else " has"
-        logger.warning("%s%s no trajectory, from which rays begin: no entry there is %r", without[0], more, NOT_FOUND)
-    return found
-
-
-def _of_folder(folder: tuple[str, ...], paths: Mapping[Path, Trajectory]) -> Trajectory | None:
-    """Return the trajectory of a folder of the survey, or the only one."""
-    own = [found for path, found in paths.items() if path.parent.parts[-len(folder) or None :] == folder]
-    return (own or [*paths.values()])[0] if own or len(paths) == 1 else None
-
-
-def _trajectories(output: LabelledOutput, inventory: RoadInventory) -> dict[Path, Trajectory]:
-    """Return the trajectories of the survey in metres; those that are gone are left out."""
-    named = Path(str(output.record["settings"]["label"].get("trajectory") or "")).name
-    inputs = dict.fromkeys(Path(entry["path"]) for entry in output.record.get("inputs", ()))
-    paths = [path for path in inputs if path.name == named]
-    missing = [path for path in paths if not path.is_file()]
-    if inventory.trajectory is not None and (missing or not paths):
-        what = f"{missing[0]} is missing" if missing else "The survey has no file of a trajectory"
-        logger.warning("%s: rays begin at the nearest place of the path of the inventory", what)
-    cloud = next(iter(output.clouds().values()))
-    factors = options_in_use(get_format(cloud), str(cloud), output.read_options()).factors
-    return {path: read_trajectory(path, crs=inventory.crs, factors=factors) for path in paths if path.is_file()}
-
-
-def _of_codes(output: LabelledOutput, scheme: ClassScheme) -> tuple[NDArray[np.bool_], NDArray[np.uint8]]:
-    """Return which class codes are ground, and the number of the kind of each."""
-    codes = scheme.codes(output.written_scheme)
-    is_ground, kind = np.zeros(256, dtype=np.bool_), np.full(256, NO_KIND, dtype=np.uint8)
-    is_ground[codes[ground_classes(scheme)]] = True
-    for name, rule in candidate_rules(scheme, {}).items():
-        if rule.kind in REGISTERED:
-            kind[codes[scheme.classes.index(name)]] = KINDS.index(rule.kind)
-    furniture = [any(member in _FURNITURE for member in members) for members in scheme.members]
-    kind[codes[furniture]] = FURNITURE
-    kind[codes[group_shares(scheme)[:, GROUPS.index("low vegetation")] > 0.5]] = LOW_VEGETATION
-    settings = output.record["settings"]
-    given = GivenParameters.from_config(settings["label"].get("given") or {})
-    kept = given.kept_legend(scheme, (settings.get("classes") or {}).get("codings") or {})
-    if kept is not None:
-        for number, label in zip(kept.numbers, kept.labels(scheme).tolist(), strict=True):
-            if label >= 0 and number < len(kind) and number not in codes:
-                is_ground[number], kind[number] = is_ground[codes[label]], kind[codes[label]]
-    return is_ground, kind
-
-
-def write_compared(compared: ComparedRegister, folder: Path) -> list[Path]:
-    """Write the states as a CSV table and a layer of a GeoPackage, each whole or not at all."""
-    table = compared.table
+def write_compared(
+    compared: ComparedRegister, folder: Path, *, register: Path, warnings: Sequence[str] = ()
+) -> list[Path]:
+    """Write the states as a CSV table, a layer of a GeoPackage and a page with a map, each whole or not at all."""
+    table, survey = compared.table, compared.survey
     check_closed(folder / LAYER)
     write_atomic(folder / TABLE, without_formulas(table).to_csv(index=False, lineterminator="\n").encode())
-    write_points(table, folder / LAYER, layer="register", crs=compared.crs)
-    return [folder / TABLE, folder / LAYER]
+    write_shapes({"register": points_of(table)}, folder / LAYER, crs=survey.inventory.crs)
+    page = changes_page(
+        table, _HEADINGS, map_of(survey, table), title=f"{register.name} and {survey.output.path.name}",
+        subtitle=str(folder), layers=LAYER, warnings=warnings,
+        facts={"register": str(register), "survey": str(survey.output.path), "offset": offset_text(compared.offset)},
+    )  # fmt: skip
+    write_atomic(folder / PAGE, page.encode())
+    return [folder / TABLE, folder / LAYER, folder / PAGE]
+
+
+def offset_text(offset: Offset) -> str:
+    """Return how a register was moved."""
+    if not offset.pairs:
+        return "Too few entries have an object of their kind for an offset of the register: it was not moved."
+    (x, y), (error_x, error_y) = offset.shift, offset.error
+    return (
+        f"The register was moved by {x:+.2f} m in x and {y:+.2f} m in y (standard errors {error_x:.2f} and "
+        f"{error_y:.2f} m, {offset.pairs} pairs)."
+    )

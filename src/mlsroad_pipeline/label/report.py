@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from shlex import quote
 from typing import NamedTuple
 
@@ -11,12 +12,13 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.palette import class_palette
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS
 from mlsroad_pipeline.algorithms.inventory.objects.measures import EXTENT
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
 from mlsroad_pipeline.algorithms.models.methods import needs_images
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, line_vertices
+from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, fields_with_notes, line_vertices
 from mlsroad_pipeline.label.confidence import confidence_table
 from mlsroad_pipeline.label.scene import LabelCounts, PictureSample
 from mlsroad_pipeline.label.summary import class_counts, segmentation_source, summed_counts, written_clouds
@@ -39,6 +41,7 @@ from mlsroad_pipeline.reporting.html.report import (
     table_section,
     warnings_section,
 )
+from mlsroad_pipeline.review.corrections.line_decisions import corrected_lines
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 
 FRAME_POINTS = 500
@@ -127,6 +130,17 @@ def _picture(row: pd.Series, sample: PictureSample, palette: NDArray[np.uint8]) 
 _NOT_LISTED = (*EXTENT, "scene", "method", "model_version", "footprint")
 """Columns of the inventory that the report omits."""
 
+_LISTED_OF_LINES = ("line_id", "kind", "score", "length", "from_station", "to_station", "offset", "status")
+LINE_NOTE = (
+    "Kerbs, wires and markings after the decisions about them, long ones first. Kerbs have no score: their steps are "
+    "within limits of height and width, and no probability was learned."
+)
+MOST_PLACES = 50
+"""Most doubtful clusters that the report lists, those with most points."""
+PLACES_NOTE = (
+    f"Clusters whose class is unlikely where they stand, at most the {MOST_PLACES} largest. mlsroad open shows them: J "
+    "lists places, these first."
+)
 SECTION_NOTE = "Number of objects, and metres of each kind of line, by station along the path."
 OBJECT_NOTE = "From above and from the south; a red cross marks the base point. Colours are those of the classes."
 CONFIDENCE_NOTE = (
@@ -149,6 +163,7 @@ def label_report_sections(
     inventory: RoadInventory,
     pictures: ReportPictures,
     warnings: Sequence[str],
+    doubts: pd.DataFrame,
 ) -> list[Section]:
     """Return the sections of the report."""
     scheme = bundle_scheme(bundle)
@@ -167,8 +182,9 @@ def label_report_sections(
     if segmentation is not None:
         facts["images segmented by"] = f"{segmentation['name']}, classes of {segmentation['classes']}"
     facts |= _seen_by_cameras(bundle, counts)
+    lines = corrected_lines(inventory.lines, Path(parameters.output), inventory.trajectory)
     return [
-        *_map_and_pictures(inventory, pictures, scheme),
+        *_map_and_pictures(inventory, lines, pictures, scheme),
         *(
             []
             if inventory.sections is None
@@ -176,20 +192,24 @@ def label_report_sections(
         ),
         facts_section("Run", facts),
         warnings_section("Warnings", list(warnings)),
+        *([] if doubts.empty else [table_section("Places to check", _first_doubts(doubts), PLACES_NOTE)]),
         distribution_section("Classes", class_counts(bundle, total), scheme=scheme),
         table_section("Confidence", confidence_table(total["confidences"], scheme.classes), CONFIDENCE_NOTE),
         _object_table(inventory.objects, pictures),
+        *_line_table(lines),
         table_section("Quality of the survey", quality),
         table_section("Files written", pd.DataFrame({"file": written_clouds(written)})),
     ]
 
 
-def _map_and_pictures(inventory: RoadInventory, pictures: ReportPictures, scheme: ClassScheme) -> list[Section]:
+def _map_and_pictures(
+    inventory: RoadInventory, table: pd.DataFrame | None, pictures: ReportPictures, scheme: ClassScheme
+) -> list[Section]:
     """Return the map, pictures of a scene with the colours of the classes, and of single objects."""
     objects, trajectory = inventory.objects, inventory.trajectory
     counts = {str(kind): int(n) for kind, n in objects["kind"].value_counts().sort_index().items()}
     path = None if trajectory is None else trajectory.xyz[:, :2]
-    lines = _lines_by_kind(inventory)
+    lines = _lines_by_kind(table)
     colours = dict(zip(scheme.classes, class_palette(scheme), strict=False))
     return [
         object_map_section("Map", shown_objects(objects), pictures.frame, counts, path, pictures.background, lines),
@@ -198,20 +218,36 @@ def _map_and_pictures(inventory: RoadInventory, pictures: ReportPictures, scheme
     ]
 
 
-def _lines_by_kind(inventory: RoadInventory) -> dict[str, list[NDArray[np.float64]]]:
-    """Return the vertices of the lines of each kind in plan."""
-    if inventory.lines is None:
+def _lines_by_kind(table: pd.DataFrame | None) -> dict[str, list[NDArray[np.float64]]]:
+    """Return the vertices of the lines of each kind in plan, without those that were rejected."""
+    if table is None:
         return {}
-    return {str(kind): [xyz[:, :2] for xyz in line_vertices(lines)] for kind, lines in inventory.lines.groupby("kind")}
+    kept = table[table["status"] != "rejected"]
+    return {str(kind): [xyz[:, :2] for xyz in line_vertices(lines)] for kind, lines in kept.groupby("kind")}
+
+
+def _line_table(table: pd.DataFrame | None) -> list[Section]:
+    """Return the section with all lines, the long ones first."""
+    if table is None:
+        return []
+    fields = {**LINE_FIELDS, "status": FIELDS["status"]}
+    rows = table.sort_values("length", ascending=False, kind="stable")[list(_LISTED_OF_LINES)]
+    return [
+        table_section("Lines", rows.rename(columns={name: fields[name].alias for name in _LISTED_OF_LINES}), LINE_NOTE)
+    ]
 
 
 def _object_table(objects: pd.DataFrame, pictures: ReportPictures) -> Section:
     """Return the section with all objects."""
     shown = shown_objects(objects)
     total = objects.groupby(["kind", "class"], sort=True).size().rename("objects").reset_index()
-    names = {name: field.alias for name, field in FIELDS.items() if name not in _NOT_LISTED}
+    names = {name: field.alias for name, field in fields_with_notes(shown).items() if name not in _NOT_LISTED}
     places = pictures.frame.place(shown[["x", "y"]].to_numpy())
     return object_table_section("Inventory", shown, total, names, places, geopackage="inventory.gpkg")
+
+
+def _first_doubts(doubts: pd.DataFrame) -> pd.DataFrame:
+    return doubts.sort_values("points", ascending=False, kind="stable").head(MOST_PLACES).round({a: 1 for a in "xyz"})
 
 
 def _seen_by_cameras(bundle: ModelBundle, counts: Mapping[str, LabelCounts]) -> dict[str, str]:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
@@ -65,6 +66,16 @@ def below_warnings(counts: Mapping[str, LabelCounts]) -> list[str]:
     return [
         f"{n:,} points of classes of objects lie more than {MOST_BELOW:g} m below the ground, such as reflections of a "
         "wet road: they belong to no object."
+    ]
+
+
+def doubt_warnings(doubts: pd.DataFrame) -> list[str]:
+    """Return a warning for each reason to doubt clusters, with their number and points."""
+    grouped = doubts.groupby("reason", sort=False)["points"].agg(["size", "sum"]).sort_values("sum", ascending=False)
+    return [
+        f"{n} {'cluster' if n == 1 else 'clusters'} with {points:,} points may have a wrong class: {reason}. They are "
+        "listed in the report under Places to check, and come first among the places of mlsroad open (J)."
+        for reason, n, points in grouped.itertuples()
     ]
 
 

@@ -24,6 +24,7 @@ from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import (
 from mlsroad_pipeline.algorithms.inventory.lines.wires import wire_points, wire_probability
 from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import candidate_rules
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import ClassEvidence, evidence_of_soft_labels
+from mlsroad_pipeline.algorithms.inventory.objects.doubts import Cells, doubtful_clusters
 from mlsroad_pipeline.algorithms.inventory.objects.extraction import SceneObjects, extract_objects
 from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import ObjectClassifier
 from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
@@ -34,6 +35,7 @@ from mlsroad_pipeline.algorithms.models.labelling import Labeller, SoftLabels, l
 from mlsroad_pipeline.algorithms.scenes.joining import SceneSpan, join_pieces
 from mlsroad_pipeline.algorithms.scenes.parameters import OutlierParameters
 from mlsroad_pipeline.algorithms.stages import inliers
+from mlsroad_pipeline.label.alignment import PassMove, aligned
 from mlsroad_pipeline.label.confidence import count_confidences
 from mlsroad_pipeline.label.given_classes import (
     GivenClasses,
@@ -93,6 +95,7 @@ class LabelSettings:
     # Least contrast of a marking, standard deviations of the road; None finds no markings
     least_contrast: float | None = None
     given: GivenClasses | None = None  # Class maps of the classes that the survey comes with
+    moves: tuple[PassMove, ...] = ()  # Moves of the files and passes that lie apart
 
 
 class CoreLabels(TypedDict):
@@ -135,7 +138,7 @@ class LabelledScene(TypedDict):
     """Stored parts of a labelled scene.
 
     `objects`, `fragments` and `evidence` are those of `SceneObjects`, `kerbs` the steps of `kerb_steps`, `wires` the
-    points of `wire_points`, `markings` the stripes of `marking_stripes`.
+    points of `wire_points`, `markings` the stripes of `marking_stripes`, `doubts` the clusters of `scene_doubts`.
     """
 
     labels: CoreLabels
@@ -146,6 +149,7 @@ class LabelledScene(TypedDict):
     evidence: pd.DataFrame
     sightings: pd.DataFrame
     sample: PictureSample
+    doubts: pd.DataFrame
     kerbs: pd.DataFrame
     wires: pd.DataFrame
     markings: pd.DataFrame
@@ -162,7 +166,7 @@ def label_new_scene(
     """Label the points of a scene and extract the objects; ground parameters of the model take precedence."""
     trained = bundle.metadata.get("parameters", {}).get("ground")
     scheme = bundle_scheme(bundle)
-    scene = with_given(scene, settings.given, scheme)
+    scene = with_given(aligned(scene, settings.moves), settings.given, scheme)
     ground = ground_of_scene(scene, settings.ground if trained is None else GroundParameters(**trained))
     soft = label_softly(bundle, scene.with_columns(**ground), labeller=labeller)
     kinds = kind_probabilities(bundle, scene)
@@ -186,10 +190,24 @@ def label_new_scene(
         "evidence": extracted.evidence,
         "sightings": sightings_of_scene(extracted.part, scene, core),
         "sample": scene_sample(scene.xyz, scene.origin, label, core),
+        "doubts": scene_doubts(scene, label, height, scheme),
         "kerbs": _kerbs(scene, label, height, scheme, settings.kerbs),
         "wires": wire_points(scene.xyz, height, wire_probability(evidence), core=core, origin=scene.origin),
         "markings": _markings(scene, label, height, scheme, settings.least_contrast),
     }
+
+
+def scene_doubts(
+    scene: PointCloud, label: NDArray[np.integer], height: NDArray[np.float32], scheme: ClassScheme
+) -> pd.DataFrame:
+    """Return the doubtful clusters that lie mostly in the core of a scene; none where the ground is unknown."""
+    known = np.where(np.isfinite(height), label, -1)
+    table, owner = doubtful_clusters(Cells(scene.xyz, np.nan_to_num(height), known, scheme.classes))
+    own = owner >= 0
+    counts = np.bincount(owner[own], minlength=len(table))
+    inside = np.bincount(owner[own], weights=scene["core"][own], minlength=len(table))
+    kept = table[inside > counts / 2].reset_index(drop=True)
+    return kept.assign(**{axis: kept[axis] + scene.origin[k] for k, axis in enumerate("xyz")})
 
 
 def _core_labels(scene: PointCloud, soft: SoftLabels, part: NDArray[np.int32], n_classes: int) -> CoreLabels:

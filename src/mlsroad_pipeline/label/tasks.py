@@ -1,7 +1,7 @@
 """Tasks that label the scenes of a survey, and the files to write with the labels of their points."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.task import Deferred, SceneTask, SourceFile, StoredResult
 from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.label.alignment import PassMove
 from mlsroad_pipeline.label.images import CameraView, LabelImages, SceneViews, label_pieces_with_images, views_of_scene
 from mlsroad_pipeline.label.inventory import OBJECTS, scenes_of
 from mlsroad_pipeline.label.runs import paths_of
@@ -35,19 +36,20 @@ def label_tasks(
     images: LabelImages,
     ingest: IngestParameters,
     settings: LabelSettings,
+    moves: Mapping[str, tuple[PassMove, ...]],
 ) -> dict[str, SceneTask]:
-    """Create one task per scene, which labels its points."""
+    """Create one task per scene, which labels its points; `moves` are those of the files of each pass."""
     bins, points = pieces.load_all("bins"), pieces.part("points", mapped=True)
     with_images = needs_images(model.load().slug)
     tasks = {}
     for pass_key, files in plan.passes().items():
-        keys = {file.key for file in files}
+        keys, own = {file.key for file in files}, replace(settings, moves=moves.get(pass_key, ()))
         near = {key: part for key, part in bins.items() if SceneKey.parse(key).parent in keys}
         corridor = corridor_from_arrays(corridors[pass_key].load()) if with_images else None
         surroundings = _Surroundings(images.passes.get(pass_key, SurveyImages(())), images.reach, corridor, ingest)
         for scene in plan_pass(pass_key, plan, bins, ingest):
             inputs = {"pieces": [points[key] for key in scene.pieces], "model": model}
-            parameters = {"span": scene.span, "name": scene.key, "source": scene.source, "settings": settings}
+            parameters = {"span": scene.span, "name": scene.key, "source": scene.source, "settings": own}
             if not with_images:
                 tasks[scene.key] = SceneTask(label_pieces, inputs, parameters)
                 continue

@@ -3,7 +3,7 @@
 from mlsroad_pipeline.simulation.cameras.cameras import Image
 from mlsroad_pipeline.simulation.parameters.devices import Device, ScannerSystem
 from mlsroad_pipeline.simulation.parameters.known_scanners import SCANNERS
-from mlsroad_pipeline.simulation.parameters.presets import PRESETS, SimulationParameters
+from mlsroad_pipeline.simulation.parameters.presets import PRESETS, SimulationParameters, another_year
 from mlsroad_pipeline.simulation.runtime.stream import SurveyStream
 from mlsroad_pipeline.simulation.runtime.survey import (
     Survey,
@@ -23,6 +23,7 @@ __all__ = [
     "Survey",
     "SurveyPieces",
     "SurveyStream",
+    "another_year",
     "long_survey",
     "simulate_survey",
     "stream_points",

@@ -1,6 +1,7 @@
 """Reader of camera calibrations and poses: JSON, CSV tables and KITTI files."""
 
 import json
+import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -17,6 +18,11 @@ from mlsroad_pipeline.formats.files import WRONG, named_errors
 from mlsroad_pipeline.surveys.images import PICTURES, PosedImage, SurveyImages, picture_size
 
 _SUFFIXES = ("", *PICTURES)
+_PERSPECTIVE = {
+    *("pinhole", "perspective", "brown", "brownconrady", "conradybrown", "opencv", "fullopencv", "plumbbob", "radtan"),
+    *("simplepinhole", "frame", "planar", "rectilinear", "radialtangential"),
+}
+"""Names of the projection that `Camera` has, in lower case without signs."""
 _LENS = ("k1", "k2", "p1", "p2", "k3")
 _POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
@@ -148,6 +154,17 @@ def _time(row: Mapping[str, Any], name: str, source: Path) -> float:
         raise ReadError(f"{source}: image {name!r}: gps_time is {_short(value)}, not a number") from None
 
 
+def _check_model(row: Mapping[str, Any]) -> None:
+    """Raise ReadError for a projection other than the perspective one with the lens of Brown and Conrady."""
+    for key in ("model", "camera_model", "projection", "lens_model"):
+        name = row.get(key)
+        if isinstance(name, str) and name.strip() and re.sub(r"[\W_]+", "", name).lower() not in _PERSPECTIVE:
+            raise ReadError(
+                f"{key} {name!r} is not supported: give images of a perspective camera with k1, k2, p1, p2, k3 "
+                "(OpenCV's default), rectified from fisheye images or panoramas"
+            )
+
+
 def _camera_of_json(row: Mapping[str, Any]) -> tuple[Camera, bool]:
     lens = row.get("distortion")
     camera = Camera(
@@ -196,6 +213,7 @@ def _posed(
 ) -> tuple[PosedImage, bool]:
     name, group = str(row.get("name")), str(row.get("camera"))
     try:
+        _check_model(row)
         camera, mounted = make(row)
     except KeyError as error:
         raise ReadError(f"{source}: camera {group!r} of image {name!r} has no calibration: no {error}") from error

@@ -1,10 +1,11 @@
 """Inspection of the files of a survey in bounded memory."""
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from pathlib import Path
+from functools import partial
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,9 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.las_codes import NOISE_CODES
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_positive
+from mlsroad_pipeline.algorithms.inventory.objects.sightings import PASS_GAP, visit_columns
 from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk, merge
 from mlsroad_pipeline.algorithms.quality.inspection import (
     ColumnSummary,
@@ -30,7 +33,16 @@ from mlsroad_pipeline.formats.base import FileInfo, PointFormat, ReadOptions
 from mlsroad_pipeline.formats.options import NEW_SURVEY
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.surveys.files import Survey
-from mlsroad_pipeline.surveys.reading import has_whole_numbers, options_in_use, replaced_crs, sample_of, time_notes
+from mlsroad_pipeline.surveys.offset_warnings import offset_facts, offset_warnings
+from mlsroad_pipeline.surveys.pass_offsets import NO_OFFSETS, Source, SurveyOffsets, survey_offsets
+from mlsroad_pipeline.surveys.reading import (
+    VISIT_COLUMNS,
+    has_whole_numbers,
+    options_in_use,
+    replaced_crs,
+    sample_of,
+    time_notes,
+)
 from mlsroad_pipeline.surveys.survey_warnings import SurveyFacts, file_warnings, survey_warnings
 from mlsroad_pipeline.surveys.trajectory_files import coverage_note, distance_note, in_weeks_of, read_trajectory
 
@@ -80,18 +92,24 @@ class FileInspection:
         return [*file_warnings(self.overview), *self.more]
 
 
-def inspection_warnings(files: Sequence[FileInspection], skipped: Mapping[str, str]) -> pd.DataFrame:
+def inspection_warnings(
+    files: Sequence[FileInspection], skipped: Mapping[str, str], offsets: SurveyOffsets = NO_OFFSETS
+) -> pd.DataFrame:
     """Return the warnings on the files and on differences between them, one row per cause."""
     rows = survey_warnings([file.overview for file in files], skipped, {file.name: file.more for file in files})
+    rows += offset_warnings(offsets)
     return pd.DataFrame(rows, columns=["file", "warning"])
 
 
-def survey_facts(survey: str, files: Sequence[FileInspection], warnings: pd.DataFrame) -> dict[str, Any]:
+def survey_facts(
+    survey: str, files: Sequence[FileInspection], warnings: pd.DataFrame, offsets: SurveyOffsets = NO_OFFSETS
+) -> dict[str, Any]:
     """Return the facts of a survey as plain data."""
     return {
         "survey": survey,
         "n_points": sum(file.facts["n_points"] for file in files),
         "files": [file.facts for file in files],
+        "offsets": offset_facts(offsets),
         "warnings": warnings.to_dict("records"),
     }
 
@@ -124,6 +142,28 @@ def inspect_survey(
             inspected.more.extend(problems_of(file.path, options, inspected.overview.quality))
             files.append(inspected)
     return files, unread
+
+
+def offsets_of_files(
+    parameters: InspectParameters, files: Sequence[FileInspection], *, read: Mapping[str, Any]
+) -> SurveyOffsets:
+    """Return the offsets between the files and passes of an inspected survey; a file of one pass alone has none."""
+    if len(files) < 2 and not any(file.facts["time"]["longest_gap"] > PASS_GAP for file in files):
+        return NO_OFFSETS
+    options = ReadOptions.from_config({**NEW_SURVEY, **read})
+    return survey_offsets(
+        [Source(f.name, PurePosixPath(f.name).parent.as_posix(), partial(_chunks, f.info.path, options)) for f in files]
+    )
+
+
+def _chunks(path: Path, options: ReadOptions) -> Iterator[PointCloud]:
+    form = get_format(path)
+    info = form.info(path, replace(options, coding=None))
+    names = {"gps_time", *VISIT_COLUMNS} & set(info.columns)
+    chosen = replace(options, only=tuple(sorted(names)), coding=None)
+    for start in range(0, info.n_points, CHUNK):
+        cloud = form.read(path, chosen, start=start, stop=start + CHUNK)
+        yield cloud.with_columns(**visit_columns(cloud))
 
 
 def inspect_file(

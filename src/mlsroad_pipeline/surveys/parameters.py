@@ -75,7 +75,9 @@ def _formats(given: object) -> tuple[str, ...]:
 
 
 _KINDS: dict[str, tuple[Any, str]] = {
-    **dict.fromkeys(("copc", "coloured_ply", "photos", "overwrite", "keep_state"), (bool, "be true or false")),
+    **dict.fromkeys(
+        ("align_passes", "copc", "coloured_ply", "photos", "overwrite", "keep_state"), (bool, "be true or false")
+    ),
     "join_drives": (bool | None, "be true, false or null"),
     **dict.fromkeys(("trajectory", "images", "sections", "keys_from"), (str | Path | None, "be the name of a file")),
     **dict.fromkeys(("read", "inventory", "given"), (Mapping, "have parameters below it")),
@@ -126,6 +128,9 @@ class LabelParameters:
     # Coordinate reference system of the survey as WKT or a code ("EPSG:28992"), in place of that of the files;
     # coordinates are not transformed. None keeps that of the files.
     crs: str | None = None
+    # Whether files and passes that lie apart where they overlap are labelled as if they lay together: a rigid move per
+    # pass. Written points keep their coordinates.
+    align_passes: bool = False
     overwrite: bool = False  # Whether results of other runs and edited results in `output` may be replaced
     keep_state: bool = False  # Whether the scene stores of a finished run stay in `output`
 

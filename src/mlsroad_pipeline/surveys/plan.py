@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.scene_key import TRAIN, SceneKey
 from mlsroad_pipeline.algorithms.scenes.binning import BinCounts
 from mlsroad_pipeline.algorithms.scenes.joining import SceneSpan, plan_scenes
@@ -162,6 +162,9 @@ def middle_scenes(keys: Sequence[str], *, n_scenes: int = 3) -> list[str]:
     return scenes[first : first + n_scenes]
 
 
+FEW_SCENES, LEAST_PER_SCENE = 50, 20
+"""Number of scenes up to which a pass may have fewer points per scene than the second."""
+
 MESSAGE_FILES = 3
 """Largest number of files that a message names for a scene."""
 
@@ -240,6 +243,7 @@ def plan_pass(
         bin_length=ingest.bin_length,
         max_points=ingest.max_points,
     )
+    _check_scattered(sum(histogram.values()), len(spans), ", ".join(list(files.values())[:MESSAGE_FILES]))
     scenes = []
     for span in spans:
         key, pieces = str(SceneKey.parse(pass_key)._replace(part=span.id)), pieces_between(*span.reach, own)
@@ -247,6 +251,15 @@ def plan_pass(
         more = f" and {len(names) - MESSAGE_FILES} more files" if len(names) > MESSAGE_FILES else ""
         scenes.append(PlannedScene(key, span, pieces, f"{', '.join(names[:MESSAGE_FILES])}{more} ({span.id})"))
     return scenes
+
+
+def _check_scattered(n_points: int, n_scenes: int, names: str) -> None:
+    """Raise DataError for points that would become far more scenes than they can fill."""
+    if n_scenes >= FEW_SCENES and n_points < LEAST_PER_SCENE * n_scenes:
+        raise DataError(
+            f"{names}: {n_points:,} points would become {n_scenes:,} scenes with fewer than {LEAST_PER_SCENE} points "
+            "each: coordinates are damaged, or in other units (read.units)"
+        )
 
 
 def pieces_between(first: int, stop: int, bins: Mapping[str, BinCounts]) -> tuple[str, ...]:

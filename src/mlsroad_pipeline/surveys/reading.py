@@ -23,8 +23,9 @@ from mlsroad_pipeline.algorithms.scenes.corridor import (
 )
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart
 from mlsroad_pipeline.algorithms.scenes.trajectory_estimation import SHARED, measured_times, trajectory_from_windows
+from mlsroad_pipeline.algorithms.scenes.weeks import continued
 from mlsroad_pipeline.formats.base import PointFormat
-from mlsroad_pipeline.formats.crs import is_same_crs, parse_crs, with_units
+from mlsroad_pipeline.formats.crs import crs_label, is_same_crs, parse_crs, with_units
 from mlsroad_pipeline.formats.files import spread_starts
 from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
@@ -220,7 +221,7 @@ def _time_windows(
 
 def _duration(times: NDArray) -> float | None:
     """Return the duration of a file in seconds; single times far from the others do not count."""
-    measured = times[measured_times(times)]
+    measured = continued(times[measured_times(times)])
     if len(measured) < 2 or not measured.max() > measured.min():
         return None
     low, high = np.percentile(measured, [10, 90])
@@ -238,12 +239,7 @@ def find_corridor(
     factors: NDArray[np.float64] | None = None,
 ) -> PassCorridor:
     """Return the corridor of a pass as arrays, with a note for the log; `factors` turn a trajectory into metres."""
-    other = next((sample for sample in samples if sample.crs != samples[0].crs), None)
-    if other is not None:
-        raise DataError(
-            f"{samples[0].source} and {other.source} have different coordinate reference systems; "
-            "set read.reproject, or separate them"
-        )
+    check_one_crs([(sample.source, sample.crs) for sample in samples])
     if trajectory is not None:
         path = read_trajectory(trajectory, crs=samples[0].crs if samples else None, factors=factors)
         times = _times_of(samples)
@@ -254,7 +250,7 @@ def find_corridor(
         return _with_note(path, "; ".join(filter(None, notes)))
     if not along:
         return _with_note(None)
-    filled = [part for part in windows if len(part)]
+    filled = _continued_windows([part for part in windows if len(part)])
     if not filled:
         return _with_note(axis_of_samples(samples))
     try:
@@ -264,6 +260,18 @@ def find_corridor(
     return _with_note(estimated, f"{estimated.source}: {estimated.length:.0f} m of trajectory")
 
 
+def check_one_crs(systems: Sequence[tuple[str, str | None]]) -> None:
+    """Raise DataError if files have different systems; one system in several spellings is one."""
+    (name, crs), *others = systems
+    for other, found in others:
+        if found != crs and not (crs is not None and found is not None and is_same_crs(crs, found)):
+            option = "read.crs (label.crs) if it is the same" if None in (crs, found) else "read.reproject"
+            raise DataError(
+                f"{name} and {other} have different coordinate reference systems ({crs_label(crs)} and "
+                f"{crs_label(found)}); set {option}, or separate them"
+            )
+
+
 def _with_note(corridor: Corridor, note: str = "") -> PassCorridor:
     arrays: PassCorridor = {**corridor_to_arrays(corridor)}
     if note:
@@ -271,10 +279,19 @@ def _with_note(corridor: Corridor, note: str = "") -> PassCorridor:
     return arrays
 
 
+def _continued_windows(windows: Sequence[PointCloud]) -> list[PointCloud]:
+    """Return windows whose times go on after the end of a week."""
+    if not windows:
+        return []
+    times = continued(np.concatenate([part["gps_time"] for part in windows]))
+    parts = np.split(times, np.cumsum([len(part) for part in windows])[:-1])
+    return [part.with_columns(gps_time=time) for part, time in zip(windows, parts, strict=True)]
+
+
 def _times_of(samples: Sequence[PointCloud]) -> tuple[float, float]:
     times = [sample["gps_time"] for sample in samples if "gps_time" in sample]
     times = [part[measured_times(part)] for part in times]
-    joined = np.concatenate(times) if times else np.empty(0)
+    joined = continued(np.concatenate(times)) if times else np.empty(0)
     return (float(joined.min()), float(joined.max())) if len(joined) else (np.nan, np.nan)
 
 

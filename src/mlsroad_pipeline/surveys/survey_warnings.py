@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.quality.density import count_places
 from mlsroad_pipeline.algorithms.quality.report import QualityReport
-from mlsroad_pipeline.formats.crs import SAME_UNIT, crs_units, is_geographic, place_outside
+from mlsroad_pipeline.formats.crs import SAME_UNIT, crs_label, crs_units, is_geographic, is_same_crs, place_outside
 from mlsroad_pipeline.surveys.plan import SurveyPlan, trajectory_beside
 from mlsroad_pipeline.surveys.reading import FileFacts
 
@@ -150,15 +150,10 @@ def _value_warnings(facts: SurveyFacts) -> list[str]:
 
 
 def looks_like_degrees(low: NDArray[np.float64], high: NDArray[np.float64]) -> bool:
-    """Return whether points of an extent have a small range in plan, as degrees have, and metres in height."""
+    """Return whether points have a small extent in plan, as degrees have (0.1 are 10 km), and metres in height."""
     inside = (np.abs([low[:2], high[:2]]) <= [[180, 90], [180, 90]]).all()
     extent = high - low
-    return bool(inside and 0 < extent[:2].max() < 1e-2 and extent[2] > 1)
-
-
-def crs_label(crs: str | None) -> str:
-    """Return a short name of a CRS for messages."""
-    return "none" if crs is None else crs.partition('"')[2].partition('"')[0] or crs[:40]
+    return bool(inside and 0 < extent[:2].max() < 0.1 and extent[2] > 1)
 
 
 def survey_warnings(
@@ -171,10 +166,16 @@ def survey_warnings(
     rows += [(name, AS_POINTS) for name in named if len(named) < len(files)]
     rows += [(facts.name, text) for facts in files for text in (*file_warnings(facts), *more.get(facts.name, ()))]
     gathered = gather(rows, len(files) + len(skipped))
-    systems = {facts.crs: facts.name for facts in reversed(files)}
+    systems: dict[str | None, str] = {}
+    for facts in files:
+        if not any(facts.crs == crs or (facts.crs and crs and is_same_crs(facts.crs, crs)) for crs in systems):
+            systems[facts.crs] = facts.name
     if len(systems) > 1:
         examples = "; ".join(f"{name}: {crs_label(crs)}" for crs, name in systems.items())
-        gathered.append((files[0].name, f"files have different coordinate reference systems ({examples})"))
+        advice = "crs (label.crs) if it is one system" if None in systems else "reproject (label.read.reproject)"
+        gathered.append(
+            (files[0].name, f"files have different coordinate reference systems ({examples}); set {advice}")
+        )
     n_files = Counter(name for facts in files for name in facts.columns or facts.quality.present)
     partial = sorted(name for name, count in n_files.items() if count < len(files))
     if partial:

@@ -10,13 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+from mlsroad_pipeline.algorithms.scenes.weeks import LEAP_SECONDS, WEEK, base_shift
 from mlsroad_pipeline.formats.crs import reproject
 from mlsroad_pipeline.formats.files import named_errors
 
 FIELDS = 17
 RECORD = 8 * FIELDS
 WGS84 = "EPSG:4979"
-WEEK = 604_800.0
 PROBED = 64
 NEAR = 100.0
 """Largest distance in metres between a trajectory and the extent of its points without a warning."""
@@ -32,7 +32,7 @@ def is_sbet(path: Path) -> bool:
         time, latitude, longitude, height = records[:, :4].T
         sound = (np.abs(latitude) <= np.pi / 2) & (np.abs(longitude) <= np.pi) & (np.abs(height) < 2e4)
         # Eight letters of a text file decode to a number like 1e-57 or 1e+165, not to an angle or a time.
-        return bool((sound & (time >= 0) & (time < 1e10) & (np.abs(latitude) > 1e-9)).all())
+        return bool((sound & (np.abs(time) < 1e10) & (np.abs(latitude) > 1e-9)).all())
 
 
 def read_sbet(path: Path, *, crs: str | None) -> Trajectory:
@@ -48,16 +48,16 @@ def read_sbet(path: Path, *, crs: str | None) -> Trajectory:
     records: NDArray[np.float64] = np.fromfile(path, dtype="<f8").reshape(-1, FIELDS)
     degrees = np.column_stack([np.degrees(records[:, 2]), np.degrees(records[:, 1]), records[:, 3]])
     xyz, _ = reproject(degrees, WGS84, crs, name=path)
-    return Trajectory.from_positions(xyz, records[:, 0], source=str(path))
+    return Trajectory.from_positions(xyz, _in_order(records[:, 0]), source=str(path))
 
 
 def in_weeks_of(trajectory: Trajectory, first: float, last: float) -> Trajectory:
-    """Return a trajectory shifted by whole GPS weeks so that it covers the times of the points."""
+    """Return a trajectory in the base of the times of the points: of a week, since 1980, or adjusted by 1e9 s."""
     time = trajectory.time
-    if time is None or not np.isfinite([first, last]).all() or last <= WEEK or time[-1] > 2 * WEEK:
+    if time is None or not np.isfinite([first, last]).all():
         return trajectory
-    shift = np.floor((first + 1e9) / WEEK) * WEEK - 1e9
-    if time[0] + shift > last or time[-1] + shift < first:
+    shift = base_shift(time, first, last)
+    if shift == 0.0:
         return trajectory
     return Trajectory.from_positions(trajectory.xyz, time + shift, source=trajectory.source)
 
@@ -67,10 +67,15 @@ def coverage_note(trajectory: Trajectory, first: float, last: float) -> str:
     time = trajectory.time
     if time is None or not np.isfinite([first, last]).all() or (time[0] <= first and last <= time[-1]):
         return ""
-    return (
+    note = (
         f"the trajectory {Path(trajectory.source).name} covers {time[0]:.3f} to {time[-1]:.3f} s, "
         f"the points have {first:.3f} to {last:.3f} s"
     )
+    for leap in LEAP_SECONDS:
+        for shift, way, clock in ((leap, "later", "UTC and theirs GPS"), (-leap, "earlier", "GPS and theirs UTC")):
+            if time[0] + shift <= first and last <= time[-1] + shift:
+                return f"{note}; {leap:.0f} s {way} it covers them, as if its times were {clock} time: shift its times"
+    return note
 
 
 def distance_note(trajectory: Trajectory, low: ArrayLike, high: ArrayLike) -> str:
@@ -123,7 +128,8 @@ def _read_trajectory(source: Path, crs: str | None, factors: NDArray[np.float64]
     if not rows:
         raise ReadError(f"{source}: no positions in the file")
     has_names = not _is_number(rows[0][1][0]) or not all(_is_number(word) for word in rows[0][1][1:4])
-    names = [_meaning(name) for name in rows[0][1]] if has_names else ["time", "x", "y", "z"]
+    said = None if has_names else _names_in_comment(lines, *rows[0])
+    names = [_meaning(name) for name in rows[0][1]] if has_names else said or ["time", "x", "y", "z"]
     missing = [name for name in ("x", "y", "z") if name not in names]
     if missing:
         raise ReadError(f"{source}: a trajectory needs the column {missing[0]} (has {', '.join(rows[0][1])})")
@@ -134,7 +140,21 @@ def _read_trajectory(source: Path, crs: str | None, factors: NDArray[np.float64]
     values = np.array([_numbers(source, number, words, columns_of) for number, words in body])
     table = dict(zip(columns_of, values.T, strict=True))
     xyz = np.column_stack([table["x"], table["y"], table["z"]]) * (1.0 if factors is None else factors)
-    return Trajectory.from_positions(xyz, table.get("time"), source=str(source))
+    time = table.get("time")
+    return Trajectory.from_positions(xyz, None if time is None else _in_order(time), source=str(source))
+
+
+def _in_order(time: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return times that go on where rows fall from the end of a week to 0."""
+    week = bool(len(time)) and bool(((time >= 0) & (time <= WEEK)).all())
+    return time + WEEK * np.concatenate([[0], np.cumsum(np.diff(time) < -WEEK / 2)]) if week else time
+
+
+def _names_in_comment(lines: Sequence[tuple[int, str]], number: int, words: Sequence[str]) -> list[str] | None:
+    """Return the names in the last comment before the first position, if they are one per value and include x, y, z."""
+    comments = [line.lstrip("#%/ ") for i, line in lines if i < number and line.startswith(_COMMENTS)]
+    names = [_meaning(name) for name in _split(comments[-1])] if comments else []
+    return names if len(names) == len(words) and {"x", "y", "z"} <= set(names) else None
 
 
 def _split(line: str) -> list[str]:

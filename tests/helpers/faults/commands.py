@@ -144,10 +144,44 @@ def train(work: Path, output: Path) -> None:
     run(output, "detrended_forest", **TINY)
 
 
+SESSIONS = 10
+"""Sessions of `corrections`; each adds three decisions and takes one of them back."""
+
+
+def prepare_corrections(work: Path) -> None:
+    """Load what the store of decisions needs."""
+    corrections(work, work / "loaded")
+
+
+def corrections(work: Path, output: Path) -> None:
+    """Decide in ten sessions; what was acknowledged is in ``acknowledged`` in the work folder, a line per decision."""
+    from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
+    from mlsroad_pipeline.review.corrections import Correction, open_corrections
+
+    output.mkdir(exist_ok=True)
+    with (work / "acknowledged").open("a") as told:
+        for session in range(SESSIONS):
+            try:
+                with open_corrections(output) as store:
+                    for number in range(3):
+                        place = {"x": float(session), "y": float(number), "z": 0.0}
+                        identifier = store.add(
+                            Correction("add", kind="pole", payload=place), who=f"s{session}n{number}"
+                        )
+                        told.write(f"added s{session}n{number}\n")
+                        told.flush()
+                    store.undo(identifier, who="undo")
+                    told.write(f"undone s{session}n2\n")
+                    told.flush()
+            except (MlsRoadError, OSError) as error:
+                sys.stderr.write(f"{error}\n")
+
+
 COMMANDS: dict[str, tuple[Callable[[Path], None], Callable[[Path, Path], None]]] = {
     "store": (lambda work: None, store),
     "label": (prepare_label, label),
     "inventory": (prepare_inventory, inventory),
+    "corrections": (prepare_corrections, corrections),
     "train": (prepare_train, train),
 }
 

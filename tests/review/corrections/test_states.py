@@ -1,14 +1,12 @@
 """Order of review: what comes first, why, and the expected precision."""
 
 import numpy as np
-import pandas as pd
 import pytest
 from helpers.corrected import object_rows
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.inventory.objects.review import order_of_review
-from mlsroad_pipeline.review.corrections import Correction, Decision, review_order
-from mlsroad_pipeline.review.corrections.states import line_states
+from mlsroad_pipeline.review.corrections import review_order
 
 
 def test_uncertain_objects_come_first_and_each_has_a_reason():
@@ -39,22 +37,6 @@ def test_objects_far_from_the_path_come_last_and_say_so():
     rows = review_order(table, {}, 10)
     assert {row["object_id"] for row in rows[:3]} == {1, 3, 4}
     assert {row["reason"].partition(";")[0] for row in rows[3:]} == {"40 m from the path", "90 m from the path"}
-
-
-def test_lines_are_found_by_kind_and_place():
-    lines = pd.DataFrame({"line_id": [1, 2, 3], "kind": ["kerb", "wire", "kerb"], "x": [0.0, 0.0, 9.0], "y": [0.0] * 3})
-
-    def decision(action, kind, x):
-        given = Correction(action, kind=kind, payload={"line": 7, "x": x, "y": 0.1})
-        return Decision(1, "", "ann", given, {})
-
-    made = [
-        decision("reject_line", "kerb", 0.1),
-        decision("reject_line", "wire", 0.2),
-        decision("accept_line", "wire", 0),
-    ]
-    assert line_states([*made, decision("reject_line", "kerb", 4.0)], lines) == {1: "rejected", 2: "accepted"}
-    assert line_states(made, lines[:0]) == {}
 
 
 def test_alike_objects_come_once_before_their_copies():

@@ -73,7 +73,41 @@ def test_decisions_find_their_objects_in_another_inventory(folder, moved):
     assert {number: state["status"] for number, state in states.of_objects.items()} == {
         2: "accepted", 3: "rejected", 4: "accepted",
     }  # fmt: skip
-    assert [decision.correction.object_id for decision in states.unmatched] == [5]
+    assert states.unmatched == []
+    (missing,) = states.added  # accepted, and not listed any more
+    assert (missing.identifier, missing.correction.action, missing.correction.kind) == (4, "add", "vehicle")
+    assert missing.correction.payload == {"x": 530.0, "y": 897.0, "z": 12.0, "class": "vehicle"}
+
+
+def test_an_accepted_object_that_is_listed_as_another_kind_keeps_its_kind(folder):
+    with open_corrections(folder) as store:
+        store.add(Correction("accept", 4), who="a")
+        store.add(Correction("reject", 5), who="a")
+        store.add(Correction("other_kind", 1, kind="sign"), who="a")
+    kinds = [("pole", 20.2, 5.0), ("pole", 30.0, -3.0), ("vehicle", 0.1, 0.0)]  # the tree, the vehicle, the pole
+    write_inventory(folder, object_rows(kinds, [0.5] * 3))
+    with open_corrections(folder) as store:
+        states = store.states()
+    found = {n: (state["status"], state["checked_kind"]) for n, state in states.of_objects.items()}
+    assert found == {1: ("changed", "tree"), 3: ("changed", "sign")}
+    assert states.added == []
+    assert [decision.correction.action for decision in states.unmatched] == ["reject"]  # of a vehicle, not of a pole
+
+
+def test_the_last_decision_about_an_object_that_is_not_listed_counts(folder):
+    with open_corrections(folder) as store:
+        store.add(Correction("accept", 4), who="a")
+        store.add(Correction("move_base", 4, payload={"x": 521.0, "y": 905.0, "z": 11.0}), who="a")
+        store.add(Correction("accept", 5), who="a")
+        last = store.add(Correction("reject", 5), who="a")
+        store.add(Correction("other_kind", 3, payload={"class": "building"}), who="a")
+    write_inventory(folder, object_rows(PLACES[:1], [0.5]))
+    with open_corrections(folder) as store:
+        states = store.states()
+        assert [(d.correction.kind, d.correction.payload["x"]) for d in states.added] == [("tree", 521.0)]
+        assert [decision.identifier for decision in states.unmatched] == [3, 4, 5]
+        store.undo(last)
+        assert [d.correction.kind for d in store.states().added] == ["tree", "vehicle"]
 
 
 def test_a_decision_does_not_go_to_the_neighbour_of_its_object(folder):

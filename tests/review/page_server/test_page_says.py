@@ -6,10 +6,9 @@ import shutil
 
 import numpy as np
 import pytest
-from helpers.browser import browser_page
 from helpers.inventories import planted_inventory
-from helpers.page_output import EVIL, FILES, ORIGIN, served, write_output
-from helpers.page_tab import POLE, READY, decide, errors, pixels, saved, settle
+from helpers.page_output import EVIL, FILES
+from helpers.page_tab import POLE, click_at, decide, entries, errors, local, pixels, reload, saved, settle
 from PIL import Image
 
 from mlsroad_pipeline.algorithms.core.palette import COLOURS, KIND_COLOURS, LINE_COLOURS, class_palette, rgb_to_hex
@@ -21,73 +20,11 @@ from mlsroad_pipeline.review.corrections import Correction, open_corrections
 GREEN = tuple(bytes.fromhex(COLOURS["tree"][1:]))
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    place = tmp_path_factory.mktemp("says") / "out"
-    write_output(place)
-    return place
-
-
-@pytest.fixture(scope="module")
-def server(folder):
-    with served(folder) as server:
-        yield server
-
-
-@pytest.fixture(scope="module")
-def opened(server, tmp_path_factory):
-    with browser_page(tmp_path_factory.mktemp("chromium")) as tab:
-        tab.open(server.address, width=1200, height=800)
-        tab.until(READY)
-        tab.until("page.model.queued && page.model.counted")
-        settle(tab)
-        yield tab
-
-
-@pytest.fixture
-def tab(opened, folder, server):
-    """The tab, without decisions."""
-    with open_corrections(folder) as store:
-        for decision in store.current():
-            store.undo(decision.identifier, who="test")
-    opened.js("sessionStorage.clear()")
-    reload(opened, server)
-    yield opened
-    assert errors(opened) == ([], [])
-
-
-def reload(tab, server):
-    tab.open(f"http://127.0.0.1:{server.port}/", width=1200, height=800)
-    tab.until(READY)
-    tab.until("page.model.queued && page.model.counted")
-
-
 def counts(tab):
     """Return the numbers behind the classes, kinds and statuses at the left, and the total at the top."""
     rows = "[...document.querySelectorAll('#{0} li')].map((li) => [li.querySelector('.name').textContent, li.querySelector('b').textContent])"
     found = {part: dict(tab.js(rows.format(part))) for part in ("classes", "kinds", "statuses")}
     return found | {"total": tab.js("document.querySelector('#total').textContent").split(", ")[1]}
-
-
-def entries(tab):
-    return tab.js("[...document.querySelectorAll('#queue li')].map((li) => li.innerText.replace(/\\s+/g, ' ').trim())")
-
-
-def place_of(tab, x, y, z):
-    """Return the place in the window of local coordinates."""
-    return tab.js(
-        f"(() => {{ const p = page.cloud.project([{x}, {y}, {z}]); const b = page.cloud.canvas.getBoundingClientRect();"
-        " return [b.x + p.x, b.y + p.y]; })()"
-    )
-
-
-def click_at(tab, place):
-    tab.drag(place, place, steps=1)
-
-
-def local(x, y, z, tab):
-    origin = tab.js("page.model.survey.origin")
-    return [a + b - c for a, b, c in zip((x, y, z), ORIGIN.tolist(), origin, strict=True)]
 
 
 def boxes(tab, number):

@@ -16,7 +16,7 @@ from helpers.corrected import PLACES, object_rows, write_inventory
 from helpers.page_output import COMMAND, EVIL, FILES, Served, served, write_output
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.review.corrections import open_corrections
+from mlsroad_pipeline.review.corrections import ACTIONS, open_corrections
 from mlsroad_pipeline.review.page_server.connections import MOST_CONNECTIONS, REQUEST_TIME
 from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
 from mlsroad_pipeline.review.page_server.redirect_file import RedirectFile
@@ -104,7 +104,7 @@ def test_a_change_needs_an_origin_json_and_a_known_method(page):
     assert page.ask("/api/survey", method="DELETE")[0] == 403
     assert page.post("/api/decide", [1])[0] == 400
     assert page.post("/api/decide", {"action": "explode", "object_id": 1}) == (
-        409, {"error": "correction: unknown action 'explode', known are accept, reject, other_kind, merge, split, move_base, add, paint, accept_line, reject_line"},
+        409, {"error": f"correction: unknown action 'explode', known are {', '.join(ACTIONS)}"},
     )  # fmt: skip
     assert page.post("/api/decide", {"action": "accept", "object_id": 99})[0] == 409
     assert page.json("/api/corrections")["decisions"] == []

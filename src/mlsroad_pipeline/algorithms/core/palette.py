@@ -54,6 +54,13 @@ LINE_COLOURS = {
 }  # fmt: skip
 """Kind of line to its colour, likewise."""
 
+STATE_COLOURS = {
+    **dict.fromkeys(("unchanged", "confirmed"), "#7f8c8d"), "changed": "#e68200", "moved": "#7d3cb5",
+    "different kind": "#b9770e", "new": "#1f8a3b", **dict.fromkeys(("gone", "not found"), "#c81e3c"),
+    **dict.fromkeys(("not visible", "not visible in the second"), "#4a76c9"), "not visible in the first": "#35b0c9",
+}  # fmt: skip
+"""State of a comparison to its colour on maps."""
+
 _ALIASES = {
     "ground": "road", "paved ground": "road", "man-made terrain": "road", "natural ground": "grass",
     "natural terrain": "grass", "facade": "building", "vegetation": "tree", "palm tree": "palm", "hard scape": "wall",

@@ -110,7 +110,9 @@ def join_pieces(
     parts = [BinnedCloud.from_arrays(piece).between(*span.reach) for piece in pieces]
     filled = [part for part in parts if len(part)]
     corner = np.floor(np.min([_lowest(part.cloud.xyz) + part.cloud.origin for part in filled], axis=0))
-    joined = assemble_scene([_single_precision(part, corner) for part in filled], span)
+    single = [_single_precision(part, corner) for part in filled]
+    crs = single[0].cloud.crs  # one system, whose spelling may differ between files
+    joined = assemble_scene([replace(part, cloud=replace(part.cloud, crs=crs)) for part in single], span)
     scene = replace(joined, source=source)
     if outliers.enabled:
         inlier = keep_inliers(scene.xyz, n_neighbors=outliers.k, std_ratio=outliers.ratio)

@@ -19,9 +19,16 @@ from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.task import SceneTask
+from mlsroad_pipeline.label.alignment import moves_of_passes, offsets_of_pieces
 from mlsroad_pipeline.label.checks import check_headers, check_outputs
 from mlsroad_pipeline.label.devices import check_device
-from mlsroad_pipeline.label.given_classes import GIVEN_SCHEME, check_any_kept, given_classes, given_counts
+from mlsroad_pipeline.label.given_classes import (
+    GIVEN_SCHEME,
+    check_any_kept,
+    check_predictions,
+    given_classes,
+    given_counts,
+)
 from mlsroad_pipeline.label.images import LabelImages, images_of_survey, images_to_label
 from mlsroad_pipeline.label.inventory import (
     OBJECTS,
@@ -34,7 +41,7 @@ from mlsroad_pipeline.label.inventory import (
 from mlsroad_pipeline.label.model_choice import ModelRequest, choose_model, image_request
 from mlsroad_pipeline.label.photos import write_photos
 from mlsroad_pipeline.label.report import label_report_sections, report_pictures
-from mlsroad_pipeline.label.result_warnings import label_warnings, unusual_properties, unusual_warnings
+from mlsroad_pipeline.label.result_warnings import doubt_warnings, label_warnings, unusual_properties, unusual_warnings
 from mlsroad_pipeline.label.runs import open_run
 from mlsroad_pipeline.label.scene import LabelSettings, object_rules
 from mlsroad_pipeline.label.summary import LabelSummary, summarise_labels
@@ -44,7 +51,9 @@ from mlsroad_pipeline.model_store.bundle_files import ModelFile
 from mlsroad_pipeline.model_store.object_classifiers import classifier_digest
 from mlsroad_pipeline.model_store.registered_models import configured_store
 from mlsroad_pipeline.reporting.html.report import build_report
+from mlsroad_pipeline.surveys.offset_warnings import offset_warnings
 from mlsroad_pipeline.surveys.parameters import LabelParameters
+from mlsroad_pipeline.surveys.pass_offsets import SurveyOffsets
 from mlsroad_pipeline.surveys.plan import SurveyPlan, plan_labelling
 from mlsroad_pipeline.surveys.survey_warnings import plan_warnings
 
@@ -53,10 +62,13 @@ ImageLabelsParameters: Any = METHODS["image_labels"].load("parameters")
 logger = logging.getLogger(__name__)
 
 
-def plan_label_files(parameters: LabelParameters, ingest: IngestParameters, run: RunFolder) -> SurveyPlan:
+def plan_label_files(
+    parameters: LabelParameters, ingest: IngestParameters, run: RunFolder, classes: Mapping[str, Any]
+) -> SurveyPlan:
     """Return the plan of a survey, and begin its run: lock the output and check what would be replaced."""
     plan = plan_labelling(parameters, ingest)
     check_headers(plan, parameters)
+    check_predictions(plan, classes)
     open_run(plan, parameters, run)
     return plan
 
@@ -83,6 +95,11 @@ def find_named_model(
     return image_request(ModelRequest(parameters.method, choice), image_labels, classes["schemes"])
 
 
+def compare_passes(plan: SurveyPlan, pieces: SceneCollection) -> SurveyOffsets:
+    """Return the offsets between files and passes where they overlap."""
+    return offsets_of_pieces(plan, pieces)
+
+
 def load_model(request: ModelRequest, checked: pd.DataFrame) -> ModelBundle:
     """Return the model, and log the reason of its choice; `checked` orders the node after the check of the outputs."""
     del checked
@@ -100,6 +117,7 @@ def warn_of_survey(
     model: ModelFile,
     parameters: LabelParameters,
     facts: dict[str, float],
+    offsets: SurveyOffsets,
 ) -> list[str]:
     """Log and return what is unusual about the survey, and what it lacks for the model; `inspect` warns of the same."""
     warnings = plan_warnings(
@@ -113,6 +131,7 @@ def warn_of_survey(
     bundle = model.load()
     warnings += marking_warnings(plan, files, bundle, parameters)
     warnings += unusual_warnings(unusual_properties(bundle, facts))
+    warnings += [f"{name}: {text}" for name, text in offset_warnings(offsets, aligned=parameters.align_passes)]
     for warning in warnings:
         logger.warning(warning)
     return warnings
@@ -135,6 +154,7 @@ def label_new_scenes(
     ingest: IngestParameters,
     ground: GroundParameters,
     classes: Mapping[str, Any],
+    offsets: SurveyOffsets,
 ) -> dict[str, SceneTask]:
     """Create one task per scene, which labels its points."""
     bundle = model.load()
@@ -144,7 +164,8 @@ def label_new_scenes(
     given = given_classes(plan, bundle, codes, classes["codings"])
     settings = LabelSettings(codes, rules, ground, ingest.outliers, classifier_digest(), limits, contrast, given)
     cut = ingest.with_context(context_of(bundle))
-    return label_tasks(plan, pieces, corridors, model, images, cut, settings)
+    moves = moves_of_passes(plan, offsets, bundle) if parameters.align_passes else {}
+    return label_tasks(plan, pieces, corridors, model, images, cut, settings, moves)
 
 
 def join_label_objects(
@@ -222,12 +243,13 @@ def write_report(
     """Return the report of the labelled survey as HTML and its summary, and log the warnings."""
     bundle = model.load()
     counts, files = results.load_all("counts"), written.load_all()
-    warnings = label_warnings(bundle, counts, files)
+    doubts = pd.concat(results.load_all("doubts").values(), ignore_index=True)
+    warnings = [*label_warnings(bundle, counts, files), *doubt_warnings(doubts)]
     for warning in warnings:
         logger.warning(warning)
     warnings += survey_warnings
     pictures = report_pictures(results, inventory, class_palette(bundle_scheme(bundle)))
-    sections = label_report_sections(bundle, parameters, quality, counts, files, inventory, pictures, warnings)
+    sections = label_report_sections(bundle, parameters, quality, counts, files, inventory, pictures, warnings, doubts)
     given = given_counts(counts.values())
     summary = summarise_labels(
         *(bundle, parameters, quality, files, inventory, warnings),

@@ -19,9 +19,9 @@ _ENTRIES = {
     "plan": "label_plan", "run": "label_run", "files": _CUT["survey_files"], "corridors": _CUT["corridors"],
     "pieces": _CUT["pieces"], "read_quality": _CUT["survey_quality"], "quality": "label_quality",
     "checked": "label_quality", "facts": "label_facts", "request": "label_model_request", "model": "label_model",
-    "survey_warnings": "label_warnings", "images": "label_images", "results": "label_results_store",
-    "joined": "label_objects_store", "written": "label_written_store", "inventory": "label_inventory",
-    "exports": "label_exports", "parameters": "params:label", "ingest": "params:ingest",
+    "survey_warnings": "label_warnings", "offsets": "label_offsets", "images": "label_images",
+    "results": "label_results_store", "joined": "label_objects_store", "written": "label_written_store",
+    "inventory": "label_inventory", "exports": "label_exports", "parameters": "params:label", "ingest": "params:ingest",
     "ground": "params:ground_removal", "classes": "params:classes", "image_labels": "params:image_labels",
 }  # fmt: skip
 """Argument of a node function to its entry in the catalog."""
@@ -43,6 +43,7 @@ def create_pipeline(**_: object) -> Pipeline:
             named_node(nodes.check_label_outputs, "label_quality", **_ENTRIES),
             named_node(nodes.find_named_model, "label_model_request", **_ENTRIES),
             named_node(facts_of_pieces, "label_facts", "describe_survey", **_ENTRIES),
+            named_node(nodes.compare_passes, "label_offsets", **_ENTRIES),
             named_node(nodes.load_model, "label_model", **_ENTRIES),
             named_node(nodes.warn_of_survey, "label_warnings", **_ENTRIES),
             named_node(nodes.find_label_images, "label_images", **_ENTRIES),

@@ -106,10 +106,10 @@
   };
   const fill = () => {
     const kind = form.elements.kind.value;
-    const low = Number(form.elements.low.value), high = Number(form.elements.high.value);
+    const low = Number(form.elements.low?.value ?? 0), high = Number(form.elements.high?.value ?? 1);
     const wanted = form.elements.text.value.trim().toLowerCase();
     let rows = data.rows.map((_, i) => i).filter(i => {
-      const row = data.rows[i], score = row[column.score];
+      const row = data.rows[i], score = row[column.score] ?? 0;
       return (!kind || row[column.kind] === kind) && score >= low && score <= high && (!wanted ||
         String(row[column.object_id]) === wanted || row[column.class].toLowerCase().includes(wanted));
     });

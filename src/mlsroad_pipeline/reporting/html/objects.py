@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.core.palette import KIND_COLOURS, LINE_COLOURS
+from mlsroad_pipeline.algorithms.core.palette import KIND_COLOURS, LINE_COLOURS, STATE_COLOURS
 from mlsroad_pipeline.reporting.clouds.pictures import MapFrame
 from mlsroad_pipeline.reporting.clouds.view import scale_length
 from mlsroad_pipeline.reporting.html.report import Section, cell, data_uri, table_html
@@ -37,9 +37,10 @@ def shown_objects(objects: pd.DataFrame) -> pd.DataFrame:
 
 
 def kind_colours(kinds: Sequence[str]) -> dict[str, str]:
-    """Return the colours of kinds."""
-    others = [kind for kind in kinds if kind not in KIND_COLOURS]
-    return {kind: KIND_COLOURS.get(kind) or OTHER_COLOURS[others.index(kind) % len(OTHER_COLOURS)] for kind in kinds}
+    """Return the colours of kinds, or of states of comparisons."""
+    known = KIND_COLOURS | STATE_COLOURS
+    others = [kind for kind in kinds if kind not in known]
+    return {kind: known.get(kind) or OTHER_COLOURS[others.index(kind) % len(OTHER_COLOURS)] for kind in kinds}
 
 
 def object_map_section(
@@ -177,23 +178,28 @@ def object_table_section(
     if objects.empty:
         return Section(title, f'{link}<p class="none">No objects were found.</p>{script}')
     every = int(total["objects"].sum())
+    order = "kind and score" if "score" in objects else names["kind"].lower()
     more = f" The map and the table have {len(objects)} of {every} objects." if len(objects) < every else ""
     return Section(
         title,
         f"{table_html(total)}{link}"
-        f"<p>Sorted by kind and score; a heading sorts by its column, a number shows the object on the map.{more}</p>"
-        f"{_filters(sorted(set(objects['kind'])))}{_table(objects, names)}{script}",
+        f"<p>Sorted by {escape(order)}; a heading sorts by its column, a number shows the object on the map.{more}</p>"
+        f"{_filters(objects, names)}{_table(objects, names)}{script}",
     )
 
 
-def _filters(kinds: Sequence[str]) -> str:
+def _filters(objects: pd.DataFrame, names: Mapping[str, str]) -> str:
+    kinds = sorted(set(objects["kind"]))
+    scores = (
+        '<label>Score from <input name="low" type="number" min="0" max="1" step="0.05" value="0"></label>'
+        '<label>to <input name="high" type="number" min="0" max="1" step="0.05" value="1"></label>'
+    )
     options = "".join(f'<option value="{escape(kind, quote=True)}">{escape(kind)}</option>' for kind in kinds)
     return (
         '<form class="filters" id="object-filters" onsubmit="return false">'
-        f'<label>Kind <select name="kind"><option value="">all</option>{options}</select></label>'
+        f'<label>{escape(names["kind"])} <select name="kind"><option value="">all</option>{options}</select></label>'
         '<label>Class or number <input name="text" type="search" size="14"></label>'
-        '<label>Score from <input name="low" type="number" min="0" max="1" step="0.05" value="0"></label>'
-        '<label>to <input name="high" type="number" min="0" max="1" step="0.05" value="1"></label>'
+        f"{scores if 'score' in objects else ''}"
         '<output id="object-count" aria-live="polite"></output></form>'
     )
 

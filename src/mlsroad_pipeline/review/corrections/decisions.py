@@ -2,7 +2,8 @@
 
 import json
 import math
-from collections.abc import Collection, Mapping, Sequence
+import re
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePath
 from typing import Any
@@ -12,10 +13,13 @@ from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 
-LINE_ACTIONS = ("accept_line", "reject_line")
+LINE_SHAPES = {"shape_line": 1, "cut_line": 2, "join_lines": 1, "add_line": 1}
+"""Actions that give lines other vertices, to the number of lines that they leave."""
+
+LINE_ACTIONS = ("accept_line", "reject_line", "kind_line", *LINE_SHAPES)
 """Actions about a line of the inventory: a kerb, a wire or a marking."""
 
-ACTIONS = ("accept", "reject", "other_kind", "merge", "split", "move_base", "add", "paint", *LINE_ACTIONS)
+ACTIONS = ("accept", "reject", "other_kind", "merge", "split", "move_base", "add", "paint", "note", *LINE_ACTIONS)
 """Actions of a user: `paint` changes points, `add` adds a missing object, the others change one object or line."""
 
 FARTHEST = 20.0
@@ -24,6 +28,7 @@ FARTHEST = 20.0
 _FARTHEST_PLACE = 1e8  # from the origin of the system, metres
 _LONGEST_NAME = 200  # of a kind or class, characters
 _LONGEST_TEXT = 10_000_000  # of a payload as JSON, characters
+_MOST_VERTICES = 20_000  # of the lines of a decision
 
 
 @dataclass(frozen=True)
@@ -37,14 +42,17 @@ class Correction:
     # `class`, that of its points. `merge`: `objects`, the numbers of the objects that belong to this one. `split`:
     # `bases`, the base points of its parts, each x, y, z. `move_base` and `add`: `x`, `y`, `z`. `paint`: `file`, the
     # name of the labelled file, `points`, the numbers of its points from 0, `class`, and optionally `n_points`, the
-    # number of points of the file. Lines: `line`, its number, and `x`, `y`, its first vertex.
+    # number of points of the file. `note`: `note` and `attributes`, texts that replace those of before, of the object
+    # or of the one that the decision `added` has added; `add` may have them too. Lines, by their present kind: `line`,
+    # its number, and `x`, `y`, its first vertex, but for `add_line`; `kind_line`: `to`, the right kind; `LINE_SHAPES`:
+    # `parts`, the vertices x, y, z of each line; `join_lines`: `other`, with `line`, `kind`, `x`, `y`.
     payload: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the arguments of the action."""
         if self.action not in ACTIONS:
             raise ParameterError(f"correction: unknown action {self.action!r}, known are {', '.join(ACTIONS)}")
-        if self.action in ("add", "paint", *LINE_ACTIONS):
+        if self.action in ("add", "paint", *LINE_ACTIONS) or self._is_about_added:
             self._need(self.object_id is None, "object_id must be left out")
         else:
             self._need(_is_number(self.object_id), f"object_id must be a number from 1, got {self.object_id!r}")
@@ -77,9 +85,10 @@ class Correction:
             self._need(_is_place(place), f"x, y, z must be numbers, got {place!r}")
             self._need(self.action == "move_base" or self.kind is not None, "kind must be given")
         elif self.action in LINE_ACTIONS:
-            place = [given.get("x"), given.get("y"), 0.0]
-            self._need(_is_place(place) and _is_number(given.get("line")), "line, x, y must be numbers")
-            self._need(self.kind is not None, "kind must be given")
+            self._check_line()
+        elif self.action == "note":
+            added = given.get("added", 1)
+            self._need(_is_number(added), f"added must be the number of a decision, got {added!r}")
         elif self.action == "paint":
             points = given.get("points")
             right = bool(_entries(points)) and all(_is_number(point, least=0) for point in _entries(points))
@@ -87,6 +96,28 @@ class Correction:
             file = given.get("file")
             self._need(isinstance(file, str) and file != "", f"file must be the name of a file, got {file!r}")
             self._need(named, "class must be given")
+
+        if self.action in ("note", "add"):
+            check_note(given, self._need)
+
+    def _check_line(self) -> None:
+        given = self.payload
+        self._need(self.kind is not None, "kind must be given")
+        for line in () if self.action == "add_line" else (given, given.get("other", given)):
+            place = [line.get("x"), line.get("y"), 0.0] if isinstance(line, Mapping) else []
+            self._need(_is_place(place) and _is_number(line.get("line")), "line, x, y must be numbers")
+        if self.action == "join_lines":
+            self._need("other" in given, "other must be the line that belongs to it")
+        if self.action not in LINE_SHAPES:
+            return
+        parts, number = _entries(given.get("parts")), LINE_SHAPES[self.action]
+        right = len(parts) == number and all(len(_entries(part)) > 1 for part in parts)
+        right = right and sum(map(len, parts)) <= _MOST_VERTICES and all(_is_place(v) for part in parts for v in part)
+        self._need(right, f"parts must be {number} lists of two or more vertices x, y, z, {_MOST_VERTICES} at most")
+
+    @property
+    def _is_about_added(self) -> bool:
+        return self.action == "note" and isinstance(self.payload, Mapping) and "added" in self.payload
 
     def _text(self) -> str:
         try:
@@ -109,6 +140,23 @@ class Correction:
     def checked_class(self) -> str:
         """Class that the user gave, else the kind; empty if neither."""
         return str(self.payload.get("class") or self.kind or "")
+
+    @property
+    def described(self) -> str:
+        """What it is about, in a few words; the number of the object is left out."""
+        given = self.payload
+        if self.action == "paint":
+            return f"{len(given['points']):,} points: {given['class']}"
+        if self.action == "merge":
+            return "with " + ", ".join(map(str, given["objects"]))
+        if self.action == "note":
+            typed = (f"{name}: {value}" for name, value in given.get("attributes", {}).items())
+            return "; ".join(filter(None, (given.get("note"), *typed)))
+        if self.action not in LINE_ACTIONS:
+            return self.checked_class
+        own = f"{self.kind} {given['line']}" if "line" in given else str(self.kind)
+        with_other = f" with {given['other']['line']}" if "other" in given else ""
+        return f"{own}{with_other}{' to ' + str(given['to']) if 'to' in given else ''}"
 
 
 @dataclass(frozen=True)
@@ -165,6 +213,8 @@ def check_values(
         )
     kinds = LINE_KINDS if correction.action in LINE_ACTIONS else KINDS
     kind, name = correction.kind, correction.payload.get("class")
+    to = correction.payload.get("to", kind)
+    correction._need(correction.action != "kind_line" or to in kinds, f"unknown kind {to!r}: use {', '.join(kinds)}")
     correction._need(kind is None or kind in kinds, f"unknown kind {kind!r}: use {', '.join(kinds)}")
     correction._need(
         name is None or classes is None or name in classes,
@@ -172,12 +222,38 @@ def check_values(
     )
     given = correction.payload
     places = [[given[axis] for axis in "xyz" if axis in given], *(given.get("bases") or ())]
+    places += [vertex for part in given.get("parts", ()) for vertex in part]
     far = next((p for p in places if any(abs(float(value)) > _FARTHEST_PLACE for value in p)), None)
     correction._need(far is None, f"the place {far} is more than {_FARTHEST_PLACE:g} m from the origin")
     if correction.action == "move_base" and place is not None:
         apart = max(abs(float(given[axis]) - own) for axis, own in zip("xy", place, strict=True))
         correction._need(
             apart <= FARTHEST, f"object {correction.object_id} was moved by {apart:.0f} m, allowed are {FARTHEST:.0f} m"
+        )
+
+
+_NAME_OF_ATTRIBUTE = re.compile(r"[^\W\d_]\w{0,39}")
+_LONGEST_NOTE, _LONGEST_VALUE, _MOST_ATTRIBUTES = 1000, 200, 50
+
+
+def check_note(given: Mapping[str, Any], need: Callable[[bool, str], None]) -> None:
+    """Check the note and the attributes of an object; `need` raises where its first argument is false."""
+    note, attributes = given.get("note", ""), given.get("attributes", {})
+    need(
+        isinstance(note, str) and len(note) <= _LONGEST_NOTE and note.isprintable(),
+        f"the note must be a line of at most {_LONGEST_NOTE} printable characters",
+    )
+    right = isinstance(attributes, Mapping) and len(attributes) <= _MOST_ATTRIBUTES
+    need(right, f"attributes must be at most {_MOST_ATTRIBUTES} names with texts")
+    for name, value in attributes.items():
+        shown = printable(str(name))
+        need(
+            isinstance(name, str) and name == name.lower() and _NAME_OF_ATTRIBUTE.fullmatch(name) is not None,
+            f"'{shown}' is not the name of an attribute: a small letter, then up to 39 small letters, digits and _",
+        )
+        need(
+            isinstance(value, str) and 0 < len(value) <= _LONGEST_VALUE and value.isprintable(),
+            f"attribute '{shown}' must have a text of 1 to {_LONGEST_VALUE} printable characters",
         )
 
 

@@ -1,7 +1,7 @@
 """Corrections from a GeoPackage that was edited in another program, such as QGIS."""
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +15,14 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.formats.las.header import class_names, read_header
 from mlsroad_pipeline.inventory_files.crs_checks import known_system
-from mlsroad_pipeline.inventory_files.road_inventory import LAYERS
+from mlsroad_pipeline.inventory_files.road_inventory import ATTRIBUTE, LAYERS, is_note
 from mlsroad_pipeline.review.corrections.answers import NamedClasses
 from mlsroad_pipeline.review.corrections.decisions import FARTHEST, Correction, check_values
 from mlsroad_pipeline.review.corrections.edited_layers import read_layers, rows_of
+from mlsroad_pipeline.review.corrections.inventory_columns import note_cells
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 from mlsroad_pipeline.review.corrections.listed_objects import ListedObjects
-from mlsroad_pipeline.review.corrections.states import STATUS, ObjectState
+from mlsroad_pipeline.review.corrections.states import STATUS, Note, ObjectState
 
 MOVED = 0.01
 """Least distance in plan or height at which a base point counts as moved, metres."""
@@ -39,16 +40,18 @@ def corrections_of_inventory(
     classes: Collection[str],
     system: CRS | None,
     many_deleted: bool = False,
+    notes_before: Mapping[int, Note] | None = None,
 ) -> tuple[list[Correction], list[str]]:
     """Return the corrections that an edited GeoPackage holds and the store does not, and what was not compared.
 
     Compared are the layer `objects` and those of the kinds: `status`, `checked_class`, `class` and `kind`, base points,
-    deleted rows (rejected) and new rows (added).
+    deleted rows (rejected) and new rows (added), `note` and the columns of attributes (`attr_...`).
     """
+    notes_before = notes_before or {}
     notes: list[str] = []
     layers = read_layers(path, system, notes)
     listed = objects.table.set_index("object_id")
-    found: dict[tuple[int, bool], Correction] = {}
+    found: dict[tuple[int, str], Correction] = {}
     added: list[Correction] = []
     for layer, frame in layers.items():
         _check_copy(path, frame, listed)
@@ -60,8 +63,10 @@ def corrections_of_inventory(
                 )
                 added += [] if is_delivered else [_added(path, row, layer)]
                 continue
-            for correction in _changes(path, row, number, listed.loc[number], states.get(number, {})):
-                other = found.setdefault((number, correction.action == "move_base"), correction)
+            changes = _changes(path, row, number, listed.loc[number], states.get(number, {}))
+            for correction in (*changes, *_noted(path, row, number, listed.loc[number], notes_before.get(number))):
+                own = correction.action if correction.action in ("move_base", "note") else ""
+                other = found.setdefault((number, own), correction)
                 if other != correction:
                     raise DataError(
                         f"{path}: object {number} is edited in two ways ({_described(other)}; "
@@ -161,6 +166,28 @@ def _changes(path: Path, row: dict[str, Any], number: int, listed: pd.Series, st
     return changes
 
 
+def _noted(path: Path, row: dict[str, Any], number: int, listed: pd.Series, before: Note | None) -> list[Correction]:
+    """Return the note and the attributes of a row if it changes them; empty cells change nothing."""
+    known = note_cells(before)
+    cells = {name.lower(): _text(value) for name, value in row.items() if is_note(name.lower())}
+    edited = {n: text for n, text in cells.items() if text not in ("", known.get(n, ""), _text(listed.get(n)))}
+    if not edited:
+        return []
+    now = known | edited
+    attributes = {name.removeprefix(ATTRIBUTE): text for name, text in now.items() if name != "note"}
+    try:
+        return [Correction("note", number, payload={"note": now.get("note", ""), "attributes": attributes})]
+    except ParameterError as error:
+        raise DataError(f"{path}: object {number}: {error}") from error
+
+
+def _text(value: Any) -> str:
+    """Return a cell as text; whole numbers of a numeric column without decimals."""
+    if value is None or pd.isna(value):
+        return ""
+    return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value).strip()
+
+
 def _apart(place: Sequence[Any], other: Sequence[Any]) -> float:
     return float(np.abs(np.asarray(place, np.float64) - np.asarray(other, np.float64)).max())
 
@@ -173,6 +200,7 @@ def _added(path: Path, row: dict[str, Any], layer: str) -> Correction:
         raise DataError(f"{path}: an added row of layer {layer!r} has no geometry: draw its point or delete it")
     x, y, z = row["centre"]
     given = {"class": row["class"]} if row["class"] else {}
+    given |= next((dict(note.payload) for note in _noted(path, row, 1, pd.Series(dtype=object), None)), {})
     return Correction("add", kind=kind, payload={"x": x, "y": y, "z": 0.0 if z is None else z, **given})
 
 

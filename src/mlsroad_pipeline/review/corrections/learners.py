@@ -17,15 +17,18 @@ from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import (
     Scored,
 )
 from mlsroad_pipeline.algorithms.models.boosted_trees.corrected import (
+    FLOOR,
+    added_trees,
     continue_training,
     labeller_of,
     learn_corrections,
     voxel_scores,
 )
-from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import parameters_of
+from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import parameters_of, softmax
 from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import SLUG
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees
+from mlsroad_pipeline.algorithms.models.machines.combinations import decide
 from mlsroad_pipeline.algorithms.models.pool.labeller import SLUG as POOL
 from mlsroad_pipeline.algorithms.models.pool.labeller import TREES, members_of, with_trees
 from mlsroad_pipeline.model_store.bundle_files import save_bundle
@@ -45,7 +48,13 @@ class Learner(Protocol):
     voxel_size: float
 
     def scores(self, tile: Tile) -> NDArray[np.float64]:
-        """Return the scores of the voxels of a tile, of no column if the training computes them."""
+        """Return the logarithms of the model's probabilities in the voxels of a tile, apart from a constant."""
+
+    def change(self, model: ModelBundle, values: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Return what a model that has learned adds to the scores of voxels."""
+
+    def decided(self, scores: NDArray[np.float64]) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+        """Return the class of voxels, and its probability."""
 
     def learned(
         self,
@@ -65,6 +74,17 @@ def learner_of(bundle: ModelBundle) -> Learner:
     return TreeLearner(bundle) if bundle.slug in (SLUG, POOL) and has_replay else CorrectedLearner(bundle, general)
 
 
+def _mean_scores(bundle: ModelBundle, tile: Tile) -> NDArray[np.float64]:
+    described = tile.scene.with_columns(ground=tile.ground, height=tile.height)
+    return voxel_scores(bundle, described, tile.voxels.owner, len(tile.voxels.values))
+
+
+def _log_probabilities(trees: ModelBundle, values: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return the logarithms of the probabilities of boosted trees, as a pool uses them."""
+    raw = BoostedTrees.from_arrays(trees.arrays).scores(values) / trees.arrays["temperature"] + trees.arrays["offsets"]
+    return np.log(np.maximum(softmax(raw), FLOOR))
+
+
 class TreeLearner:
     """Boosted trees, alone or in a pool: their own boosting goes on."""
 
@@ -76,8 +96,21 @@ class TreeLearner:
         self.voxel_size = parameters_of(self._trees).voxel_size
 
     def scores(self, tile: Tile) -> NDArray[np.float64]:
-        """Return no scores: the training computes them from the features."""
-        return np.zeros((len(tile.voxels.values), 0))
+        """Return the scores of the trees, or those of the pool; the training computes its own from the features."""
+        if self._bundle.slug != POOL:
+            return _log_probabilities(self._trees, tile.voxels.values)
+        return _mean_scores(self._bundle, tile)
+
+    def change(self, model: ModelBundle, values: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Return the difference of the trees' scores, with the weight of the trees."""
+        is_pool = self._bundle.slug == POOL
+        trees = members_of(model)[TREES] if is_pool else model
+        weight = float(model.metadata["weights"][TREES]) if is_pool else 1.0
+        return weight * (_log_probabilities(trees, values) - _log_probabilities(self._trees, values))
+
+    def decided(self, scores: NDArray[np.float64]) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+        """Return the class of voxels, and its probability."""
+        return decide(softmax(scores), self._trees.arrays.get("groups"))
 
     def learned(
         self,
@@ -105,8 +138,17 @@ class CorrectedLearner:
 
     def scores(self, tile: Tile) -> NDArray[np.float64]:
         """Return the logarithms of the labeller's mean probabilities in each voxel."""
-        described = tile.scene.with_columns(ground=tile.ground, height=tile.height)
-        return voxel_scores(self._bundle, described, tile.voxels.owner, len(tile.voxels.values))
+        return _mean_scores(self._bundle, tile)
+
+    def change(self, model: ModelBundle, values: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Return the scores of the trees that were added."""
+        after, before = added_trees(model), added_trees(self._bundle)
+        gained = np.zeros((len(values), len(model.classes))) if after is None else after.scores(values)
+        return gained if before is None else gained - before.scores(values)
+
+    def decided(self, scores: NDArray[np.float64]) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+        """Return the class of voxels, and its probability."""
+        return decide(softmax(scores), labeller_of(self._bundle).arrays.get("groups"))
 
     def learned(
         self,

@@ -188,6 +188,20 @@ def _majority(
     return best, inside
 
 
+def read_corrections(
+    bundle: ModelBundle, outputs: Sequence[LabelledOutput], *, progress: Callable[[str], None] | None = None
+) -> Learned:
+    """Return what the corrections of outputs teach a model.
+
+    Raises ParameterError for methods that cannot learn, and DataError without corrections.
+    """
+    for output in outputs:
+        check_learnable(output)
+    learner = learner_of(bundle)
+    parts = [corrected_parts(output, bundle, learner, progress=progress) for output in outputs]
+    return Learned(*([one for part in columns for one in part] for columns in zip(*parts, strict=True)))
+
+
 def learn_from(
     bundle: ModelBundle,
     outputs: Sequence[LabelledOutput],
@@ -200,24 +214,34 @@ def learn_from(
 
     Raises ParameterError for methods that cannot, and DataError without corrections.
     """
-    for output in outputs:
-        check_learnable(output)
-    learner = learner_of(bundle)
-    parts = [corrected_parts(output, bundle, learner, progress=progress) for output in outputs]
-    answers = [answer for part in parts for answer in part.answers]
-    from_outputs = {"parent": dict(parent), "surveys": [output.path.name for output in outputs]}
+    data = read_corrections(bundle, outputs, progress=progress)
+    return train_on(
+        bundle, data, parent=parent, surveys=[output.path.name for output in outputs], parameters=parameters
+    )
+
+
+def train_on(
+    bundle: ModelBundle,
+    data: Learned,
+    *,
+    parent: Mapping[str, Any],
+    surveys: Sequence[str],
+    parameters: ContinuationParameters | None = None,
+) -> tuple[ModelBundle, int]:
+    """Return the model that has learned from what was read, and the number of answers."""
+    from_outputs = {"parent": dict(parent), "surveys": list(surveys)}
     entry: dict[str, Any] = {"answers": 0, **from_outputs}
     model = bundle
-    if answers:  # added objects alone have no points to learn labels from
-        survey = joined([of_file for part in parts for of_file in part.survey])
-        model = learner.learned(answers, survey, parameters=parameters, learned_from=from_outputs)
+    if data.answers:  # added objects alone have no points to learn labels from
+        model = learner_of(bundle).learned(
+            data.answers, joined(data.survey), parameters=parameters, learned_from=from_outputs
+        )
         entry = dict(model.metadata["learned"][-1])
-    rated = [found for part in parts for found in part.objects]
     model = with_classifier(
-        model, continue_classifier(classifier_of(bundle), joined_answers(rated), read_candidate_replay())
+        model, continue_classifier(classifier_of(bundle), joined_answers(data.objects), read_candidate_replay())
     )
     own = {name: value for name, value in model.metadata.items() if name not in ("shipped", "registered", "stored")}
-    entry["added_objects"] = sum(found.n_added for found in rated)
+    entry["added_objects"] = sum(found.n_added for found in data.objects)
     learned = [*bundle.metadata.get("learned", ()), entry]
     trained = {**dict(own.get("trained_on", {})), "corrections": sum(_n_answers(one) for one in learned)}
     return ModelBundle(model.slug, model.arrays, {**own, "learned": learned, "trained_on": trained}), _n_answers(entry)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import sqlite3
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 from scipy.optimize import linear_sum_assignment
+from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.review.corrections.decisions import Anchor
@@ -60,21 +62,35 @@ class ListedObjects:
 
     def anchor(self, number: int) -> Anchor | None:
         """Return an object as a decision records it; None if there is no object of that number."""
-        rows = self.table[self.table["object_id"] == number]
-        if rows.empty:
+        if number not in self._rows:
             return None
-        row = rows.iloc[0]
+        row = self.table.iloc[self._rows[number]]
         x, y, z = (float(row[axis]) for axis in "xyz")
-        others = self.table[(self.table["kind"] == row["kind"]) & (self.table["object_id"] != number)]
-        apart = np.hypot(others["x"].to_numpy(np.float64) - x, others["y"].to_numpy(np.float64) - y)
-        nearest = round(float(apart.min()), 3) if len(apart) else None
+        apart, _ = self._trees[str(row["kind"])].query((x, y), k=2)  # the first one is the object itself
+        nearest = round(float(apart[1]), 3) if np.isfinite(apart[1]) else None
         return Anchor(self.digest, str(row["kind"]), str(row["class"]), x, y, z, int(row["point_count"]), nearest)
 
-    def find(self, anchors: Mapping[int, Sequence[tuple[int, Anchor, str]]]) -> dict[int, int | None]:
+    @cached_property
+    def _rows(self) -> dict[int, int]:
+        """Number of each object to its row."""
+        return {int(number): row for row, number in reversed([*enumerate(self.table["object_id"])])}
+
+    @cached_property
+    def _trees(self) -> dict[str, cKDTree]:
+        """Places in plan of the objects of each kind."""
+        return {
+            str(kind): cKDTree(own[["x", "y"]].to_numpy(np.float64))
+            for kind, own in self.table.groupby(self.table["kind"].astype(str))
+        }
+
+    def find(
+        self, anchors: Mapping[int, Sequence[tuple[int, Anchor, str]]], *, of_any_kind: Collection[int] = ()
+    ) -> dict[int, int | None]:
         """Find the objects of decisions again.
 
         `anchors` has, per group of decisions about one object (any key), the number then, the object then, and the kind
         that the user gave ("" for the same). Each group gets the number of the object now, None where there is none.
+        Groups `of_any_kind` get an object of another kind, one that no other group has, where there is none of theirs.
         """
         found: dict[int, int | None] = {}
         of_others: dict[str, list[int]] = {}
@@ -88,9 +104,19 @@ class ListedObjects:
         if len(self.table):
             for keys in of_others.values():  # objects of one inventory are different objects
                 found |= self._nearest(keys, anchors)
+                left = [key for key in keys if found[key] is None and key in of_any_kind]
+                taken = [number for number in found.values() if number is not None]
+                found |= self._nearest(left, anchors, without=taken) if left else {}
         return found
 
-    def _nearest(self, keys: Sequence[int], anchors: Mapping[int, Sequence[tuple[int, Anchor, str]]]) -> dict[int, int]:
+    def _nearest(
+        self,
+        keys: Sequence[int],
+        anchors: Mapping[int, Sequence[tuple[int, Anchor, str]]],
+        *,
+        without: Collection[int] | None = None,
+    ) -> dict[int, int]:
+        """Return the nearest objects of the kind of each group; `without` some, those of all kinds."""
         numbers, kinds = self.table["object_id"].to_numpy(dtype=np.int64), self.table["kind"].astype(str).to_numpy()
         places = self.table[["x", "y"]].to_numpy(dtype=np.float64)
         far = 1e6
@@ -98,6 +124,8 @@ class ListedObjects:
         for row, key in enumerate(keys):
             _, anchor, given = anchors[key][-1]
             alike = np.isin(kinds, [kind for kind in (anchor.kind, given) if kind])
+            if without is not None:
+                alike = ~np.isin(numbers, list(without))
             distance = np.hypot(*(places - (anchor.x, anchor.y)).T)
             near = alike & (distance <= FARTHEST.get(anchor.kind, NEAR))
             if anchor.nearest is not None:

@@ -1,15 +1,18 @@
 """State and order of review of each object after all decisions in force."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, TypedDict
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 import pandas as pd
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.inventory.objects.review import order_of_review
-from mlsroad_pipeline.review.corrections.decisions import LINE_ACTIONS, Anchor, Decision, named_objects
+from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, KINDS
+from mlsroad_pipeline.review.corrections.decisions import LINE_ACTIONS, Anchor, Correction, Decision, named_objects
 from mlsroad_pipeline.review.corrections.listed_objects import ListedObjects
 
 STATUS = {
@@ -21,6 +24,10 @@ STATUS = {
     "move_base": "moved",
 }
 """Action to the value of the column `status`."""
+
+
+FOLLOWED = ("accept", "other_kind", "move_base")
+"""Actions that state that an object stands at a place: they hold whatever a later labelling lists there."""
 
 
 class ObjectState(TypedDict, total=False):
@@ -47,6 +54,18 @@ class ObjectState(TypedDict, total=False):
     made: str
 
 
+class Note(NamedTuple):
+    """Texts about an object that a user has typed."""
+
+    text: str
+    attributes: dict[str, str]
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> Note:
+        """Return the note in the payload of a decision."""
+        return cls(str(given.get("note", "")), dict(given.get("attributes", {})))
+
+
 @dataclass(frozen=True)
 class States:
     """Result of the decisions in force."""
@@ -55,67 +74,118 @@ class States:
     # Decisions about objects that the present inventory does not have
     unmatched: list[Decision] = field(default_factory=list)
     painted: list[Decision] = field(default_factory=list)  # Painted points, in order
-    added: list[Decision] = field(default_factory=list)  # Objects that were missing
+    # Objects that were missing: added ones, and accepted or changed ones that the present inventory does not have
+    added: list[Decision] = field(default_factory=list)
     lines: list[Decision] = field(default_factory=list)  # Decisions about lines, in order
+    # Note and attributes of objects by number, and of added ones by the decision that added them
+    notes: dict[int, Note] = field(default_factory=dict)
+    notes_of_added: dict[int, Note] = field(default_factory=dict)
 
 
 def fold_states(decisions: Sequence[Decision], objects: ListedObjects) -> States:
     """Return the state of each object of an inventory after the decisions in force."""
-    states = States()
+    states, lost = States(), dict[tuple[str, int], list[Decision]]()
     present = _present_numbers(decisions, objects)
-    kinds = dict(zip(objects.table["object_id"].tolist(), objects.table["kind"].astype(str).tolist(), strict=True))
-    names = dict(zip(objects.table["object_id"].tolist(), objects.table["class"].astype(str).tolist(), strict=True))
+    columns = (objects.table[name].astype(str).tolist() for name in ("kind", "class"))
+    listed = dict(zip(objects.table["object_id"].tolist(), zip(*columns, strict=True), strict=True))
     for decision in decisions:
         action = decision.correction.action
         if action == "paint":
             states.painted.append(decision)
         elif action == "add":
             states.added.append(decision)
+            states.notes_of_added[decision.identifier] = Note.of(decision.correction.payload)
+        elif action == "note" and decision.correction.object_id is None:
+            of = decision.correction.payload["added"]
+            if of in states.notes_of_added:  # the object was not taken back
+                states.notes_of_added[of] = Note.of(decision.correction.payload)
         elif action in LINE_ACTIONS:
             states.lines.append(decision)
         else:
             numbers = [present.get((decision.identifier, number)) for number in named_objects(decision.correction)]
-            own = numbers[0]
-            if own is None:
-                states.unmatched.append(decision)
-                continue
-            _apply(states.of_objects, decision, own, (kinds.get(own, ""), names.get(own, "")))
-            for other in numbers[1:]:
-                if other is not None and other != own:
-                    _apply(states.of_objects, decision, other, (kinds.get(other, ""), names.get(other, "")))
-                    states.of_objects[other]["merged_into"] = own
+            if numbers[0] is None:
+                lost.setdefault(_key(decision), []).append(decision)
+            else:
+                _apply_to_objects(states, decision, numbers[0], numbers[1:], listed)
     for number, state in states.of_objects.items():
         if "merged_into" in state:
             states.of_objects[state["merged_into"]].setdefault("merged", []).append(number)
+    _keep_missing(states, lost.values())
     return states
 
 
-_LINE_MOVED = 0.5  # largest distance of the first vertex of a line that was found again, metres
+def _keep_missing(states: States, lost: Iterable[Sequence[Decision]]) -> None:
+    """Add the objects of decisions that the inventory does not list; decisions that say of none what it is stay."""
+    for group in lost:
+        notes = [decision for decision in group if decision.correction.action == "note"]
+        missing = _missing([decision for decision in group if decision.correction.action != "note"])
+        if missing is None:
+            states.unmatched.extend(group)
+            continue
+        states.added.append(missing)
+        states.notes_of_added[missing.identifier] = Note.of(notes[-1].correction.payload if notes else {})
+    states.added.sort(key=lambda decision: decision.identifier)
+    states.unmatched.sort(key=lambda decision: decision.identifier)
 
 
-def line_states(decisions: Sequence[Decision], lines: pd.DataFrame) -> dict[int, str]:
-    """Return the status of lines by number, `accepted` or `rejected`; they are found by kind and first vertex.
+def _apply_to_objects(
+    states: States,
+    decision: Decision,
+    own: int,
+    others: Sequence[int | None],
+    listed: Mapping[int, tuple[str, str]],
+) -> None:
+    """Apply a decision to its object and to the others that it names; `listed` has their kinds and classes."""
+    if decision.correction.action == "note":
+        states.notes[own] = Note.of(decision.correction.payload)
+        return
+    _apply(states.of_objects, decision, own, listed.get(own, ("", "")))
+    for other in others:
+        if other is not None and other != own:
+            _apply(states.of_objects, decision, other, listed.get(other, ("", "")))
+            states.of_objects[other]["merged_into"] = own
 
-    `lines` has at least `line_id`, `kind`, `x` and `y`.
-    """
-    found: dict[int, str] = {}
-    places = lines[["x", "y"]].to_numpy(np.float64)
-    numbers, kinds = lines["line_id"].to_numpy(np.int64), lines["kind"].astype(str).to_numpy()
-    for decision in decisions:
-        given = decision.correction
-        apart = np.hypot(*(places - (given.payload["x"], given.payload["y"])).T)
-        apart = np.where(kinds == given.kind, apart, np.inf)
-        if len(apart) and apart.min() <= _LINE_MOVED:
-            found[int(numbers[int(apart.argmin())])] = f"{given.action.removesuffix('_line')}ed"
-    return found
+
+def _key(decision: Decision) -> tuple[str, int]:
+    """Return what the decisions about one object of one inventory have in common."""
+    number = named_objects(decision.correction)[0]
+    anchor = decision.anchors.get(number)
+    return ("" if anchor is None else anchor.inventory, number)
+
+
+def _missing(decisions: Sequence[Decision]) -> Decision | None:
+    """Return the decisions about an object that is not listed any more as an added object; None unless it is one."""
+    moved = [decision for decision in decisions if decision.correction.action == "move_base"]
+    others = [decision for decision in decisions if decision.correction.action != "move_base"]
+    if not decisions:
+        return None
+    last = (others or moved)[-1]
+    given, anchor = last.correction, last.anchors.get(named_objects(last.correction)[0])
+    if anchor is None or given.action not in FOLLOWED:
+        return None
+    name = given.payload.get("class") or (anchor.name if given.action != "other_kind" else None)
+    of_class = name if name in KINDS else KIND_OF_CLASS.get(str(name))
+    kind = given.kind or (of_class if given.action == "other_kind" else anchor.kind)
+    if kind not in KINDS:
+        return None
+    place = {axis: float((moved[-1].correction.payload if moved else vars(anchor))[axis]) for axis in "xyz"}
+    added = Correction("add", kind=kind, payload=place | ({} if name is None else {"class": name}))
+    return replace(last, correction=added, anchors={})
 
 
 def _apply(states: dict[int, ObjectState], decision: Decision, number: int, listed: tuple[str, str]) -> None:
     given, action = decision.correction, decision.correction.action
     state = states.setdefault(number, {"status": "", "checked_class": listed[1], "checked_kind": listed[0]})
+    anchor = decision.anchors.get(named_objects(given)[0])
+    is_other = action in FOLLOWED and not state["status"] and anchor is not None and listed[0] != anchor.kind
     state["decision"], state["who"], state["made"] = decision.identifier, decision.who, decision.made
     if action == "move_base":
         state["x"], state["y"], state["z"] = (float(given.payload[axis]) for axis in "xyz")
+    if is_other and anchor is not None and action != "other_kind":  # accepted as another kind than that of now
+        state["status"], state["checked_kind"] = STATUS["other_kind"], anchor.kind
+        state["checked_class"] = str(given.payload.get("class") or anchor.name)
+        return
+    if action == "move_base":
         state["status"] = state["status"] or STATUS[action]
         return
     state["status"] = STATUS[action]
@@ -139,6 +209,7 @@ def _present_numbers(decisions: Sequence[Decision], objects: ListedObjects) -> d
     groups: dict[tuple[str, int], int] = {}
     anchors: dict[int, list[tuple[int, Anchor, str]]] = {}
     members: list[tuple[tuple[int, int], int]] = []
+    last_actions: dict[int, str] = {}
     for decision in decisions:
         given = decision.correction.kind or ""
         for number in named_objects(decision.correction):
@@ -149,7 +220,9 @@ def _present_numbers(decisions: Sequence[Decision], objects: ListedObjects) -> d
             before = anchors.setdefault(key, [])
             before.append((number, anchor, given or (before[-1][2] if before else "")))
             members.append(((decision.identifier, number), key))
-    found = objects.find(anchors)
+            last_actions[key] = decision.correction.action
+    kept = {key for key, action in last_actions.items() if action in FOLLOWED}
+    found = objects.find(anchors, of_any_kind=kept)
     return {member: found[key] for member, key in members}
 
 

@@ -28,6 +28,7 @@ from mlsroad_pipeline.review.corrections.store_file import (
     checksum,
     connected,
     connected_to_copy,
+    empty_in_memory,
     identity,
     readable,
     rescued,
@@ -109,7 +110,8 @@ class CorrectionStore:
         """
         if not who.strip():
             raise ParameterError("the name of the user who corrects is empty: give one")
-        rows = [self._row(correction, who) for correction in corrections]
+        made = datetime.now(UTC).isoformat(timespec="milliseconds")  # one time: the page takes them back together
+        rows = [(made, *self._row(correction, who)) for correction in corrections]
         with self._transaction() as base:
             numbers = [int(base.execute(ADDED, row).lastrowid or 0) for row in rows]
             for number in numbers:
@@ -123,11 +125,13 @@ class CorrectionStore:
             if anchor is None:
                 raise ParameterError(f"{self.folder}: the inventory has no object {number}")
             anchors[str(number)] = asdict(anchor)
+        added = correction.payload.get("added") if correction.action == "note" else None
+        if added is not None and added not in self.states().notes_of_added:
+            raise ParameterError(f"{self.path}: no decision {added} in force has added an object")
         own = anchors.get(str(correction.object_id))
         check_values(correction, place=None if own is None else (own["x"], own["y"]))
         payload = json.dumps(dict(correction.payload), sort_keys=True, allow_nan=False)
-        made = datetime.now(UTC).isoformat(timespec="milliseconds")
-        return made, who, correction.action, correction.object_id, correction.kind, payload, json.dumps(anchors)
+        return who, correction.action, correction.object_id, correction.kind, payload, json.dumps(anchors)
 
     def undo(self, *identifiers: int, who: str = "") -> None:
         """Take decisions back in one transaction, all or none; they stay in the store, marked.
@@ -246,7 +250,8 @@ def open_corrections(folder: str | Path, *, write: bool = True) -> CorrectionSto
     folder : str or Path
         Output folder of `label`.
     write : bool
-        Whether decisions will be added; without, a store that cannot be written is read from a copy in memory.
+        Whether decisions will be added; without, a store that cannot be written is read from a copy in memory, and a
+        folder without a store that cannot be written has no decisions.
 
     Returns
     -------
@@ -267,9 +272,10 @@ def open_corrections(folder: str | Path, *, write: bool = True) -> CorrectionSto
     with readable(path):
         if os.access(place, os.W_OK) and (not path.exists() or os.access(path, os.W_OK)):
             return CorrectionStore(place, connected(path))
-        if write or not os.path.lexists(path):
+        if write:
             raise _not_writable(path)
-        return CorrectionStore(place, connected_to_copy(path), writable=False)
+        found = connected_to_copy(path) if os.path.lexists(path) else empty_in_memory()
+        return CorrectionStore(place, found, writable=False)
 
 
 def _not_writable(path: Path) -> ReadError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
@@ -78,6 +79,14 @@ def connected_to_copy(path: Path) -> sqlite3.Connection:
     return memory
 
 
+def empty_in_memory() -> sqlite3.Connection:
+    """Open a store without decisions in memory, of a folder that cannot be written."""
+    memory = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False)
+    memory.execute(TABLES[VERSION])
+    memory.execute("PRAGMA query_only = ON")
+    return memory
+
+
 def _open(path: Path) -> sqlite3.Connection:
     address = f"{path.absolute().as_uri()}?mode=rw"  # never creates a file
     connection = sqlite3.connect(address, uri=True, timeout=WAIT, isolation_level=None, check_same_thread=False)
@@ -90,11 +99,15 @@ def _create(path: Path) -> None:
     with tempfile.TemporaryDirectory(prefix=f".{path.name}-", dir=path.parent) as folder:
         new = Path(folder, path.name)
         with closing(sqlite3.connect(new, isolation_level=None)) as base:
-            base.execute("PRAGMA journal_mode = WAL")
             base.execute("PRAGMA synchronous = FULL")
             base.execute(TABLES[VERSION])
             base.execute(f"PRAGMA application_id = {APPLICATION}")
             base.execute(f"PRAGMA user_version = {VERSION}")
+            base.execute("PRAGMA journal_mode = WAL")
+        with closing(sqlite3.connect(new, isolation_level=None)) as base:
+            _check(base, path)  # SQLite ignores errors of the write-ahead log while it closes a file
+        if len(os.listdir(folder)) > 1:
+            raise OSError(errno.EIO, os.strerror(errno.EIO), str(path))
         try:
             os.link(new, path)
         except FileExistsError:  # another process was first

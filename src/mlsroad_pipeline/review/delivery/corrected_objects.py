@@ -9,7 +9,7 @@ import pandas as pd
 import shapely
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_KINDS
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_KINDS, line_table
 from mlsroad_pipeline.algorithms.inventory.objects.boxes import oriented_box
 from mlsroad_pipeline.algorithms.inventory.objects.keys import new_keys
 from mlsroad_pipeline.algorithms.inventory.objects.measures import EXTENT, MEASURES
@@ -17,9 +17,10 @@ from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, K
 from mlsroad_pipeline.algorithms.inventory.objects.sections import equal_sections, line_lengths, section_table
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS_OF_KINDS, OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
-from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, footprint_text, line_vertices
-from mlsroad_pipeline.review.corrections.inventory_columns import with_states
-from mlsroad_pipeline.review.corrections.states import ObjectState, States, line_states
+from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, footprint_text, line_vertices, note_columns
+from mlsroad_pipeline.review.corrections.inventory_columns import note_cells, with_states
+from mlsroad_pipeline.review.corrections.line_decisions import line_states
+from mlsroad_pipeline.review.corrections.states import ObjectState, States
 
 KindsOf = Mapping[str, Collection[str]]
 """Class name to the kinds of objects that its members have; none for classes of no object."""
@@ -71,17 +72,21 @@ def corrected_inventory(
             rows[row["object_id"]] = row
     kept = [row for n, row in rows.items() if keep_rejected or n not in gone]
     kept += [row for row in new if row["object_id"] not in rows]
-    objects = _typed([row for row in kept if row["status"] or not checked])
+    objects = _typed([row for row in kept if row["status"] or not checked], note_columns(table))
     lost = ~objects["pole_id"].isin(objects.loc[objects["kind"] == "pole", "object_id"])
     objects["pole_id"] = objects["pole_id"].mask(lost, 0)
     objects["key"] = new_keys(objects, crs=inventory.crs)
-    lines = None if inventory.lines is None else _kept_lines(inventory.lines, states, keep_rejected, checked)
+    lines = _kept_lines(inventory, states, keep_rejected, checked)
     return _measured_along(replace(inventory, objects=objects, lines=lines))
 
 
-def _kept_lines(lines: pd.DataFrame, states: States, keep_rejected: bool, checked: bool) -> pd.DataFrame:
-    found = line_states(states.lines, lines)
-    status = [found.get(number, "") for number in lines["line_id"].tolist()]
+def _kept_lines(inventory: RoadInventory, states: States, keep_rejected: bool, checked: bool) -> pd.DataFrame | None:
+    if inventory.lines is None and not states.lines:
+        return None
+    listed = line_table([]) if inventory.lines is None else inventory.lines
+    found = line_states(states.lines, listed, inventory.trajectory)
+    lines = found.apply(listed)
+    status = [found.status.get(number, "") for number in lines["line_id"].tolist()]
     kept = [(s != "rejected" or keep_rejected) and (s != "" or not checked) for s in status]
     return lines[np.array(kept, dtype=np.bool_)].reset_index(drop=True)
 
@@ -125,7 +130,9 @@ def new_rows(
     decided = objects[objects["object_id"].isin(list(states.of_objects))]
     listed = {int(row["object_id"]): row for row in _records(with_states(decided, states))}
     made: list[tuple[int, list[dict[str, Any]]]] = [
-        (decision.identifier, [_added_row(decision.correction) | {"of": 0}]) for decision in states.added
+        (n, [_added_row(decision.correction) | note_cells(states.notes_of_added[n]) | {"of": 0}])
+        for decision in states.added
+        for n in (decision.identifier,)
     ]
     for number, state in states.of_objects.items():
         if "bases" in state and number in listed and "merged_into" not in state:
@@ -236,8 +243,10 @@ def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
     return [{str(name): value for name, value in row.items()} for row in table.to_dict("records")]
 
 
-def _typed(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    table = pd.DataFrame(list(rows), columns=list(OBJECT_FIELDS)).astype(OBJECT_FIELDS)
+def _typed(rows: Sequence[Mapping[str, Any]], notes: Sequence[str]) -> pd.DataFrame:
+    blank = dict.fromkeys(notes, "")
+    table = pd.DataFrame([blank | dict(row) for row in rows], columns=[*OBJECT_FIELDS, *notes])
+    table = table.astype({**OBJECT_FIELDS, **dict.fromkeys(notes, "str")})
     return table.round(dict.fromkeys(_MILLIMETRES, 3))
 
 

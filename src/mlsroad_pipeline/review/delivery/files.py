@@ -32,7 +32,7 @@ from mlsroad_pipeline.review.delivery.corrected_points import (
     painted_points,
     write_corrected_cloud,
 )
-from mlsroad_pipeline.review.delivery.protocol import decision_table, kind_table, line_table, protocol_page
+from mlsroad_pipeline.review.delivery.protocol import decision_table, kind_table, lines_by_kind, protocol_page
 from mlsroad_pipeline.review.page_server.output_folder import INVENTORY, OutputFolder
 
 logger = logging.getLogger(__name__)
@@ -217,7 +217,7 @@ class Delivery:
         table = kind_table(self.listed.objects, self.states, self.kinds)
         page, decisions = folder / "page.html", folder / "decisions.csv"
         write_atomic(
-            page, protocol_page(facts, self.history, table, line_table(self.listed.lines, self.states)).encode()
+            page, protocol_page(facts, self.history, table, lines_by_kind(self.listed.lines, self.states)).encode()
         )
         text = without_formulas(decision_table(self.history)).to_csv(index=False, lineterminator="\n")
         write_atomic(decisions, text.encode())

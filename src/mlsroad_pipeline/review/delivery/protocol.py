@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import line_table
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.reporting.html.report import build_report, facts_section, table_section
 from mlsroad_pipeline.review.corrections.decisions import Decision
-from mlsroad_pipeline.review.corrections.states import ObjectState, States, line_states
+from mlsroad_pipeline.review.corrections.line_decisions import line_states
+from mlsroad_pipeline.review.corrections.states import ObjectState, States
 from mlsroad_pipeline.review.delivery.corrected_objects import KindsOf, kind_of, new_rows
 from mlsroad_pipeline.review.delivery.estimates import UNKNOWN, Estimate, strata_of, wilson
 
@@ -30,7 +32,11 @@ def decision_table(history: Sequence[Decision]) -> pd.DataFrame:
         points = len(given.payload["points"]) if given.action == "paint" else ""
         where = given.payload.get("file", "")
         row: dict[str, Any] = {"decision": decision.identifier, "made_utc": decision.made, "who": decision.who}
-        row |= {"action": given.action, "object": given.object_id or "", "given": given.checked_class}
+        row |= {
+            "action": given.action,
+            "object": given.object_id or "",
+            "given": given.checked_class if given.action == "paint" else given.described,
+        }
         rows.append(row | {"points": points, "file": where, "taken_back_utc": decision.undone})
     columns = ("decision", "made_utc", "who", "action", "object", "given", "points", "file", "taken_back_utc")
     return pd.DataFrame(rows, columns=list(columns))
@@ -85,19 +91,28 @@ def _estimated(score: np.ndarray, outcome: Sequence[str], missing: int) -> dict[
     return dict(zip(_ESTIMATES, map(str, (listed, delivered, recall)), strict=True))
 
 
-def line_table(lines: pd.DataFrame | None, states: States) -> pd.DataFrame:
-    """Return for each kind the lines and metres that are listed, the decisions about them, and what is left."""
+def lines_by_kind(lines: pd.DataFrame | None, states: States) -> pd.DataFrame:
+    """Return for each kind the lines and metres that are listed, the decisions by their present kind, and the rest."""
     rows = []
-    for kind, own in () if lines is None else lines.groupby("kind", sort=True):
-        found = line_states(states.lines, own)
-        status = Counter(found.values())
+    listed = line_table([]) if lines is None else lines
+    found = line_states(states.lines, listed)
+    present = found.apply(listed)
+    present["status"] = [found.status.get(number, "") for number in present["line_id"].tolist()]
+    for kind in sorted({*listed["kind"], *present["kind"]}):
+        own, now = listed[listed["kind"] == kind], present[present["kind"] == kind]
+        status = Counter(now["status"])
         row = {"kind": kind, "listed": len(own), "length, m": round(float(own["length"].sum()), 1)}
-        rows.append(row | {"right": status["accepted"], "wrong": status["rejected"], "left": len(own) - len(found)})
+        row |= {"right": status["accepted"], "wrong": status["rejected"], "other kind": status["changed"]}
+        row |= {"other vertices": sum(status[name] for name in ("moved", "cut", "joined")), "added": status["added"]}
+        row |= {"left": status[""], "delivered": len(now) - status["rejected"]}
+        rows.append(
+            row | {"length delivered, m": round(float(now.loc[now["status"] != "rejected", "length"].sum()), 1)}
+        )
     return pd.DataFrame(rows)
 
 
 def protocol_page(facts: dict[str, Any], history: Sequence[Decision], kinds: pd.DataFrame, lines: pd.DataFrame) -> str:
-    """Return the protocol as one HTML page; the tables are those of `kind_table` and `line_table`."""
+    """Return the protocol as one HTML page; the tables are those of `kind_table` and `lines_by_kind`."""
     decisions = decision_table(history)
     valid = decisions[decisions["taken_back_utc"] == ""]
     made = valid["made_utc"]

@@ -8,11 +8,15 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import shapely
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS
+from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
+from mlsroad_pipeline.review.corrections.line_decisions import line_states
 from mlsroad_pipeline.review.corrections.listed_objects import ListedObjects
-from mlsroad_pipeline.review.corrections.states import States, line_states
+from mlsroad_pipeline.review.corrections.states import States
 from mlsroad_pipeline.review.delivery.corrected_objects import changed_rows, kind_of, kinds_of_classes
 from mlsroad_pipeline.review.delivery.corrected_points import ClassCodes, object_codes
 from mlsroad_pipeline.review.page_server.class_counts import Box, ClassCounts
@@ -69,15 +73,28 @@ class Decided:
         rows = changed_rows(chosen.assign(footprint=texts), states, kinds=self._kinds, last=last)
         return [{name: _plain(value) for name, value in row.items() if name != "footprint"} for row in rows]
 
-    def lines(self, states: States) -> dict[str, str]:
-        """Return the status of decided lines by number."""
-        names = ("line_id", "kind", "x", "y")
-        table = pd.DataFrame([{n: line[n] for n in names} for line in self._lines], columns=list(names))
-        return {str(number): status for number, status in line_states(states.lines, table).items()}
+    def lines(self, states: States) -> dict[str, Any]:
+        """Return the status of decided lines by number, the rows of changed and new ones, and those that are gone."""
+        vertices, table, path = self._lines
+        found = line_states(states.lines, table, path)
+        rows = [
+            {name: _plain(value) for name, value in row.items() if name != "line"}
+            | {"vertices": _vertices_of(row["line"]) if row["line"] else vertices[number]}
+            for number, row in found.rows.items()
+        ]
+        status = {str(number): text for number, text in found.status.items()}
+        return {"status": status, "rows": rows, "gone": sorted(found.gone)}
 
     @cached_property
-    def _lines(self) -> list[dict[str, Any]]:
-        return self._output.lines()
+    def _lines(self) -> tuple[dict[int, Any], pd.DataFrame, Trajectory | None]:
+        lines, path = self._output.lines(), np.array(self._output.path_vertices()).reshape(-1, 3)
+        types = {name: field.dtype for name, field in LINE_FIELDS.items()}
+        rows = [
+            {n: line.get(n) or "" if dtype == "str" else line.get(n) for n, dtype in types.items()} for line in lines
+        ]
+        table = pd.DataFrame(rows, columns=list(types)).astype(types)
+        trajectory = Trajectory.from_positions(path, check_jumps=False) if len(path) > 1 else None
+        return {line["line_id"]: line["vertices"] for line in lines}, table, trajectory
 
     def in_force(self, states: States, strokes: Iterator[tuple[NDArray[np.int64], str]]) -> Painted:
         """Return the classes that decisions give to points."""
@@ -105,6 +122,11 @@ class Decided:
             for end in ("min", "max")
         )
         return np.where(np.isnan(low), -np.inf, low), np.where(np.isnan(high), np.inf, high)
+
+
+def _vertices_of(text: str) -> list[list[float]]:
+    found: list[list[float]] = shapely.get_coordinates(shapely.from_wkt(text), include_z=True).tolist()
+    return found
 
 
 def _plain(value: Any) -> Any:

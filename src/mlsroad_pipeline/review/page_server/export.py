@@ -16,6 +16,7 @@ from mlsroad_pipeline.formats.files import atomic_file
 from mlsroad_pipeline.review.corrections import has_corrections, review_order
 from mlsroad_pipeline.review.corrections.listed_objects import INVENTORIES, read_objects
 from mlsroad_pipeline.review.corrections.store import NAME as STORE
+from mlsroad_pipeline.review.page_server.background import Background
 from mlsroad_pipeline.review.page_server.cloud_files import CloudFiles
 from mlsroad_pipeline.review.page_server.output_folder import INVENTORY, PHOTOS, OutputFolder, resolved
 from mlsroad_pipeline.review.page_server.served_survey import ServedSurvey
@@ -25,6 +26,7 @@ from mlsroad_pipeline.review.page_server.tile_format import FirstPicture, pictur
 MOST_POINTS = 1_000_000
 """Points of an exported page; of larger surveys it has a random sample."""
 _BLOCK = 500_000
+_ROOM = 20.0  # of the background around the survey, metres
 _MOST_PHOTOS = 20_000_000  # bytes of all photos
 
 
@@ -32,7 +34,9 @@ class ExportError(MlsRoadError):
     """The page cannot be written to this file."""
 
 
-def export_page(output: OutputFolder, target: Path, *, most: int = MOST_POINTS) -> Path:
+def export_page(
+    output: OutputFolder, target: Path, *, most: int = MOST_POINTS, background: Background | None = None
+) -> Path:
     """Write the page of an output to one HTML file and return its path; an existing file is not replaced.
 
     Raises ExportError if the file exists, or its name does not end in ``.html``.
@@ -43,7 +47,7 @@ def export_page(output: OutputFolder, target: Path, *, most: int = MOST_POINTS) 
         raise ExportError(f"{target} exists: remove it, or choose another name (--export)")
     if not target.parent.is_dir():
         raise ExportError(f"{target.parent} is not a folder: create it first")
-    survey = ServedSurvey(output, user="")
+    survey = ServedSurvey(output, user="", background=background)
     _check_inside(output)
     corrections, queue = _decisions(survey)
     picture = _sample(output.clouds, most)
@@ -52,6 +56,7 @@ def export_page(output: OutputFolder, target: Path, *, most: int = MOST_POINTS) 
         "corrections": corrections,
         "queue": queue,
         "photos": _photos(output.path),
+        "background": None if background is None else background.embedded(_area(output.clouds, picture)),
     }
     survey.close()
     page = _page(json.dumps(content, allow_nan=False).encode(), picture.chunk, title=output.name)
@@ -74,8 +79,8 @@ def _decisions(survey: ServedSurvey) -> tuple[dict[str, Any], list[dict[str, Any
     """Return decisions and queue; a folder without decisions is left without their store."""
     if has_corrections(survey.output.path):
         return survey.corrections(points=False), survey.queue(100)
-    none: dict[str, Any] = {"states": {}, "painted": [], "decisions": [], "objects": [], "lines": {}, "codes": {}}
-    none |= {"counts": None, "mark": ""}
+    none: dict[str, Any] = {"states": {}, "painted": [], "decisions": [], "objects": [], "codes": {}, "mark": ""}
+    none |= {"lines": {"status": {}, "rows": [], "gone": []}, "notes": {}, "notes_of_added": {}, "counts": None}
     return none, review_order(read_objects(survey.output.path).rows(), {}, 100)
 
 
@@ -89,6 +94,12 @@ def _sample(clouds: CloudFiles, most: int) -> FirstPicture:
         xyz.append(block.xyz[kept])
         values.append(block.values[kept])
     return picture_of(clouds, np.concatenate(xyz), np.concatenate(values))
+
+
+def _area(clouds: CloudFiles, picture: FirstPicture) -> tuple[float, float, float, float]:
+    """Return the extent of a survey in plan with some room."""
+    low, high = (np.array(corner[:2]) + clouds.origin[:2] for corner in picture.facts["bounds"])
+    return *(low - _ROOM).tolist(), *(high + _ROOM).tolist()
 
 
 def _photos(folder: Path) -> dict[str, str]:

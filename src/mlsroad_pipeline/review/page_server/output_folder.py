@@ -147,7 +147,7 @@ class OutputFolder:
                 names = [row[1] for row in base.execute(f'PRAGMA table_info("{layer}")')]
                 rows = (dict(zip(names, row, strict=True)) for row in _rows(base, f"SELECT * FROM {layer}"))
                 for row in rows:
-                    vertices = np.round(_vertices(row.pop("geom")), 2).tolist()
+                    vertices = np.round(_vertices(row.pop("geom")), 3).tolist()
                     found.append({**{n: v for n, v in row.items() if n != "fid"}, "vertices": vertices})
             return found
 

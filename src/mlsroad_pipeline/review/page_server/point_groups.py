@@ -1,4 +1,4 @@
-"""Groups of points to look at first, beside the objects: least certain, large, and unlike those that were answered.
+"""Groups of points to look at first, beside the objects: those that are probably wrong, large, and can be judged.
 
 A group is a unit of the answers that `mlsroad learn` uses: connected points of one class within a few metres. Groups
 are found on a sample of the tiles, the points of a group on all tiles.
@@ -6,6 +6,7 @@ are found on a sample of the tiles, the points of a group on all tiles.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple, TypedDict
 
 import numpy as np
@@ -14,12 +15,13 @@ from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.las_codes import NOISE_CODES
+from mlsroad_pipeline.algorithms.inventory.objects.doubts import CELL as CLUSTER_CELL
+from mlsroad_pipeline.algorithms.inventory.objects.doubts import LEAST_POINTS, Cells, doubtful_clusters, worth_of_look
 from mlsroad_pipeline.algorithms.models.boosted_trees.segments import (
     CELL,
     GAP,
     Segments,
     find_segments,
-    order_of_questions,
 )
 from mlsroad_pipeline.review.page_server.selection import Near, TooManyPointsError, cluster
 from mlsroad_pipeline.review.page_server.tile_format import TileIndex, depth, spacing
@@ -29,6 +31,7 @@ SAMPLED = 250_000
 """Largest number of points of the sample, which bounds memory; of larger surveys cubes at equal steps are used."""
 _SPACING = 0.4  # of the sample, metres
 _FEWEST = 6  # cells of a group
+_TRIED, _TRIES = 100, 3  # groups whose points are counted: at least, and per group that is requested
 _COLUMN = 4.0  # edge of the columns whose lowest point gives heights, metres
 _NEAREST = 20_000  # points whose nearest neighbours give the spacing of a sparse survey
 
@@ -58,7 +61,9 @@ class _Sample(NamedTuple):
 class PointGroups:
     """Groups of the points of a survey that belong to no object."""
 
-    def __init__(self, tiles: TileIndex) -> None:
+    def __init__(
+        self, tiles: TileIndex, *, names: Mapping[int, str] | None = None, path: NDArray[np.float64] | None = None
+    ) -> None:
         sample = _thinned(_sampled(tiles))
         height = _heights(sample.xyz)
         free = np.flatnonzero(~sample.in_object & ~np.isin(sample.codes, NOISE_CODES))
@@ -66,18 +71,47 @@ class PointGroups:
         self._scale = _scale(self._sample.xyz)
         self._segments = _segmented(self._sample, height[free], self._scale)
         self._places = _middle_points(self._sample.xyz, self._segments)
+        doubtful = _doubtful(sample, height, names or {}, self._scale)[free]
+        self._facts = _facts(self._sample, self._segments, self._places, doubtful, names or {}, path)
+        self._counted: dict[int, tuple[int, int]] = {}
         self._left_out: set[int] = set()
 
     def first(self, number: int, painted: Painted = NONE) -> list[PointGroup]:
-        """Return the groups whose answers improve a model most; painted ones count as answered, and are left out."""
+        """Return the groups that are worth a look most; painted ones count as answered, and are left out."""
+        return [self._described(segment) for segment in self.order(number, painted)]
+
+    def order(self, number: int, painted: Painted = NONE) -> list[int]:
+        """Return the segments of the groups to look at first; of segments with the same points, the first alone."""
         segments = self._segments
         if not len(segments.size):
             return []
         done = np.isin(self._sample.rows, painted.rows) if len(painted.rows) else np.zeros(len(segments.owner), bool)
         share = np.bincount(segments.owner, weights=done, minlength=len(segments.size)) / segments.size
-        asked = np.union1d(np.flatnonzero((share > 0.5) | done[self._places]), sorted(self._left_out))
-        order = order_of_questions(segments, number, asked=asked.astype(np.int64), least=_FEWEST)
-        return [self._described(int(segment)) for segment in order]
+        open_ = (segments.size >= _FEWEST) & (share <= 0.5) & ~done[self._places]
+        open_[sorted(self._left_out)] = False
+        likely = np.argsort(-np.where(open_, self._worth(segments.size * LEAST_POINTS / _FEWEST), -1.0), kind="stable")
+        tried = likely[: min(int(open_.sum()), max(_TRIED, _TRIES * number))]
+        counts = np.array([self._count(int(segment))[0] for segment in tried])
+        distinct: dict[tuple[int, int, int], int] = {}
+        for segment in tried[np.argsort(-self._worth(counts, tried), kind="stable")].tolist():
+            distinct.setdefault((int(self._codes[segment]), *self._count(segment)), segment)
+        return list(distinct.values())[:number]
+
+    @property
+    def _codes(self) -> NDArray[np.uint8]:
+        return self._sample.codes[self._places]
+
+    def _worth(self, points: NDArray[np.number], rows: NDArray[np.int64] | slice = slice(None)) -> NDArray[np.float64]:
+        name, confidence, extent, distance, is_doubtful = (column[rows] for column in self._facts)
+        return worth_of_look(name, confidence, extent, points, distance, unlikely=is_doubtful)
+
+    def _count(self, segment: int) -> tuple[int, int]:
+        """Return the number of points of a group as labelled, and the first of their rows."""
+        if segment not in self._counted:
+            place = self._sample.xyz[self._places[segment]].astype(np.float64)
+            rows = self.points(place, int(self._codes[segment])).rows
+            self._counted[segment] = len(rows), int(rows[0]) if len(rows) else -1
+        return self._counted[segment]
 
     def leave_out(self, place: NDArray[np.float64], *, back: bool = False) -> None:
         """Leave the group at a place out of the list, or take it back."""
@@ -107,6 +141,40 @@ class PointGroups:
             "code": int(self._sample.codes[place]),
             "confidence": round(float(self._sample.confidence[own].mean()), 3),
         }
+
+
+def _doubtful(
+    sample: _Sample, height: NDArray[np.float32], names: Mapping[int, str], scale: float
+) -> NDArray[np.bool_]:
+    """Return the points of the sample in clusters whose class is unlikely where they stand."""
+    present, label = np.unique(sample.codes, return_inverse=True)
+    cells = Cells(sample.xyz, height, label, [names.get(int(code), "") for code in present])
+    return doubtful_clusters(cells, size=CLUSTER_CELL * scale, least=_FEWEST)[1] >= 0
+
+
+def _facts(
+    sample: _Sample,
+    segments: Segments,
+    places: NDArray[np.int64],
+    doubtful: NDArray[np.bool_],
+    names: Mapping[int, str],
+    path: NDArray[np.float64] | None,
+) -> tuple[NDArray, ...]:
+    """Return class, mean confidence, vertical extent, distance from the path of each group, and whether in doubt."""
+    n, size = len(segments.size), np.maximum(segments.size, 1)
+    low, high = np.full(n, np.inf), np.full(n, -np.inf)
+    np.minimum.at(low, segments.owner, sample.xyz[:, 2])
+    np.maximum.at(high, segments.owner, sample.xyz[:, 2])
+    away = np.full(n, np.nan)
+    if path is not None and len(path) and n:
+        away = cKDTree(path[:, :2]).query(sample.xyz[places, :2])[0]
+    return (
+        np.array([names.get(int(code), "") for code in sample.codes[places]], dtype=np.str_),
+        np.bincount(segments.owner, weights=sample.confidence, minlength=n) / size,
+        high - low,
+        away,
+        np.bincount(segments.owner, weights=doubtful, minlength=n) > size / 2,
+    )
 
 
 def _sampled(tiles: TileIndex) -> _Sample:

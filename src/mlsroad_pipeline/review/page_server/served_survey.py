@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +21,7 @@ from mlsroad_pipeline.review.painted import Painted
 if TYPE_CHECKING:
     from mlsroad_pipeline.review.corrections import Correction, CorrectionStore, Decision
     from mlsroad_pipeline.review.corrections.states import States
+    from mlsroad_pipeline.review.page_server.background import Background
     from mlsroad_pipeline.review.page_server.decided import Decided
     from mlsroad_pipeline.review.page_server.point_groups import PointGroups
 
@@ -33,10 +34,10 @@ _FIRST_WAIT = 4.0  # longest wait for a browser that requests the first picture,
 class ServedSurvey:
     """A survey as the page shows it; its methods are called from several threads."""
 
-    def __init__(self, output: OutputFolder, *, user: str) -> None:
+    def __init__(self, output: OutputFolder, *, user: str, background: Background | None = None) -> None:
         if not output.clouds.n_points:
             raise ReadError(f"{output.path}: the labelled files hold no points, there is nothing to show")
-        self.output, self.user = output, user
+        self.output, self.user, self.background = output, user, background
         self.tiles = TileCache(output.path, output.cloud_names)
         self._guard, self._reading, self._grouping = threading.Lock(), threading.Lock(), threading.Lock()
         self._viewing = threading.Lock()
@@ -58,11 +59,11 @@ class ServedSurvey:
     @property
     def store(self) -> CorrectionStore:
         """Decisions of the output folder."""
-        from mlsroad_pipeline.review.corrections import has_corrections, open_corrections  # noqa: PLC0415
+        from mlsroad_pipeline.review.corrections import open_corrections  # noqa: PLC0415
 
         with self._guard:
             if self._store is None:
-                self._store = open_corrections(self.output.path, write=not has_corrections(self.output.path))
+                self._store = open_corrections(self.output.path, write=False)
                 self._objects = self._store.objects().digest
             return self._store
 
@@ -108,6 +109,7 @@ class ServedSurvey:
             "lines": output.lines(),
             "photos": output.photos(),
             "colours": output.colours(),
+            "background": "" if self.background is None else self.background.name,
             "report": (output.path / REPORT).is_file(),
             "warnings": output.run["summary"].get("warnings", []),
             "first": (picture or self.first).facts,
@@ -139,7 +141,8 @@ class ServedSurvey:
                 "who": decision.who,
                 "action": decision.correction.action,
                 "object_id": decision.correction.object_id,
-                "what": _described(decision.correction),
+                "what": decision.correction.described,
+                "line": decision.correction.payload.get("line"),
             }
             for decision in self.store.current()
         ]
@@ -149,6 +152,8 @@ class ServedSurvey:
             "decisions": decisions,
             "objects": decided.objects(states),
             "lines": decided.lines(states),
+            "notes": {str(number): note._asdict() for number, note in states.notes.items()},
+            "notes_of_added": {str(n): note._asdict() for n, note in states.notes_of_added.items()},
             "codes": {str(n): int(painting.of_objects[n]) for n in np.flatnonzero(painting.of_objects >= 0)},
             "counts": decided.counts(self.tiles.index(), painting),
             "mark": mark,
@@ -185,16 +190,7 @@ class ServedSurvey:
         if self.tiles.index() is None:
             return []
         self._check_current()
-        groups = self._point_groups().first(number, self._in_force())
-        return sorted((dict(group) for group in groups), key=self._is_far)
-
-    def _is_far(self, group: Mapping[str, Any]) -> bool:
-        """Return whether a group is so far from the path that it comes last."""
-        from mlsroad_pipeline.algorithms.inventory.objects.review import FAR  # noqa: PLC0415  # pandas
-
-        path = np.array(self.output.path_vertices()).reshape(-1, 3)
-        away = path[:, :2] - self.output.clouds.origin[:2] - group["place"][:2]
-        return bool(len(away)) and float(np.hypot(*away.T).min()) > FAR
+        return [dict(group) for group in self._point_groups().first(number, self._in_force())]
 
     def _point_groups(self) -> PointGroups:
         """Return the groups of the points, found at the first request."""
@@ -205,7 +201,8 @@ class ServedSurvey:
             raise ReadError("the points are still being prepared: paint when that is finished")
         with self._grouping:
             if self._groups is None:
-                self._groups = PointGroups(index)
+                path = np.array(self.output.path_vertices()).reshape(-1, 3) - self.output.clouds.origin
+                self._groups = PointGroups(index, names=self.output.class_names(), path=path)
             return self._groups
 
     def leave_out(self, wanted: dict[str, Any]) -> dict[str, Any]:
@@ -218,19 +215,18 @@ class ServedSurvey:
         return {"rows": self._selected({**wanted, "group": True}).rows.tolist()}
 
     def decide(self, wanted: dict[str, Any]) -> dict[str, Any]:
-        """Write a decision and return its identifier; it is on the disk when this returns."""
-        from mlsroad_pipeline.review.corrections import Correction  # noqa: PLC0415
+        """Write a decision, or those in `all` together, and return the identifiers; they are on the disk then."""
         from mlsroad_pipeline.review.corrections.decisions import check_values  # noqa: PLC0415
 
-        correction = Correction(
-            str(wanted.get("action")), wanted.get("object_id"), wanted.get("kind"), wanted.get("payload") or {}
-        )
-        if correction.action == "paint":
-            raise ParameterError("points are painted by a selection")
+        several = wanted.get("all", [wanted])
+        if not isinstance(several, list) or not several or not all(isinstance(one, dict) for one in several):
+            raise ParameterError("all must be a list of decisions")
+        corrections = [_correction(one) for one in several]
         self._check_current()
-        if correction.payload.get("class") is not None:
-            check_values(correction, classes=self._class_names)
-        return {"ids": [self.store.add(correction, who=self.user)]}
+        for correction in corrections:
+            if correction.payload.get("class") is not None:
+                check_values(correction, classes=self._class_names)
+        return {"ids": self.store.add_all(corrections, who=self.user)}
 
     @cached_property
     def _class_names(self) -> frozenset[str]:
@@ -311,17 +307,16 @@ class ServedSurvey:
         return corrections
 
 
-def _described(correction: Correction) -> str:
-    """Return what a decision is about, in a few words."""
-    from mlsroad_pipeline.review.corrections.decisions import LINE_ACTIONS  # noqa: PLC0415
+def _correction(wanted: dict[str, Any]) -> Correction:
+    """Return a decision of the page."""
+    from mlsroad_pipeline.review.corrections import Correction  # noqa: PLC0415
 
-    if correction.action == "paint":
-        return f"{len(correction.payload['points']):,} points: {correction.payload['class']}"
-    if correction.action in LINE_ACTIONS:
-        return f"{correction.kind} {correction.payload['line']}"
-    if correction.action == "merge":
-        return "with " + ", ".join(map(str, correction.payload["objects"]))
-    return correction.checked_class
+    given = Correction(
+        str(wanted.get("action")), wanted.get("object_id"), wanted.get("kind"), wanted.get("payload") or {}
+    )
+    if given.action == "paint":
+        raise ParameterError("points are painted by a selection")
+    return given
 
 
 def one_line(error: Exception) -> str:

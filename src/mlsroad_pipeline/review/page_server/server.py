@@ -27,6 +27,7 @@ from mlsroad_pipeline.review.page_server.redirect_file import RedirectFile
 from mlsroad_pipeline.review.page_server.served_survey import ServedSurvey, one_line
 from mlsroad_pipeline.review.page_server.tile_cache import CACHE, page_lock
 from mlsroad_pipeline.review.page_server.tile_format import INDEX, LEVELS, level_file
+from mlsroad_pipeline.review.page_server.wanted import area_of, size_of
 
 LOOPBACK = "127.0.0.1"
 STATIC = Path(str(files("mlsroad_pipeline.review.page_server"))) / "static"
@@ -38,7 +39,6 @@ REPORT_POLICY = (
 )
 """Policy of the report: its own scripts run without an origin, so that they cannot call the server."""
 _SERVED = {".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".png": "image/png"}
-_CACHED = {"Cache-Control": "private, max-age=3600"}
 
 
 def application(survey: ServedSurvey) -> Starlette:
@@ -103,6 +103,17 @@ def _files(survey: ServedSurvey) -> list[Route]:
             return PlainTextResponse("There is no such file.\n", 404)
         return FileResponse(path, media_type=kind)
 
+    async def background(request: Request) -> Response:
+        query, shown = request.query_params, survey.background
+        if shown is None:
+            return PlainTextResponse("There is no background.\n", 404)
+        try:
+            area, size = area_of(query.get("area", "")), size_of(query.get("size", ""))
+            content, kind = await run_in_threadpool(shown.picture, area, size)
+        except MlsRoadError as error:
+            return _refused(error)
+        return Response(content, media_type=kind)
+
     async def report(request: Request) -> Response:
         path = resolved(survey.output.path, REPORT)
         if path is None:
@@ -114,6 +125,7 @@ def _files(survey: ServedSurvey) -> list[Route]:
         Route("/first.bin", first),
         Route("/tiles/{name}", tile),
         Route("/files/{name:path}", photo),
+        Route("/background", background),
         Route("/report", report),
         Route("/static/{name}", _static(None)),
     ]

@@ -1,5 +1,6 @@
 """Cache of the page of an output folder: tiles, found or built in a process of their own, and the lock."""
 
+import atexit
 import errno
 import fcntl
 import hashlib
@@ -11,9 +12,11 @@ import shutil
 import signal
 import socket
 import stat
+import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -35,13 +38,24 @@ class PageInUseError(MlsRoadError):
     """Another process serves the page of the same output folder."""
 
 
+@lru_cache
+def cache_of(folder: Path) -> Path:
+    """Return the folder of the cache: below the output, or a temporary one where nothing can be written there."""
+    cache = folder / CACHE
+    if os.access(cache if os.path.lexists(cache) else folder, os.W_OK):
+        return cache
+    temporary = tempfile.mkdtemp(prefix="mlsroad-page-")
+    atexit.register(shutil.rmtree, temporary, ignore_errors=True)
+    return Path(temporary)
+
+
 @contextmanager
 def page_lock(folder: Path) -> Iterator[Callable[[str], None]]:
     """Hold the lock of a page; yields a function that enters the address of the page.
 
     The lock is that of `flock`: it ends with its process, also after a kill.
     """
-    with _opened(folder / CACHE) as stream:
+    with _opened(cache_of(folder)) as stream:
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -101,7 +115,7 @@ class TileCache:
     def __init__(self, folder: Path, names: list[str]) -> None:
         self._output, self._names = folder, names
         self._mark = mark_of(folder, names)
-        self.folder = folder / CACHE / f"{TILES}{self._mark}"
+        self.folder = cache_of(folder) / f"{TILES}{self._mark}"
         self._process: multiprocessing.process.BaseProcess | None = None
         self._channel: Connection | None = None
         self._share, self._error = 0.0, ""

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.simulation.furnishing import corners, curbside, hard_cases, overhead, parking, premises
+from mlsroad_pipeline.simulation.furnishing import corners, curbside, hard_cases, overhead, parking, premises, years
 from mlsroad_pipeline.simulation.furnishing.placement import Box, Placed, Site, box_around
 from mlsroad_pipeline.simulation.furnishing.traffic import draw_traffic
 from mlsroad_pipeline.simulation.objects.dimensions import Measures, measure
@@ -62,6 +62,7 @@ def populate(street: Street, block: int) -> list[Placed]:
     premises.grow(site)
     hard_cases.add(site)
     parking.park_two_wheelers(site)
+    years.change(site)
     return site.placed
 
 

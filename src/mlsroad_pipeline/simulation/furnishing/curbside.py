@@ -167,7 +167,7 @@ def furnish(site: Site) -> None:
                 placed = somewhere(site, label, side)
                 if label == "bollard" and placed is not None:
                     _row_of(site, placed)
-        _on_pavement(site, side)
+        on_pavement(site, side)
 
 
 def _row_of(site: Site, first: Placed) -> None:
@@ -178,7 +178,7 @@ def _row_of(site: Site, first: Placed) -> None:
         site.try_add(design, s + 1.3 * k, left, 0.0, edge=(0.02, 12.0))
 
 
-def _on_pavement(site: Site, side: int) -> None:
+def on_pavement(site: Site, side: int) -> None:
     """Place standing people, and bins at the property line."""
     line, way = site.street.ground.property_line(side), 1.0 if side == 0 else -1.0
     pavement = float(site.street.ground.section[side, 4])

@@ -20,6 +20,7 @@ LAYOUT = ("piece_length", "frames", "scan_spacing", "range_image")
 OF_THE_SCANNER = ("profile_rate", "pulse_rate", "range_noise", "beam_divergence", "max_range")
 """Parameters whose value None stands for the scanner's own."""
 
+_ORIGIN = ("easting", "northing", "height")
 _KEYS = ("count", "presets", "streets", "variety", "factors", "seed")
 _FACTORS = ("trees", "shrubs", "clutter", "signs", "people", "traffic", "two_wheelers", "lorries")
 _SHARES = ("parking", "parked", "verges", "boundaries", "greenery", "hard_cases", "bare_soil", "drive_cars")
@@ -28,7 +29,8 @@ _NARROW, _CUT = 0.25, 0.25
 _DOMAINS: tuple[tuple[str, float, float, str], ...] = (
     ("length", 10, 5000, " m"), ("range_noise", 0, 100, ""), ("trajectory_noise", 0, 100, ""),
     ("boresight_error", 0, 10, " degrees"), ("pass_offset", 0, 100, " m"), ("wetness", 0, 1, ""),
-    ("image_readout", 0, 1, " s"), ("beam_rays", 1, 9, ""), ("passes", 1, 8, ""), ("revolutions", 1, 100, ""),
+    ("image_readout", 0, 1, " s"), ("beam_rays", 1, 9, ""), ("passes", 1, 8, ""), ("first_pass", 0, 200, ""),
+    ("revolutions", 1, 100, ""),
     ("image_width", 16, 8192, " pixels"), ("image_height", 16, 8192, " pixels"),
     ("easting", -1e8, 1e8, " m"), ("northing", -1e8, 1e8, " m"), ("height", -500, 9000, " m"),
     ("start_time", 0, 1e10, " s"),
@@ -75,6 +77,8 @@ class SimulationParameters:
         Number of revolutions in a scan, 1 to 100.
     passes : int, default 1
         Number of passes through the street, 1 to 8; each has its own track, traffic and errors.
+    first_pass : int, default 0
+        Number of the first pass, 0 to 200: a survey that begins with another one is another recording of the street.
     pass_offset : float, default 0.03
         Constant offset of the reported positions of each further pass, metres.
     with_images : bool, default True
@@ -117,6 +121,7 @@ class SimulationParameters:
     scan_spacing: float | None = None
     revolutions: int = 1
     passes: int = 1
+    first_pass: int = 0
     pass_offset: float = 0.03
     with_images: bool = True
     image_width: int = 640
@@ -144,7 +149,7 @@ class SimulationParameters:
             value = getattr(self, name)
             if value is not None and not (isinstance(value, Real) and low <= value <= high):
                 raise ParameterError(f"{name} must be between {low:g} and {high:g}{unit}, got {value!r}")
-        for name in ("beam_rays", "passes", "revolutions"):
+        for name in ("beam_rays", "passes", "first_pass", "revolutions"):
             if getattr(self, name) != int(getattr(self, name)):
                 raise ParameterError(f"{name} must be an integer, got {getattr(self, name)!r}")
         _ = self.devices  # checks that its fields agree
@@ -218,6 +223,44 @@ def simulation_parameters(config: Mapping[str, Any]) -> SimulationParameters:
         changes["street"] = street_parameters(changes["street"])
     parameters = replace(PRESETS[preset], **changes)
     return parameters if varied is None else _varied(parameters, variation(varied))
+
+
+def another_year(
+    parameters: SimulationParameters, year: int, *, offset: tuple[float, float, float] = (0.0, 0.0, 0.0), **changes: Any
+) -> SimulationParameters:
+    """Return the parameters of a survey of the same street in another year.
+
+    Parameters
+    ----------
+    parameters : SimulationParameters
+        The earlier survey.
+    year : int
+        Seed of what has changed, 1 to 200: see `StreetParameters.year`. It is the number of the first pass too.
+    offset : tuple of float, default zeros
+        Displacement of all coordinates of the later survey, metres.
+    **changes
+        Other parameters, such as another scanner; a scanner has its own rates unless they are given.
+
+    Returns
+    -------
+    SimulationParameters
+        The later survey.
+
+    Raises
+    ------
+    ParameterError
+        If a value is outside its domain.
+
+    Examples
+    --------
+    >>> later = another_year(PRESETS["tiny"], 2, offset=(0.5, 0.0, 0.0))
+    >>> later.street.year, later.first_pass, later.easting - PRESETS["tiny"].easting
+    (2, 2, 0.5)
+    """
+    moved = {name: getattr(parameters, name) + way for name, way in zip(_ORIGIN, offset, strict=True)}
+    own = dict.fromkeys(OF_THE_SCANNER) if "scanner" in changes else {}
+    street = replace(changes.pop("street", parameters.street), year=year)
+    return replace(parameters, **{**moved, **own, **changes, "street": street, "first_pass": year})
 
 
 def _varied(parameters: SimulationParameters, change: Variation) -> SimulationParameters:

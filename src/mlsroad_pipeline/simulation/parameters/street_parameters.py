@@ -74,6 +74,9 @@ class StreetParameters:
     # it: poles inside crowns, shrubs in a row or around a post, bins against posts, plants that touch parked cars,
     # objects close behind trees. 0 is never; at 1 all do where there is room.
     hard_cases: float = 0.3
+    # 0, or the number of another year, up to 999: some objects of the street are gone, moved, leaned, grown or new,
+    # and other cars are parked. Every year is a change of year 0.
+    year: int = 0
 
     def __post_init__(self) -> None:
         for (low, high), names in _DOMAINS.items():
@@ -88,6 +91,8 @@ class StreetParameters:
         whole = isinstance(storeys, tuple) and len(storeys) == 2 and all(isinstance(n, int) for n in storeys)
         if not whole or not (storeys == (0, 0) or 1 <= storeys[0] <= storeys[1] <= 20):
             raise ParameterError(f"storeys must be two rising integers from 1 to 20, got {storeys!r}")
+        if isinstance(self.year, bool) or not isinstance(self.year, int) or not 0 <= self.year <= 999:
+            raise ParameterError(f"year must be an integer from 0 to 999, got {self.year!r}")
         if self.lanes not in (0, 1, 2, 3):
             raise ParameterError(f"lanes must be 0, 1, 2 or 3, got {self.lanes!r}")
 

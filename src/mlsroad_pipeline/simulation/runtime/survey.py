@@ -112,7 +112,10 @@ class SurveyPieces:
     """
 
     def __init__(self, parameters: SimulationParameters, *, n_threads: int = 1) -> None:
-        self._parameters, self._stream = parameters, SurveyStream(parameters, n_threads=n_threads)
+        self._parameters, self._stream = (
+            parameters,
+            SurveyStream(parameters, n_threads=n_threads, number=parameters.first_pass),
+        )
         self.origin, self.crs, self.street = self._stream.origin, self._stream.crs, self._stream.street
         self._truth: dict[int, ObjectRecord] = {}
         self._present: set[int] = set()

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.geometry.sorting import rank_integers
 from mlsroad_pipeline.algorithms.inventory.objects.table import SEEN_BY, empty_table
+from mlsroad_pipeline.algorithms.scenes.weeks import WEEK, falls_at_week_end
 
 PASS_GAP = 30.0
 """Shortest time without points of a place between two passes, seconds."""
@@ -70,6 +71,9 @@ def time_passes(second: NDArray[np.int32]) -> NDArray[np.int64]:
     known = second[second != NO_TIME]
     if not len(known):
         return np.zeros(len(second), dtype=np.int64)
+    if falls_at_week_end(known):
+        second = np.where((second != NO_TIME) & (second < WEEK / 2), second + np.int32(WEEK), second)
+        known = second[second != NO_TIME]
     low, n_seconds = int(known.min()), int(known.max()) - int(known.min()) + 1
     if n_seconds <= 4 * len(known) + 1000:  # counting is faster than sorting
         times = low + np.flatnonzero(np.bincount(known.astype(np.int64) - low, minlength=n_seconds))

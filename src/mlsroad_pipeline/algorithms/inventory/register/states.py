@@ -20,6 +20,8 @@ REACH = {"pole": 1.0, "sign": 1.0, "tree": 1.5}
 """Largest distance in plan of an entry and the object that confirms it, metres."""
 MOVED_REACH = 5.0
 """Largest distance of an entry that moved, metres."""
+SAME_HEIGHT = 0.2
+"""Largest relative difference of the heights of an entry and the object that it surely moved to."""
 RADIUS = {"pole": 0.5, "sign": 0.5, "tree": 0.7}
 """Radius around the place of an entry in which it is searched for, metres."""
 TOP = 3.0
@@ -56,17 +58,30 @@ def confirm(entries: pd.DataFrame, objects: pd.DataFrame) -> Matches:
 
 
 def _match(
-    entries: pd.DataFrame, objects: pd.DataFrame, matches: Matches, state: str, reach: dict[str, float] | float
+    entries: pd.DataFrame,
+    objects: pd.DataFrame,
+    matches: Matches,
+    state: str,
+    reach: dict[str, float] | float,
+    *,
+    of_states: tuple[str, ...] = ("", NOT_FOUND, NOT_VISIBLE),
+    alike: float = np.inf,
 ) -> None:
-    """Match free entries with free objects of the same kind, in place."""
+    """Match free entries with free objects of the same kind, in place.
+
+    `alike` is the largest relative difference of their heights; unknown heights are never alike.
+    """
     places, found = (table[["x", "y"]].to_numpy(dtype=np.float64) for table in (entries, objects))
     for kind in sorted(set(entries["kind"]) & set(objects["kind"])):
-        own = np.flatnonzero(
-            (entries["kind"] == kind).to_numpy() & np.isin(matches.state, ("", NOT_FOUND, NOT_VISIBLE))
-        )
+        own = np.flatnonzero((entries["kind"] == kind).to_numpy() & np.isin(matches.state, of_states))
         free = np.flatnonzero((objects["kind"] == kind).to_numpy() & ~matches.used)
         limit = reach[kind] if isinstance(reach, dict) else reach
         a, b = assign_one_to_one(places[own], found[free], limit)
+        if np.isfinite(alike):
+            heights = (t["height"].to_numpy(np.float64)[r] for t, r in ((entries, own[a]), (objects, free[b])))
+            before, after = heights
+            close = np.abs(before - after) <= alike * np.maximum(before, after)
+            a, b = a[close], b[close]
         matches.state[own[a]], matches.row[own[a]], matches.used[free[b]] = state, free[b], True
 
 
@@ -130,6 +145,8 @@ def decide(
     state, by = found.state, np.full(len(entries), BY_OBJECT, dtype=object)
     by[state == ""], state[state == ""] = BY_RAYS, NOT_VISIBLE
     state[rows[evidence.empty_share >= EMPTY]] = NOT_FOUND
+    # An object on which another entry hangs, such as a sign on a lamp, is first that of the entry of its kind.
+    _match(entries, objects, found, MOVED, MOVED_REACH, of_states=(NOT_FOUND,), alike=SAME_HEIGHT)
     _match_other_kinds(entries, objects, found)
     for standing, points in ((evidence.own, BY_POINTS), (evidence.other, BY_OTHERS)):
         confirmed = rows[standing & np.isin(state[rows], (NOT_FOUND, NOT_VISIBLE))]

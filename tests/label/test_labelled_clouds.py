@@ -10,7 +10,7 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.algorithms.inventory.register.seen_space import FURNITURE, LOW_VEGETATION, NO_KIND
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
-from mlsroad_pipeline.label.register import _of_codes, _of_folder, scanner_positions
+from mlsroad_pipeline.label.labelled_clouds import _of_folder, meaning_of_codes, scanner_positions
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 
 SCHEME = ClassScheme.from_config("road_inventory", configured_scheme())
@@ -22,8 +22,9 @@ def output(**label):
 
 
 def test_codes_have_the_kinds_of_their_classes():
-    is_ground, kind = _of_codes(output(), SCHEME)
+    is_ground, kind, label = meaning_of_codes(output(), SCHEME)
     assert np.flatnonzero(is_ground).tolist() == [2, 11]
+    assert [SCHEME.classes[n] for n in label[[11, 6, 65]]] == ["paved ground", "building", "sign"] and label[20] == -1
     expected = {
         64: KINDS.index("pole"),
         65: KINDS.index("sign"),
@@ -37,12 +38,12 @@ def test_codes_have_the_kinds_of_their_classes():
 
 def test_kept_codes_have_the_kinds_of_the_class_map(tmp_path):
     given = {"keep_classes": True}
-    is_ground, kind = _of_codes(output(scheme="road_inventory", given=given), SCHEME)
+    is_ground, kind, label = meaning_of_codes(output(scheme="road_inventory", given=given), SCHEME)
     assert is_ground[[2, 8, 11, 64, 65]].all() and not is_ground[[5, 6, 66]].any()
     assert kind[15] == kind[70] == KINDS.index("pole")  # kept tower, written pole
     (tmp_path / "own.yml").write_text("2: other_ground\n20: traffic_sign\n")
-    is_ground, kind = _of_codes(output(given={**given, "classes": str(tmp_path / "own.yml")}), SCHEME)
-    assert kind[20] == KINDS.index("sign") and is_ground[2] and is_ground[11]
+    is_ground, kind, label = meaning_of_codes(output(given={**given, "classes": str(tmp_path / "own.yml")}), SCHEME)
+    assert kind[20] == KINDS.index("sign") and SCHEME.classes[label[20]] == "sign" and is_ground[2] and is_ground[11]
 
 
 def test_the_scanner_is_where_the_path_is_at_the_time_of_a_point():

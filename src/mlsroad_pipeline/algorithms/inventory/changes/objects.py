@@ -1,0 +1,235 @@
+"""Objects of two surveys: unchanged, changed, moved, new, gone, or not visible in one of them."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.geometry.assignment import assign_one_to_one
+from mlsroad_pipeline.algorithms.inventory.register.states import EMPTY, MOVED_REACH, REACH, Evidence
+
+UNCHANGED, CHANGED, MOVED, OTHER_KIND, NEW, GONE = "unchanged", "changed", "moved", "different kind", "new", "gone"
+UNSEEN_FIRST, UNSEEN_SECOND = "not visible in the first", "not visible in the second"
+STATES = (UNCHANGED, CHANGED, MOVED, OTHER_KIND, NEW, GONE, UNSEEN_FIRST, UNSEEN_SECOND)
+"""States of objects."""
+BY_BOTH, BY_POINTS, BY_RAYS = "objects", "points", "rays"
+"""Evidence of a state: an object in each survey, points in the other survey, rays of its scanner."""
+
+SAME_HEIGHT = 0.25
+"""Largest relative difference of the heights of an object that moved."""
+STANDS, IS_GONE = 0.6, 0.4
+"""Share of the volume of an object that has points in the other survey: from `STANDS` on it stands there, above
+`IS_GONE` it is not gone."""
+BARE, MANY_RAYS = 0.15, 300
+"""Largest such share of an object that is gone although something else stands at its place, and the fewest rays through
+the place that prove it."""
+LEAST_CHANGE = {"tilt": 0.8, "height": 0.5, "panel_bottom": 0.5}
+"""Smallest change of a measure: tilt in degrees, others in metres."""
+LEAST_SHARE = {"height": 0.05}
+"""Smallest change of a measure as a share of it."""
+MEASURED = {"tilt": ("pole",), "height": ("tree",), "panel_bottom": ("sign",)}
+"""Measures to the kinds whose changes are reported."""
+LEAST_POLE, ALIKE = 3.0, 0.15
+"""Height from which the tilt of a pole is compared, metres, and the largest relative difference of its heights."""
+
+
+class Unmatched(NamedTuple):
+    """Evidence about objects of one survey at their places in the other one."""
+
+    rows: NDArray[np.int64]  # Their rows
+    evidence: Evidence
+    standing: NDArray[np.float64]  # Share of the volume of each that has points in the other survey; NaN: no own points
+    rays: NDArray[np.int64]  # Rays of the other survey through each place
+
+    @property
+    def is_empty(self) -> NDArray[np.bool_]:
+        """Objects that do not stand in the other survey."""
+        empty = (self.evidence.empty_share >= EMPTY) & ~(self.standing > IS_GONE)
+        return empty | ((self.rays >= MANY_RAYS) & (self.standing <= BARE))
+
+    @property
+    def stands(self) -> NDArray[np.bool_]:
+        """Objects that stand in the other survey; of those without own points, points of upright classes decide."""
+        return (self.standing >= STANDS) | (np.isnan(self.standing) & (self.evidence.own | self.evidence.other))
+
+
+class Pairs(NamedTuple):
+    """Rows of the same object in both surveys, and which objects have none."""
+
+    first: NDArray[np.int64]
+    second: NDArray[np.int64]
+    left_first: NDArray[np.int64]
+    left_second: NDArray[np.int64]
+
+
+def pair_objects(first: pd.DataFrame, second: pd.DataFrame) -> Pairs:
+    """Match objects of one kind within `REACH` in plan, one to one."""
+    a, b = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+    for kind in sorted(set(first["kind"]) & set(second["kind"])):
+        own, other = (np.flatnonzero((table["kind"] == kind).to_numpy()) for table in (first, second))
+        i, j = assign_one_to_one(_places(first)[own], _places(second)[other], REACH[kind])
+        a.append(own[i])
+        b.append(other[j])
+    rows = np.concatenate(a), np.concatenate(b)
+    left = (np.setdiff1d(np.arange(len(table)), own) for table, own in zip((first, second), rows, strict=True))
+    return Pairs(*rows, *left)
+
+
+def _places(table: pd.DataFrame) -> NDArray[np.float64]:
+    return table[["x", "y"]].to_numpy(dtype=np.float64)
+
+
+def changed_objects(
+    first: pd.DataFrame,
+    second: pd.DataFrame,
+    pairs: Pairs,
+    of_first: Unmatched,
+    of_second: Unmatched,
+    growth: NDArray[np.float64],
+) -> pd.DataFrame:
+    """Return one row for each object of two surveys with its state.
+
+    Parameters
+    ----------
+    first, second : DataFrame
+        Poles, signs and trees of the earlier and the later survey: columns of `OBJECT_FIELDS`, one reference system.
+    pairs : Pairs
+        The same objects.
+    of_first, of_second : Unmatched
+        The other objects of each survey, with the evidence of the other survey about their places. Those that are not
+        in it are not visible there.
+    growth : ndarray of float64
+        Change of the highest point of each pair near its axis, metres, which confirms a change of height; NaN where it
+        is not known.
+
+    Returns
+    -------
+    DataFrame
+        `state`, `evidence`, `changes` (text), `first_id` and `second_id` (0: none), `kind`, `x`, `y`, `z` (of the later
+        survey where it has the object), `dx`, `dy`, `distance`, `empty_share`, `standing_share`, `rays`, and
+        `first_NAME`, `second_NAME` and `NAME_change` of the measures.
+    """
+    state = {name: np.full(len(table), "", dtype=object) for name, table in (("first", first), ("second", second))}
+    rows = [(i, j, UNCHANGED, BY_BOTH) for i, j in zip(pairs.first, pairs.second, strict=True)]
+    for name, left, found, gone, unseen in (
+        ("first", pairs.left_first, of_first, GONE, UNSEEN_SECOND),
+        ("second", pairs.left_second, of_second, NEW, UNSEEN_FIRST),
+    ):
+        state[name][left] = unseen
+        state[name][found.rows[found.is_empty]] = gone
+        state[name][found.rows[found.stands]] = UNCHANGED
+    taken = {name: np.zeros(len(own), dtype=np.bool_) for name, own in state.items()}
+    for reach, same, kept in ((min(REACH.values()), False, OTHER_KIND), (MOVED_REACH, True, MOVED)):
+        for i, j in _further_pairs(first, second, state, taken, reach, same_kind=same):
+            rows.append((i, j, kept, BY_BOTH))
+            taken["first"][i] = taken["second"][j] = True
+    for name, left in (("first", pairs.left_first), ("second", pairs.left_second)):
+        for row in left[~taken[name][left]]:
+            text = str(state[name][row])
+            ends = (row, -1) if name == "first" else (-1, row)
+            rows.append((*ends, text, BY_POINTS if text == UNCHANGED else BY_RAYS))
+    table = _table(first, second, rows, np.append(growth, np.full(len(rows) - len(growth), np.nan)))
+    seen = {("first", int(row)): k for k, row in enumerate(of_first.rows)}
+    seen |= {("second", int(row)): k for k, row in enumerate(of_second.rows)}
+    share, rays = np.full((2, len(rows)), np.nan), np.zeros(len(rows), dtype=np.int64)
+    for k, (i, j, *_) in enumerate(rows):
+        for name, row, found in (("first", i, of_first), ("second", j, of_second)):
+            if (at := seen.get((name, int(row)))) is not None:
+                share[:, k], rays[k] = (found.evidence.empty_share[at], found.standing[at]), found.rays[at]
+    return table.assign(empty_share=share[0], standing_share=share[1], rays=rays)
+
+
+def _further_pairs(
+    first: pd.DataFrame,
+    second: pd.DataFrame,
+    state: dict[str, NDArray[np.object_]],
+    taken: dict[str, NDArray[np.bool_]],
+    reach: float,
+    *,
+    same_kind: bool,
+) -> list[tuple[int, int]]:
+    """Return pairs of the objects without a match: of another kind at one place, or gone here and new there."""
+    pairs = []
+    for kind in sorted(set(first["kind"])):
+        own = (first["kind"] == kind).to_numpy() & ~taken["first"]
+        other = ((second["kind"] == kind).to_numpy() == same_kind) & ~taken["second"]
+        # Only what is proved to be gone has moved; its new place may have been hidden before.
+        own &= (state["first"] == GONE) if same_kind else (state["first"] != "")
+        other &= np.isin(state["second"], (NEW, UNSEEN_FIRST)) if same_kind else (state["second"] != "")
+        a, b = np.flatnonzero(own), np.flatnonzero(other)
+        i, j = assign_one_to_one(_places(first)[a], _places(second)[b], reach)
+        i, j = a[i], b[j]
+        if same_kind:
+            heights = first["height"].to_numpy()[i], second["height"].to_numpy()[j]
+            like = np.abs(heights[0] - heights[1]) <= SAME_HEIGHT * np.maximum(*heights)
+            i, j = i[like], j[like]
+        taken["second"][j] = True  # another kind does not take it too
+        pairs += list(zip(i.tolist(), j.tolist(), strict=True))
+    return pairs
+
+
+def _table(
+    first: pd.DataFrame, second: pd.DataFrame, rows: list[tuple[int, int, str, str]], growth: NDArray[np.float64]
+) -> pd.DataFrame:
+    """Return the states with the measures of both surveys; -1 is no row."""
+    i, j, state, evidence = (list(column) for column in zip(*rows, strict=True)) if rows else ([], [], [], [])
+    before, after = (
+        table.reindex(pd.Index(own, dtype=np.int64)).reset_index(drop=True) for table, own in ((first, i), (second, j))
+    )
+    either = after.where(pd.Series(j, dtype=np.int64) >= 0, before)
+    table = pd.DataFrame(
+        {
+            "state": np.array(state, dtype=object),
+            "evidence": np.array(evidence, dtype=object),
+            "kind": either["kind"],
+            **{axis: either[axis].astype(np.float64) for axis in "xyz"},
+            **{
+                f"{name}_id": own["object_id"].fillna(0).astype(np.int64)
+                for name, own in (("first", before), ("second", after))
+            },
+        }
+    )
+    way = after[["x", "y"]].to_numpy(dtype=np.float64) - before[["x", "y"]].to_numpy(dtype=np.float64)
+    table = table.assign(dx=way[:, 0], dy=way[:, 1], distance=np.hypot(*way.T))
+    for name in MEASURED:
+        own, other = before[name].astype(np.float64), after[name].astype(np.float64)
+        change = _angle_between(before, after) if name == "tilt" else other - own
+        table = table.assign(**{f"first_{name}": own, f"second_{name}": other, f"{name}_change": change})
+    heights = table[["first_height", "second_height"]].to_numpy()
+    alike = (heights.min(axis=1) >= LEAST_POLE) & (np.ptp(heights, axis=1) <= ALIKE * heights.max(axis=1))
+    return _with_changes(table, {"tilt": alike, "height": _confirmed(table["height_change"].to_numpy(), growth)})
+
+
+def _confirmed(change: NDArray[np.float64], growth: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which changes of height the highest points near the axis show too."""
+    both = np.minimum(np.abs(change), np.abs(growth)) >= LEAST_CHANGE["height"]
+    return both & (np.sign(change) == np.sign(growth))
+
+
+def _angle_between(before: pd.DataFrame, after: pd.DataFrame) -> NDArray[np.float64]:
+    """Return the angle between the axes of objects, degrees; NaN where one is not measured."""
+    axes = []
+    for table in (before, after):
+        tilt, way = (np.radians(table[name].to_numpy(dtype=np.float64)) for name in ("tilt", "lean_azimuth"))
+        way = np.where(tilt == 0, 0.0, way)
+        axes.append(np.column_stack([np.sin(tilt) * np.sin(way), np.sin(tilt) * np.cos(way), np.cos(tilt)]))
+    across = np.linalg.norm(np.cross(axes[0], axes[1]), axis=1)
+    return np.degrees(np.arctan2(across, (axes[0] * axes[1]).sum(axis=1)))
+
+
+def _with_changes(table: pd.DataFrame, confirmed: dict[str, NDArray[np.bool_]]) -> pd.DataFrame:
+    """Return the table with the changes of measures as text; a matched object with a change is `CHANGED`."""
+    texts = np.full(len(table), "", dtype=object)
+    for name, kinds in MEASURED.items():
+        change = table[f"{name}_change"].abs().to_numpy()
+        size = np.fmax(table[f"first_{name}"].to_numpy(), table[f"second_{name}"].to_numpy())
+        least = np.maximum(LEAST_CHANGE[name], LEAST_SHARE.get(name, 0.0) * np.nan_to_num(size))
+        is_change = table["kind"].isin(kinds).to_numpy() & (change >= least)
+        for row in np.flatnonzero(is_change & confirmed.get(name, True)).tolist():
+            ends = (float(table[f"{end}_{name}"].iloc[row]) for end in ("first", "second"))
+            text = f"{name.replace('_', ' ')} " + " to ".join(f"{value:.1f}" for value in ends)
+            text += f"°, axis turned by {change[row]:.1f}°" if name == "tilt" else " m"
+            texts[row] = f"{texts[row]}; {text}" if texts[row] else text
+    state = np.where((table["state"] == UNCHANGED) & (texts != ""), CHANGED, table["state"])
+    return table.assign(state=state, changes=texts)

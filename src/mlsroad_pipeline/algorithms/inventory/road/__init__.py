@@ -1,0 +1,1 @@
+"""The road itself: width, crossfall, slope, ruts, evenness and clearance along the path of a survey."""

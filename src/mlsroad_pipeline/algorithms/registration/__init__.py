@@ -1,0 +1,1 @@
+"""Offsets between recordings of one place: passes, files, surveys."""

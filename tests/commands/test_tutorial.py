@@ -1,0 +1,38 @@
+"""The counts of the tutorial are those that its commands print."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+from helpers.wiring import REPOSITORY
+
+COMMAND = Path(sys.executable).with_name("mlsroad")
+
+
+def blocks(page):
+    """Return the blocks of code of the section about a simulated street: the commands, and what `label` prints."""
+    section = page[page.index("## 2. A simulated street") : page.index("## 3.")]
+    return re.findall(r"```\w*\n(.*?)```", section, re.DOTALL), section
+
+
+def test_counts_of_points_and_objects_are_those_of_the_commands(tmp_path):
+    (commands, printed, *_), section = blocks((REPOSITORY / "docs/tutorial.md").read_text(encoding="utf-8"))
+    variables = {k: v for k, v in os.environ.items() if not k.startswith(("MLFLOW_", "KEDRO_", "COV_"))}
+    said = {}
+    for line in commands.splitlines():
+        words = shlex.split(line, comments=True)
+        if words[1] == "open":  # a page that stays open
+            continue
+        done = subprocess.run(
+            [COMMAND, *words[1:]], cwd=tmp_path, env=variables, capture_output=True, text=True, timeout=900, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        said[words[1]] = done.stdout
+    rows = {tuple(line.split()) for line in printed.splitlines()}
+    assert rows <= {tuple(line.split()) for line in said["label"].splitlines()}
+    (points,) = re.findall(r"([\d,]+) points, a trajectory", section)
+    assert said["label"].startswith(f"Labelled {points} points of 1 file in ")
+    assert "recall" in said["score"]

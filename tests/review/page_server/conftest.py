@@ -1,0 +1,49 @@
+"""Small survey, its server, and a tab with the page, for each module of tests."""
+
+import pytest
+from helpers.browser import browser_page
+from helpers.page_output import served, write_output
+from helpers.page_tab import READY, errors, reload, settle
+
+from mlsroad_pipeline.review.corrections import open_corrections
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("says") / "out"
+    write_output(place)
+    return place
+
+
+@pytest.fixture(scope="module")
+def options():
+    """Options of `mlsroad open`; a module may have its own."""
+    return ()
+
+
+@pytest.fixture(scope="module")
+def server(folder, options):
+    with served(folder, *options) as server:
+        yield server
+
+
+@pytest.fixture(scope="module")
+def opened(server, tmp_path_factory):
+    with browser_page(tmp_path_factory.mktemp("chromium")) as tab:
+        tab.open(server.address, width=1200, height=800)
+        tab.until(READY)
+        tab.until("page.model.queued && page.model.counted")
+        settle(tab)
+        yield tab
+
+
+@pytest.fixture
+def tab(opened, folder, server):
+    """The tab, without decisions."""
+    with open_corrections(folder) as store:
+        for decision in store.current():
+            store.undo(decision.identifier, who="test")
+    opened.js("sessionStorage.clear()")
+    reload(opened, server)
+    yield opened
+    assert errors(opened) == ([], [])
