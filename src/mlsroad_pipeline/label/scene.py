@@ -291,6 +291,7 @@ def _markings(
     return marking_stripes(
         *(scene.xyz, height, label, scene["intensity"], scanner_pass_of(scene)),
         is_paved=paved_classes(scheme),
+        is_ground=ground_classes(scheme),
         core=scene["core"],
         origin=scene.origin,
         least_contrast=least_contrast,

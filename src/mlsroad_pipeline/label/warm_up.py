@@ -128,5 +128,9 @@ def run_stages() -> None:
     kerb_steps(scene.xyz, heights, labels, is_ground=is_ground, core=core, origin=origin)
     device = np.zeros(len(scene), np.int64)
     marking_stripes(
-        *(scene.xyz, heights, labels, scene["intensity"], device), is_paved=is_ground, core=core, origin=origin
+        *(scene.xyz, heights, labels, scene["intensity"], device),
+        is_paved=is_ground,
+        is_ground=is_ground,
+        core=core,
+        origin=origin,
     )

@@ -51,17 +51,18 @@ def salt(share, density):
     return xyz, np.where(rng.random(len(xyz)) < share, rng.integers(1, 255, len(xyz)), 0.0)
 
 
-def stripes(xyz, intensity, *, scanner_pass=None, core=None, **options):
+def stripes(xyz, intensity, *, scanner_pass=None, core=None, labels=None, **options):
     n = len(xyz)
     return marking_stripes(
         *(
             xyz,
             np.zeros(n),
-            np.zeros(n, dtype=int),
+            np.zeros(n, dtype=int) if labels is None else labels,
             intensity,
             np.zeros(n, dtype=int) if scanner_pass is None else scanner_pass,
         ),
-        is_paved=np.array([True]),
+        is_paved=np.array([True, False]),
+        is_ground=np.array([True, True]),
         core=np.ones(n, dtype=bool) if core is None else core,
         origin=ORIGIN,
         **options,
@@ -190,22 +191,35 @@ def traced(x, y, length, *, width=0.12, contrast=5.0):
     return np.column_stack([x + along, np.full(6, y), np.zeros(6), *np.full((3, 6), [[width], [contrast], [7.0]])])
 
 
-def test_a_crossing_needs_the_score_of_other_lines():
-    def kinds(contrast, kerbs=()):
-        bars = [traced(20.0, y, 3.0, width=0.5, contrast=contrast) for y in (4.5, 5.5, 6.5)]
-        lines = [bar + np.append(ORIGIN, np.zeros(3)) for bar in bars]
+def test_a_crossing_beyond_a_kerb_needs_a_higher_score():
+    def kinds(length, kerbs=(), bars=3):
+        lines = [traced(20.0, 4.5 + k, length, width=0.5) + np.append(ORIGIN, np.zeros(3)) for k in range(bars)]
         return [marking.kind for marking in markings_of(lines, PATH, kerbs)]
 
     kerb = np.array([[0.0, 4.0, 0.0], [30.0, 4.0, 0.0]]) + ORIGIN
-    assert kinds(6.0) == ["crossing"] and kinds(6.0, [kerb]) == [] and kinds(12.0, [kerb]) == ["crossing"]
-    assert kinds(2.5) == []
+    assert kinds(3.0) == ["crossing"] and kinds(3.0, [kerb]) == [] and kinds(6.0, [kerb]) == ["crossing"]
+    assert kinds(1.3, [kerb], bars=5) == []
+
+
+def test_a_line_that_others_continue_has_a_higher_score():
+    dashes = [traced(8.0 * k, 0.0, 3.0) for k in range(4)]
+    (alone,), (first, *_) = markings_of(dashes[:1], None), markings_of(dashes, None)
+    assert first.score > alone.score + 0.1
+
+
+def test_other_ground_amid_the_road_is_searched_too():
+    xyz, intensity = road([SOLID])
+    labels = np.where(np.random.default_rng(4).random(len(xyz)) < 0.15, 1, 0)
+    far = stripes(xyz, intensity, labels=labels)
+    np.testing.assert_array_equal(far, stripes(xyz, intensity))
+    assert len(stripes(xyz, intensity, labels=np.ones(len(xyz), dtype=int))) == 0
 
 
 def test_kerbs_are_read_from_their_table():
-    cloud = road([(5.0, 9.0, 2.4, 2.6)], contrast=3.0)
+    cloud = road([(5.0, 9.0, 2.4, 2.6)], contrast=4.0)
     kerbs = line_table([line_row("kerb", np.array([[0.0, 1.0, 0.0], [30.0, 1.0, 0.0]]) + ORIGIN, PATH)])
     table = join_markings([stripes(*cloud)], PATH)
-    assert len(table) == 1 and 0.6 < table["score"][0] < 0.9
+    assert len(table) == 1 and 0.35 < table["score"][0] < 0.75
     assert len(join_markings([stripes(*cloud)], PATH, kerbs=kerbs)) == 0
 
 

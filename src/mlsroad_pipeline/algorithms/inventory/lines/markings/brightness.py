@@ -1,5 +1,7 @@
 """Cells of the road, their brightness against the road around them, and the scanner passes of its points."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -13,6 +15,9 @@ from mlsroad_pipeline.algorithms.inventory.objects.sightings import ROUTE, SCANN
 FILE = "file"
 """Column of a scene: number of the file."""
 
+SCANNER_BITS = 20
+"""Bits of the number of a scanner pass that hold the scanner; those above hold the pass."""
+
 _CELL = 0.5  # metres
 _SHARED = 0.1  # share of the cells from which two sources see the same place
 
@@ -22,13 +27,14 @@ def scanner_pass_of(scene: PointCloud) -> NDArray[np.int64]:
     visit = time_passes(scene[SECOND]) if SECOND in scene else np.zeros(len(scene), dtype=np.int64)
     if SCANNER in scene and (scene[SCANNER] != scene[SCANNER][:1]).any():
         route = scene[ROUTE].astype(np.int64) if ROUTE in scene else 0
-        return (visit << 40) + (route << 20) + scene[SCANNER].astype(np.int64)
+        return (visit << 2 * SCANNER_BITS) + (route << SCANNER_BITS) + scene[SCANNER].astype(np.int64)
     number = np.zeros(len(scene), dtype=np.int64)
     for name in (ROUTE, SOURCE, FILE):
         if name in scene:
             values, rank = rank_integers(scene[name])
             number = number * len(values) + rank
-    return (visit << 40) + _of_one_place(scene.xyz, rank_integers(number)[1])
+    group = _of_one_place(scene.xyz, rank_integers(number)[1])
+    return (visit << 2 * SCANNER_BITS) + (group << SCANNER_BITS)
 
 
 def _of_one_place(xyz: NDArray[np.floating], source: NDArray[np.integer]) -> NDArray[np.int64]:
@@ -65,8 +71,8 @@ _SATURATED = 30.0
 _NORMAL = (0.7777, 0.5244)  # distance of these quantiles, and of the first from the median, in standard deviations
 
 
-X, Y, Z, LEVEL, BRIGHTNESS, DEVIATION, CORE = range(7)
-"""Columns of the cells."""
+X, Y, Z, LEVEL, BRIGHTNESS, DEVIATION, CORE, BASE = range(8)
+"""Columns of the cells; `BASE` is the median of the levels within 3 m."""
 
 
 def road_cells(
@@ -74,7 +80,7 @@ def road_cells(
 ) -> NDArray[np.float64]:
     """Return the cells of the road with points of one scanner, and their brightness."""
     if len(xyz) == 0:
-        return np.zeros((0, 7))
+        return np.zeros((0, 8))
     points = np.column_stack([xyz, intensity, core])
     grid = _flat_grid(points, CELL, 1)
     cells = _cell_means(points, grid.order, grid.starts)
@@ -84,7 +90,7 @@ def road_cells(
     trend, _ = _around(cells, noise, _TREND, _TREND_REACH, _TREND_LEAST)
     known = np.isfinite(trend)
     if not known.any():
-        return np.zeros((0, 7))
+        return np.zeros((0, 8))
     cells, trend = cells[known], trend[known]
     median, deviation = _around(
         np.column_stack([cells[:, :3], cells[:, 3] - trend]), noise, _NOISE, _NOISE_REACH, _NOISE_LEAST
@@ -92,8 +98,22 @@ def road_cells(
     brightness = np.clip((cells[:, 3] - trend - median) / deviation, LOWEST, HIGHEST)
     # An intensity far above paint, as of a stud, counts no more than bright paint.
     level = np.minimum(cells[:, 3], trend + median + _SATURATED * deviation)
-    table = np.column_stack([cells[:, :3], level, brightness, deviation, cells[:, 4]])
-    return table[np.isfinite(median)]
+    base, _ = _around(cells, noise, _NOISE, _NOISE_REACH, _NOISE_LEAST)
+    table = np.column_stack([cells[:, :3], level, brightness, deviation, cells[:, 4], base])
+    return table[np.isfinite(median) & np.isfinite(base)]
+
+
+def joined_cells(tables: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return the cells of the scanners of one pass as one table.
+
+    Scanners, ranges and angles have other intensities: levels become standard deviations of the road around.
+    """
+    if len(tables) == 1:
+        return tables[0]
+    cells = np.concatenate(tables)
+    cells[:, LEVEL] = (cells[:, LEVEL] - cells[:, BASE]) / cells[:, DEVIATION]
+    cells[:, DEVIATION] = 1.0
+    return cells
 
 
 def _flat_grid(xyz: NDArray[np.float64], size: float, margin: int) -> CellGrid:

@@ -6,10 +6,11 @@ import numpy as np
 import pandas as pd
 import shapely
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import line_row, line_table
-from mlsroad_pipeline.algorithms.inventory.lines.markings.brightness import road_cells
+from mlsroad_pipeline.algorithms.inventory.lines.markings.brightness import SCANNER_BITS, joined_cells, road_cells
 from mlsroad_pipeline.algorithms.inventory.lines.markings.kinds import Marking, markings_of
 from mlsroad_pipeline.algorithms.inventory.lines.markings.stripes import Stripes, find_stripes
 from mlsroad_pipeline.algorithms.inventory.lines.markings.tracing import trace_markings
@@ -24,6 +25,7 @@ LEAST_LENGTH, LEAST_CONTRAST = 0.8, 2.0
 """Shorter lines are left out, metres; so are stripes of less contrast, standard deviations of the road."""
 
 _BAND = (-0.3, 0.25)  # heights above the ground, metres
+_PLACE, _MOSTLY = 2.0, 0.75  # metres; share of paved ground in 3 by 3 such squares
 _PAVED = GROUPS.index("paved ground")
 _STRAIGHT = 0.02  # vertices nearer than this to a straight line are left out, metres
 
@@ -46,22 +48,46 @@ def marking_stripes(
     scanner_pass: NDArray[np.integer],
     *,
     is_paved: NDArray[np.bool_],
+    is_ground: NDArray[np.bool_],
     core: NDArray[np.bool_],
     origin: NDArray[np.float64],
     least_contrast: float = LEAST_CONTRAST,
 ) -> pd.DataFrame:
     """Return the bright stripes of the road in the core of a scene."""
-    road = (height > _BAND[0]) & (height < _BAND[1])  # false where the height is NaN
-    road &= np.append(is_paved, True)[labels] & np.isfinite(intensity)
+    low = (height > _BAND[0]) & (height < _BAND[1])  # false where the height is NaN
+    low &= np.isfinite(intensity)
+    road = _road(xyz, low & np.append(is_paved, True)[labels], low & np.append(is_ground, True)[labels])
     tables = []
-    for number in np.unique(scanner_pass[road]):
-        rows = np.flatnonzero(road & (scanner_pass == number))
-        cells = road_cells(xyz[rows], intensity[rows], core[rows])
-        if len(cells):
-            s = find_stripes(cells, least_contrast=least_contrast)
+    for number in np.unique(scanner_pass[road] >> SCANNER_BITS):
+        of_pass = np.flatnonzero(road & (scanner_pass >> SCANNER_BITS == number))
+        scanner = scanner_pass[of_pass]
+        each = [of_pass[scanner == k] for k in np.unique(scanner)]
+        found = [cells for rows in each if len(cells := road_cells(xyz[rows], intensity[rows], core[rows]))]
+        if found:
+            s = find_stripes(joined_cells(found), least_contrast=least_contrast)
             values = [s.xyz + origin, s.along, *(v[:, None] for v in (s.width, s.clearness, s.contrast))]
             tables.append(pd.DataFrame(np.hstack(values), columns=list(STRIPE_COLUMNS)))
     return pd.concat(tables, ignore_index=True) if tables else no_stripes()
+
+
+def _road(xyz: NDArray[np.floating], paved: NDArray[np.bool_], ground: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the points of the road: paved ground, and other ground where most of the ground around it is paved.
+
+    Far from the scanner, few points of a road are labelled as other ground.
+    """
+    other = np.flatnonzero(ground & ~paved)
+    if len(other) == 0 or not paved.any():
+        return paved
+    known = np.flatnonzero(ground | paved)
+    low = np.floor(xyz[known, :2].min(axis=0) / _PLACE).astype(np.int64) - 1
+    place = np.floor(xyz[known, :2] / _PLACE).astype(np.int64) - low
+    shape = place.max(axis=0) + 2
+    flat = place @ (shape[1], 1)
+    count, of_paved = (np.bincount(flat, weights, np.prod(shape)).reshape(shape) for weights in (None, paved[known]))
+    around = ndimage.convolve(of_paved - _MOSTLY * count, np.ones((3, 3)), mode="constant") > 0
+    road = paved.copy()
+    road[known[around.ravel()[flat]]] = True
+    return road
 
 
 def join_markings(

@@ -40,7 +40,7 @@ _OWN = 0.2  # metres along the stripe that show whether the cell itself is paint
 _OWN_LEAST = 0.4  # share of the contrast of the stripe
 _LEVEL = 0.04  # largest difference in height between the bands: faces of kerbs are bright, too, metres
 _CORE_SHARE = 0.5  # of the points of a cell of the scene
-_OFF = 0.08  # largest distance of the middle of a stripe from its cell, metres
+_OFF = 0.15  # largest distance of the middle of a stripe from its cell, metres
 _MOST = (3 * round(REACH / CELL) + 2) ** 2
 _T, _COS, _SIN, _OFFSET, _WIDTH, _CONTRAST, _OWN_SHARE = range(7)  # columns of the fits
 
