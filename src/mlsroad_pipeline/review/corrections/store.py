@@ -242,7 +242,7 @@ class CorrectionStore:
         )
 
 
-def open_corrections(folder: str | Path, *, write: bool = True) -> CorrectionStore:
+def open_corrections(folder: str | Path, *, write: bool = True, create: bool = True) -> CorrectionStore:
     """Open the corrections of an output folder; the store is created if there is none.
 
     Parameters
@@ -252,6 +252,8 @@ def open_corrections(folder: str | Path, *, write: bool = True) -> CorrectionSto
     write : bool
         Whether decisions will be added; without, a store that cannot be written is read from a copy in memory, and a
         folder without a store that cannot be written has no decisions.
+    create : bool
+        Whether a store is created where there is none; without, such a folder has no decisions and takes none.
 
     Returns
     -------
@@ -270,7 +272,7 @@ def open_corrections(folder: str | Path, *, write: bool = True) -> CorrectionSto
         raise ReadError(f"{place}: no such folder: label the survey first (mlsroad label FILE)")
     path = place / NAME
     with readable(path):
-        if not write and not os.path.lexists(path):
+        if not create and not os.path.lexists(path):
             return CorrectionStore(place, empty_in_memory(), writable=False)
         if os.access(place, os.W_OK) and (not path.exists() or os.access(path, os.W_OK)):
             return CorrectionStore(place, connected(path))

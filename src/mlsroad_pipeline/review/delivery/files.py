@@ -88,7 +88,7 @@ class Delivery:
         self._schema = None if schema is None else read_schema(schema)
         self._labelled = LabelledOutput(folder, {"settings": {}, **self.output.run})
         self.kinds = kinds_of_classes(self._labelled.schemes)
-        with open_corrections(folder, write=False) as store:
+        with open_corrections(folder, write=False, create=False) as store:
             self.states: States = store.states()
             self.history: list[Decision] = store.history()
 
