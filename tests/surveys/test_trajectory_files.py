@@ -65,7 +65,7 @@ def test_times_keep_a_tenth_of_a_microsecond(tmp_path):
         ("", "no positions in the file"),
         ("# nothing\n", "no positions in the file"),
         ("time,x,y,z\n", "no positions in the file"),
-        ("lat,lon,z\n1,2,3\n", "a trajectory needs the column x .has lat, lon, z."),
+        ("lat,lon,z\n1,2,3\n", "a trajectory needs the column x .its first line: lat, lon, z."),
         ("time,x,y,z\n1,2,3,4\n1,2,three,4\n", "line 3: y is 'three', not a number"),
         ("1 2 3 4\n2 3 4\n", "line 2 has 3 values, 4 are needed"),
     ],
