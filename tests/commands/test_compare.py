@@ -1,25 +1,15 @@
 """The command `mlsroad compare` on a labelled street: planted errors of a register are found."""
 
-import os
 import shutil
 
 import geopandas as gpd
 import numpy as np
 import pandas as pd
 import pytest
-from helpers.forking import forked_commands
 
 from mlsroad_pipeline.review.corrections import Correction, open_corrections
 
 SHIFT = np.array([1.2, -0.7])
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    place = tmp_path_factory.mktemp("printed")
-    variables = {k: v for k, v in os.environ.items() if not k.startswith(("MLFLOW_", "KEDRO_", "COV_"))}
-    with forked_commands(place, variables) as commands:
-        yield lambda *arguments, cwd: commands.run([*map(str, arguments)], cwd)
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,5 @@
 """The command `mlsroad compare` on two surveys of a simulated street, listed from their true classes."""
 
-import os
 import shutil
 from dataclasses import replace
 
@@ -9,7 +8,6 @@ import laspy
 import numpy as np
 import pandas as pd
 import pytest
-from helpers.forking import forked_commands
 from helpers.labelled import scheme as configured_scheme
 from PIL import Image
 
@@ -20,14 +18,6 @@ from mlsroad_pipeline.surveys.simulated import write_simulated_survey
 
 SCHEME = ClassScheme.from_config("road_inventory", configured_scheme())
 OFFSET = np.array([0.25, -0.15, 0.1])
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    place = tmp_path_factory.mktemp("printed")
-    variables = {k: v for k, v in os.environ.items() if not k.startswith(("MLFLOW_", "KEDRO_", "COV_"))}
-    with forked_commands(place, variables) as commands:
-        yield lambda *arguments, cwd: commands.run([*map(str, arguments)], cwd)
 
 
 @pytest.fixture(scope="module")

@@ -1,26 +1,16 @@
 """Commands on a survey that comes with classes: kept, listed without a model, predicted by others."""
 
-import os
 import shutil
 
 import geopandas
 import laspy
 import numpy as np
 import pytest
-from helpers.forking import forked_commands
 from helpers.labelled import scheme as configured_scheme
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 
 SCHEME = ClassScheme.from_config("road_inventory", configured_scheme())
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    place = tmp_path_factory.mktemp("printed")
-    variables = {k: v for k, v in os.environ.items() if not k.startswith(("MLFLOW_", "KEDRO_", "COV_"))}
-    with forked_commands(place, variables) as commands:
-        yield lambda *arguments, cwd: commands.run([*map(str, arguments)], cwd)
 
 
 @pytest.fixture(scope="module")

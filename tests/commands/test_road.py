@@ -1,7 +1,6 @@
 """The command `mlsroad road` on a planted labelled street: measures, layers, sections across the road, errors."""
 
 import json
-import os
 
 import ezdxf
 import geopandas as gpd
@@ -10,7 +9,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from helpers.corrected import object_rows
-from helpers.forking import forked_commands
 from helpers.labelled import scheme as configured_scheme
 from scipy.spatial import cKDTree
 
@@ -77,14 +75,6 @@ def write_street(folder, *, trajectory=True):
     record.parent.mkdir(parents=True)
     record.write_text(json.dumps(run), encoding="utf-8")
     return np.asarray(las.xyz)
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    place = tmp_path_factory.mktemp("printed")
-    variables = {k: v for k, v in os.environ.items() if not k.startswith(("MLFLOW_", "KEDRO_", "COV_"))}
-    with forked_commands(place, variables) as commands:
-        yield lambda *arguments, cwd: commands.run([*map(str, arguments)], cwd)
 
 
 @pytest.fixture(scope="module")

@@ -168,9 +168,9 @@ def _near(
                 relative = (xyz[own] - [*places[k], 0.0]).astype(np.float32)
                 found[k].append((relative, palette[label]))
     nothing = (np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8))
+    joined = [[nothing, *parts] for parts in found]
     return [
-        tuple(np.concatenate(column) for column in zip(*parts, strict=True)) if parts else nothing  # type: ignore[misc]
-        for parts in found
+        (np.concatenate([xyz for xyz, _ in parts]), np.concatenate([colour for _, colour in parts])) for parts in joined
     ]
 
 

@@ -168,7 +168,7 @@ def measure_road(
 
 
 class _Above(NamedTuple):
-    """What the second reading collects: lowest points over the road and in an envelope, and points of sections."""
+    """Lowest points over the road and in an envelope, and points of sections, from one reading of all points."""
 
     over: Lowest
     inside: Lowest

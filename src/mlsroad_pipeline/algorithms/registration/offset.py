@@ -52,7 +52,7 @@ FLOOR = 0.003
 
 @dataclass(frozen=True)
 class Offset:
-    """What moves one recording onto another.
+    """Shift and turn that move one recording onto another.
 
     Attributes
     ----------

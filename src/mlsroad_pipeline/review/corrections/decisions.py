@@ -143,7 +143,7 @@ class Correction:
 
     @property
     def described(self) -> str:
-        """What it is about, in a few words; the number of the object is left out."""
+        """Content of the decision in a few words, without the number of the object."""
         given = self.payload
         if self.action == "paint":
             return f"{len(given['points']):,} points: {given['class']}"
