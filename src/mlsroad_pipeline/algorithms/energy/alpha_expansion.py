@@ -23,25 +23,7 @@ _LEAST_GAIN = 1e-10
 
 
 def initial_labels(unary: NDArray[np.float64], initial: ArrayLike | None) -> NDArray[np.int32]:
-    """Return the initial labels: those given, or the label of lowest unary cost of each node.
-
-    Parameters
-    ----------
-    unary : ndarray of float64, shape (n, l)
-        Unary costs.
-    initial : array-like of int, shape (n,), optional
-        Initial labels.
-
-    Returns
-    -------
-    ndarray of int32, shape (n,)
-        A new array.
-
-    Raises
-    ------
-    DataError
-        If `initial` has another shape, is not an integer array, or contains an invalid label.
-    """
+    """Return the initial labels, checked and copied, or else the label of lowest unary cost of each node."""
     if initial is None:
         return unary.argmin(axis=1).astype(np.int32)
     labels = np.asarray(initial)
@@ -60,30 +42,9 @@ def expand_in_turn(
     energy: Callable[[NDArray[np.int32]], float],
     move: Callable[[NDArray[np.int32], int], NDArray[np.bool_]],
 ) -> tuple[NDArray[np.int32], float]:
-    """Expand the labels cyclically until no expansion lowers the energy.
+    """Expand the labels cyclically until no expansion lowers the energy; return the labelling and its energy.
 
-    Parameters
-    ----------
-    labels : ndarray of int32, shape (n,)
-        Initial labels.
-    n_labels : int
-        Number of labels.
-    max_cycles : int
-        Maximum number of cycles over all labels.
-    energy : callable
-        Function of a labelling; returns its energy.
-    move : callable
-        Function of a labelling and alpha; returns the nodes that take alpha in the best expansion.
-
-    Returns
-    -------
-    tuple of (ndarray of int32, float)
-        The final labelling and its energy.
-
-    Raises
-    ------
-    ParameterError
-        If `max_cycles` is below 1.
+    `move` returns the nodes that take alpha in the best expansion of a labelling.
     """
     check_at_least(max_cycles, 1, "max_cycles")
     lowest = energy(labels)

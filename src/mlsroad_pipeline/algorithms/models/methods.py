@@ -146,25 +146,7 @@ class Method:
 
 
 def load_place(place: str) -> Any:
-    """Import a class or function.
-
-    Parameters
-    ----------
-    place : str
-        ``"module:name"``.
-
-    Returns
-    -------
-    type or callable
-        The class or function.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        If there is no such module.
-    AttributeError
-        If the module has no such name.
-    """
+    """Import the class or function of ``"module:name"``."""
     module, name = place.split(":")
     return getattr(import_module(module), name)
 
@@ -289,36 +271,12 @@ def trained_methods() -> dict[str, Method]:
 
 
 def methods_of(task: Task, *, needs_images: bool = False) -> tuple[str, ...]:
-    """Return the slugs of the methods of a task that have a training of their own.
-
-    Parameters
-    ----------
-    task : str
-        ``labelling``, ``detection`` or ``recognition``.
-    needs_images : bool, default False
-        Whether the methods that need images are meant, or those that do without.
-
-    Returns
-    -------
-    tuple of str
-        Slugs in the order of the table.
-    """
+    """Return the slugs of the methods of a task that have a training of their own, with or without need of images."""
     return tuple(
         slug for slug, method in trained_methods().items() if (method.task, method.needs_images) == (task, needs_images)
     )
 
 
 def needs_images(slug: str) -> bool:
-    """Return whether models of a method need images; false for methods that are not in the table.
-
-    Parameters
-    ----------
-    slug : str
-        The method.
-
-    Returns
-    -------
-    bool
-        Whether a model of the method labels points through images.
-    """
+    """Return whether models of a method need images; false for methods that are not in the table."""
     return slug in METHODS and METHODS[slug].needs_images

@@ -24,43 +24,9 @@ def build_match_graph(
     """Match each patch with K patches of other scenes, approximately minimising the summed cost (equation 1).
 
     The moves of section III-B.2 are applied to edges that changed in the last iteration. A node reads the graph of the
-    last iteration and writes only its own matches, so that the result does not depend on the threads.
-
-    Parameters
-    ----------
-    patches : Patches
-        Labelled patches of more than K scenes; labels affect only the exhaustive search. Without colour, its weight is
-        distributed over height and shape.
-    n_matches : int, default 7
-        Number K of matches. Larger values smooth the labels; time and memory grow with it.
-    weights : CostWeights, optional
-        Weights of the costs; those of the paper by default.
-    search : SearchParameters, optional
-        Parameters of the search; by default those of `SearchParameters()`.
-    minority : sequence of int, optional
-        Minority classes of the exhaustive search (luo2016: vehicle, cycas and light pole). By default those with less
-        than half of an equal share of the labelled patches.
-    seed : int, default 0
-        Seed of the initialisation and of the node selection.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    MatchGraph
-        The graph, in the order of `patches`.
-
-    Raises
-    ------
-    DataError
-        If the patches are of K scenes or fewer.
-    ParameterError
-        If `n_matches` or `n_threads` is below 1, or `seed` is negative.
-
-    References
-    ----------
-    Luo et al.: Patch-Based Semantic Labeling of Road Scene Using Colorized Mobile LiDAR Point Clouds. IEEE
-    Transactions on Intelligent Transportation Systems 17, 2016.
+    last iteration and writes only its own matches, so that the result does not depend on the threads. By default,
+    minority classes of the exhaustive search have less than half of an equal share of the labelled patches (luo2016:
+    vehicle, cycas and light pole).
     """
     graph, _, _, order = match_with_each_other(
         patches,
