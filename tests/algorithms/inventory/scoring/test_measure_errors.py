@@ -12,7 +12,7 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.inventory.objects.extraction import measure_points
 from mlsroad_pipeline.algorithms.inventory.objects.measures import MEASURES
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, ObjectRule
-from mlsroad_pipeline.algorithms.inventory.scoring.measure_errors import (
+from helpers.measure_errors import (
     kinds_of_truth,
     match_to_truth,
     measurement_errors,
