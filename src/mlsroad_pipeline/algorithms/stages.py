@@ -28,7 +28,7 @@ def inliers(scene: PointCloud) -> NDArray[np.bool_]:
 
 
 def inlier_rows(scene: PointCloud) -> NDArray[np.bool_] | slice:
-    """Return the mask of `inliers`, or a slice of all points where there is no outlier: it selects views, not copies."""
+    """Return the mask of `inliers`, or a slice of all points if there is no outlier: it selects views, not copies."""
     keep = inliers(scene)
     return slice(None) if keep.all() else keep
 

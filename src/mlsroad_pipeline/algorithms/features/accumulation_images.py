@@ -19,7 +19,7 @@ Images = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 
 
 def concatenate_objects(objects: Sequence[ArrayLike]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Concatenate the points of objects; return them and the start of each object. An error names the object's index."""
+    """Concatenate the points of objects; return them and the start of each object. Errors name the object's index."""
     arrays = [check_xyz(points, minimum=1, name=f"object {i}") for i, points in enumerate(objects)]
     indptr = np.zeros(len(arrays) + 1, dtype=np.int64)
     np.cumsum([len(points) for points in arrays], out=indptr[1:])

@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 
 class Field(NamedTuple):
-    """Column of the inventory: type, heading with the unit, definition, and all values beside an empty one if listed."""
+    """Column of the inventory: type, heading with the unit, definition, and all values but an empty one, if listed."""
 
     dtype: str
     alias: str

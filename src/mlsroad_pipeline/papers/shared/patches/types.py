@@ -29,7 +29,7 @@ class ScenePatches(TypedDict):
 
 
 class PatchLabels(TypedDict):
-    """Classes (-1 for patches without labelled core points) and stations in metres of the patches of a training scene."""
+    """Classes (-1 without labelled core points) and stations in metres of the patches of a training scene."""
 
     label: NDArray[np.int16]
     station: NDArray[np.float64]

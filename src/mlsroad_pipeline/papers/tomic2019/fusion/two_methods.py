@@ -108,7 +108,7 @@ def best_labels(probabilities: NDArray[np.floating]) -> NDArray[np.int16]:
 
 @dataclass(frozen=True)
 class FusedLabels:
-    """Labels chosen among the cameras (-1: unseen), by class preference and by the pool, and the pool's probabilities."""
+    """Labels chosen among the cameras (-1: unseen), by class preference, by the pool, and its probabilities."""
 
     images: NDArray[np.int16]
     rule: NDArray[np.int16]

@@ -145,7 +145,7 @@ def visibility_method(name: str) -> DepthBuffer | HiddenPointRemoval:
 def visible_points(
     xyz: ArrayLike, camera: Camera, *, method: DepthBuffer | HiddenPointRemoval | None = None
 ) -> NDArray[np.bool_]:
-    """Return which points lie inside the image and within range, hidden by no other point; by default by depth buffer."""
+    """Return which points lie inside the image and within range, hidden by no other; by default by depth buffer."""
     points = check_xyz(xyz)
     parameters = DepthBuffer() if method is None else method
     pixels, depth, inside = project_points(points, camera)
