@@ -98,50 +98,17 @@ class Method:
     composed: bool = False
 
     def function(self, place: str) -> Any:
-        """Import a further function ``.module:name`` of the method's folder.
-
-        Parameters
-        ----------
-        place : str
-            Place below the folder of the method.
-
-        Returns
-        -------
-        callable
-            The function.
-        """
+        """Import a further function ``.module:name`` of the method's folder."""
         return load_place(f"{PACKAGE}.{self.folder}{place}")
 
     def place(self, part: str) -> str:
-        """Return the full place of a part.
-
-        Parameters
-        ----------
-        part : str
-            Field that names the part, such as ``"train"``.
-
-        Returns
-        -------
-        str
-            ``"module:name"``.
-        """
+        """Return the full place ``"module:name"`` of a part, such as ``"train"``."""
         module, name = (getattr(self, part) or _SHARED[self.task][part]).split(":")
         package = f"{PACKAGE}.{self.folder}" if module.startswith(".") else f"{PACKAGE}."
         return f"{package}{module}:{name}"
 
     def load(self, part: str) -> Any:
-        """Import a part.
-
-        Parameters
-        ----------
-        part : str
-            Field that names the part, such as ``"train"``.
-
-        Returns
-        -------
-        type or callable
-            The part.
-        """
+        """Import a part, such as ``"train"``."""
         return load_place(self.place(part))
 
 
