@@ -116,22 +116,3 @@ class WordIndex:
             with ThreadPoolExecutor(n_threads) as pool:
                 list(pool.map(work, limits[:-1], limits[1:]))
         return words, distances
-
-
-def nearest_words(
-    groups: ContextualGroups,
-    vocabulary: ContextualGroups,
-    *,
-    inverse: NDArray[np.float64] | None = None,
-    floor: float = CONTEXT_FLOOR,
-    n_threads: int = 1,
-) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Find the nearest word of each group under the discriminant group distance (equation 16), exactly.
-
-    With a `floor` of 0 (yu2016) of the context factor 1 - SCSim, every word of the same relative orientations and
-    scales is at distance 0, whatever its features. Ties go to the smaller sum of Mahalanobis distances, then to the
-    first word.
-    """
-    if inverse is None:
-        inverse = inverse_covariance(vocabulary.descriptors) if len(vocabulary) else np.eye(1)
-    return WordIndex(vocabulary, inverse, floor).search(groups, n_threads=n_threads)
