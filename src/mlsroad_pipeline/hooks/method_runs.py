@@ -184,7 +184,7 @@ class MethodRuns:
                 )
                 self._children[key] = _Child(run.info.run_id)
                 chosen = {"method": method, "data": data, "protocol": protocol} if data else {}
-                log_params(run.info.run_id, self._parameters(method) | {n: v for n, v in chosen.items() if v})
+                log_params(run.info.run_id, {**self._parameters(method), **{n: v for n, v in chosen.items() if v}})
             return self._children[key]
 
     def open(self, method: str) -> None:
