@@ -84,7 +84,11 @@ class RegisterFile:
                 f"{self.path}: no column 'kind' (has {', '.join(map(str, table))}): name it with --column kind=NAME, "
                 "or give all entries one with --kind"
             )
-        kinds = table["kind"].astype(str).str.strip()
+        kinds = table["kind"].astype(object).where(table["kind"].notna(), "").astype(str).str.strip()
+        if (kinds == "").any():
+            raise DataError(
+                f"{self.path}: entry {int((kinds == '').to_numpy().argmax()) + 1} has no kind: fill it in, or remove it"
+            )
         mapped = kinds.map(lambda value: self.kinds.get(value, value.lower()))
         unknown = sorted(set(kinds[~mapped.isin((*KINDS, IGNORED))]))
         if unknown:
