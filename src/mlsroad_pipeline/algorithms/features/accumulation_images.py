@@ -19,25 +19,7 @@ Images = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 
 
 def concatenate_objects(objects: Sequence[ArrayLike]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Concatenate the points of objects.
-
-    Parameters
-    ----------
-    objects : sequence of array-like of shape (n_i, 3)
-        Points of each object, metres.
-
-    Returns
-    -------
-    xyz : ndarray of float64, shape (n, 3)
-        The points, object by object.
-    indptr : ndarray of int64, shape (objects + 1,)
-        Start of the points of each object.
-
-    Raises
-    ------
-    DataError
-        If an object has no points, is not (n, 3) or is not finite; the message gives its index.
-    """
+    """Concatenate the points of objects; return them and the start of each object. Errors name the object's index."""
     arrays = [check_xyz(points, minimum=1, name=f"object {i}") for i, points in enumerate(objects)]
     indptr = np.zeros(len(arrays) + 1, dtype=np.int64)
     np.cumsum([len(points) for points in arrays], out=indptr[1:])
@@ -121,27 +103,7 @@ def compute_images(
 
 
 def concatenate_values(values: Sequence[ArrayLike], indptr: NDArray[np.int64], name: str) -> NDArray[np.float64]:
-    """Concatenate one value per point of objects.
-
-    Parameters
-    ----------
-    values : sequence of array-like of shape (n_i,)
-        Values of the points of each object.
-    indptr : ndarray of int64, shape (objects + 1,)
-        Start of the points of each object.
-    name : str
-        Name of the values in messages.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        The values.
-
-    Raises
-    ------
-    DataError
-        If there is not one finite value per point; the message gives the index of the object.
-    """
+    """Concatenate one finite value per point of objects; an error names the object's index."""
     if len(values) != len(indptr) - 1:
         raise DataError(f"{name} are given for {len(values)} of {len(indptr) - 1} objects")
     arrays = [
@@ -167,39 +129,7 @@ def draw_images(
     printed: bool = False,
     n_threads: int = 1,
 ) -> Images:
-    """Compute the images of concatenated, validated objects; see `compute_images`.
-
-    Parameters
-    ----------
-    xyz : ndarray of float64, shape (n, 3)
-        Finite points, object by object.
-    indptr : ndarray of int64, shape (objects + 1,)
-        Start of the points of each object.
-    weights : ndarray of float64, shape (n,)
-        Weight of each point.
-    sizes : tuple of int
-        Rows and columns of HSSI, VQAI and VAAI.
-    isotropic : bool
-        Whether to scale all axes by one factor.
-    window : tuple of float, optional
-        Half width and height of a common space, metres.
-    bilinear : bool, default False
-        Whether to distribute a point bilinearly over the four surrounding cells.
-    printed : bool, default False
-        Whether equations 4, 7 and 8 are taken as printed.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    hssi, vqai, vaai : ndarray of float32, shape (objects, 5, size, size)
-        The images.
-
-    Raises
-    ------
-    ParameterError
-        If a size or `n_threads` is below 1, or the window is not two lengths above 0.
-    """
+    """Compute the images of concatenated, validated objects; see `compute_images`."""
     if len(sizes) != 3 or min(sizes) < 1:
         raise ParameterError(f"sizes must be three numbers of at least 1, got {sizes!r}")
     half_width, height = (0.0, 0.0) if window is None else window

@@ -140,7 +140,7 @@ def _isolated(xyz: NDArray[np.float64], factor: float, least: int) -> NDArray[np
         if not alone.any() or len(rows) - alone.sum() < _LEAST_SHARE * len(xyz):
             break
         keep[rows[alone]] = False
-        stale[:] = ~keep[near].all(axis=1)
+        stale = np.logical_not(keep[near].all(axis=1))
     return ~keep
 
 
