@@ -153,8 +153,8 @@ def _check_whole(path: Path, target: Path) -> None:
     with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as database:
         sound = database.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
         # views have the index of their table
-        tables = "(SELECT name FROM sqlite_master WHERE type = 'table')"
-        indexed = f"SELECT table_name FROM gpkg_geometry_columns WHERE table_name IN {tables}"
+        real = "(SELECT name FROM sqlite_master WHERE type = 'table')"
+        indexed = f"SELECT table_name FROM gpkg_geometry_columns WHERE table_name IN {real}"
         layers = [name for (name,) in database.execute(indexed)]
         parts, rows = set(), []
         for layer in layers:
