@@ -74,7 +74,9 @@ def compare(  # typer reads the options from the signature
             compare_two_surveys(earlier, folder, target, options)
             return
         check_exist([places[0], folder])
-        if _is_cloud(places[0]):
+        from mlsroad_pipeline.surveys.register_files import RegisterFile, is_point_cloud
+
+        if is_point_cloud(places[0]):
             raise ParameterError(f"{places[0]} has no results of label: label it first (mlsroad label {places[0]})")
         if align or not surfaces:
             raise ParameterError(
@@ -87,7 +89,6 @@ def compare(  # typer reads the options from the signature
         from mlsroad_pipeline.label.result_files import check_target
         from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
         from mlsroad_pipeline.review.delivery.files import Delivery
-        from mlsroad_pipeline.surveys.register_files import RegisterFile
 
         if os.path.realpath(places[0]) in {os.path.realpath(target / name) for name in (TABLE, LAYER, PAGE)}:
             raise ParameterError(f"{places[0]} is the register to compare: name another folder with --output")
@@ -106,14 +107,6 @@ def compare(  # typer reads the options from the signature
         print_warnings(output_console(), logged)
         for path in written:
             output_console().print(f"  {shown_path(path)}", markup=False)
-
-
-def _is_cloud(place: str) -> bool:
-    """Return whether a file is a point cloud by its name; a table is a register."""
-    from mlsroad_pipeline.formats.registry import format_of_name
-    from mlsroad_pipeline.surveys.register_files import TABLES
-
-    return format_of_name(place) is not None and not place.lower().endswith(TABLES)
 
 
 def _pairs(given: list[str] | None, option: str) -> dict[str, str]:

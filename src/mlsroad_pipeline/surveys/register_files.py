@@ -12,6 +12,7 @@ import shapely
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.formats.crs import parse_crs
+from mlsroad_pipeline.formats.registry import format_of_name
 from mlsroad_pipeline.surveys.truth_tables import read_csv, typed_objects
 
 KINDS = ("pole", "sign", "tree")
@@ -21,6 +22,11 @@ COLUMNS = ("id", "kind", "x", "y", "height")
 TABLES = (".csv", ".txt")
 IGNORED = "-"
 """Kind of values that are left out."""
+
+
+def is_point_cloud(path: str) -> bool:
+    """Return whether a file is a point cloud by its name; a table is a register."""
+    return format_of_name(path) is not None and not path.lower().endswith(TABLES)
 
 
 @dataclass(frozen=True)
