@@ -16,6 +16,7 @@ from pyproj import CRS
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_LAYERS
 from mlsroad_pipeline.inventory_files.crs_checks import is_other_system
+from mlsroad_pipeline.inventory_files.geopackage_views import own_views
 from mlsroad_pipeline.inventory_files.road_inventory import LAYERS
 
 TEXT = ("status", "checked_class", "class", "kind")
@@ -54,9 +55,13 @@ def _read(path: Path, notes: list[str]) -> dict[str, Any]:
         with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as base:
             base.execute("SELECT table_name FROM gpkg_contents").fetchall()  # GDAL prints errors of its own
             views = {name for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'view'")}
+            own = own_views(base)  # edits in them have reached `objects`
         names = [str(name) for name in pyogrio.list_layers(path)[:, 0]]
-        chosen = [name for name in (*OBJECTS, *LINE_LAYERS) if name in names]
-        layers = {name: gpd.read_file(path, layer=name, on_invalid="ignore") for name in chosen if name not in views}
+        chosen = [name for name in (*OBJECTS, *LINE_LAYERS) if name in names and name not in own]
+        options = {"on_invalid": "ignore", "fid_as_index": True}
+        layers = {name: gpd.read_file(path, layer=name, **options) for name in chosen if name not in views}
+        if "vehicles" in own:
+            layers["objects"] = _with_boxes(layers["objects"], path)
     except (sqlite3.Error, pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, ValueError) as error:
         raise ReadError(f"{path}: not a GeoPackage: {' '.join(str(error).split())}") from error
     if views.intersection(chosen):
@@ -68,6 +73,13 @@ def _read(path: Path, notes: list[str]) -> dict[str, Any]:
             "mlsroad"
         )
     return layers
+
+
+def _with_boxes(frame: gpd.GeoDataFrame, path: Path) -> gpd.GeoDataFrame:
+    """Return the objects; new ones that were drawn in the view `vehicles` have their box, since they have no point."""
+    boxes = gpd.read_file(path, layer="vehicles", fid_as_index=True, on_invalid="ignore").geometry
+    drawn = frame["object_id"].isna() & frame.geometry.isna()
+    return frame.set_geometry(frame.geometry.where(~drawn, boxes.reindex(frame.index)))
 
 
 def _missing_log(path: Path) -> list[str]:

@@ -50,20 +50,10 @@ ALL_POINTS = "*.laz"
 
 
 class Delivery:
-    """A checked survey to deliver.
+    """A checked survey to deliver: an output folder of `label` and what of it to write.
 
-    Parameters
-    ----------
-    folder : Path
-        Output folder of `label`.
-    keep_rejected : bool
-        Whether rejected and merged objects stay, with their status.
-    checked : bool
-        Whether objects that nobody looked at are left out.
-    within : float, optional
-        Largest distance of objects and lines from the path, metres. None delivers all.
-    schema : Path, optional
-        YAML file with the layers, fields and codes of inventories. None writes those of `label`.
+    Rejected and merged objects stay with `keep_rejected`; `checked` leaves out objects that nobody looked at, `within`
+    those farther from the path in metres. `schema` is a YAML file with layers, fields and codes of inventories.
     """
 
     def __init__(
