@@ -14,6 +14,7 @@ from mlsroad_pipeline.algorithms.inventory.objects.boxes import (
     trimmed,
     vehicle_box,
 )
+from mlsroad_pipeline.algorithms.inventory.objects.lamp_heads import has_lamp_head
 from mlsroad_pipeline.algorithms.inventory.objects.panels import fit_panel
 from mlsroad_pipeline.algorithms.inventory.objects.trunks import Trunk, find_trunks, main_trunk
 from mlsroad_pipeline.algorithms.inventory.objects.voxel_sums import Voxels
@@ -79,6 +80,8 @@ class ObjectMeasures(TypedDict, total=False):
     z_min: float
     z_max: float
     facing_from: str  # Source of the facing of a panel: ``post``, ``unknown``, or empty
+    pole_type: str  # One of `POLE_TYPES`, or empty
+    panel_shape: str  # One of `PLATE_SHAPES`, or empty
     complete: str  # Of a vehicle: ``measured``, or what of its box is assumed; else empty
     footprint: str  # Convex hull in plan as WKT; empty if it has no area
     point_count: int  # Number of points
@@ -115,7 +118,8 @@ def measure(voxels: Voxels, kind: str) -> ObjectMeasures:
     n_points = int(voxels.count.sum())
     row = cast(ObjectMeasures, dict.fromkeys(MEASURES, np.nan))
     row |= {"x": float(centre[0]), "y": float(centre[1]), "z": base, "height": geometry.top - base, "width": length}
-    row |= {"clearance": low - ground, "facing_from": "", "complete": "", "footprint": _as_wkt(hull)}
+    row |= {"clearance": low - ground, "footprint": _as_wkt(hull)}
+    row |= {"facing_from": "", "complete": "", "pole_type": "", "panel_shape": ""}
     if kind == "pole":
         row |= _pole(geometry)
     elif kind == "sign":
@@ -168,13 +172,15 @@ def _round_shaft(geometry: _Geometry, axis: Axis, slab: tuple[float, float], *, 
 
 def _pole(geometry: _Geometry) -> ObjectMeasures:
     axis = fit_axis(geometry.xyz)
+    kind = "lamp" if has_lamp_head(geometry.xyz, geometry.base, axis) else ""
     if axis is None:
-        return {}
+        return {"pole_type": kind}
     base, diameter = axis.at(geometry.base), np.nan
     circle = _round_shaft(geometry, axis, _SHAFT_SLAB, band=_STEEL)
     if circle is not None:
         base, diameter = base + circle.centre, circle.diameter
-    return {"x": base[0], "y": base[1], "diameter": diameter, "visible_share": axis.share, **_leaning(axis)}
+    row: ObjectMeasures = {"x": base[0], "y": base[1], "diameter": diameter, "visible_share": axis.share}
+    return {**row, **_leaning(axis), "pole_type": kind}
 
 
 def _sign(geometry: _Geometry) -> ObjectMeasures:
@@ -185,7 +191,7 @@ def _sign(geometry: _Geometry) -> ObjectMeasures:
         "x": panel.centre[0], "y": panel.centre[1],
         "panel_bottom": panel.bottom - geometry.base, "panel_centre": panel.centre[2] - geometry.base,
         "panel_height": panel.top - panel.bottom, "panel_width": panel.width, "facing": panel.normal,
-        "facing_from": "post" if panel.faces else "unknown",
+        "facing_from": "post" if panel.faces else "unknown", "panel_shape": panel.shape,
     }  # fmt: skip
     below = geometry.xyz[geometry.xyz[:, 2] < panel.bottom - 0.05]
     row |= _post(geometry, below)
