@@ -1,12 +1,10 @@
-"""Shapes of plates and types of poles: planted outlines, heads of lamps and wires."""
+"""Shapes of plates and types of poles: planted outlines and wires."""
 
 import numpy as np
 import pytest
 
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import line_row, line_table
 from mlsroad_pipeline.algorithms.inventory.lines.wire_poles import with_utility_poles
-from mlsroad_pipeline.algorithms.inventory.objects.axes import fit_axis
-from mlsroad_pipeline.algorithms.inventory.objects.lamp_heads import has_lamp_head
 from mlsroad_pipeline.algorithms.inventory.objects.plate_shapes import plate_shape
 from mlsroad_pipeline.algorithms.inventory.objects.table import object_table
 
@@ -45,28 +43,8 @@ def test_planted_plates_have_their_shape(name, n):
 
 
 def test_few_points_and_slivers_have_no_shape():
-    assert plate_shape(planted("round", 14, 1)) == ""
+    assert plate_shape(planted("round", 19, 1)) == ""
     assert plate_shape(np.random.default_rng(1).uniform(0, [1.0, 0.1], (200, 2))) == ""
-
-
-def shaft(height, radius=0.06, n=400):
-    rng = np.random.default_rng(5)
-    turn = rng.uniform(0, 2 * np.pi, n)
-    return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), rng.uniform(0, height, n)])
-
-
-def test_heads_and_arms_at_the_top_make_a_lamp():
-    rng = np.random.default_rng(6)
-    arm = np.column_stack([np.linspace(0, 1.5, 60), np.zeros(60), np.full(60, 7.9)])
-    lantern = rng.normal(0, 0.1, (80, 3)) + [0, 0, 3.9]
-    signal = rng.uniform(-0.2, 0.2, (200, 3)) * [1, 1, 2] + [0.25, 0, 2.8]
-    mast_arm = np.column_stack([np.linspace(0, 5, 200), np.zeros(200), np.full(200, 5.9)])
-    crown = rng.normal(0, 0.8, (600, 3)) + [0, 0, 4]
-    heads = [(8, arm, True), (4, lantern, True), (8, arm[:0], False), (6, mast_arm, False), (6, crown, False)]
-    heads += [(2, lantern - [0, 0, 1.9], False), (5, signal, False)]
-    for height, head, expected in heads:
-        xyz = np.concatenate([shaft(height), head]) + [100.0, 200.0, 30.0]
-        assert has_lamp_head(xyz, 30.0, fit_axis(xyz)) == expected, height
 
 
 def test_poles_that_wires_run_to_are_utility_poles():
@@ -75,12 +53,12 @@ def test_poles_that_wires_run_to_are_utility_poles():
     rows = [
         {**dict.fromkeys(object_table([]).columns, np.nan), "kind": "pole", "class": "pole", "x": x, "y": y, "z": 20.0,
          "height": h, "point_count": 9, "score": 1.0, "facing_from": "", "complete": "", "footprint": "", "scene": "s",
-         "pole_type": "lamp", "panel_shape": ""}
+         "pole_type": "", "panel_shape": ""}
         for x, y, h in places
     ]  # fmt: skip
     numbers = [n for n, t in object_table([]).dtypes.items() if t == np.int64]
     objects = object_table([{**row, **dict.fromkeys(numbers, 0)} for row in rows])
     wire = np.column_stack([np.linspace(0, 24, 25), np.zeros(25), 27.0 + 0.01 * (np.arange(25) - 12) ** 2])
     found = with_utility_poles(objects, line_table([line_row("wire", wire, None)]))
-    assert found["pole_type"].tolist() == ["utility", "utility", "lamp", "lamp", "lamp"]
-    assert with_utility_poles(objects, line_table([]))["pole_type"].tolist() == ["lamp"] * 5
+    assert found["pole_type"].tolist() == ["utility", "utility", "", "", ""]
+    assert with_utility_poles(objects, line_table([]))["pole_type"].tolist() == [""] * 5

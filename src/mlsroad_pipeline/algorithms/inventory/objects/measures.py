@@ -14,7 +14,6 @@ from mlsroad_pipeline.algorithms.inventory.objects.boxes import (
     trimmed,
     vehicle_box,
 )
-from mlsroad_pipeline.algorithms.inventory.objects.lamp_heads import has_lamp_head
 from mlsroad_pipeline.algorithms.inventory.objects.panels import fit_panel
 from mlsroad_pipeline.algorithms.inventory.objects.trunks import Trunk, find_trunks, main_trunk
 from mlsroad_pipeline.algorithms.inventory.objects.voxel_sums import Voxels
@@ -80,7 +79,6 @@ class ObjectMeasures(TypedDict, total=False):
     z_min: float
     z_max: float
     facing_from: str  # Source of the facing of a panel: ``post``, ``unknown``, or empty
-    pole_type: str  # One of `POLE_TYPES`, or empty
     panel_shape: str  # One of `PLATE_SHAPES`, or empty
     complete: str  # Of a vehicle: ``measured``, or what of its box is assumed; else empty
     footprint: str  # Convex hull in plan as WKT; empty if it has no area
@@ -119,7 +117,7 @@ def measure(voxels: Voxels, kind: str) -> ObjectMeasures:
     row = cast(ObjectMeasures, dict.fromkeys(MEASURES, np.nan))
     row |= {"x": float(centre[0]), "y": float(centre[1]), "z": base, "height": geometry.top - base, "width": length}
     row |= {"clearance": low - ground, "footprint": _as_wkt(hull)}
-    row |= {"facing_from": "", "complete": "", "pole_type": "", "panel_shape": ""}
+    row |= {"facing_from": "", "complete": "", "panel_shape": ""}
     if kind == "pole":
         row |= _pole(geometry)
     elif kind == "sign":
@@ -172,15 +170,13 @@ def _round_shaft(geometry: _Geometry, axis: Axis, slab: tuple[float, float], *, 
 
 def _pole(geometry: _Geometry) -> ObjectMeasures:
     axis = fit_axis(geometry.xyz)
-    kind = "lamp" if has_lamp_head(geometry.xyz, geometry.base, axis) else ""
     if axis is None:
-        return {"pole_type": kind}
+        return {}
     base, diameter = axis.at(geometry.base), np.nan
     circle = _round_shaft(geometry, axis, _SHAFT_SLAB, band=_STEEL)
     if circle is not None:
         base, diameter = base + circle.centre, circle.diameter
-    row: ObjectMeasures = {"x": base[0], "y": base[1], "diameter": diameter, "visible_share": axis.share}
-    return {**row, **_leaning(axis), "pole_type": kind}
+    return {"x": base[0], "y": base[1], "diameter": diameter, "visible_share": axis.share, **_leaning(axis)}
 
 
 def _sign(geometry: _Geometry) -> ObjectMeasures:

@@ -6,8 +6,9 @@ from numpy.typing import NDArray
 PLATE_SHAPES = ("round", "triangle", "rectangle")
 """Shapes of plates; octagons are round, and squares on their tip are rectangles."""
 
-_LEAST_POINTS, _LEAST_SIDE = 15, 0.15  # fewer points or metres have no shape
+_LEAST_POINTS, _LEAST_SIDE = 20, 0.15  # fewer points or metres have no shape
 _RECTANGLE, _TIP = 1.08, 1.05  # factors of areas, for the freedom of two sides and of a side turned by 45 degrees
+_CLEAR = 1.05  # least ratio of the second smallest area to the smallest
 _STEPS = 60  # of the search for the enclosing circle
 
 
@@ -26,7 +27,8 @@ def plate_shape(uv: NDArray[np.float64]) -> str:
         "triangle": triangle**2 / np.sqrt(3.0),
         "rectangle": min(_RECTANGLE * (reach[0] + reach[180]) * (reach[90] + reach[270]), _TIP * tip**2),
     }
-    return min(areas, key=lambda name: float(areas[name]))
+    best, second = sorted(areas, key=lambda name: float(areas[name]))[:2]
+    return best if areas[second] >= _CLEAR * areas[best] else ""
 
 
 def _supports(uv: NDArray[np.float64]) -> dict[int, float]:

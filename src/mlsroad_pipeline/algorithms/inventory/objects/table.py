@@ -9,7 +9,6 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.algorithms.inventory.objects.lamp_heads import POLE_TYPES
 from mlsroad_pipeline.algorithms.inventory.objects.measures import EXTENT, MEASURES
 from mlsroad_pipeline.algorithms.inventory.objects.plate_shapes import PLATE_SHAPES
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
@@ -62,7 +61,7 @@ FIELDS: dict[str, Field] = {
     "lean_azimuth": Field(
         "float64", "Leans towards [deg]", "Where its top leans, clockwise from grid north, 0 to 360."
     ),
-    "pole_type": Field("str", "Type", "Of a pole: lamp or utility (carries wires); else empty.", POLE_TYPES),
+    "pole_type": Field("str", "Type", "Of a pole: utility where overhead wires run to it; else empty.", ("utility",)),
     "diameter": Field("float64", "Diameter [m]", "Of a round pole's shaft, or of a trunk at breast height."),
     "crown_diameter": Field("float64", "Crown diameter [m]", "Of the circle with the area of a tree's footprint."),
     "panel_bottom": Field("float64", "Panel lower edge [m]", "Lower edge of a sign's panel above the base."),
