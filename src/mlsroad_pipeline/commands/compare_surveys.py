@@ -38,6 +38,7 @@ def compare_two_surveys(earlier: str, later: str, target: Path, options: SurveyO
     from mlsroad_pipeline.label.change_report import FILES, write_changes
     from mlsroad_pipeline.label.compared_surveys import compare_surveys
     from mlsroad_pipeline.label.labelled_clouds import Recorded
+    from mlsroad_pipeline.label.result_files import check_target
     from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
     from mlsroad_pipeline.review.delivery.files import Delivery
 
@@ -47,6 +48,7 @@ def compare_two_surveys(earlier: str, later: str, target: Path, options: SurveyO
             "--overwrite"
         )
     outputs = [LabelledOutput.at(folder) for folder in (earlier, later)]
+    check_target(target, FILES, ("key", "state", "second_id"), "changes of two surveys", outputs)
     if options.surfaces:
         py4dgeo()
     with collected_warnings(verbose=options.verbose) as logged:

@@ -89,7 +89,7 @@ def add_tables(path: Path, styles: Mapping[str, str], *, date: str) -> None:
 
 
 DESCRIPTIONS = {
-    "objects": "All objects; the layers of kinds repeat them with the columns of their kind.",
+    "objects": "All objects; the layers of kinds are views of them with the columns of their kind.",
     **{name: f"Objects of kind {kind}." for name, kind in LAYERS.items()},
     "footprints": "Convex hulls of the points of objects.",
     **{name: f"Lines of kind {kind}." for name, kind in LINE_LAYERS.items()},

@@ -33,11 +33,11 @@ FILES = (TABLE, LAYERS, PAGE, RASTER)
 MOST_PICTURES = 12
 """Largest number of pairs of pictures of each state."""
 _SHOWN = (CHANGED, MOVED, OTHER_KIND, GONE, NEW)
-_DECIMALS = {"empty_share": 2, **dict.fromkeys(("x", "y", "z", "dx", "dy", "distance"), 3)}
+_SHARES = {"empty_share": 2, "standing_share": 2}
 _HEADINGS = {
     "changes": "Changes", "first_id": "Number before", "second_id": "Number after", "distance": "Moved by [m]",
     "tilt_change": "Axis turned by [deg]", "height_change": "Height [m]", "panel_bottom_change": "Panel [m]",
-    "evidence": "Evidence", "x": "Easting [m]", "y": "Northing [m]", "key": "Key",
+    "reason": "Reason", "x": "Easting [m]", "y": "Northing [m]", "key": "Key",
 }  # fmt: skip
 SURFACE_NOTE = (
     "Connected cells of 0.5 m whose M3C2 distances exceed their level of detection (95 %). Positive is upwards, of "
@@ -49,7 +49,7 @@ def write_changes(compared: ComparedSurveys, folder: Path, warnings: Sequence[st
     """Write table, layers, raster and page of a comparison of surveys, each whole or not at all; return their paths."""
     check_closed(folder / LAYERS)
     folder.mkdir(parents=True, exist_ok=True)
-    table, crs = compared.objects.round(_DECIMALS), compared.second.inventory.crs
+    table, crs = compared.objects.round(3).round(_SHARES), compared.second.inventory.crs
     layers = {"objects": points_of(table)}
     areas = pd.DataFrame()
     if compared.surfaces is not None:
@@ -57,11 +57,12 @@ def write_changes(compared: ComparedSurveys, folder: Path, warnings: Sequence[st
         areas = areas.round(3)
         layers["surfaces"] = (areas, shapes, "MultiPolygon")
     raster = None if compared.surfaces is None else distance_raster(compared.surfaces)
+    # The table is first: it shows that the other files are of a comparison.
+    write_atomic(folder / TABLE, without_formulas(table).to_csv(index=False, lineterminator="\n").encode())
     if raster is not None:
         write_geotiff(raster.values, folder / RASTER, corner=(raster.west, raster.north), edge=raster.edge, crs=crs)
     else:
         (folder / RASTER).unlink(missing_ok=True)  # of an earlier comparison
-    write_atomic(folder / TABLE, without_formulas(table).to_csv(index=False, lineterminator="\n").encode())
     write_shapes(layers, folder / LAYERS, crs=crs)
     further = [] if compared.surfaces is None else [
         table_section("Surfaces", surface_table(compared.surfaces)),

@@ -16,19 +16,7 @@ from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 
 class Field(NamedTuple):
-    """Column of the inventory.
-
-    Parameters
-    ----------
-    dtype : str
-        Type of the values.
-    alias : str
-        Heading for users of the map, with the unit.
-    description : str
-        Definition in one sentence.
-    values : tuple of str
-        All values beside an empty one; empty where there is no such list.
-    """
+    """Column of the inventory: type, heading with the unit, definition, and all values but an empty one, if listed."""
 
     dtype: str
     alias: str
@@ -136,17 +124,7 @@ FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
 
 
 def fields_of_kind(kind: str) -> list[str]:
-    """Return the columns that objects of a kind have.
-
-    Parameters
-    ----------
-    kind : str
-        Kind of object.
-
-    Returns
-    -------
-    list of str
-        Names in the order of `FIELDS`.
+    """Return the columns that objects of a kind have, in the order of `FIELDS`.
 
     Examples
     --------
@@ -169,18 +147,7 @@ _LEAST_STANDOFF = 0.03  # minimum distance of a panel from the axis of its pole 
 
 
 def empty_table(fields: Mapping[str, str]) -> pd.DataFrame:
-    """Return an empty table with typed columns.
-
-    Parameters
-    ----------
-    fields : mapping of str to str
-        Column name to dtype, such as `OBJECT_FIELDS`.
-
-    Returns
-    -------
-    DataFrame
-        The columns in order, without rows.
-    """
+    """Return an empty table with typed columns, such as `OBJECT_FIELDS`."""
     return _empty(tuple(fields.items())).copy()
 
 
@@ -191,18 +158,7 @@ def _empty(fields: tuple[tuple[str, str], ...]) -> pd.DataFrame:
 
 
 def object_table(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
-    """Return the table of measured objects; numbers, links and stationing are not set.
-
-    Parameters
-    ----------
-    rows : sequence of dict
-        `ObjectMeasures` of each object, with `class`, `kind` and the name of the scene.
-
-    Returns
-    -------
-    DataFrame
-        Columns of `OBJECT_FIELDS`.
-    """
+    """Return the table of measured objects; numbers, links and stationing are not set."""
     if not rows:
         return empty_table(OBJECT_FIELDS)
     unknown: dict[str, Any] = {
@@ -219,26 +175,10 @@ def object_table(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
 def finish_table(
     objects: pd.DataFrame, classes: Sequence[str], trajectory: Trajectory | None
 ) -> tuple[pd.DataFrame, NDArray[np.int64]]:
-    """Add stationing, round, sort, number and link the objects of a pass.
+    """Add stationing, round, sort, number and link the objects of a pass; return them with their earlier `object_id`.
 
-    A sign is linked to the nearest pole within 0.75 m of its edge in plan that reaches its lower edge to within
-    0.75 m. A panel without a post of its own faces away from that pole.
-
-    Parameters
-    ----------
-    objects : DataFrame
-        Objects of a pass: columns of `OBJECT_FIELDS`.
-    classes : sequence of str
-        Class names in sort order.
-    trajectory : Trajectory or None
-        Trajectory for station and offset.
-
-    Returns
-    -------
-    table : DataFrame
-        Columns of `OBJECT_FIELDS`, numbered from 1.
-    earlier : ndarray of int64
-        The `object_id` in `objects` of each row.
+    A sign is linked to the nearest pole within 0.75 m of its edge in plan that reaches its lower edge to within 0.75 m.
+    A panel without a post of its own faces away from that pole.
     """
     table = objects.copy()
     if trajectory is not None and len(table):

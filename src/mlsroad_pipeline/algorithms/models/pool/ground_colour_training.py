@@ -32,20 +32,10 @@ LEAST_POINTS = 2000
 
 
 class Ground(NamedTuple):
-    """Ground of a street, or of some voxels of it.
+    """Ground of a street, or of some of its voxels: regression terms and true points of the voxels with colour.
 
-    Attributes
-    ----------
-    terms : ndarray of float64, shape (k, terms)
-        Terms of the regression of voxels with colour.
-    paved, natural : ndarray of float64, shape (k,)
-        Points of the voxels by their true class.
-    points : ndarray of float64, shape (k,)
-        All points of the voxels, including those of other classes.
-    rest : ndarray of float64, shape (3,)
-        True positives, false positives and false negatives of natural ground outside these voxels.
-    before : ndarray of bool, shape (k,)
-        Voxels that the pool labels natural ground without colour.
+    `rest` has true positives, false positives and false negatives of natural ground outside these voxels; `before`
+    marks those that the pool labels natural ground without colour.
     """
 
     terms: NDArray[np.float64]
