@@ -160,8 +160,8 @@ def race_recordings(rivals: Mapping[str, Path], repeats: int, threads: int) -> N
     for (kind, name), (*counts, cpu, points) in totals.items():
         found = scores_of_counts(np.array(counts))
         print(
-            f"{kind}, {name}: type I {found.type_1:.4f}, type II {found.type_2:.4f}, total {found.total:.4f}, processor "
-            f"time {cpu / points * 1e6:.2f} s per million points"
+            f"{kind}, {name}: type I {found.type_1:.4f}, type II {found.type_2:.4f}, total {found.total:.4f}, "
+            f"processor time {cpu / points * 1e6:.2f} s per million points"
         )
 
 
