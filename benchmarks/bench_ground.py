@@ -68,7 +68,7 @@ csf.params.rigidness = 3
 csf.params.class_threshold = 0.15
 csf.setPointCloud(xyz)
 ground, rest = CSF.VecInt(), CSF.VecInt()
-csf.do_filtering(ground, rest)
+csf.do_filtering(ground, rest, False)  # without a file of the cloth
 """,
 )
 
