@@ -34,7 +34,7 @@ def compute_images(
     isotropic: bool = False,
     window: tuple[float, float] | None = None,
     bilinear: bool = False,
-    printed_rows: bool = False,
+    printed: bool = False,
     relative: bool = True,
     weights: Sequence[ArrayLike] | None = None,
     n_threads: int = 1,
@@ -45,7 +45,7 @@ def compute_images(
     2] again. HSSI counts points by height (row) and distance from the vertical axis (column): equations 3 and 4, read
     as row = floor((beta + 1) / k1) with beta = z - 1. VQAI counts points by x (row) and y (column): equations 5 and 6.
     VAAI sums, in the same cells, the cosine between the vertical and the line from (0, 0, -1) to the point: equations 7
-    to 9, with the square root that is missing in equation 7.
+    to 9, with the square root that is missing in equation 7 and cells of edge 2 / R, where equation 8 has 2 / R^2.
 
     Parameters
     ----------
@@ -66,9 +66,10 @@ def compute_images(
         1999). This makes images of objects with few points more stable. Outside the outermost cell centres, the weight
         goes to the nearest cells; the sum of an image is unchanged. By default a point counts only in its own cell
         (equations 4, 6 and 8).
-    printed_rows : bool, default False
-        Whether HSSI has the rows of equation 4 as printed, floor((beta + 2) / (2 k1)) with beta = z of equation 3.
-        Objects then fill the upper half of the rows alone.
+    printed : bool, default False
+        Whether equations 4, 7 and 8 are taken as printed. Rows of HSSI are floor((beta + 2) / (2 k1)) with beta = z of
+        equation 3, so that objects fill the upper half alone. The cosine of VAAI is divided by its denominator once
+        more, and its cells of edge 2 / R^2 put nearly all points into the last row and column.
     relative : bool, default True
         Whether to divide sums by the number of points of the object, which removes the dependence on distance (luo2019:
         no). The slices of VQAI add up to the whole.
@@ -97,7 +98,7 @@ def compute_images(
         each = each / np.repeat(counts, counts)
     return draw_images(
         xyz, indptr, each, sizes=sizes, isotropic=isotropic, window=window, bilinear=bilinear,
-        printed_rows=printed_rows, n_threads=n_threads,
+        printed=printed, n_threads=n_threads,
     )  # fmt: skip
 
 
@@ -125,7 +126,7 @@ def draw_images(
     isotropic: bool,
     window: tuple[float, float] | None = None,
     bilinear: bool = False,
-    printed_rows: bool = False,
+    printed: bool = False,
     n_threads: int = 1,
 ) -> Images:
     """Compute the images of concatenated, validated objects; see `compute_images`."""
@@ -138,9 +139,7 @@ def draw_images(
     hssi, vqai, vaai = (np.zeros((n, N_PARTS, size, size), dtype=np.float32) for size in sizes)
 
     def draw(first: int, last: int) -> None:
-        _draw(
-            xyz, indptr, weights, hssi, vqai, vaai, isotropic, half_width, height, bilinear, printed_rows, first, last
-        )
+        _draw(xyz, indptr, weights, hssi, vqai, vaai, isotropic, half_width, height, bilinear, printed, first, last)
 
     run_in_chunks(draw, n, n_threads=n_threads)
     return hssi, vqai, vaai
@@ -187,6 +186,13 @@ def _add(
     sums[part, next_i * size + next_j] += weight * below * right
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _cosine(height: float, flat: float, printed: bool) -> float:
+    """Return the cosine between the vertical and a line; as printed, equation 7 lacks the square root."""
+    square = height**2 + flat
+    return height / square if printed else height / np.sqrt(square)
+
+
 @njit(cache=True, nogil=True)
 def _draw(
     xyz: NDArray[np.float64],
@@ -199,7 +205,7 @@ def _draw(
     half_width: float,
     height: float,
     bilinear: bool,
-    printed_rows: bool,
+    printed: bool,
     begin: int,
     end: int,
 ) -> None:
@@ -220,17 +226,16 @@ def _draw(
             within = (z - part * (2.0 / _SLICES)) * _SLICES
             flat = x * x + y * y
             column = np.sqrt(flat) * 0.5 * n_h
-            per_unit, shift = (0.25 * n_h, 2.0) if printed_rows else (0.5 * n_h, 0.0)
+            per_unit, shift = (0.25 * n_h, 2.0) if printed else (0.5 * n_h, 0.0)
             _add(spin, 0, n_h, (z + shift) * per_unit, column, weight, bilinear)
             _add(spin, 1 + part, n_h, (within + shift) * per_unit, column, weight, bilinear)
             row, column = (x + 1.0) * 0.5 * n_q, (y + 1.0) * 0.5 * n_q
             _add(count, 0, n_q, row, column, weight, bilinear)
             _add(count, 1 + part, n_q, row, column, weight, bilinear)
-            row, column = (x + 1.0) * 0.5 * n_a, (y + 1.0) * 0.5 * n_a
-            cosine = weight * (z + 1.0) / np.sqrt((z + 1.0) ** 2 + flat)
-            _add(angle, 0, n_a, row, column, cosine, bilinear)
-            cosine = weight * (within + 1.0) / np.sqrt((within + 1.0) ** 2 + flat)
-            _add(angle, 1 + part, n_a, row, column, cosine, bilinear)
+            per_unit = 0.5 * n_a * (n_a if printed else 1)
+            row, column = (x + 1.0) * per_unit, (y + 1.0) * per_unit
+            _add(angle, 0, n_a, row, column, weight * _cosine(z + 1.0, flat, printed), bilinear)
+            _add(angle, 1 + part, n_a, row, column, weight * _cosine(within + 1.0, flat, printed), bilinear)
         for part in range(N_PARTS):
             _store(spin[part], hssi[k, part])
             _store(count[part], vqai[k, part])

@@ -18,8 +18,8 @@ PAPER = SearchParameters(exhaustive_budget=0, tolerance=0.0, promise=float("inf"
 
 @functools.cache
 def with_optimum(structured, coloured=True, seed=0):
-    """Return 2,000 patches of ten scenes and the costs of their best matches."""
-    patches = planted_patches(2000, 10, seed=seed, structured=structured, coloured=coloured)
+    """Return 1,200 patches of ten scenes and the costs of their best matches."""
+    patches = planted_patches(1200, 10, seed=seed, structured=structured, coloured=coloured)
     return patches, optimal_costs(all_costs(patches), patches.scene, patches.scene, 7)
 
 

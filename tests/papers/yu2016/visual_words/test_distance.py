@@ -34,7 +34,7 @@ def member(groups, i):
 
 @pytest.mark.parametrize(("m", "floor"), [(1, 0.05), (2, 0.05), (3, 0.05), (3, 0.0), (3, 0.4), (4, 0.05)])
 def test_nearest_word_equals_brute_force(rng, m, floor):
-    groups, words = random_groups(rng, 25, m), random_groups(rng, 130, m)
+    groups, words = random_groups(rng, 8, m), random_groups(rng, 130, m)
     inverse = inverse_covariance(words.descriptors)
     found, distances = nearest_words(groups, words, floor=floor)
     for i in range(len(groups)):
