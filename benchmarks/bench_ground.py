@@ -26,7 +26,7 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.geometry.outliers import keep_inliers
 from mlsroad_pipeline.algorithms.ground.surface import height_above_ground
 from mlsroad_pipeline.algorithms.ground.upward_growing import classify_ground
-from mlsroad_pipeline.algorithms.metrics.ground import score_ground
+from mlsroad_pipeline.algorithms.metrics.ground import count_ground, scores_of_counts
 from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk
 
 GROUND_CLASSES = (1, 4)
@@ -150,7 +150,7 @@ def race_recordings(rivals: Mapping[str, Path], repeats: int, threads: int) -> N
                     works[name] = partial(run_rival, python, PROGRAMS[name], cloud, threads)
             for name, timed in race(works, repeats=repeats, warm_up=1).items():
                 labels = timed.result if name == "mlsroad" else timed.result[1]
-                found = score_ground(labels, one.truth, valid=one.known)
+                found = scores_of_counts(count_ground(labels, one.truth, valid=one.known))
                 errors = {key: round(getattr(found, key), 4) for key in ("type_1", "type_2", "total", "kappa")}
                 show(f"ground, {one.name}", len(one.xyz), {name: timed}, threads=threads, **errors)
                 key = ("rotating scanner" if one.sensor_height else "line scanners", name)
@@ -180,7 +180,7 @@ def race_ground(name: str, python: Path | None, repeats: int, threads: int) -> N
         works["CSF"] = lambda: run_rival(python, CSF, RIVALS / f"{name}.npz", threads)
     for program, timed in race(works, repeats=repeats).items():
         extra, labels = (added, timed.result) if program == "mlsroad" else timed.result
-        found = score_ground(labels, truth)
+        found = scores_of_counts(count_ground(labels, truth))
         errors = {key: round(getattr(found, key), 4) for key in ("type_1", "type_2", "total", "kappa")}
         memory = {"bytes_per_point": round(extra * 1024 / len(xyz), 1)}
         show("ground", len(xyz), {program: timed}, threads=threads, **memory, **errors)
