@@ -41,11 +41,11 @@ CSV_TYPES = {"int64": "Integer64", "float64": "Real", "str": "String"}
 
 SHAPEFILE_NAMES = {
     "lean_azimuth": "lean_az", "crown_diameter": "crown_diam", "panel_bottom": "panel_low", "panel_centre": "panel_mid",
-    "panel_height": "panel_h", "panel_width": "panel_w", "facing_from": "facing_src", "visible_share": "visible",
-    "point_count": "points", "disagreeing_share": "other_cls", "file_count": "files", "passes_there": "passes_of",
-    "scanners_there": "scanner_of", "least_height": "height_min", "most_height": "height_max",
-    "from_station": "from_stat", "first_time": "first_sec", "last_time": "last_sec", "model_version": "model",
-    "checked_class": "checked",
+    "panel_height": "panel_h", "panel_width": "panel_w", "panel_shape": "panel_shp", "facing_from": "facing_src",
+    "visible_share": "visible", "point_count": "points", "disagreeing_share": "other_cls", "file_count": "files",
+    "passes_there": "passes_of", "scanners_there": "scanner_of", "least_height": "height_min",
+    "most_height": "height_max", "from_station": "from_stat", "first_time": "first_sec", "last_time": "last_sec",
+    "model_version": "model", "checked_class": "checked",
 }  # fmt: skip
 """Field to its name of at most ten characters in a Shapefile; the others keep theirs."""
 

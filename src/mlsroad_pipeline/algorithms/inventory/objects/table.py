@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.inventory.objects.measures import EXTENT, MEASURES
+from mlsroad_pipeline.algorithms.inventory.objects.plate_shapes import PLATE_SHAPES
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
@@ -48,12 +49,16 @@ FIELDS: dict[str, Field] = {
     "lean_azimuth": Field(
         "float64", "Leans towards [deg]", "Where its top leans, clockwise from grid north, 0 to 360."
     ),
+    "pole_type": Field("str", "Type", "Of a pole: utility where overhead wires run to it; else empty.", ("utility",)),
     "diameter": Field("float64", "Diameter [m]", "Of a round pole's shaft, or of a trunk at breast height."),
     "crown_diameter": Field("float64", "Crown diameter [m]", "Of the circle with the area of a tree's footprint."),
     "panel_bottom": Field("float64", "Panel lower edge [m]", "Lower edge of a sign's panel above the base."),
     "panel_centre": Field("float64", "Panel middle [m]", "Middle of a sign's panel above the base."),
     "panel_height": Field("float64", "Panel height [m]", "Vertical size of a sign's panel."),
     "panel_width": Field("float64", "Panel width [m]", "Horizontal size of a sign's panel."),
+    "panel_shape": Field(
+        "str", "Panel shape", "Of a sign: round (octagons too), triangle or rectangle; else empty.", PLATE_SHAPES
+    ),
     "facing": Field("float64", "Facing [deg]", "Direction of a sign's front, clockwise from grid north, 0 to 360."),
     "facing_from": Field(
         *("str", "Front known from", "Evidence for a sign's front: post, pole or unknown (facing below 180)."),
@@ -104,10 +109,15 @@ OBJECT_FIELDS = {name: field.dtype for name, field in FIELDS.items()}
 FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("length", "heading", "complete", "motion"), ("vehicle",)),
     **dict.fromkeys(("tilt", "lean_azimuth"), ("pole", "sign")),
+    "pole_type": ("pole",),
     "diameter": ("pole", "tree"),
     "crown_diameter": ("tree",),
     **dict.fromkeys(
-        ("panel_bottom", "panel_centre", "panel_height", "panel_width", "facing", "facing_from", "pole_id"), ("sign",)
+        (
+            *("panel_bottom", "panel_centre", "panel_height", "panel_width", "panel_shape"),
+            *("facing", "facing_from", "pole_id"),
+        ),
+        ("sign",),
     ),
 }
 """Column to the kinds that have it; all kinds have the others."""
@@ -155,6 +165,7 @@ def object_table(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
         **dict.fromkeys(("object_id", "pole_id", *SEEN_BY), 0),
         **dict.fromkeys(("station", "offset", "first_time", "last_time"), np.nan),
         **dict.fromkeys(("method", "model_version", "status", "checked_class", "reasons", "motion", "key"), ""),
+        **dict.fromkeys(("pole_type", "panel_shape"), ""),
     }
     known = pd.DataFrame(list(rows))
     missing = {name: value for name, value in unknown.items() if name not in known}
