@@ -40,8 +40,10 @@ def compared_objects(first: Recorded, second: Recorded) -> pd.DataFrame:
     of_second = _evidence(after, pairs.left_second, second.clouds, first.clouds)
     listed = np.flatnonzero(listed_changes(before, after, pairs))
     measured = MeasuredByPoints.unknown(len(pairs.first))
-    rows = [table.iloc[own[listed]] for table, own in ((before, pairs.first), (after, pairs.second))]
-    for column, own in zip(measured, _measured(*rows, first.clouds, second.clouds), strict=True):
+    of_pairs = _measured(
+        before.iloc[pairs.first[listed]], after.iloc[pairs.second[listed]], first.clouds, second.clouds
+    )
+    for column, own in zip(measured, of_pairs, strict=True):
         column[listed] = own
     return changed_objects(before, after, pairs, of_first, of_second, measured)
 

@@ -92,4 +92,5 @@ def _losses(
         assert pooled.probabilities is not None and pooled.owner is not None  # a pool has them
         own = pooled.owner[rows]
         right = np.where(own < 0, 0.0, pooled.probabilities[own, true[rows]])
-        yield np.bincount(true[rows], -np.log(np.maximum(right, FLOOR)), minlength=len(scheme))
+        loss = np.bincount(true[rows], -np.log(np.maximum(right, FLOOR)), minlength=len(scheme))
+        yield loss.astype(np.float64)

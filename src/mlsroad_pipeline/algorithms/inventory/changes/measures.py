@@ -69,7 +69,7 @@ def growth_of_crown(before: NDArray[np.float64], after: NDArray[np.float64], mid
     tops = []
     for points in (before, after):
         high = points[points[:, 2] > middle]
-        cells = pd.MultiIndex.from_arrays(list(np.floor(high[:, :2] / CELL).astype(np.int64).T))
+        cells = pd.MultiIndex.from_arrays([*np.floor(high[:, :2] / CELL).astype(np.int64).T])
         tops.append(pd.Series(high[:, 2], index=cells).groupby(level=[0, 1]).max())
     change = (tops[1] - tops[0]).dropna()
     return float(change.median()) if len(change) >= FEWEST_CELLS else np.nan
