@@ -1,6 +1,6 @@
 """States of registers with planted errors on simulated streets, by `mlsroad compare`.
 
-    python benchmarks/register_states.py [--folder FOLDER]
+    python benchmarks/register_states.py [--streets 81 82 ...] [--folder FOLDER]
 
 The four streets of `survey_changes.py` in two years, each scanned by another scanner. Each has a register: its true
 poles, signs and trees with an error of 0.15 m and a common offset of (0.8, -0.6) m. Of these 5 % are left out, 5 % are
@@ -135,9 +135,11 @@ def main() -> None:
     """Simulate, label, compare, print."""
     arguments = parser(__doc__)
     arguments.add_argument("--folder", type=Path, default=RESULTS / "survey_changes")
-    folder = arguments.parse_args().folder.absolute()
+    arguments.add_argument("--streets", nargs="+", type=int, choices=list(SEEDS), default=list(SEEDS))
+    options = arguments.parse_args()
+    folder = options.folder.absolute()
     folder.mkdir(parents=True, exist_ok=True)
-    tables, new, out = zip(*(compared(folder, seed, name) for seed in SEEDS for name in YEARS), strict=True)
+    tables, new, out = zip(*(compared(folder, seed, name) for seed in options.streets for name in YEARS), strict=True)
     table = pd.concat(tables, ignore_index=True)
     unseen = (table["expected"] == UNSEEN) & table["state"].isin((CONFIRMED, NOT_VISIBLE))
     table["right"] = (table["state"] == table["expected"]) | unseen

@@ -122,7 +122,7 @@ def main() -> None:
     options = arguments.parse_args()
     folder = options.folder.absolute()
     rows = []
-    for labels in ("true", "model"):
+    for labels in ("model", "true"):
         for seed in options.streets:
             made = {
                 n: (p, *results_of(folder, f"{seed}_{n}", p, given=labels == "true"))
@@ -130,7 +130,7 @@ def main() -> None:
             }
             truth = {name: objects_of(street, parameters) for name, (parameters, street, _) in made.items()}
             for later in ("later", "again"):
-                out = folder / f"{seed}_{later}_{labels}"
+                out = folder / f"{seed}_{later}_{labels}_changes"
                 mlsroad("compare", made["first"][2], made[later][2], "-o", out, "--overwrite", "--no-surfaces")
                 table = pd.read_csv(out / "changes.csv")
                 table["changes"] = table["changes"].astype(object).fillna("")

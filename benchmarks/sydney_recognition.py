@@ -25,6 +25,7 @@ from sklearn.metrics import f1_score
 
 from mlsroad_pipeline.algorithms.core.classes import find_scheme
 from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.papers.luo2019.jointnet.network import JointNet
 from mlsroad_pipeline.papers.shared.recognition.object_set import ObjectSet, find_folds, listed_files, read_fold
 from mlsroad_pipeline.papers.shared.recognition.recogniser import make_recogniser
 
@@ -124,6 +125,19 @@ def interval(truths: list[NDArray], predictions: list[list[NDArray]]) -> list[fl
     return np.round(np.quantile(means, [0.025, 0.975]), 3).tolist()
 
 
+def print_sizes() -> None:
+    """Print weights, and mebibytes with momenta, of networks of nine classes (Table 1 of the paper)."""
+    sub_network = {"inputs": {"views": ["hssi"]}, "network": {"fusion": False}}
+    for name, slug, changes in (
+        ("JointNet", "paper_widths", {}),
+        ("sub-network", "paper_widths", sub_network),
+        ("jointnet_printed", "jointnet_printed", {}),
+    ):
+        network = JointNet(parameters_of(slug, 1, changes), 9)
+        weights = sum(parameter.numel() for parameter in network.parameters())
+        print(f"{name}: {weights:,} weights, {8 * weights / 2**20:.1f} MiB")
+
+
 def main() -> None:
     """Train, recognise, score, print."""
     arguments = parser(__doc__)
@@ -135,10 +149,13 @@ def main() -> None:
     arguments.add_argument("--changes", type=json.loads, default={})
     arguments.add_argument("--kept", type=Path, default=RESULTS / "sydney_recognition")
     arguments.add_argument("--steps", action="store_true", help="print the names of the steps, and end")
+    arguments.add_argument("--sizes", action="store_true", help="print the sizes of networks, and end")
     options = arguments.parse_args()
-    if options.steps or options.folder is None:
-        print(*PATH)
+    if options.steps or options.sizes:
+        print(*PATH) if options.steps else print_sizes()
         return
+    if options.folder is None:
+        arguments.error("the folder of the Sydney Urban Objects is missing")
     folds = read_folds(options.folder)
     tested = options.folds or list(folds)
     runs = {b: (ObjectSet.join([s for a, s in folds.items() if a != b]), folds[b]) for b in tested}

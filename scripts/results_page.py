@@ -156,7 +156,9 @@ def provenance(table: Table) -> str:
     parts = [f"`{table['command']}`", table["data"], f"commit `{table['commit'][:9]}`, {table['date']}"]
     if table["seed"] is not None:
         seeds = table["seed"] if isinstance(table["seed"], list) else [table["seed"]]
-        parts.append(f"seed{'s' if len(seeds) > 1 else ''} {', '.join(map(str, seeds))}")
+        row = len(seeds) > 2 and seeds == list(range(seeds[0], seeds[-1] + 1))
+        listed = f"{seeds[0]}–{seeds[-1]}" if row else ", ".join(map(str, seeds))
+        parts.append(f"seed{'s' if len(seeds) > 1 else ''} {listed}")
     if table["digest"] is not None:
         parts.append(f"`{table['digest'][:19]}`")
     return "; ".join(parts) + "."

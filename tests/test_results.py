@@ -170,6 +170,11 @@ def test_page_says_which_version_of_a_method_a_row_has(tmp_path):
     assert "version" not in results_page.results_page(store(tmp_path, rows=rows)).partition("<a id")[2]
 
 
+def test_seeds_in_a_row_are_a_range(tmp_path):
+    assert "; seeds 51–54." in results_page.results_page(store(tmp_path, seed=[51, 52, 53, 54]))
+    assert "; seeds 1, 2, 4." in results_page.results_page(store(tmp_path, seed=[1, 2, 4]))
+
+
 def test_block_takes_rows_and_columns(tmp_path):
     page = REPOSITORY / "docs/methods/toy.md"
     text = "before\n<!-- results: toy columns=mean F1 rows=b -->\nold\n<!-- /results -->\nafter"

@@ -79,6 +79,13 @@ def test_layers_raster_and_page_are_written(folder, compared):
     place = folder / "later_mlsroad/changes"
     table, layer = table_of(place), gpd.read_file(place / "changes.gpkg", layer="objects")
     assert layer["state"].tolist() == table["state"].tolist() and layer.crs is not None
+    lines, drawn = pd.read_csv(place / "changed_lines.csv"), gpd.read_file(place / "changes.gpkg", layer="lines")
+    assert (
+        drawn["state"].tolist() == lines["state"].tolist() and (drawn.geometry.length >= lines["length"] - 0.01).all()
+    )
+    one_sided = lines[lines["state"].isin(("new", "gone"))]  # the simulator changes no line
+    assert lines["length"].sum() > 50 and one_sided["length"].sum() <= 0.05 * lines["length"].sum()
+    assert "line [m]" in compared.stdout
     areas = gpd.read_file(place / "changes.gpkg", layer="surfaces")
     assert set(areas["surface"]) <= {"road", "kerb", "facade"} and (areas.geometry.area > 0).all()
     with Image.open(place / "surface_change.tif") as image:

@@ -74,9 +74,9 @@ def compare(  # typer reads the options from the signature
             compare_two_surveys(earlier, folder, target, options)
             return
         check_exist([places[0], folder])
-        from mlsroad_pipeline.surveys.register_files import RegisterFile, is_cloud
+        from mlsroad_pipeline.surveys.register_files import RegisterFile, is_point_cloud
 
-        if is_cloud(places[0]):
+        if is_point_cloud(places[0]):
             raise ParameterError(f"{places[0]} has no results of label: label it first (mlsroad label {places[0]})")
         if align or not surfaces:
             raise ParameterError(

@@ -63,14 +63,20 @@ def compare_two_surveys(earlier: str, later: str, target: Path, options: SurveyO
 
 def print_changes(console: Any, compared: "ComparedSurveys") -> None:
     """Print the number of objects by kind and state, the offset, and the surfaces."""
+    from mlsroad_pipeline.algorithms.inventory.changes.lines import STATES as LINE_STATES
     from mlsroad_pipeline.algorithms.inventory.changes.objects import STATES
     from mlsroad_pipeline.label.change_report import offset_text, surface_table
+    from mlsroad_pipeline.label.compared_lines import length_table
 
     rows = [
         (str(kind), *(f"{(part['state'] == state).sum():,}" for state in STATES))
         for kind, part in compared.objects.groupby("kind", sort=True)
     ]
     console.print(count_table(rows, ("kind", *STATES)))
+    lengths = length_table(compared.lines.table).set_index("kind")
+    if len(lengths):
+        rows = [(str(kind), *(f"{row.get(s, 0.0):,.1f}" for s in LINE_STATES)) for kind, row in lengths.iterrows()]
+        console.print(count_table(rows, ("line [m]", *LINE_STATES)))
     console.print(f"\nOffset of the later survey: {offset_text(compared)}.", markup=False)
     if compared.surfaces is not None:
         table = surface_table(compared.surfaces)

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import shapely
-from ezdxf import units
-from ezdxf._options import options
+from ezdxf import options, units  # type: ignore[attr-defined]  # documented, but not marked as exported
 from ezdxf.document import Drawing
 from ezdxf.filemanagement import new
 from ezdxf.layouts.blocklayout import BlockLayout

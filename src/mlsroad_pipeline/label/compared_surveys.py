@@ -22,6 +22,7 @@ from mlsroad_pipeline.algorithms.inventory.changes.surfaces import (
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import GROUPS, group_shares
 from mlsroad_pipeline.algorithms.registration.offset import Offset, find_offset
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, line_vertices
+from mlsroad_pipeline.label.compared_lines import ComparedLines, compared_lines
 from mlsroad_pipeline.label.compared_objects import compared_objects
 from mlsroad_pipeline.label.labelled_clouds import Recorded
 
@@ -40,6 +41,7 @@ class ComparedSurveys(NamedTuple):
     """States of all objects, distances of surfaces, and the offset of the earlier survey."""
 
     objects: pd.DataFrame  # Of `changed_objects`, with `key`
+    lines: ComparedLines
     surfaces: SurfaceDistances | None
     offset: Offset | None  # What moves the earlier survey onto the later one; None where nothing measures it
     aligned: bool  # Whether the earlier survey was moved
@@ -78,7 +80,7 @@ def compare_surveys(first: Recorded, second: Recorded, *, align: bool, surfaces:
     if surfaces:
         error = 0.0 if offset is None else _remaining(offset, aligned=align)
         found = compared_surfaces(points[0], points[1], second, error)
-    return ComparedSurveys(objects, found, offset, align, first, second)
+    return ComparedSurveys(objects, compared_lines(first, second), found, offset, align, first, second)
 
 
 def _check_places(first: Recorded, second: Recorded) -> None:

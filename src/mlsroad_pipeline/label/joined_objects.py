@@ -27,15 +27,18 @@ from mlsroad_pipeline.label.written_file import ObjectClasses
 from mlsroad_pipeline.model_store.object_classifiers import classifier_of
 
 _MOST_FILES = 1 << 24  # of a pass
+_KEPT_ROWS = 500_000  # of fragments, 0.1 KB each, that stay in memory between the two times that scenes are read
 
 
 class _StoredObjects(Sequence[SceneObjects]):
-    """Objects of the scenes of a pass, loaded one scene at a time."""
+    """Objects of the scenes of a pass, loaded one scene at a time; the first ones stay in memory."""
 
     def __init__(
         self, objects: Sequence[StoredResult], fragments: Sequence[StoredResult], evidence: Sequence[StoredResult]
     ) -> None:
         self._handles = list(zip(objects, fragments, evidence, strict=True))
+        self._kept: dict[int, SceneObjects] = {}
+        self._n_kept = 0
 
     def __len__(self) -> int:
         return len(self._handles)
@@ -49,8 +52,14 @@ class _StoredObjects(Sequence[SceneObjects]):
     def __getitem__(self, index: int | slice) -> SceneObjects | Sequence[SceneObjects]:
         if isinstance(index, slice):
             return [self[i] for i in range(len(self))[index]]
+        if index in self._kept:
+            return self._kept[index]
         objects, fragments, evidence = self._handles[index]
-        return SceneObjects(objects.key, objects.load(), fragments.load(), evidence=evidence.load())
+        loaded = SceneObjects(objects.key, objects.load(), fragments.load(), evidence=evidence.load())
+        if self._n_kept + len(loaded.fragments) <= _KEPT_ROWS:
+            self._kept[index] = loaded
+            self._n_kept += len(loaded.fragments)
+        return loaded
 
 
 class JoinedObjects(TypedDict):

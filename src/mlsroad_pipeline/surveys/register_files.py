@@ -24,9 +24,9 @@ IGNORED = "-"
 """Kind of values that are left out."""
 
 
-def is_cloud(place: str) -> bool:
+def is_point_cloud(path: str) -> bool:
     """Return whether a file is a point cloud by its name; a table is a register."""
-    return format_of_name(place) is not None and not place.lower().endswith(TABLES)
+    return format_of_name(path) is not None and not path.lower().endswith(TABLES)
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,12 @@ import numpy as np
 import pyogrio
 import pytest
 from helpers.page_output import FILES, ORIGIN, write_output
+from helpers.wiring import REPOSITORY
 from typer.testing import CliRunner
 
 from mlsroad_pipeline.commands.app import app
 from mlsroad_pipeline.review.corrections import Correction, open_corrections
+from mlsroad_pipeline.review.delivery.files import SUFFIXES
 
 pytestmark = pytest.mark.filterwarnings("ignore:'crs' was not provided:UserWarning")  # the survey has none
 N_POINTS = 68_000
@@ -76,6 +78,11 @@ def test_opendrive_has_the_corrected_objects_and_lines(folder, tmp_path):
     assert kinds | {int(node.get("id")): "sign" for node in road.find("signals")} == EXPECTED
     assert [node.get("id") for node in road.iter("object")][-1] == "line_1"
     assert "mine.xodr has no geoReference" in " ".join(done.output.split())
+
+
+def test_the_page_offers_every_format():
+    source = (REPOSITORY / "page/src/deliver.ts").read_text(encoding="utf-8")
+    assert set(re.findall(r'\["(\.\w+)", ', source)) == set(SUFFIXES) - {".json"}
 
 
 def test_several_files_after_one_option_and_a_drawing(folder, tmp_path):

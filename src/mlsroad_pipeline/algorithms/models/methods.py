@@ -53,7 +53,7 @@ class Method:
         Function that trains a model; by default the one that patch labellers, detectors or recognisers share.
     label_cloud : str, optional
         Function that labels a cloud from raw coordinates on: ``(cloud, bundle)`` to labels and confidences. By default
-        the one that patch labellers, detectors or recognisers share.
+        the one that patch labellers, detectors or recognisers share. Not called where there is `label_softly`.
     label_softly : str, optional
         Function that labels a cloud and returns class probabilities too: see `labelling.SoftLabels`.
     group : str, optional
@@ -168,11 +168,11 @@ _TABLE = (
     Method(
         "superpoint_transformer", "labelling", "algorithms.models.superpoint_transformer",
         ".parameters:SuperpointTransformerParameters", ".labeller:label_scene", ".training:fit",
-        ".labeller:label_cloud", ".labeller:label_cloud_softly", context=15.0,
+        label_softly=".labeller:label_cloud_softly", context=15.0,
     ),
     Method(
         "boosted_trees", "labelling", "algorithms.models.boosted_trees", ".parameters:BoostedTreesParameters",
-        ".labeller:label_scene", ".training:fit", ".labeller:label_cloud", ".labeller:label_cloud_softly",
+        ".labeller:label_scene", ".training:fit", label_softly=".labeller:label_cloud_softly",
     ),
     Method(
         "image_labels", "labelling", "papers.tomic2019.image_labels", ".training_parameters:ImageLabelsParameters",
@@ -214,17 +214,15 @@ _TABLE = (
         ".recogniser:PointNetRecogniser",
     ),
     Method(
-        "pool", "labelling", "algorithms.models.pool", label_cloud=".labeller:label_cloud",
-        label_softly=".labeller:label_cloud_softly",
+        "pool", "labelling", "algorithms.models.pool", label_softly=".labeller:label_cloud_softly", composed=True
+    ),
+    Method(
+        "corrected", "labelling", "algorithms.models.boosted_trees", label_softly=".corrected:label_cloud_softly",
         composed=True,
     ),
     Method(
-        "corrected", "labelling", "algorithms.models.boosted_trees", label_cloud=".corrected:label_cloud",
-        label_softly=".corrected:label_cloud_softly", composed=True,
-    ),
-    Method(
-        "given_labels", "labelling", "algorithms.models.given_labels", label_cloud=".labeller:label_cloud",
-        label_softly=".labeller:label_cloud_softly", composed=True,
+        "given_labels", "labelling", "algorithms.models.given_labels", label_softly=".labeller:label_cloud_softly",
+        composed=True,
     ),
 )  # fmt: skip
 
