@@ -28,8 +28,8 @@ SIGHT_FIELDS: dict[str, Field] = {
 }
 """Columns of the sight to signs: a row per sign and pass of the path that its front faces."""
 
-EYE, FARTHEST, BESIDE = 1.0, 150.0, 15.0
-"""Height of the eye above the road, longest sight, and largest distance of a sign from the path, metres."""
+EYE, FARTHEST = 1.0, 150.0
+"""Height of the eye above the road, and longest sight, metres."""
 
 _CELL = 0.25  # edge of a voxel, metres
 _LEAST = 2  # points of a voxel that hides
@@ -83,12 +83,11 @@ def sight_table(
     panels = np.column_stack([signs["x"], signs["y"], signs["z"] + signs["panel_centre"]]).astype(np.float64)
     places, rows = path.locate(panels), []
     for row, station, offset in zip(*places, strict=True):
-        if abs(offset) <= BESIDE:
-            sign = signs.iloc[int(row)]
-            found = _sight(panels[row], sign, station, eyes, path, walls, classes)
-            if found is not None:
-                place = {"object_id": sign["object_id"], "station": station, "offset": offset}
-                rows.append(place | dict(zip(list(SIGHT_FIELDS)[3:], found, strict=True)))
+        sign = signs.iloc[int(row)]
+        found = _sight(panels[row], sign, station, eyes, path, walls, classes)
+        if found is not None:
+            place = {"object_id": sign["object_id"], "station": station, "offset": offset}
+            rows.append(place | dict(zip(list(SIGHT_FIELDS)[3:], found, strict=True)))
     table = pd.DataFrame(rows, columns=list(SIGHT_FIELDS)).astype({n: f.dtype for n, f in SIGHT_FIELDS.items()})
     return table.sort_values(["station", "object_id"], ignore_index=True).round(2)
 
