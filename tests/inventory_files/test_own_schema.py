@@ -32,13 +32,14 @@ def test_the_examples_of_the_manual_give_their_layers(tmp_path):
     assert pyogrio.read_info(path, layer="Mast")["crs"] == "EPSG:25833"
     names = [path.name for path in write_own_schema(planted_inventory(), city, tmp_path / "b.csv")]
     assert names == ["b_SolitaryVegetationObject.csv", "b_CityFurniture.csv"]
-    [path] = write_own_schema(planted_inventory(), imgeo, tmp_path / "c.gpkg")
+    [path] = write_own_schema(planted_inventory(), imgeo, tmp_path / "imgeo.gpkg")
     assert geopandas.read_file(path, layer="Paal")["plus-type"].tolist() == ["lichtmast"]
     assert geopandas.read_file(path, layer="Bord")["plus-type"].unique().tolist() == ["verkeersbord"]
-    [path] = write_own_schema(planted_inventory(), drive, tmp_path / "d.gpkg")
-    assert geopandas.read_file(path, layer="object_pole")[["type", "s"]].to_numpy().tolist() == [["pole", 12.5]]
-    assert geopandas.read_file(path, layer="object_tree")["diameter"].tolist() == [6.5]
     assert pyogrio.read_dataframe(tmp_path / names[1])["class"].astype(int).tolist() == [1010, 1000, 1000]
+    names = [path.name for path in write_own_schema(planted_inventory(), drive, tmp_path / "c.gml")]
+    assert names == ["c_object.gml", "c_object.xsd", "c_signal.gml", "c_signal.xsd"]
+    [pole] = pyogrio.read_dataframe(tmp_path / "c_object.gml").drop(columns=["gml_id", "geometry"]).to_dict("records")
+    assert pole == {"id": 1, "type": "pole", "s": 12.5, "t": 3.25, "height": 2.5}
 
 
 @pytest.mark.parametrize("suffix", DRIVERS)
@@ -65,6 +66,14 @@ def test_every_format_has_the_rows_and_shapes_of_the_kind(tmp_path, suffix):
         ("layers: {A: {kind: pole, fields: {a: x, A: y}}}", "field 'a': this name is taken"),
         ("layers: {A: {kind: pole, fields: {Geometry: x}}}", "field 'geometry': this name is taken"),
         ("layers: {A: {kind: pole, fields: {a: {form: class}}}}", "field 'a': has form: use value, or from and codes"),
+        (
+            "layers: {A: {kind: pole, fields: {a: {from: x, factor: m}}}}",
+            "factor is a number, beside from alone, got 'm'",
+        ),
+        (
+            "layers: {A: {kind: pole, fields: {a: {from: note, factor: 2}}}}",
+            "field 'a': note is text, which has no factor",
+        ),
         ("layers: {A: {kind: pole, fields: {a_long_name: x}}}", "'a_long_name' has more than 10 characters"),
     ],
 )

@@ -1,5 +1,6 @@
 """Origin of tables of scores and of reports: commit, command, seeds, versions and data, without MLflow."""
 
+import html
 import json
 import sys
 from collections.abc import Mapping
@@ -22,7 +23,6 @@ from mlsroad_pipeline.hooks.run_details import (
     source_files,
     typed_command,
 )
-from mlsroad_pipeline.reporting.html.report import with_footer
 
 PACKAGES = ("mlsroad_pipeline", "kedro", "lightgbm", "numba", "numpy", "scikit-learn", "scipy", "torch")
 """Packages whose versions may change scores."""
@@ -73,7 +73,8 @@ class OriginHooks:
         for name, page in outputs.items():
             dataset = catalog.get(name)
             if isinstance(dataset, HtmlReportDataset) and not dataset.of_label and isinstance(page, str):
-                outputs[name] = with_footer(page, _sentence(self._of_run()))
+                footer = f"<footer>{html.escape(_sentence(self._of_run()))}</footer>"
+                outputs[name] = page.replace("</main></body>", f"</main>\n{footer}</body>")
 
     @hook_impl
     def after_dataset_saved(self, dataset_name: str, data: Any) -> None:

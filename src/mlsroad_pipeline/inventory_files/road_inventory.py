@@ -25,22 +25,15 @@ LAYERS = {"poles": "pole", "signs": "sign", "trees": "tree", "vehicles": "vehicl
 """Layer name to kind of object."""
 
 MAY_LACK = (
-    "complete",
-    "motion",
-    "first_date",
-    "facing_from",
-    "status",
-    "checked_class",
-    "reasons",
-    "method",
-    "model_version",
+    *("complete", "motion", "first_date", "facing_from", "pole_type", "panel_shape"),
+    *("status", "checked_class", "reasons", "method", "model_version"),
 )
 """Text columns whose empty values are NULL in files."""
 
 ATTRIBUTE = "attr_"
 """Begin of the names of columns that hold the attributes that users gave to objects."""
 
-DECIDED = ("key", "complete", "motion", "first_date", "status", "checked_class")
+DECIDED = ("key", "complete", "motion", "first_date", "pole_type", "panel_shape", "status", "checked_class")
 """Columns that files of earlier versions lack; they are read as empty."""
 
 

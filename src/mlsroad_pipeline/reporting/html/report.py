@@ -200,8 +200,3 @@ def build_report(sections: Sequence[Section], *, title: str = "Survey report", s
         f"<style>{STYLE}</style></head>\n<body><header><h1>{escape(title)}</h1>{under}</header>\n"
         f"<nav>{links}</nav>\n<main>\n{parts}</main></body></html>\n"
     )
-
-
-def with_footer(page: str, text: str) -> str:
-    """Return a page of `build_report` with a footer."""
-    return page.replace("</main></body>", f"</main>\n<footer>{escape(text)}</footer></body>")
