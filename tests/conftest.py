@@ -1,6 +1,7 @@
 """Fixtures shared by all tests."""
 
 import gc
+import inspect
 import os
 import re
 from collections.abc import Container
@@ -58,7 +59,7 @@ LONG = (
 
 PROCESSES = re.compile(
     r"subprocess|Popen|LocalCluster|KernelManager|get_context|forkserver|loky|dask|wiring|tracked_project"
-    r"|forked_commands|browser_page|served\("
+    r"|forked_commands|browser_page|served\(|Trials\("
 )
 TRAINING = re.compile(r"\b(train|fit|learn|continue)(ed)?(_\w+)?\(")
 """Patterns of test files that start processes, and of test files that train a model."""
@@ -105,14 +106,24 @@ def _marks_of(path: Path, long: Container[Path]) -> list[str]:
     return [mark for mark, is_found in found.items() if is_found]
 
 
+def _files_of(item: pytest.Function) -> set[Path]:
+    """Return the file of a test and those of its fixtures, which may start a process in its place."""
+    fixtures = [fixture.func for known in item._fixtureinfo.name2fixturedefs.values() for fixture in known]
+    files = {Path(inspect.unwrap(function).__code__.co_filename) for function in fixtures}
+    return {item.path, *(path for path in files if path.is_relative_to(REPOSITORY / "tests"))}
+
+
 def pytest_collection_modifyitems(items):
     """Add marks, and run long files first; tests of a file keep their order."""
     place = {REPOSITORY / "tests" / name: k for k, name in enumerate(LONG)}
     if missing := [str(path) for path in place if not path.is_file()]:
         raise pytest.UsageError(f"LONG in tests/conftest.py names missing files: {missing}")
-    marks = {path: _marks_of(path, place) for path in {item.path for item in items}}
+    marks: dict[Path, list[str]] = {Path(__file__): []}
     for item in items:
-        for mark in marks[item.path]:
+        files = _files_of(item)
+        for path in files:
+            marks.setdefault(path, _marks_of(path, place))
+        for mark in {mark for path in files for mark in marks[path]}:
             item.add_marker(mark)
     items.sort(key=lambda item: place.get(item.path, len(LONG)))
 

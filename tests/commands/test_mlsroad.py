@@ -15,7 +15,6 @@ import laspy
 import numpy as np
 import pandas
 import pytest
-from helpers.forking import forked_commands
 
 COMMAND = Path(sys.executable).with_name("mlsroad")
 ALONE = ("--params", "execution.backend=sequential")
@@ -23,10 +22,10 @@ ALONE = ("--params", "execution.backend=sequential")
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(run, tmp_path_factory):
     """Folder with a simulated street, and a copy in a file whose name has a comma and a blank."""
     place = tmp_path_factory.mktemp("user")
-    done = mlsroad(
+    done = run(
         "simulate", "--preset", "tiny", "--seed", "3", "--length", "20", "--params", "with_images=false", cwd=place
     )
     assert done.returncode == 0, done.stderr
@@ -44,14 +43,6 @@ def mlsroad(*arguments, cwd, **environment):
         [COMMAND, *map(str, arguments)],
         cwd=cwd, env=variables() | environment, capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def forked(tmp_path_factory):
-    """The command in a process that is forked instead of started: the same, some seconds sooner."""
-    place = tmp_path_factory.mktemp("printed")
-    with forked_commands(place, variables()) as commands:
-        yield lambda *arguments, cwd: commands.run([*map(str, arguments)], cwd)
 
 
 @pytest.fixture(scope="module")
@@ -87,20 +78,20 @@ def test_nothing_is_written_outside_the_results(folder, labelled):
     assert sorted(path.name for path in folder.iterdir()) == ["one, two.laz", "one, two_mlsroad", "street"]
 
 
-def test_the_same_command_again_says_that_it_is_done(forked, folder, labelled):
+def test_the_same_command_again_says_that_it_is_done(run, folder, labelled):
     before = {path: path.stat().st_mtime_ns for path in (folder / "one, two_mlsroad").iterdir() if path.is_file()}
-    again = forked("label", "one, two.laz", cwd=folder)
+    again = run("label", "one, two.laz", cwd=folder)
     assert (again.returncode, again.stderr) == (0, "")
     assert again.stdout.startswith("Already labelled: ")
     assert again.stdout.splitlines()[1:] == labelled.stdout.splitlines()[1:]
     assert {path: path.stat().st_mtime_ns for path in before} == before
 
 
-def test_an_edited_inventory_is_kept(forked, folder, labelled):
+def test_an_edited_inventory_is_kept(run, folder, labelled):
     inventory = folder / "one, two_mlsroad/inventory.gpkg"
     kept = inventory.read_bytes()
     inventory.write_bytes(kept + b"edited")
-    refused = forked("label", "one, two.laz", *ALONE, cwd=folder)
+    refused = run("label", "one, two.laz", *ALONE, cwd=folder)
     assert refused.returncode == 1
     assert refused.stdout == ""
     assert re.fullmatch(r"Error: .*inventory\.gpkg.*--overwrite.*\n", refused.stderr)
@@ -108,10 +99,10 @@ def test_an_edited_inventory_is_kept(forked, folder, labelled):
     inventory.write_bytes(kept)
 
 
-def test_the_inventory_is_scored_against_the_objects_of_the_street(forked, folder, labelled, tmp_path):
+def test_the_inventory_is_scored_against_the_objects_of_the_street(run, folder, labelled, tmp_path):
     assert labelled.returncode == 0
     command = ("score", "one, two_mlsroad", "--truth", "street", "-o", tmp_path / "scores")
-    done = forked(*command, cwd=folder)
+    done = run(*command, cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")
     record = json.loads((tmp_path / "scores/object_scores.json").read_text(encoding="utf-8"))
     scores = {row["kind"]: row for row in record["scores"]}
@@ -127,15 +118,15 @@ def test_the_inventory_is_scored_against_the_objects_of_the_street(forked, folde
     assert (true.loc[true["counted"], "points"] >= 10).all() and not true["counted"].all()
     page = (tmp_path / "scores/object_scores.html").read_text(encoding="utf-8")
     assert page.count("<img") > 3
-    again = forked(*command, cwd=folder)
+    again = run(*command, cwd=folder)
     assert (again.returncode, again.stdout) == (1, "")
     assert re.fullmatch(r"Error: .*scores holds scores: .*--overwrite\n", again.stderr)
 
 
-def test_a_table_that_is_no_truth_is_one_line(forked, folder, labelled, tmp_path):
+def test_a_table_that_is_no_truth_is_one_line(run, folder, labelled, tmp_path):
     assert labelled.returncode == 0
     (tmp_path / "mine.csv").write_text("kind,east,north\npole,1,2\n", encoding="utf-8")
-    done = forked("score", "one, two_mlsroad", "--truth", tmp_path / "mine.csv", "-o", tmp_path / "s", cwd=folder)
+    done = run("score", "one, two_mlsroad", "--truth", tmp_path / "mine.csv", "-o", tmp_path / "s", cwd=folder)
     assert (done.returncode, done.stdout) == (1, "")
     assert re.fullmatch(r"Error: .*mine\.csv: .*needs the column x \(has kind, east, north\)\n", done.stderr)
     assert not (tmp_path / "s").exists()
@@ -157,8 +148,8 @@ def test_an_interrupt_of_all_processes_is_one_line(folder, tmp_path, sent):
     assert process.returncode == 130
 
 
-def test_several_files_form_one_survey(forked, folder):
-    done = forked("label", "one, two.laz", "street", "-o", "both", "--params", "label.scheme=asprs", cwd=folder)
+def test_several_files_form_one_survey(run, folder):
+    done = run("label", "one, two.laz", "street", "-o", "both", "--params", "label.scheme=asprs", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert "points of 2 files" in done.stdout.splitlines()[0]
     assert sorted(str(path.relative_to(folder / "both")) for path in (folder / "both").rglob("*.laz")) == [
@@ -189,10 +180,10 @@ def test_an_environment_variable_turns_tracking_on(folder, tmp_path):
         (["open", "nowhere"], 1, r"Error: .*nowhere holds no report.*"),
     ],
 )
-def test_an_error_is_one_line_with_cause_and_value(forked, folder, tmp_path, arguments, code, message):
+def test_an_error_is_one_line_with_cause_and_value(run, folder, tmp_path, arguments, code, message):
     (tmp_path / "empty.las").touch()
     os.symlink(folder / "street", tmp_path / "street")
-    done = forked(*arguments, *(ALONE if arguments[0] == "label" else ()), cwd=tmp_path)
+    done = run(*arguments, *(ALONE if arguments[0] == "label" else ()), cwd=tmp_path)
     assert (done.returncode, done.stdout) == (code, "")
     assert re.fullmatch(message + r"\n", done.stderr), done.stderr
     assert not (tmp_path / "new").exists()
@@ -203,33 +194,33 @@ def test_a_wrong_command_line_has_the_exit_code_2(folder, arguments):
     assert mlsroad(*arguments, cwd=folder).returncode == 2
 
 
-def test_verbose_shows_the_traceback(forked, folder):
-    done = forked("label", "no.laz", "--verbose", cwd=folder)
+def test_verbose_shows_the_traceback(run, folder):
+    done = run("label", "no.laz", "--verbose", cwd=folder)
     assert done.returncode == 1
     assert "Traceback (most recent call last)" in done.stderr
     assert done.stderr.strip().splitlines()[-1].startswith("Error: ")
 
 
-def test_inspect_of_files_that_cannot_be_read_is_an_error(forked, tmp_path):
+def test_inspect_of_files_that_cannot_be_read_is_an_error(run, tmp_path):
     for name in ("a.laz", "b.laz"):
         (tmp_path / name).write_bytes(b"")
-    done = forked("inspect", tmp_path / "a.laz", tmp_path / "b.laz", "-o", tmp_path / "quality", cwd=tmp_path)
+    done = run("inspect", tmp_path / "a.laz", tmp_path / "b.laz", "-o", tmp_path / "quality", cwd=tmp_path)
     assert done.returncode == 1
     assert done.stderr.strip() == f"Error: {tmp_path / 'a.laz'} is empty (0 bytes) (and 1 more)"
 
 
-def test_inspect_says_where_its_report_is(forked, folder, tmp_path):
-    done = forked("inspect", folder / "street", "-o", tmp_path / "quality", cwd=tmp_path)
+def test_inspect_says_where_its_report_is(run, folder, tmp_path):
+    done = run("inspect", folder / "street", "-o", tmp_path / "quality", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.splitlines()[-1] == "Report: quality/inspection.html"
     facts = json.loads((tmp_path / "quality/inspection.json").read_text(encoding="utf-8"))
     assert f"{facts['n_points']:,} points in 1 file." in done.stdout
 
 
-def test_open_finds_the_report_by_the_survey(forked, folder, labelled):
+def test_open_finds_the_report_by_the_survey(run, folder, labelled):
     assert labelled.returncode == 0
     for name in ("one, two.laz", "one, two_mlsroad"):
-        done = forked("open", name, "--report", "--no-browser", cwd=folder)
+        done = run("open", name, "--report", "--no-browser", cwd=folder)
         assert (done.returncode, done.stdout.strip()) == (0, str(folder / "one, two_mlsroad/report.html"))
 
 
@@ -239,14 +230,14 @@ def test_help_imports_no_numerical_library(folder):
     assert done.stdout.strip() == "[]"
 
 
-def test_models_names_the_one_that_label_takes(forked, folder):
-    done = forked("models", cwd=folder)
+def test_models_names_the_one_that_label_takes(run, folder):
+    done = run("models", cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")
     assert "general: boosted_trees, shipped" in done.stdout
     assert "label takes the shipped model pool: it is the default model of the package." in " ".join(
         done.stdout.split()
     )
-    refused = forked("models", "one, two.laz", cwd=folder)
+    refused = run("models", "one, two.laz", cwd=folder)
     assert refused.returncode == 2 and "unexpected extra argument" in refused.stderr
 
 
@@ -257,7 +248,7 @@ def test_a_closed_standard_output_is_no_error(folder):
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_learn_continues_the_model_and_keeps_the_corrections(forked, labelled, folder, tmp_path):
+def test_learn_continues_the_model_and_keeps_the_corrections(run, labelled, folder, tmp_path):
     """Accept, reject and paint, learn, label again: the decisions stand in the new inventory."""
     from mlsroad_pipeline.model_store.object_classifiers import shipped_classifier
     from mlsroad_pipeline.review.corrections import Correction, open_corrections
@@ -271,7 +262,7 @@ def test_learn_continues_the_model_and_keeps_the_corrections(forked, labelled, f
         store.add(Correction("accept", int(sure[-1])), who="ann")
         payload = {"file": "one, two.laz", "points": list(range(300)), "class": "building"}
         store.add(Correction("paint", payload=payload), who="ann")
-    done = mlsroad("learn", out, cwd=folder)
+    done = run("learn", out, cwd=folder)
     assert done.returncode == 0, done.stderr
     said = " ".join(done.stdout.split())
     assert "Learned from 2 answers" in said and "pool-" in said
@@ -290,7 +281,7 @@ def test_learn_continues_the_model_and_keeps_the_corrections(forked, labelled, f
         assert len(store.current()) == 2
     assert "Comparison: no difference, because fewer than 8 answers are too few to hold some out" in said
     assert "Changed by the learning" in said and f"mlsroad learn --undo {out}" in said
-    undone = forked("learn", "--undo", out, cwd=folder)
+    undone = run("learn", "--undo", out, cwd=folder)
     assert (undone.returncode, undone.stderr) == (0, "")
     before = folder / "one, two_mlsroad"
     for name in ("one, two.laz", "inventory.gpkg", "report.html"):
@@ -298,7 +289,7 @@ def test_learn_continues_the_model_and_keeps_the_corrections(forked, labelled, f
     with open_corrections(out) as store:
         assert len(store.current()) == 2
     (out / "corrections.sqlite").write_bytes(b"x" * 5000)
-    refused = forked("label", folder / "one, two.laz", "-o", out, "--overwrite", *ALONE, cwd=folder)
+    refused = run("label", folder / "one, two.laz", "-o", out, "--overwrite", *ALONE, cwd=folder)
     assert refused.returncode == 1 and "corrections.sqlite is damaged" in " ".join(refused.stderr.split())
 
 
@@ -309,7 +300,7 @@ def test_a_model_of_another_method_learns_with_trees_that_correct_it(labelled, f
     from mlsroad_pipeline.model_store.shipped_models import load_shipped
     from mlsroad_pipeline.review.corrections import Correction, open_corrections
     from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
-    from mlsroad_pipeline.review.corrections.learning import learn_from
+    from mlsroad_pipeline.review.corrections.learning import read_corrections, train_on
 
     assert labelled.returncode == 0
     shutil.copytree(folder / "one, two_mlsroad", tmp_path / "out")
@@ -323,8 +314,9 @@ def test_a_model_of_another_method_learns_with_trees_that_correct_it(labelled, f
         for part in np.split(painted, 10):
             payload = {"file": "one, two.laz", "points": part.tolist(), "class": "natural ground"}
             store.add(Correction("paint", payload=payload), who="ann")
-    model, n_answers = learn_from(network, [output], parent=parent)
-    again, _ = learn_from(model, [output], parent={"name": "corrected", "version": "1"})
+    model, n_answers = train_on(network, read_corrections(network, [output]), parent=parent, surveys=["out"])
+    more = read_corrections(model, [output])
+    again, _ = train_on(model, more, parent={"name": "corrected", "version": "1"}, surveys=["out"])
     assert (model.slug, n_answers, model.metadata["trained_on"]["corrections"]) == ("corrected", 10, 10)
     assert [entry["parent"]["name"] for entry in again.metadata["learned"]] == ["network", "corrected"]
     assert again.metadata["trained_on"]["corrections"] == 20
@@ -338,7 +330,7 @@ def test_added_objects_alone_train_the_object_classifier(labelled, folder, tmp_p
     from mlsroad_pipeline.model_store.shipped_models import load_shipped
     from mlsroad_pipeline.review.corrections import Correction, open_corrections
     from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
-    from mlsroad_pipeline.review.corrections.learning import learn_from
+    from mlsroad_pipeline.review.corrections.learning import read_corrections, train_on
 
     assert labelled.returncode == 0
     shutil.copytree(folder / "one, two_mlsroad", tmp_path / "out")
@@ -349,7 +341,8 @@ def test_added_objects_alone_train_the_object_classifier(labelled, folder, tmp_p
         store.add(Correction("add", kind="pole", payload={**place, "x": place["x"] + 500.0}), who="ann")
     general = load_shipped("general")
     parent = {"name": "general", "version": ""}
-    model, n_answers = learn_from(general, [LabelledOutput.at(tmp_path / "out")], parent=parent)
+    data = read_corrections(general, [LabelledOutput.at(tmp_path / "out")])
+    model, n_answers = train_on(general, data, parent=parent, surveys=["out"])
     assert n_answers == 1 and model.metadata["learned"][-1]["added_objects"] == 1
     assert len(model.arrays["leaf"]) == len(general.arrays["leaf"])  # no points, so the labels stay
     kind = str(best["kind"])

@@ -1,15 +1,9 @@
 """The counts of the tutorial are those that its commands print."""
 
-import os
 import re
 import shlex
-import subprocess
-import sys
-from pathlib import Path
 
 from helpers.wiring import REPOSITORY
-
-COMMAND = Path(sys.executable).with_name("mlsroad")
 
 
 def blocks(page):
@@ -23,17 +17,14 @@ def counts(text):
     return {kind: int(number) for kind, number in re.findall(r"^(\w+) +(\d+)(?: m)?$", text, re.MULTILINE)}
 
 
-def test_counts_of_points_and_objects_are_those_of_the_commands(tmp_path):
+def test_counts_of_points_and_objects_are_those_of_the_commands(run, tmp_path):
     (commands, printed, *_), section = blocks((REPOSITORY / "docs/tutorial.md").read_text(encoding="utf-8"))
-    variables = {k: v for k, v in os.environ.items() if not k.startswith(("MLFLOW_", "KEDRO_", "COV_"))}
     said = {}
     for line in commands.splitlines():
         words = shlex.split(line, comments=True)
         if words[1] == "open":  # a page that stays open
             continue
-        done = subprocess.run(
-            [COMMAND, *words[1:]], cwd=tmp_path, env=variables, capture_output=True, text=True, timeout=900, check=False
-        )
+        done = run(*words[1:], cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         said[words[1]] = done.stdout
     shown, listed = counts(printed), counts(said["label"][said["label"].index("\nobject") :])

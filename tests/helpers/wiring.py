@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import getpass
 import importlib.util
+import inspect
 import io
 import os
 import pickle
@@ -26,10 +28,17 @@ from helpers.yaml_files import read_yaml
 from kedro.framework.project import pipelines
 from kedro.framework.session import KedroSession
 from kedro.framework.startup import bootstrap_project
+from kedro.io import core as kedro_core
+from kedro.pipeline import Pipeline
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.text import Text
 from mlflow.entities import Run
 from omegaconf import OmegaConf
 from omegaconf import _utils as omegaconf_utils
 from omegaconf import base as omegaconf_base
+
+from mlsroad_pipeline import pipeline_registry
+from mlsroad_pipeline.algorithms.models.methods import METHODS
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SURVEYS = {"train": {"preset": "tiny", "seed": 7}, "test": {"preset": "tiny", "seed": 11}}
@@ -42,11 +51,16 @@ TINY: dict[str, Any] = {
 
 @functools.cache
 def empty_store() -> bytes:
-    """Return an MLflow store without a run; making one takes as long as many a test."""
-    with tempfile.TemporaryDirectory() as folder:
-        uri = f"sqlite:///{folder}/mlflow.db"
-        mlflow.MlflowClient(tracking_uri=uri).search_experiments()
-        return Path(folder, "mlflow.db").read_bytes()
+    """Return an MLflow store without a run, made once per version of MLflow; making one takes as long as ten tests."""
+    path = Path(tempfile.gettempdir(), f"mlsroad_tests_{getpass.getuser()}", f"mlflow_{mlflow.__version__}.db")
+    path.parent.mkdir(mode=0o700, exist_ok=True)
+    if not path.exists():
+        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+            made = Path(folder, "mlflow.db")
+            mlflow.MlflowClient(tracking_uri=f"sqlite:///{made}").search_experiments()
+            shutil.copy(made, Path(folder, "copy"))  # MLflow keeps the first one open
+            Path(folder, "copy").replace(path)
+    return path.read_bytes()
 
 
 def make_project(folder: Path, *, tiny: bool = True) -> Path:
@@ -87,13 +101,34 @@ def _parsed(text: str, parse: Callable[[io.StringIO], Any]) -> bytes:
 
 
 _parsed_reference = functools.cache(omegaconf_base.parse)
+_register_pipelines = pipeline_registry.register_pipelines
+_signature = functools.cache(inspect.signature)
+
+
+def _arguments(function: Callable[..., Any], /, *given: Any, **named: Any) -> dict[str, Any]:
+    """Return what `inspect.getcallargs` returns, and read each signature once."""
+    bound = _signature(function).bind(*given, **named)
+    bound.apply_defaults()
+    return bound.arguments
+
+
+@functools.cache
+def _registered(methods: tuple[str, ...], requested: tuple[str, ...] | None) -> dict[str, Pipeline]:
+    return _register_pipelines()
+
+
+def _pipelines_once() -> dict[str, Pipeline]:
+    requested = pipelines._requested_pipelines
+    return {**_registered(tuple(METHODS), None if requested is None else tuple(requested))}
 
 
 @contextlib.contextmanager
 def parsed_once() -> Iterator[None]:
-    """Parse each text of a configuration and each reference in it once per process; that takes longer than most tests.
+    """Do what every session of Kedro repeats once per process; together it takes longer than most tests.
 
-    Kedro tries to import ibis for each of 2,000 parameters; where it is missing, Python looks through all folders.
+    That is to parse each text of a configuration and each reference in it, to make the pipelines, and to read the
+    signature of the dataset of each of 2,000 parameters. Kedro also tries to import ibis for each of them; where it is
+    missing, Python looks through all folders.
     """
     parse = OmegaConf.load
 
@@ -107,11 +142,23 @@ def parsed_once() -> Iterator[None]:
             mock.patch.object(OmegaConf, "load", load),
             mock.patch.object(omegaconf_base, "parse", _parsed_reference),
             mock.patch.object(omegaconf_utils, "parse", _parsed_reference),
+            mock.patch.object(kedro_core, "getcallargs", _arguments),
+            mock.patch.object(pipeline_registry, "register_pipelines", _pipelines_once),
         ):
             yield
     finally:
         if sys.modules.get("ibis", True) is None:
             del sys.modules["ibis"]
+
+
+@contextlib.contextmanager
+def figures_without_text() -> Iterator[None]:
+    """Draw figures without text and without fitting them to it, which takes a quarter of a run of all methods."""
+    with (
+        mock.patch.object(Text, "draw", lambda *_: None),
+        mock.patch.object(ConstrainedLayoutEngine, "execute", lambda *_: None),
+    ):
+        yield
 
 
 @contextlib.contextmanager
@@ -124,6 +171,7 @@ def session_of(project: Path, *, env: str | None = None, **parameters: Any) -> I
         with (
             mock.patch.dict(os.environ, environment, clear=True),  # MLflow copies the address in use to the environment
             parsed_once(),
+            figures_without_text(),
             contextlib.chdir(project),
             KedroSession.create(project, env=env, runtime_params=parameters) as session,
         ):

@@ -11,6 +11,7 @@ from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import numbered
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import join_kerbs
 from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import join_markings
+from mlsroad_pipeline.algorithms.inventory.lines.wire_poles import with_utility_poles
 from mlsroad_pipeline.algorithms.inventory.lines.wires import join_wires
 from mlsroad_pipeline.algorithms.inventory.objects.extraction import SceneObjects
 from mlsroad_pipeline.algorithms.inventory.objects.merging import MergedObjects, merge_scenes
@@ -121,13 +122,14 @@ def join_objects(
         "label": np.append(0, table["class"].map(labels)).astype(np.uint8),
         "score": np.append(0.0, table["score"]).astype(np.float32),
     }
-    table = table.assign(method=method, model_version=model_version)
     comparable = are_comparable(lines) if join_drives is None else join_drives
+    joined_lines = join_pass_lines(lines, comparable=comparable)
+    table = with_utility_poles(table.assign(method=method, model_version=model_version), joined_lines)
     return {
         "objects": table,
         "numbers": numbers,
         "classes": classes,
-        "lines": join_pass_lines(lines, comparable=comparable),
+        "lines": joined_lines,
     }
 
 

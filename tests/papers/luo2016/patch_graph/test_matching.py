@@ -4,12 +4,12 @@ import functools
 
 import numpy as np
 import pytest
+from helpers.match_graph import build_match_graph
 from references.patch_graph import all_costs, match_cost, optimal_costs, planted_patches
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.papers.luo2016.patch_graph.costs import CostWeights, build_patch_index
 from mlsroad_pipeline.papers.luo2016.patch_graph.iterations import SearchParameters
-from mlsroad_pipeline.papers.luo2016.patch_graph.matching import build_match_graph
 from mlsroad_pipeline.papers.luo2016.patch_graph.search import NodeChooser, minority_classes
 
 MOVES_ALONE = SearchParameters(exhaustive_budget=0, n_costly=0, minority_share=0.0, n_probes=0)
@@ -18,8 +18,8 @@ PAPER = SearchParameters(exhaustive_budget=0, tolerance=0.0, promise=float("inf"
 
 @functools.cache
 def with_optimum(structured, coloured=True, seed=0):
-    """Return 2,000 patches of ten scenes and the costs of their best matches."""
-    patches = planted_patches(2000, 10, seed=seed, structured=structured, coloured=coloured)
+    """Return 1,200 patches of ten scenes and the costs of their best matches."""
+    patches = planted_patches(1200, 10, seed=seed, structured=structured, coloured=coloured)
     return patches, optimal_costs(all_costs(patches), patches.scene, patches.scene, 7)
 
 

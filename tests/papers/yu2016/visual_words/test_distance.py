@@ -5,7 +5,7 @@ import pytest
 from references.words import distance
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.papers.yu2016.visual_words.distance import WordIndex, inverse_covariance, nearest_words
+from mlsroad_pipeline.papers.yu2016.visual_words.distance import CONTEXT_FLOOR, WordIndex, inverse_covariance
 from mlsroad_pipeline.papers.yu2016.visual_words.groups import ContextualGroups
 
 
@@ -21,13 +21,20 @@ def random_groups(rng, n, m=3, *, kinds=6):
     return ContextualGroups(rows.astype(np.float32), axes.astype(np.float32), scales.astype(np.float32))
 
 
+def nearest_words(groups, words, *, inverse=None, floor=CONTEXT_FLOOR, n_threads=1):
+    """Return the nearest words, by default under the covariance of their own features."""
+    if inverse is None:
+        inverse = inverse_covariance(words.descriptors) if len(words) else np.eye(1)
+    return WordIndex(words, inverse, floor).search(groups, n_threads=n_threads)
+
+
 def member(groups, i):
     return groups.descriptors[i], groups.orientations[i], groups.scales[i]
 
 
 @pytest.mark.parametrize(("m", "floor"), [(1, 0.05), (2, 0.05), (3, 0.05), (3, 0.0), (3, 0.4), (4, 0.05)])
 def test_nearest_word_equals_brute_force(rng, m, floor):
-    groups, words = random_groups(rng, 25, m), random_groups(rng, 130, m)
+    groups, words = random_groups(rng, 8, m), random_groups(rng, 130, m)
     inverse = inverse_covariance(words.descriptors)
     found, distances = nearest_words(groups, words, floor=floor)
     for i in range(len(groups)):
