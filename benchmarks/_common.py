@@ -11,7 +11,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
@@ -39,6 +39,7 @@ CONF = REPOSITORY / "conf"
 RESULTS = REPOSITORY / "data/08_reporting"
 DATA = Path(os.environ.get("MLSROAD_DATA", REPOSITORY.parent / "shared/data")).absolute()
 """Folder of the recordings."""
+PANDASET = DATA / "real/pandaset/001/frames"
 RIVALS = Path(os.environ.get("MLSROAD_RIVALS", "rivals_data"))
 """Folder of competing programs and their clouds."""
 
@@ -255,29 +256,25 @@ def stage_seconds(log: str) -> dict[str, float]:
     return {name: float(seconds) for name, seconds in re.findall(r"(\w+): \d+ scenes: \d+ computed in ([\d.]+) s", log)}
 
 
-def configured(group: str, environment: str | None = None) -> dict[str, Any]:
-    """Return a group of parameters as an environment has it; None is the base."""
+def configured(group: str) -> dict[str, Any]:
+    """Return a group of parameters of the base environment."""
     files = map(yaml.safe_load, (path.read_text(encoding="utf-8") for path in (CONF / "base").glob("parameters_*.yml")))
-    base = next(groups[group] for groups in files if group in groups)
-    if environment is None:
-        return dict(base)
-    own = yaml.safe_load((CONF / environment / "parameters.yml").read_text(encoding="utf-8")).get(group, {})
-    return {**base, **own}
+    return dict(next(groups[group] for groups in files if group in groups))
 
 
-def configured_stages(environment: str | None = None, *, detrend: bool = True) -> StageParameters:
+def configured_stages(*, detrend: bool = True) -> StageParameters:
     """Return how scenes are prepared; False leaves detrending out."""
-    features = FeatureParameters(**configured("features", environment))
+    features = FeatureParameters(**configured("features"))
     return StageParameters(
-        GroundParameters(**configured("ground_removal", environment)),
-        SupervoxelParameters(**configured("supervoxelise", environment)),
+        GroundParameters(**configured("ground_removal")),
+        SupervoxelParameters(**configured("supervoxelise")),
         replace(features, detrend=features.detrend and detrend),
     )
 
 
-def configured_scheme(name: str, environment: str | None = None) -> ClassScheme:
+def configured_scheme(name: str) -> ClassScheme:
     """Return a class scheme by its name."""
-    return ClassScheme.from_config(name, configured("classes", environment)["schemes"][name])
+    return ClassScheme.from_config(name, configured("classes")["schemes"][name])
 
 
 def prepare(scene: PointCloud, stages: StageParameters) -> dict[str, Any]:
@@ -301,8 +298,3 @@ def markdown(table: pd.DataFrame) -> str:
     """Return a table in Markdown; undefined values are empty."""
     rows = [list(table.columns), ["---"] * table.shape[1], *table.astype(object).where(table.notna(), "").to_numpy()]
     return "\n".join("| " + " | ".join(str(value) for value in row) + " |" for row in rows)
-
-
-def pandaset_frames() -> Iterable[Path]:
-    """Return the frames of PandaSet 001."""
-    return sorted((DATA / "real/pandaset/001/frames").glob("*.npz"))

@@ -1,9 +1,9 @@
-"""Speed of Euclidean clustering, trajectory coordinates and inventory, compared with PCL and SciPy.
+"""Speed of clustering, trajectory coordinates, inventory, scores and pictures beside PCL, SciPy and scikit-learn.
 
     MLSROAD_RIVALS=rivals_data python benchmarks/bench_clusters.py [1M 5M ...]
 
-`$MLSROAD_RIVALS` is a folder with PCL's programs in `build/` and clouds `street_{1M,5M,20M}_off.npz`; SciPy is that of
-this environment. Runs alternate, medians are printed, compilation is not timed.
+`$MLSROAD_RIVALS` is a folder with PCL's programs in `build/` and clouds `street_{1M,5M,20M}.npz` and `..._off.npz`;
+SciPy and scikit-learn are those of this environment. Runs alternate, medians are printed, compilation is not timed.
 """
 
 from collections.abc import Callable
@@ -14,12 +14,16 @@ from _common import RIVALS, cloud_arrays, parser, pcl_programs, race, run_pcl, s
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+from sklearn.metrics import confusion_matrix as sklearn_matrix
 
 from mlsroad_pipeline.algorithms.inventory.objects.extraction import extract_objects
 from mlsroad_pipeline.algorithms.inventory.objects.merging import merge_across_scenes
 from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
+from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
+from mlsroad_pipeline.reporting.clouds.splatting import nearest_points, render_points
+from mlsroad_pipeline.reporting.clouds.view import birds_eye_view, oblique_view
 
 TOLERANCE = 0.15
 REPEATS = 3
@@ -72,6 +76,29 @@ def inventory_race(size: str) -> None:
     show("inventory", len(xyz), race({"mlsroad": run}, repeats=REPEATS))
 
 
+def matrix_race() -> None:
+    rng = np.random.default_rng(0)
+    truth = rng.integers(0, 10, 5_000_000).astype(np.int16)
+    predicted = np.where(rng.random(len(truth)) < 0.9, truth, 0).astype(np.int16)
+    works = {
+        "mlsroad": lambda: confusion_matrix(truth, predicted, 10),
+        "scikit-learn": lambda: sklearn_matrix(truth, predicted),
+    }
+    show("confusion matrix", len(truth), race(works, repeats=5, warm_up=1))
+
+
+def picture_race(size: str) -> None:
+    cloud = cloud_arrays(f"street_{size}")
+    xyz, rgb = cloud["xyz"], cloud["rgb"]
+    for name, view in (("plan", birds_eye_view(xyz)), ("perspective", oblique_view(xyz))):
+        works = {
+            f"splats, {name}": lambda view=view: nearest_points(xyz, view.enlarged(2)),
+            f"picture, {name}": lambda view=view: render_points(xyz, rgb, view),
+        }
+        for kernel, found in race(works, repeats=5, warm_up=1).items():
+            show(kernel, len(xyz), {"mlsroad": found})
+
+
 def main() -> None:
     """Run all races."""
     arguments = parser(__doc__)
@@ -80,9 +107,11 @@ def main() -> None:
     for dtype in (np.float32, np.float64):
         cluster(np.random.default_rng(0).random((200, 3)).astype(dtype), tolerance=0.1)  # compiles
     locate_race()
+    matrix_race()
     for size in sizes:
         cluster_race(size)
         inventory_race(size)
+    picture_race(sizes[-1])
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from _common import DATA, RESULTS, STREETS, markdown, mlsroad, pandaset_frames, parser, simulated_street
+from _common import DATA, PANDASET, RESULTS, STREETS, markdown, mlsroad, parser, simulated_street
 
 from mlsroad_pipeline.algorithms.inventory.scoring.object_scores import (
     MatchedObjects,
@@ -70,7 +70,7 @@ def oakland(folder: Path) -> Iterator[Case]:
 
 def pandaset(_: Path) -> Iterator[Case]:
     """Yield the frames."""
-    for frame in pandaset_frames():
+    for frame in sorted(PANDASET.glob("*.npz")):
         yield Case(f"pandaset_{frame.stem}", [frame], frame.with_name(f"{frame.stem}_cuboids.csv"))
 
 

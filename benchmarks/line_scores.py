@@ -28,7 +28,7 @@ import geopandas
 import laspy
 import numpy as np
 import shapely
-from _common import DATA, RESULTS, STREETS, mlsroad, pandaset_frames, parser, simulated_street
+from _common import DATA, PANDASET, RESULTS, STREETS, mlsroad, parser, simulated_street
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
@@ -145,7 +145,7 @@ def semantickitti(_: Path) -> Iterator[Case]:
 
 def pandaset(_: Path) -> Iterator[Case]:
     """Yield the frames."""
-    for frame in pandaset_frames():
+    for frame in sorted(PANDASET.glob("*.npz")):
         with np.load(frame, allow_pickle=False) as arrays:
             xyz, code = arrays["xyz"].astype(np.float64), arrays["label"]
         road = np.isin(code, [7, 8, 9, 10])
@@ -156,7 +156,7 @@ def pandaset(_: Path) -> Iterator[Case]:
 def pandaset_merged(folder: Path) -> Iterator[Case]:
     """Yield the frames as one cloud, written as LAS with the device as scanner."""
     parts: dict[str, list[NDArray]] = {name: [] for name in ("xyz", "intensity", "time", "device", "label")}
-    for frame in pandaset_frames():
+    for frame in sorted(PANDASET.glob("*.npz")):
         with np.load(frame, allow_pickle=False) as arrays:
             for name, found in parts.items():
                 found.append(arrays[name])

@@ -54,7 +54,8 @@ def prepare(source: Source, store: SceneStore, folder: Path) -> None:
             world[:, :2] = pose.placed(world[:, :2])
             path.append((0.1 * i, pose.x, pose.y, 0.0))
         time = 0.1 * i + np.linspace(0, 0.09, len(cloud))
-        parts.append((world, cloud.get("intensity", 0 * time), COMMON.encode(cloud["label"], source=name), time))
+        intensity = cloud["intensity"] if "intensity" in cloud else 0 * time
+        parts.append((world, intensity, COMMON.encode(cloud["label"], source=name), time))
     xyz, intensity, truth, time = (np.concatenate(column) for column in zip(*parts, strict=True))
     if source.name.startswith("pandaset"):  # it stands
         path = [(0.0, -0.5, 0.0, 0.0), (10.0, 0.5, 0.0, 0.0)]

@@ -35,14 +35,13 @@ BENCHMARKS: dict[str, list[str]] = {
     "graph_cuts": [],
     "patch_graph": [],
     "formats": [],
-    "evaluation": [],
     "visibility": ["speed"],
     "simulator": [],
     "store": [],
     "start": [],
     "label": ["--millions", "5", "20"],
 }
-NEEDS_CLOUDS = {"ground", "vccs", "fpfh", "clusters", "graph_cuts", "formats", "evaluation"}
+NEEDS_CLOUDS = {"ground", "vccs", "fpfh", "clusters", "graph_cuts", "formats"}
 
 
 def json_lines(text: str) -> list[dict[str, Any]]:

@@ -1,9 +1,12 @@
 """Configuration files read by libyaml have the values that Kedro's loader gives."""
 
+import io
+
 import pytest
 from kedro.config import OmegaConfigLoader
+from omegaconf import OmegaConf
 
-from mlsroad_pipeline.config.plain_files import PlainFilesLoader
+from mlsroad_pipeline.config.plain_files import PlainFilesLoader, _read_files
 
 PARAMETERS = """
 _place: /data
@@ -56,3 +59,21 @@ def test_runtime_parameters_with_globals_as_defaults_are_those_of_kedro(tmp_path
     expected = OmegaConfigLoader(str(tmp_path), **settings)["catalog"]
     assert PlainFilesLoader(str(tmp_path), **settings)["catalog"] == expected
     assert expected["store"]["file"] == "/data/a.csv"
+
+
+SCALARS = """
+a: [1e-3, 1E5, .5, 1_000.5, 12, 0x1f, 0o17, 1:30:45.5, .inf, -.INF, .nan, 1., 1e+3, +7]
+b: [2020-01-01, 2020-01-01T10:00:00Z, yes, on, "off", null, ~, 1.2.3, "1e-3", text]
+"""
+
+
+def test_yaml_has_the_rules_of_omegaconf(tmp_path):
+    (tmp_path / "parameters.yml").write_text(SCALARS, encoding="utf-8")
+    (found,) = _read_files(tmp_path, ["*.yml"]).values()
+    expected = OmegaConf.to_container(OmegaConf.load(io.StringIO(SCALARS)))
+    assert repr(found) == repr(expected) and found["b"][0] == "2020-01-01"
+
+
+def test_a_file_with_a_key_twice_is_left_to_kedro(tmp_path):
+    (tmp_path / "parameters.yml").write_text("a: 1\na: 2\n", encoding="utf-8")
+    assert _read_files(tmp_path, ["*.yml"]) is None

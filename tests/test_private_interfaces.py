@@ -54,15 +54,6 @@ def test_parameters_of_kedros_context():
     assert list(inspect.signature(KedroContext._get_parameters).parameters) == ["self"], where
 
 
-def test_yaml_loader_of_omegaconf():
-    where = f"omegaconf {version('omegaconf')} changes _utils.get_yaml_loader: adapt config/plain_files.py"
-    import yaml
-    from omegaconf import _utils
-
-    assert hasattr(_utils, "get_yaml_loader"), where
-    assert issubclass(_utils.get_yaml_loader(), yaml.SafeLoader), where
-
-
 def test_option_of_ezdxf_for_drawings_without_dates():
     where = (
         f"ezdxf {version('ezdxf')} changes options.write_fixed_meta_data_for_testing: adapt inventory_files/drawing.py"

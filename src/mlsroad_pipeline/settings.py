@@ -14,14 +14,14 @@ from mlsroad_pipeline.hooks.default_pipeline import DefaultPipelineHooks
 from mlsroad_pipeline.hooks.label_run import LabelRunHooks
 from mlsroad_pipeline.hooks.mlflow_run import MlflowDetailsHooks
 from mlsroad_pipeline.hooks.origin import OriginHooks
-from mlsroad_pipeline.hooks.plain_logs import install, silence
+from mlsroad_pipeline.hooks.plain_logs import PlainLogsHooks, silence
 from mlsroad_pipeline.hooks.progress import ClosingLinesHooks, ProgressHooks
 from mlsroad_pipeline.hooks.stage_costs import StageCostsHooks
 
-silence()
-install()
+silence()  # pipelines are made and kedro-mlflow is imported before the first hook is called
 
 HOOKS = (
+    PlainLogsHooks(),
     MlflowDetailsHooks(),
     OriginHooks(),
     DefaultPipelineHooks(),

@@ -4,12 +4,12 @@ import logging
 from pathlib import Path
 
 from mlsroad_pipeline.commands.console import shown_path
-from mlsroad_pipeline.hooks.plain_logs import install
+from mlsroad_pipeline.hooks.plain_logs import PlainLogsHooks
 
 
 def test_records_of_the_package_are_plain(caplog):
-    install()
-    install()
+    PlainLogsHooks().after_context_created()
+    PlainLogsHooks().after_context_created()
     caplog.set_level(logging.INFO)
     path = Path("/data/a\x1b[2J\nERROR forged.laz")
     logging.getLogger("mlsroad_pipeline.x").info("%s: %d points of %s", path, 7, f"{path}")

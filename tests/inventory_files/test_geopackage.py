@@ -22,6 +22,7 @@ from mlsroad_pipeline.datasets.inventory_dataset import RoadInventoryDataset
 from mlsroad_pipeline.inventory_files import geopackage
 from mlsroad_pipeline.inventory_files.geopackage import read_geopackage, write_geopackage
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, vehicle_boxes
+from mlsroad_pipeline.label.inventory import as_of_files
 
 WRITTEN = [name for name in OBJECT_FIELDS if name != "footprint"]
 SQUARE = "POLYGON ((583001.00 4477000.00, 583001.50 4477000.00, 583001.50 4477000.50, 583001.00 4477000.00))"
@@ -299,3 +300,22 @@ def test_a_part_that_the_disk_has_lost_is_an_error(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="a part of the GeoPackage was not written"):
         geopackage.write_geopackage(RoadInventory(empty_table(OBJECT_FIELDS), None), tmp_path / "b.gpkg")
     assert [path.name for path in tmp_path.iterdir()] == ["a.gpkg"]
+
+
+def test_report_and_exports_get_from_memory_what_the_file_gives_back(inventory, tmp_path):
+    objects = inventory.objects.assign(heading=[-0.0, 0.0, 30.0, np.nan], z=-0.0)
+    objects["note"], objects["attr_owner"] = ["leans", "", "", ""], ["", "", "city", ""]
+    row = {name: -0.0 for name in LINE_FIELDS} | {"line_id": 1, "kind": "kerb", "pattern": "", "key": "", "status": ""}
+    row["line"] = "LINESTRING Z (583000.000 4477000.000 120.000, 583003.000 4477004.000 120.250)"
+    dtypes = {name: field.dtype for name, field in LINE_FIELDS.items()}
+    lines = pd.DataFrame([{name: row[name] for name in dtypes}]).astype(dtypes)
+    given = replace(inventory, objects=objects, lines=lines)
+    write_geopackage(given, tmp_path / "inventory.gpkg")
+    read, kept = read_geopackage(tmp_path / "inventory.gpkg"), as_of_files(given)
+    for name in ("objects", "sections"):
+        one, other = getattr(read, name), getattr(kept, name)
+        pd.testing.assert_frame_equal(one, other, check_exact=True)
+        assert one.to_csv() == other.to_csv()  # which shows negative zeros
+    assert np.array_equal(read.trajectory.xyz, kept.trajectory.xyz)
+    numbers = [name for name in dtypes if dtypes[name] == "float64" and name in read.lines]
+    assert not np.signbit(kept.lines[numbers].to_numpy()).any()

@@ -22,7 +22,7 @@ def schema(tmp_path, text):
 
 
 def test_the_examples_of_the_manual_give_their_layers(tmp_path):
-    roads, city, drive = (schema(tmp_path, text) for text in EXAMPLES)
+    roads, city, imgeo, drive = (schema(tmp_path, text) for text in EXAMPLES)
     [path] = write_own_schema(planted_inventory(), roads, tmp_path / "a.gpkg")
     masts = geopandas.read_file(path, layer="Mast")
     assert masts.drop(columns="geometry").to_dict("records") == [
@@ -32,6 +32,9 @@ def test_the_examples_of_the_manual_give_their_layers(tmp_path):
     assert pyogrio.read_info(path, layer="Mast")["crs"] == "EPSG:25833"
     names = [path.name for path in write_own_schema(planted_inventory(), city, tmp_path / "b.csv")]
     assert names == ["b_SolitaryVegetationObject.csv", "b_CityFurniture.csv"]
+    [path] = write_own_schema(planted_inventory(), imgeo, tmp_path / "imgeo.gpkg")
+    assert geopandas.read_file(path, layer="Paal")["plus-type"].tolist() == ["lichtmast"]
+    assert geopandas.read_file(path, layer="Bord")["plus-type"].unique().tolist() == ["verkeersbord"]
     assert pyogrio.read_dataframe(tmp_path / names[1])["class"].astype(int).tolist() == [1010, 1000, 1000]
     names = [path.name for path in write_own_schema(planted_inventory(), drive, tmp_path / "c.gml")]
     assert names == ["c_object.gml", "c_object.xsd", "c_signal.gml", "c_signal.xsd"]

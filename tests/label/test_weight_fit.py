@@ -63,5 +63,5 @@ def test_a_survey_without_classes_gives_no_weight(fit):
 
 @pytest.mark.parametrize("weight", ["best", 0, 1.5, True])
 def test_a_weight_is_a_number_or_fit(weight):
-    with pytest.raises(ParameterError, match="must be a number between 0 and 1, or fit"):
+    with pytest.raises(ParameterError, match="must be a number between 0 and 1, got .*; fit fits it"):
         GivenParameters.from_config({"labels": "p", "weight": weight})

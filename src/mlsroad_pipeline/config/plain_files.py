@@ -13,7 +13,6 @@ from typing import Any
 import yaml
 from kedro.config import OmegaConfigLoader
 from omegaconf import OmegaConf
-from omegaconf._utils import get_yaml_loader
 
 from mlsroad_pipeline.execution.parameter_checks import merged
 
@@ -24,19 +23,29 @@ _TARGET = re.compile(r"\$\{[^:}]*\}")  # without a resolver
 _SUFFIXES = (".yml", ".yaml", ".json")
 
 
-def _yaml_loader() -> Any:
-    """Return OmegaConf's YAML loader on libyaml; as it is where PyYAML comes without libyaml."""
-    theirs = get_yaml_loader()
-    if not yaml.__with_libyaml__:
-        return theirs
+class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]  # on libyaml where PyYAML has it
+    """YAML with the rules of OmegaConf: numbers such as 1e-3 are floats, dates are texts, a key occurs once."""
 
-    class Loader(yaml.cyaml.CParser, theirs):  # type: ignore[misc, valid-type]  # PyYAML has no annotations
-        def __init__(self, stream: str) -> None:
-            yaml.cyaml.CParser.__init__(self, stream)
-            yaml.constructor.SafeConstructor.__init__(self)
-            yaml.resolver.Resolver.__init__(self)
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        names = [key.value for key, _ in node.value if key.tag == yaml.resolver.BaseResolver.DEFAULT_SCALAR_TAG]
+        if len(set(names)) < len(names):
+            raise yaml.constructor.ConstructorError(None, None, "found duplicate key", node.start_mark)
+        mapping: dict[Any, Any] = super().construct_mapping(node, deep=deep)
+        return mapping
 
-    return Loader
+
+_FLOAT = r"""^(?:[-+]?[0-9]+(?:_[0-9]+)*\.[0-9_]*(?:[eE][-+]?[0-9]+)?
+    |[-+]?[0-9]+(?:_[0-9]+)*(?:[eE][-+]?[0-9]+)
+    |\.[0-9]+(?:_[0-9]+)*(?:[eE][-+][0-9]+)?
+    |[-+]?[0-9]+(?:_[0-9]+)*(?::[0-5]?[0-9])+\.[0-9_]*
+    |[-+]?\.(?:inf|Inf|INF)
+    |\.(?:nan|NaN|NAN))$"""
+_DATE = "tag:yaml.org,2002:timestamp"
+_Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(_FLOAT, re.VERBOSE), list("-+0123456789."))
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, pattern) for tag, pattern in resolvers if tag != _DATE]
+    for first, resolvers in _Loader.yaml_implicit_resolvers.items()
+}
 
 
 def _has_target(value: Any) -> bool:
@@ -155,7 +164,6 @@ class PlainFilesLoader(OmegaConfigLoader):
 
 def _read_files(folder: Path, patterns: Iterable[str]) -> dict[Path, Any] | None:
     """Return the content of the files that match a pattern, or None if one is not a mapping in valid YAML."""
-    loader = _yaml_loader()
     found = {name for pattern in patterns for name in glob.glob(pattern, root_dir=folder, recursive=True)}
     configs: dict[Path, Any] = {}
     for name in sorted(found):
@@ -163,7 +171,7 @@ def _read_files(folder: Path, patterns: Iterable[str]) -> dict[Path, Any] | None
         if path.suffix not in _SUFFIXES or not path.is_file():
             continue
         try:
-            content = yaml.load(path.read_text(encoding="utf-8"), Loader=loader)
+            content = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
         except (yaml.YAMLError, UnicodeDecodeError):
             return None
         if content is None:

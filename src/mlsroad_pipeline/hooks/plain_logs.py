@@ -8,6 +8,8 @@ import warnings
 from pathlib import PurePath
 from typing import Any
 
+from kedro.framework.hooks import hook_impl
+
 from mlsroad_pipeline.algorithms.core.plain_text import printable
 
 DOTS = "One or more dataset names contain '.'"
@@ -17,7 +19,7 @@ TYPE_HINTS = "Add type hints to the `predict` method"
 
 
 def silence() -> None:
-    """Drop the two warnings above; all others are shown as before."""
+    """Drop the two warnings above, which precede the first hook; all others are shown as before."""
     warnings.filterwarnings("ignore", message=DOTS, category=UserWarning)
     show = warnings.showwarning
 
@@ -54,3 +56,12 @@ def install() -> None:
 
     plain_record.is_plain = True  # type: ignore[attr-defined]  # a mark on the function
     logging.setLogRecordFactory(plain_record)
+
+
+class PlainLogsHooks:
+    """Make records plain before the first names of files are read."""
+
+    @hook_impl(tryfirst=True)
+    def after_context_created(self) -> None:
+        """Install the factory of records; a further session of this process changes nothing."""
+        install()

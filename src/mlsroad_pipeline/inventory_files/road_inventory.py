@@ -25,7 +25,7 @@ LAYERS = {"poles": "pole", "signs": "sign", "trees": "tree", "vehicles": "vehicl
 """Layer name to kind of object."""
 
 MAY_LACK = (
-    *("complete", "motion", "facing_from", "pole_type", "panel_shape"),
+    *("complete", "motion", "first_date", "facing_from", "pole_type", "panel_shape"),
     *("status", "checked_class", "reasons", "method", "model_version"),
 )
 """Text columns whose empty values are NULL in files."""
@@ -33,7 +33,7 @@ MAY_LACK = (
 ATTRIBUTE = "attr_"
 """Begin of the names of columns that hold the attributes that users gave to objects."""
 
-DECIDED = ("key", "complete", "motion", "pole_type", "panel_shape", "status", "checked_class")
+DECIDED = ("key", "complete", "motion", "first_date", "pole_type", "panel_shape", "status", "checked_class")
 """Columns that files of earlier versions lack; they are read as empty."""
 
 

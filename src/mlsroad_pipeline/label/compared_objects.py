@@ -28,6 +28,8 @@ from mlsroad_pipeline.label.labelled_clouds import LabelledCloud, Recorded, on_g
 
 STANDING_CELL = 0.2
 """Distance of points in two surveys that belong to one surface, metres."""
+PANEL_RANGE = 80.0
+"""Distance from the scanner up to which rays through panels are counted, metres."""
 
 
 def compared_objects(first: Recorded, second: Recorded) -> pd.DataFrame:
@@ -120,8 +122,11 @@ def _crossing(kind: NDArray[np.str_], own: OwnPoints, others: Sequence[LabelledC
     crossing[rows] = 0
     for cloud in others if rows else ():
         for points, _, scanner in cloud.chunks():
+            low, high = scanner.min(axis=0) - PANEL_RANGE, scanner.max(axis=0) + PANEL_RANGE
             for row in rows:
-                crossing[row] += rays_through_panel(own.xyz[own.owner == row], scanner, points)
+                panel = own.xyz[own.owner == row]
+                if (panel[0] >= low).all() and (panel[0] <= high).all():
+                    crossing[row] += rays_through_panel(panel, scanner, points)
     return crossing
 
 

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -149,6 +150,16 @@ def inventory_of(
             of_kind = line_vertices(lines[lines["kind"] == kind])
             sections[f"{kind}_length"] = line_lengths(of_kind, trajectory, sections)
     return RoadInventory(objects, crs, trajectory, sections, lines)
+
+
+def as_of_files(inventory: RoadInventory) -> RoadInventory:
+    """Return the inventory as a GeoPackage gives it back: without negative zeros, which other files would show."""
+
+    def positive(table: pd.DataFrame | None) -> Any:
+        return None if table is None else table.assign(**(table.select_dtypes("float64") + 0.0))
+
+    tables = {name: positive(getattr(inventory, name)) for name in ("objects", "sections", "lines")}
+    return replace(inventory, **tables)
 
 
 def _keys_of_survey(folder: Path, crs: str | None) -> pd.DataFrame:

@@ -72,7 +72,9 @@ class GivenParameters:
                 raise ParameterError(f"label.given.{name} must be a text, got {getattr(self, name)!r}")
         weight = 0.5 if self.weight in (None, FIT) else self.weight
         if isinstance(weight, bool) or not isinstance(weight, int | float) or not 0 < weight < 1:
-            raise ParameterError(f"label.given.weight must be a number between 0 and 1, or fit; got {self.weight!r}")
+            raise ParameterError(
+                f"label.given.weight must be a number between 0 and 1, got {self.weight!r}; {FIT} fits it"
+            )
         if self.weight is not None and self.labels is None:
             raise ParameterError("label.given.weight is that of predictions: set label.given.labels to their folder")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -68,6 +69,11 @@ class ArcLine:
         """Length, metres."""
         return float(self.starts[-1] + self.pieces.length[-1])
 
+    @cached_property
+    def _samples(self) -> tuple[NDArray[np.float64], cKDTree]:
+        ways = np.unique(np.concatenate([np.arange(0.0, self.length, _SAMPLE), self.starts, [self.length]]))
+        return ways, cKDTree(self.at(ways)[0])
+
     def at(self, way: ArrayLike, side: ArrayLike = 0.0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the places at ways along the line and distances to its left, and the headings of the line there."""
         along = np.atleast_1d(np.asarray(way, np.float64))
@@ -82,8 +88,8 @@ class ArcLine:
         The foot is that of the piece that is nearest, or of one beside it.
         """
         points = np.asarray(xy, np.float64).reshape(-1, 2)
-        ways = np.unique(np.concatenate([np.arange(0.0, self.length, _SAMPLE), self.starts, [self.length]]))
-        nearest = ways[cKDTree(self.at(ways)[0]).query(points)[1]]
+        ways, tree = self._samples
+        nearest = ways[tree.query(points)[1]]
         own = np.searchsorted(self.starts, nearest, side="right") - 1
         best, way, side = np.full(len(points), np.inf), np.zeros(len(points)), np.zeros(len(points))
         for step in (0, -1, 1):

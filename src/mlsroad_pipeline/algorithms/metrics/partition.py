@@ -52,23 +52,6 @@ def evaluate_partition(
     )
 
 
-def majority_labels(labels: ArrayLike, truth: ArrayLike) -> NDArray[np.int64]:
-    """Return the most frequent reference label of the segment of each point.
-
-    Scores of these labels are upper bounds for the partition (exact for the overall accuracy, up to ties for others).
-    """
-    segments, reference = _checked(labels, truth)
-    values, classes = np.unique(reference, return_inverse=True)
-    _, segment = np.unique(segments, return_inverse=True)
-    counted = reference != IGNORED
-    keys, counts = np.unique(segment[counted] * len(values) + classes[counted], return_counts=True)
-    winner = np.full(len(segments), IGNORED, np.int64)
-    order = np.lexsort((-keys, counts))  # ascending: the last write for a segment is its majority
-    winner[keys[order] // max(len(values), 1)] = values[keys[order] % max(len(values), 1)]
-    majority: NDArray[np.int64] = winner[segment]
-    return majority
-
-
 def _checked(labels: ArrayLike, truth: ArrayLike) -> tuple[NDArray, NDArray]:
     """Return two integer columns of the same length."""
     segments = np.asarray(labels)

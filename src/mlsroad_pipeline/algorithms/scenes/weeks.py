@@ -18,6 +18,25 @@ LEAP_SECONDS = (18.0, 17.0, 16.0, 15.0, 14.0, 13.0)
 """GPS time less UTC since 1999, the present value first."""
 
 
+_EPOCH = np.datetime64("1980-01-06", "s")
+_LEAST_GPS, _LARGEST_GPS = 8e8, 1.5e9  # of seconds since 1980: 2005 and 2027; smaller ones are adjusted
+
+
+def dates_of(time: NDArray[np.float64]) -> NDArray[np.object_]:
+    """Return the date of GPS times, ISO 8601; empty without a time and for seconds of the week or of another clock.
+
+    Examples
+    --------
+    >>> dates_of(np.array([412_345_678.0, 1_412_345_678.0, 200_000.0, np.nan])).tolist()
+    ['2024-10-07', '2024-10-07', '', '']
+    """
+    known = np.isfinite(time) & (np.abs(time) > WEEK) & (time < _LARGEST_GPS) & (time > -ADJUSTED)
+    seconds = np.where(known, time, 0.0)
+    seconds = np.where(seconds < _LEAST_GPS, seconds + ADJUSTED, seconds)
+    days = np.datetime_as_string((_EPOCH + seconds.astype("timedelta64[s]")).astype("datetime64[D]"))
+    return np.where(known, days, "").astype(object)
+
+
 def falls_at_week_end(time: NDArray) -> bool:
     """Return whether seconds of the week fall from 604800 to 0: both ends of a week, and nothing for half of it."""
     if len(time) < 2 or not (time.min() >= 0 and time.max() <= WEEK):

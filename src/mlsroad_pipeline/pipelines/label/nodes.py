@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -34,6 +35,7 @@ from mlsroad_pipeline.label.images import LabelImages, images_of_survey, images_
 from mlsroad_pipeline.label.inventory import (
     OBJECTS,
     Inventory,
+    as_of_files,
     export_inventory,
     inventory_of,
     marking_warnings,
@@ -41,7 +43,7 @@ from mlsroad_pipeline.label.inventory import (
 )
 from mlsroad_pipeline.label.model_choice import ModelRequest, choose_model, image_request
 from mlsroad_pipeline.label.photos import write_photos
-from mlsroad_pipeline.label.report import label_report_sections, report_pictures
+from mlsroad_pipeline.label.report import ReportPictures, label_report_sections, report_pictures
 from mlsroad_pipeline.label.result_warnings import doubt_warnings, label_warnings, unusual_properties, unusual_warnings
 from mlsroad_pipeline.label.runs import open_run
 from mlsroad_pipeline.label.scene import LabelSettings, object_rules
@@ -199,8 +201,10 @@ def write_labelled_files(
     parameters: LabelParameters,
     classes: Mapping[str, Any],
     run: RunFolder,
+    pictures: Future[ReportPictures],
 ) -> dict[str, SceneTask]:
-    """Create one task per file, which writes it with its labels and the numbers of the objects."""
+    """Create one task per file, which writes it with its labels; `pictures` orders the node after their begin."""
+    del pictures
     bundle = model.load()
     codes = output_codes(bundle, parameters.scheme, classes["schemes"])
     names = code_names(bundle, parameters.scheme, classes["schemes"])
@@ -220,10 +224,19 @@ def make_inventory(
     joined: SceneCollection,
     parameters: LabelParameters,
     run: RunFolder,
-) -> tuple[Inventory, Inventory]:
-    """Return the inventory, once per output format."""
+) -> tuple[Inventory, Inventory, Inventory]:
+    """Return the inventory, for the later nodes and once per output format."""
     inventory = inventory_of(plan, files, corridors, joined, parameters, run.output)
-    return inventory, inventory
+    return as_of_files(inventory), inventory, inventory
+
+
+def draw_pictures(results: SceneCollection, inventory: Inventory, model: ModelFile) -> Future[ReportPictures]:
+    """Begin to draw the pictures of the report, in a thread, while the workers write the files."""
+    palette = class_palette(bundle_scheme(model.load()))
+    pool = ThreadPoolExecutor(1, "draw-pictures")
+    drawing = pool.submit(report_pictures, results, inventory, palette)
+    pool.shutdown(wait=False)
+    return drawing
 
 
 def export_label_inventory(
@@ -241,6 +254,7 @@ def write_report(
     results: SceneCollection,
     written: SceneCollection,
     inventory: Inventory,
+    pictures: Future[ReportPictures],
     exports: list[str],
     model: ModelFile,
     parameters: LabelParameters,
@@ -255,8 +269,8 @@ def write_report(
     for warning in warnings:
         logger.warning(warning)
     warnings += survey_warnings
-    pictures = report_pictures(results, inventory, class_palette(bundle_scheme(bundle)))
-    sections = label_report_sections(bundle, parameters, quality, counts, files, inventory, pictures, warnings, doubts)
+    drawn = pictures.result()
+    sections = label_report_sections(bundle, parameters, quality, counts, files, inventory, drawn, warnings, doubts)
     given = given_counts(counts.values())
     summary = summarise_labels(
         *(bundle, parameters, quality, files, inventory, warnings),

@@ -21,10 +21,14 @@ _ENTRIES = {
     "checked": "label_quality", "facts": "label_facts", "request": "label_model_request", "model": "label_model",
     "survey_warnings": "label_warnings", "offsets": "label_offsets", "images": "label_images",
     "results": "label_results_store", "joined": "label_objects_store", "written": "label_written_store",
-    "inventory": "label_inventory", "exports": "label_exports", "parameters": "params:label", "ingest": "params:ingest",
+    "inventory": "label_found_inventory", "pictures": "label_pictures", "exports": "label_exports",
+    "parameters": "params:label", "ingest": "params:ingest",
     "ground": "params:ground_removal", "classes": "params:classes", "image_labels": "params:image_labels",
 }  # fmt: skip
 """Argument of a node function to its entry in the catalog."""
+
+_INVENTORY_FILES = ("label_inventory", "label_inventory_table")
+"""Entries of the files with the inventory; the nodes below take it from memory."""
 
 
 def create_pipeline(**_: object) -> Pipeline:
@@ -49,8 +53,9 @@ def create_pipeline(**_: object) -> Pipeline:
             named_node(nodes.find_label_images, "label_images", **_ENTRIES),
             named_node(nodes.label_new_scenes, "label_results_store", **_ENTRIES),
             named_node(nodes.join_label_objects, "label_objects_store", **_ENTRIES),
+            named_node(nodes.make_inventory, [_ENTRIES["inventory"], *_INVENTORY_FILES], **_ENTRIES),
+            named_node(nodes.draw_pictures, "label_pictures", **_ENTRIES),
             named_node(nodes.write_labelled_files, "label_written_store", **_ENTRIES),
-            named_node(nodes.make_inventory, ["label_inventory", "label_inventory_table"], **_ENTRIES),
             named_node(nodes.export_label_inventory, "label_exports", "export_inventory", **_ENTRIES),
             named_node(nodes.write_report, ["label_report", "label_summary"], "write_label_report", **_ENTRIES),
         ]

@@ -16,6 +16,7 @@ from mlsroad_pipeline.algorithms.inventory.objects.sightings import (
     with_sightings,
 )
 from mlsroad_pipeline.algorithms.inventory.objects.table import OBJECT_FIELDS, SEEN_BY, empty_table
+from mlsroad_pipeline.algorithms.scenes.weeks import dates_of
 
 
 def cloud(**columns):
@@ -64,6 +65,7 @@ def test_objects_across_scenes_have_the_passes_scanners_and_files_of_their_point
         assert row["scanners"] == len({*np.concatenate([c["scanner"] for _, c in mine]).tolist()})
         assert row["scanners_there"] == len({*np.concatenate([c["scanner"] for c in there]).tolist()})
         assert (row["first_time"], row["last_time"]) == (np.floor(times.min()), np.floor(times.max()))
+        assert row["first_date"] == dates_of(np.array([row["first_time"]]))[0]
     assert table["passes"].nunique() > 1 and table["scanners"].nunique() > 1  # the test has both cases
 
 

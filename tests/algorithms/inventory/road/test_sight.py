@@ -80,4 +80,4 @@ def test_points_of_several_readings_add_up():
     xyz = np.array([[0.1, 0.1, 0.1], [5.1, 0.1, 0.1]]) + ORIGIN
     once = standing(xyz, np.array([1, 2], np.uint8))
     both = joined([once, once])
-    assert both.count.tolist() == [2, 2] and len(once.key) == 2 and sorted(both.label.tolist()) == [1, 2]
+    assert both.points.tolist() == [2, 2] and len(once.key) == 2 and sorted(both.label.tolist()) == [1, 2]

@@ -41,6 +41,7 @@ def _supports(uv: NDArray[np.float64]) -> dict[int, float]:
 def _radius(uv: NDArray[np.float64]) -> float:
     """Return the radius of the smallest enclosing circle (Badoiu and Clarkson 2003)."""
     centre = (uv.min(axis=0) + uv.max(axis=0)) / 2
+    square, twice = (uv**2).sum(axis=1), 2 * uv
     for k in range(_STEPS):
-        centre = centre + (uv[np.argmax(np.hypot(*(uv - centre).T))] - centre) / (k + 2)
+        centre = centre + (uv[np.argmax(square - twice @ centre)] - centre) / (k + 2)  # towards the farthest point
     return float(np.hypot(*(uv - centre).T).max())

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.geometry.sorting import rank_integers
 from mlsroad_pipeline.algorithms.inventory.objects.table import SEEN_BY, empty_table
-from mlsroad_pipeline.algorithms.scenes.weeks import WEEK, falls_at_week_end
+from mlsroad_pipeline.algorithms.scenes.weeks import WEEK, dates_of, falls_at_week_end
 
 PASS_GAP = 30.0
 """Shortest time without points of a place between two passes, seconds."""
@@ -153,6 +153,7 @@ def with_sightings(
     return objects.assign(
         **dict(zip(SEEN_BY, counts, strict=True)),
         first_time=times["first"].to_numpy(),
+        first_date=dates_of(times["first"].to_numpy(np.float64)),
         last_time=times["last"].to_numpy(),
     )
 

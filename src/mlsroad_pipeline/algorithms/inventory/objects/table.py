@@ -85,6 +85,7 @@ FIELDS: dict[str, Field] = {
     "first_time": Field(
         "float64", "First seen [s]", "Time of its first point, in whole seconds of the files' GPS time."
     ),
+    "first_date": Field("str", "Seen on", "Date of first_time, ISO 8601; empty where the times are seconds of a week."),
     "last_time": Field("float64", "Last seen [s]", "Time of its last point, in whole seconds of the files' GPS time."),
     "status": Field(
         *(
@@ -165,7 +166,7 @@ def object_table(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
         **dict.fromkeys(("object_id", "pole_id", *SEEN_BY), 0),
         **dict.fromkeys(("station", "offset", "first_time", "last_time"), np.nan),
         **dict.fromkeys(("method", "model_version", "status", "checked_class", "reasons", "motion", "key"), ""),
-        **dict.fromkeys(("pole_type", "panel_shape"), ""),
+        **dict.fromkeys(("pole_type", "panel_shape", "first_date"), ""),
     }
     known = pd.DataFrame(list(rows))
     missing = {name: value for name, value in unknown.items() if name not in known}

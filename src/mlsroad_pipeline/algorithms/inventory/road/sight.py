@@ -3,6 +3,7 @@
 What stands is a set of voxels with points. The eye is `EYE` above the road on the path (Augpunkt of RAL, 1.00 m).
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -27,8 +28,8 @@ SIGHT_FIELDS: dict[str, Field] = {
 }
 """Columns of the sight to signs: a row per sign and pass of the path that its front faces."""
 
-EYE, FARTHEST, BESIDE = 1.0, 150.0, 15.0
-"""Height of the eye above the road, longest sight, and largest distance of a sign from the path, metres."""
+EYE, FARTHEST = 1.0, 150.0
+"""Height of the eye above the road, and longest sight, metres."""
 
 _CELL = 0.25  # edge of a voxel, metres
 _LEAST = 2  # points of a voxel that hides
@@ -41,7 +42,7 @@ class Standing(NamedTuple):
     """Voxels with points of what stands beside the road."""
 
     key: NDArray[np.int64]  # Sorted
-    count: NDArray[np.int64]
+    points: NDArray[np.int64]
     label: NDArray[np.uint8]  # Class of one of the points
 
 
@@ -60,7 +61,7 @@ def standing(xyz: NDArray[np.float64], label: NDArray[np.uint8]) -> Standing:
 def joined(parts: list[Standing]) -> Standing:
     """Return the voxels of several parts of the points."""
     key, first, of_part = np.unique(np.concatenate([p.key for p in parts]), return_index=True, return_inverse=True)
-    count = np.bincount(of_part, np.concatenate([p.count for p in parts]), len(key)).astype(np.int64)
+    count = np.bincount(of_part, np.concatenate([p.points for p in parts]), len(key)).astype(np.int64)
     return Standing(key, count, np.concatenate([p.label for p in parts])[first])
 
 
@@ -70,31 +71,30 @@ def may_hide(height: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def sight_table(
-    signs: pd.DataFrame, path: RoadPath, road: NDArray[np.float64], things: Standing, classes: list[str]
+    signs: pd.DataFrame, path: RoadPath, road: NDArray[np.float64], things: Standing, classes: Sequence[str]
 ) -> pd.DataFrame:
     """Return the sight to signs with a known panel; `road` are the heights of the road, NaN where it is not known."""
     signs = signs[signs["facing"].notna() & signs["panel_centre"].notna()]
     known = np.flatnonzero(np.isfinite(road))
     eyes = path.middles.copy()
     eyes[:, 2] = np.interp(np.arange(len(path)), known, road[known]) + EYE
-    kept = things.count >= _LEAST
-    walls = Standing(things.key[kept], things.count[kept], things.label[kept])
+    kept = things.points >= _LEAST
+    walls = Standing(things.key[kept], things.points[kept], things.label[kept])
     panels = np.column_stack([signs["x"], signs["y"], signs["z"] + signs["panel_centre"]]).astype(np.float64)
     places, rows = path.locate(panels), []
     for row, station, offset in zip(*places, strict=True):
-        if abs(offset) <= BESIDE:
-            sign = signs.iloc[int(row)]
-            found = _sight(panels[row], sign, station, eyes, path, walls, classes)
-            if found is not None:
-                place = {"object_id": sign["object_id"], "station": station, "offset": offset}
-                rows.append(place | dict(zip(list(SIGHT_FIELDS)[3:], found, strict=True)))
+        sign = signs.iloc[int(row)]
+        found = _sight(panels[row], sign, station, eyes, path, walls, classes)
+        if found is not None:
+            place = {"object_id": sign["object_id"], "station": station, "offset": offset}
+            rows.append(place | dict(zip(list(SIGHT_FIELDS)[3:], found, strict=True)))
     table = pd.DataFrame(rows, columns=list(SIGHT_FIELDS)).astype({n: f.dtype for n, f in SIGHT_FIELDS.items()})
     return table.sort_values(["station", "object_id"], ignore_index=True).round(2)
 
 
 def _sight(
     panel: NDArray[np.float64], sign: pd.Series, station: float, eyes: NDArray[np.float64], path: RoadPath,
-    walls: Standing, classes: list[str],
+    walls: Standing, classes: Sequence[str],
 ) -> tuple[float, str, str, float, float] | None:  # fmt: skip
     """Return `sight`, `sight_end` and what hides; None where the front faces no place of the path before the sign."""
     rows = np.arange(max(int((station - FARTHEST) / STEP), 0), min(int(station / STEP) + 1, len(eyes)))[::-1]
