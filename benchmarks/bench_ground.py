@@ -150,12 +150,8 @@ def race_recordings(rivals: Mapping[str, Path], repeats: int, threads: int) -> N
                     works[name] = partial(run_rival, python, PROGRAMS[name], cloud, threads)
             for name, timed in race(works, repeats=repeats, warm_up=1).items():
                 labels = timed.result if name == "mlsroad" else timed.result[1]
-<<<<<<< HEAD
                 counts = count_ground(labels, one.truth, valid=one.known)
                 found = scores_of_counts(counts)
-=======
-                found = scores_of_counts(count_ground(labels, one.truth, valid=one.known))
->>>>>>> main
                 errors = {key: round(getattr(found, key), 4) for key in ("type_1", "type_2", "total", "kappa")}
                 show(f"ground, {one.name}", len(one.xyz), {name: timed}, threads=threads, **errors)
                 key = ("rotating scanner" if one.sensor_height else "line scanners", name)
