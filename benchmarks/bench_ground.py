@@ -68,7 +68,7 @@ csf.params.rigidness = 3
 csf.params.class_threshold = 0.15
 csf.setPointCloud(xyz)
 ground, rest = CSF.VecInt(), CSF.VecInt()
-csf.do_filtering(ground, rest)
+csf.do_filtering(ground, rest, False)  # without a file of the cloth
 """,
 )
 
@@ -150,22 +150,19 @@ def race_recordings(rivals: Mapping[str, Path], repeats: int, threads: int) -> N
                     works[name] = partial(run_rival, python, PROGRAMS[name], cloud, threads)
             for name, timed in race(works, repeats=repeats, warm_up=1).items():
                 labels = timed.result if name == "mlsroad" else timed.result[1]
-                found = scores_of_counts(count_ground(labels, one.truth, valid=one.known))
+                counts = count_ground(labels, one.truth, valid=one.known)
+                found = scores_of_counts(counts)
                 errors = {key: round(getattr(found, key), 4) for key in ("type_1", "type_2", "total", "kappa")}
                 show(f"ground, {one.name}", len(one.xyz), {name: timed}, threads=threads, **errors)
                 key = ("rotating scanner" if one.sensor_height else "line scanners", name)
                 totals.setdefault(key, np.zeros(6))
-                totals[key] += [*_counts(labels, one.truth, one.known), timed.cpu, len(one.xyz)]
-    for (kind, name), (lost, ground, taken, objects, cpu, points) in totals.items():
+                totals[key] += [*counts, timed.cpu, len(one.xyz)]
+    for (kind, name), (*counts, cpu, points) in totals.items():
+        found = scores_of_counts(np.array(counts))
         print(
-            f"{kind}, {name}: type I {lost / ground:.4f}, type II {taken / objects:.4f}, total "
-            f"{(lost + taken) / (ground + objects):.4f}, processor time {cpu / points * 1e6:.2f} s per million points"
+            f"{kind}, {name}: type I {found.type_1:.4f}, type II {found.type_2:.4f}, total {found.total:.4f}, "
+            f"processor time {cpu / points * 1e6:.2f} s per million points"
         )
-
-
-def _counts(labels: NDArray, truth: NDArray, known: NDArray) -> list[int]:
-    """Return the ground that is lost, the ground, the objects taken for ground, and the objects."""
-    return [int((part & known).sum()) for part in (truth & ~labels, truth, ~truth & labels, ~truth)]
 
 
 def race_ground(name: str, python: Path | None, repeats: int, threads: int) -> None:
